@@ -1,0 +1,56 @@
+"""The inner loop: from the attitude error to torques."""
+
+from collections.abc import Sequence
+from typing import Any
+
+from drake_quad.elementary import Row, wrapped
+from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
+
+
+@fleet_system(float, AutoDiffXd)
+class AttitudeController(FleetSystem):
+    """PD on roll, pitch and yaw: τ = I (k_P e + k_D ė) for each axis of B.
+
+    .. pydrake_system::
+
+        name: AttitudeController
+        input_ports:
+        - measurement
+        - attitude_command
+        - attitude_rate_command
+        output_ports:
+        - torque
+
+    e is `attitude_command` (3 rows, rad) minus roll, pitch, yaw of `measurement` (12), the yaw error wrapped to half
+    a turn; ė is `attitude_rate_command` (3, rad/s) minus p, q, r, the small-angle rates of roll, pitch and yaw.
+    `torque` (3, N m) is scaled by the moments of inertia, so that the gains are those of a double integrator.
+
+    One numeric parameter of the context: k_P and k_D of the three axes, then I_xx, I_yy, I_zz.
+
+    Args:
+        num_vehicles: N.
+        k_p: 3 rows, 1/s².
+        k_d: 3 rows, 1/s.
+        inertia: believed, 3 rows, kg m².
+    """
+
+    def declare(
+        self, *, num_vehicles: int = 1, k_p: Sequence[Row], k_d: Sequence[Row], inertia: Sequence[Row]
+    ) -> None:
+        """Declares the system; see the class for the arguments."""
+        self._parameters = self.numeric_parameter([*k_p, *k_d, *inertia])
+        self._measurement = self.input("measurement", 12)
+        self._attitude = self.input("attitude_command", 3)
+        self._rates = self.input("attitude_rate_command", 3)
+        uses = {self.all_input_ports_ticket(), self.all_parameters_ticket()}
+        self.output("torque", 3, self._calc, uses=uses)
+
+    def _calc(self, context: Any, output: Any) -> None:
+        parameters = self.parameter_rows(context, self._parameters)
+        measurement = self.input_rows(context, self._measurement)
+        error = [a - b for a, b in zip(self.input_rows(context, self._attitude), measurement[3:6], strict=True)]
+        error[2] = wrapped(error[2])
+        rates = self.input_rows(context, self._rates)
+        error_rate = [a - b for a, b in zip(rates, measurement[9:12], strict=True)]
+        terms = zip(parameters[:3], error, parameters[3:6], error_rate, parameters[6:], strict=True)
+        self.write(output, [inertia * (k_p * e + k_d * e_dot) for k_p, e, k_d, e_dot, inertia in terms])

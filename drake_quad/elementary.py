@@ -1,0 +1,83 @@
+"""Functions that act alike on Python floats, NumPy arrays, AutoDiffXd and Expression.
+
+A formula of this project is written once, on rows: scalars for one vehicle, arrays for a fleet. NumPy alone would
+do but for two reasons: on a Python float it takes several times as long as `math`, and its maximum and minimum
+refuse an Expression.
+"""
+
+import math
+from typing import Any
+
+import numpy as np
+from pydrake import symbolic
+
+# One number a vehicle: a float, AutoDiffXd or Expression for one vehicle, an array of them for a fleet.
+Row = Any
+
+
+def sin(x: Row) -> Row:
+    """Sine of an angle in radians."""
+    return math.sin(x) if x.__class__ is float else np.sin(x)
+
+
+def cos(x: Row) -> Row:
+    """Cosine of an angle in radians."""
+    return math.cos(x) if x.__class__ is float else np.cos(x)
+
+
+def sqrt(x: Row) -> Row:
+    """Square root; NaN, not an error, for a negative float that came from a diverged vehicle."""
+    if x.__class__ is float:
+        return math.sqrt(x) if x >= 0.0 else math.nan
+    return np.sqrt(x)
+
+
+def arctan(x: Row) -> Row:
+    """Inverse tangent, rad."""
+    return math.atan(x) if x.__class__ is float else np.arctan(x)
+
+
+def arcsin(x: Row) -> Row:
+    """Inverse sine, rad; NaN, not an error, for a float outside [-1, 1]."""
+    if x.__class__ is float:
+        return math.asin(x) if -1.0 <= x <= 1.0 else math.nan
+    return np.arcsin(x)
+
+
+def exp(x: Row) -> Row:
+    """Exponential."""
+    return math.exp(x) if x.__class__ is float else np.exp(x)
+
+
+def maximum(x: Row, y: Row) -> Row:
+    """The larger of the two; NaN where x is."""
+    if x.__class__ is float and y.__class__ is float:
+        return y if x < y else x
+    return _maximum_of_objects(x, y) if _is_symbolic(x) or _is_symbolic(y) else np.maximum(x, y)
+
+
+def minimum(x: Row, y: Row) -> Row:
+    """The smaller of the two; NaN where x is."""
+    if x.__class__ is float and y.__class__ is float:
+        return y if x > y else x
+    return _minimum_of_objects(x, y) if _is_symbolic(x) or _is_symbolic(y) else np.minimum(x, y)
+
+
+def wrapped(angle: Row) -> Row:
+    """The same angle in [-π, π], rad. Not for Expression."""
+    if angle.__class__ is float:
+        return math.remainder(angle, math.tau) if math.isfinite(angle) else math.nan
+    turns = angle.value() if hasattr(angle, "value") else angle
+    if isinstance(turns, np.ndarray) and turns.dtype == object:
+        turns = np.array([turn.value() for turn in turns])
+    return angle - math.tau * np.rint(turns / math.tau)
+
+
+def _is_symbolic(x: Row) -> bool:
+    if isinstance(x, np.ndarray):
+        return x.dtype == object and x.size > 0 and isinstance(x.flat[0], symbolic.Expression)
+    return isinstance(x, symbolic.Expression)
+
+
+_maximum_of_objects = np.frompyfunc(symbolic.max, 2, 1)
+_minimum_of_objects = np.frompyfunc(symbolic.min, 2, 1)

@@ -1,0 +1,142 @@
+"""A LeafSystem that carries many vehicles and converts its scalar type.
+
+A port with k rows has k·N elements, row after row (C order, shape (k, N)); for one vehicle that is the plain
+k-vector. `FleetSystem.rows` unpacks such a vector into k rows and `FleetSystem.write` packs rows into one, so that
+the formulas in between are written once: a row is a Python number for one vehicle and an array for a fleet.
+
+All the boilerplate of Drake's scalar conversion in Python is here.
+"""
+
+import sys
+from collections.abc import Callable, Iterable
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.symbolic import Expression
+from pydrake.systems.framework import BasicVector_, LeafSystem_
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+from drake_quad.elementary import Row
+
+if TYPE_CHECKING:
+    from pydrake.systems.framework import LeafSystem as _Base
+else:
+    _Base = object
+
+__all__ = ["AutoDiffXd", "Expression", "FleetSystem", "fleet_rows", "fleet_system"]
+
+
+class FleetSystem(_Base):
+    """What the systems of this project have in common; a subclass is made a Drake system by `fleet_system`.
+
+    A subclass defines `declare(self, *, num_vehicles=1, ...)` in place of a constructor: it is called with the
+    keyword arguments of the constructor, and again with the same ones on the converted copy.
+    """
+
+    scalar: type
+    num_vehicles: int
+
+    def declare(self, *, num_vehicles: int = 1) -> None:
+        """Declares ports, state, parameters and events."""
+        raise NotImplementedError
+
+    def input(self, name: str, rows: int) -> Any:
+        """Declares and returns an input port of that many rows."""
+        return self.DeclareVectorInputPort(name, self.vector([0.0] * rows))
+
+    def output(self, name: str, rows: int, calc: Callable[..., None], *, uses: Iterable[Any]) -> Any:
+        """Declares and returns an output port of that many rows, computed from what the tickets stand for."""
+        return self.DeclareVectorOutputPort(name, self.vector([0.0] * rows), calc, set(uses))
+
+    def discrete_state(self, rows: Iterable[Row]) -> Any:
+        """Declares a discrete-state group with these rows as default and returns its index."""
+        return self.DeclareDiscreteState(self.vector(rows))
+
+    def numeric_parameter(self, rows: Iterable[Row]) -> Any:
+        """Declares a numeric parameter with these rows as default and returns its index."""
+        return self.DeclareNumericParameter(self.vector(rows))
+
+    def input_rows(self, context: Any, port: Any) -> Any:
+        """The rows of an input port's value."""
+        return self.rows(port.Eval(context))
+
+    def parameter_rows(self, context: Any, index: Any) -> Any:
+        """The rows of a numeric parameter."""
+        return self.rows(self.values(context.get_numeric_parameter(index)))
+
+    def state_rows(self, context: Any, index: Any) -> Any:
+        """The rows of a discrete-state group."""
+        return self.rows(self.values(context.get_discrete_state(index)))
+
+    def values(self, vector: Any) -> np.ndarray:
+        """The elements of a BasicVector: a view for float, a copy for the other scalar types."""
+        return vector.value() if self.scalar is float else vector.CopyToVector()
+
+    def matrix(self, values: np.ndarray) -> np.ndarray:
+        """The elements as an array: (rows,) for one vehicle, (rows, num_vehicles) for a fleet."""
+        return values if self.num_vehicles == 1 else values.reshape(-1, self.num_vehicles)
+
+    def rows(self, values: np.ndarray) -> Any:
+        """The elements as rows: Python numbers for one vehicle, arrays for a fleet."""
+        return values.tolist() if self.num_vehicles == 1 else values.reshape(-1, self.num_vehicles)
+
+    def packed(self, rows: Iterable[Row]) -> np.ndarray:
+        """The rows as a vector of this system's scalar type; a number stands for a row of equal numbers."""
+        return fleet_rows(rows, self.num_vehicles).astype(self.scalar)
+
+    def vector(self, rows: Iterable[Row]) -> Any:
+        """The rows as a BasicVector."""
+        return BasicVector_[self.scalar](self.packed(rows))
+
+    def write(self, vector: Any, rows: Iterable[Row]) -> None:
+        """Writes rows into a BasicVector; a number stands for a row of equal numbers."""
+        if self.scalar is not float:
+            vector.SetFromVector(self.packed(rows))
+        elif self.num_vehicles == 1:
+            vector.get_mutable_value()[:] = rows
+        else:
+            values = vector.get_mutable_value().reshape(-1, self.num_vehicles)
+            for i, row in enumerate(rows):
+                values[i] = row
+
+
+def fleet_rows(rows: Iterable[Row], num_vehicles: int) -> np.ndarray:
+    """Packs rows, each a number or (num_vehicles,), into a (rows · num_vehicles,) vector."""
+    return np.concatenate([np.broadcast_to(row, (num_vehicles,)) for row in rows])
+
+
+def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
+    """Makes a FleetSystem a Drake system for these scalar types, float first, that converts between them.
+
+    The class that results is the one for float; its attribute `template` holds the others.
+    """
+
+    def decorate(cls: type[FleetSystem]) -> Any:
+        template = TemplateSystem(f"{cls.__name__}_", T_list=list(scalars), scope=sys.modules[cls.__module__])
+
+        def instantiate(param: tuple[type]) -> type:
+            (T,) = param
+
+            class Impl(cls, LeafSystem_[T]):  # type: ignore[misc, valid-type]
+                __doc__ = cls.__doc__
+                scalar = T
+
+                def _construct(self, *, converter: Any = None, num_vehicles: int = 1, **options: Any) -> None:
+                    LeafSystem_[T].__init__(self, converter)
+                    self.num_vehicles = num_vehicles
+                    self._options = options
+                    self.declare(num_vehicles=num_vehicles, **options)
+
+                def _construct_copy(self, other: Any, converter: Any = None) -> None:
+                    Impl._construct(self, converter=converter, num_vehicles=other.num_vehicles, **other._options)
+
+            return Impl
+
+        template.add_instantiations(instantiate, [(T,) for T in scalars])
+        instance = template[scalars[0]]
+        instance.template = template
+        instance.__name__ = instance.__qualname__ = cls.__name__
+        return instance
+
+    return decorate

@@ -1,0 +1,104 @@
+"""What a flight is worth: sums gathered tick by tick, and the metrics that follow from them.
+
+For a tick k of n, with the position error e_k and the commanded acceleration u_k of each axis:
+
+    RMSE of an axis        √(Σ e_k² / n)
+    RMSE                   √(Σ |e_k|² / n), of the Euclidean error
+    peak                   max |e_k|
+    control effort         Σ u_k² / n, m²/s⁴
+    total variation        Σ |u_k - u_{k-1}| / (duration of n - 1 ticks), m/s² per second
+    saturation share       share of the ticks at which the rotors could not give the commanded wrench
+
+Ticks count within the scenario's window and until the vehicle crashes.
+"""
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.elementary import Row, maximum, minimum
+
+
+# Rows of the sums: ticks, Σ e² (3), max |e|², Σ u² (3), Σ |Δu| (3), the last u (3), saturated ticks.
+NUM_SUMS = 15
+
+
+class Metrics(NamedTuple):
+    """Metrics of a flight, or (N,) arrays of them for a fleet; NaN where no tick counted or nothing was commanded.
+
+    Attributes:
+        rmse: of the Euclidean position error, m.
+        rmse_x: of the position error along X of W, m; `rmse_y` and `rmse_z` likewise.
+        peak_error: largest Euclidean position error, m.
+        effort_x: control effort on X, m²/s⁴; `effort_y` and `effort_z` likewise.
+        variation_x: total variation of the commanded acceleration on X, m/s³; `variation_y`, `variation_z` likewise.
+        saturation_share: between 0 and 1.
+        crash_time: s; infinite for a vehicle that did not crash.
+    """
+
+    rmse: Row
+    rmse_x: Row
+    rmse_y: Row
+    rmse_z: Row
+    peak_error: Row
+    effort_x: Row
+    effort_y: Row
+    effort_z: Row
+    variation_x: Row
+    variation_y: Row
+    variation_z: Row
+    saturation_share: Row
+    crash_time: Row
+
+    @property
+    def crashed(self) -> Row:
+        """Whether the vehicle crashed."""
+        return self.crash_time < math.inf
+
+
+def add_tick(sums: Sequence[Row], error: Sequence[Row], command: Sequence[Row], saturated: Row) -> list[Row]:
+    """Returns the sums with one more tick.
+
+    Args:
+        sums: 15 rows, zero at the beginning.
+        error: reference minus true position, 3 rows, m.
+        command: commanded acceleration, 3 rows, m/s².
+        saturated: 1 where the rotors cannot give the commanded wrench, else 0.
+    """
+    ticks, *rest = sums
+    squared_error, peak, squared_command = rest[:3], rest[3], rest[4:7]
+    variation, last_command, saturated_ticks = rest[7:10], rest[10:13], rest[13]
+    started = minimum(ticks, 1.0)
+    squares = [e * e for e in error]
+    return [
+        ticks + 1.0,
+        *[total + square for total, square in zip(squared_error, squares, strict=True)],
+        maximum(peak, squares[0] + squares[1] + squares[2]),
+        *[total + u * u for total, u in zip(squared_command, command, strict=True)],
+        *[total + started * abs(u - last) for total, u, last in zip(variation, command, last_command, strict=True)],
+        *command,
+        saturated_ticks + saturated,
+    ]
+
+
+def summarized(sums: np.ndarray, crash_time: np.ndarray, period: float) -> Metrics:
+    """Returns the metrics of each vehicle.
+
+    Args:
+        sums: (15, N).
+        crash_time: (N,), s; infinite for a vehicle that did not crash.
+        period: of the ticks, s.
+    """
+    ticks = np.where(sums[0] > 0.0, sums[0], np.nan)
+    steps = np.where(sums[0] > 1.0, sums[0] - 1.0, np.nan)
+    return Metrics(
+        np.sqrt(sums[1:4].sum(axis=0) / ticks),
+        *np.sqrt(sums[1:4] / ticks),
+        np.sqrt(np.where(sums[0] > 0.0, sums[4], np.nan)),
+        *(sums[5:8] / ticks),
+        *(sums[8:11] / (steps * period)),
+        sums[14] / ticks,
+        crash_time,
+    )

@@ -1,0 +1,90 @@
+"""When to pass the waypoints: a trapezoidal speed profile, and a uniform stretch that meets limits exactly."""
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+from drake_quad.errors import InputError
+from drake_quad.reference.minimum_snap import DEGREE, PolynomialPath
+
+# Samples a segment to bracket the peaks of a polynomial of degree 12 at most, before Newton's method refines them.
+_SAMPLES = 48
+_NEWTON_STEPS = 8
+
+
+def trapezoid_times(waypoints: ArrayLike, *, speed: float, acceleration: float) -> np.ndarray:
+    """Returns the (segments + 1,) times of a ride along the chords with a trapezoidal speed profile, s.
+
+    The ride starts and ends at rest, and never slows down in between: it is a heuristic for `minimum_snap`, whose
+    path then has peaks above these numbers; `stretch_to_limits` brings them down.
+
+    Args:
+        waypoints: (segments + 1, axes) points to pass, no two neighbours equal, m.
+        speed: top of the trapezoid, m/s.
+        acceleration: its slope at both ends, m/s².
+    """
+    distance = np.concatenate([[0.0], np.cumsum(np.linalg.norm(np.diff(waypoints, axis=0), axis=1))])
+    total = distance[-1]
+    # Below this length the profile is a triangle: the ride brakes before it has reached the speed.
+    top = min(speed, math.sqrt(acceleration * total))
+    ramp = top**2 / (2.0 * acceleration)
+    duration = total / top + top / acceleration
+    to_go = np.clip(total - distance, 0.0, None)
+    speeding_up = np.sqrt(2.0 * distance / acceleration)
+    cruising = top / (2.0 * acceleration) + distance / top
+    slowing_down = duration - np.sqrt(2.0 * to_go / acceleration)
+    return np.select([distance <= ramp, to_go <= ramp], [speeding_up, slowing_down], cruising)
+
+
+def peak_norm(path: PolynomialPath, order: int) -> float:
+    """Returns the largest norm of the path's derivative of that order, over all time and to rounding error."""
+    components = _derivative(path.coefficients, order) * (path.durations**-order)[:, np.newaxis, np.newaxis]
+    width = 2 * components.shape[1] - 1
+    square = np.zeros((len(components), width))
+    for k in range(components.shape[1]):
+        for j in range(components.shape[1]):
+            square[:, k + j] += np.einsum("na,na->n", components[:, k], components[:, j])
+
+    grid = np.linspace(0.0, 1.0, _SAMPLES + 1)
+    values = square @ grid ** np.arange(width)[:, np.newaxis]
+    segment, sample = np.nonzero((values[:, 1:-1] >= values[:, :-2]) & (values[:, 1:-1] >= values[:, 2:]))
+    slope = _derivative(square[segment][:, :, np.newaxis], 1)
+    curvature = _derivative(slope, 1)
+    s = grid[sample + 1]
+    low, high = grid[sample], grid[sample + 2]
+    for _ in range(_NEWTON_STEPS):
+        bend = _evaluate(curvature, s)
+        s = np.clip(s - _evaluate(slope, s) / np.where(bend < 0.0, bend, -np.inf), low, high)
+    peaks = _evaluate(square[segment][:, :, np.newaxis], s)
+    return math.sqrt(max(values.max(), peaks.max(initial=0.0)))
+
+
+def stretch_to_limits(path: PolynomialPath, *, top_speed: float, top_acceleration: float) -> PolynomialPath:
+    """Returns the path flown uniformly slower or faster, so that one limit is attained and the other is kept.
+
+    Args:
+        path: a path that moves.
+        top_speed: limit on the norm of the velocity, m/s.
+        top_acceleration: limit on the norm of the acceleration, m/s².
+
+    Raises:
+        InputError: a limit is not positive.
+    """
+    for name, limit in (("top speed", top_speed), ("top acceleration", top_acceleration)):
+        if not limit > 0.0:
+            raise InputError(f"the {name} is {limit:g}, but must be positive")
+    factor = max(peak_norm(path, 1) / top_speed, math.sqrt(peak_norm(path, 2) / top_acceleration))
+    return path.stretched(factor)
+
+
+def _derivative(coefficients: np.ndarray, order: int) -> np.ndarray:
+    """Coefficients (segments, powers, axes) of the derivative with respect to s."""
+    powers = np.arange(coefficients.shape[1])
+    falling = np.array([math.perm(int(k), order) for k in powers], dtype=float)
+    return (coefficients * falling[:, np.newaxis])[:, order:]
+
+
+def _evaluate(coefficients: np.ndarray, s: np.ndarray) -> np.ndarray:
+    """One axis of (segments, powers, 1) at one s for each segment."""
+    return np.einsum("nk,kn->n", coefficients[:, :, 0], s ** np.arange(coefficients.shape[1])[:, np.newaxis])

@@ -1,0 +1,139 @@
+"""Random numbers in a scenario: any physical quantity may be one of these in place of a number."""
+
+from collections.abc import Iterator
+from typing import Annotated, Any, Union
+
+from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic_core import PydanticCustomError
+
+
+class Model(BaseModel):
+    """A mapping of the scenario language: no unknown field, no coercion, no NaN, immutable."""
+
+    model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, validate_default=True)
+
+    @model_validator(mode="before")
+    @classmethod
+    def _no_unknown_field(cls, data: Any) -> Any:
+        if isinstance(data, dict):
+            for key in data:
+                if key not in cls.model_fields:
+                    raise PydanticCustomError(
+                        "unknown_field",
+                        "is unknown; allowed are {allowed}",
+                        {"field": key, "allowed": ", ".join(cls.model_fields)},
+                    )
+        return data
+
+
+class Range(Model):
+    """From a smaller to a larger number."""
+
+    min: float = Field(description="smallest value")
+    max: float = Field(description="largest value")
+
+    @model_validator(mode="after")
+    def _ordered(self) -> "Range":
+        if not self.min < self.max:
+            raise PydanticCustomError(
+                "range_order", "must be larger than min, {min}", {"field": "max", "min": self.min}
+            )
+        return self
+
+
+class PositiveRange(Range):
+    """From a smaller to a larger positive number."""
+
+    min: float = Field(gt=0.0, description="smallest value")
+
+
+class Bell(Model):
+    """A normal distribution, cut off at its limits if it has any."""
+
+    mean: float = Field(description="mean before the limits cut anything off")
+    standard_deviation: float = Field(gt=0.0, description="standard deviation before the limits cut anything off")
+    min: float | None = Field(default=None, description="no value is smaller")
+    max: float | None = Field(default=None, description="no value is larger")
+
+    @model_validator(mode="after")
+    def _limits_around_mean(self) -> "Bell":
+        for field, wrong in (
+            ("min", self.min is not None and self.min > self.mean),
+            ("max", self.max is not None and self.max < self.mean),
+        ):
+            if wrong:
+                raise PydanticCustomError(
+                    "limit_side", "must not lie beyond the mean, {mean}", {"field": field, "mean": self.mean}
+                )
+        return self
+
+
+class Uniform(Model):
+    """Every number of a range is equally likely."""
+
+    uniform: Range
+
+    def extremes(self) -> Iterator[float | None]:
+        """Numbers between which all values lie; None where there is no bound."""
+        yield from (self.uniform.min, self.uniform.max)
+
+
+class LogUniform(Model):
+    """The logarithm is uniform: for scale factors."""
+
+    log_uniform: PositiveRange
+
+    def extremes(self) -> Iterator[float | None]:
+        """Numbers between which all values lie; None where there is no bound."""
+        yield from (self.log_uniform.min, self.log_uniform.max)
+
+
+class Normal(Model):
+    """A normal distribution; a bounded quantity needs limits."""
+
+    normal: Bell
+
+    def extremes(self) -> Iterator[float | None]:
+        """Numbers between which all values lie; None where there is no bound."""
+        yield from (self.normal.min, self.normal.max)
+
+
+class Choice(Model):
+    """One of these numbers, all equally likely."""
+
+    choice: Annotated[tuple[float, ...], Field(strict=False, min_length=1)]
+
+    def extremes(self) -> Iterator[float | None]:
+        """Numbers between which all values lie; None where there is no bound."""
+        yield from (min(self.choice), max(self.choice))
+
+
+DISTRIBUTIONS: dict[str, type[Model]] = {
+    "uniform": Uniform,
+    "log_uniform": LogUniform,
+    "normal": Normal,
+    "choice": Choice,
+}
+
+
+def _tag(value: Any) -> str | None:
+    if not isinstance(value, dict | Model):
+        return "number"
+    keys = value if isinstance(value, dict) else type(value).model_fields
+    return next((name for name in DISTRIBUTIONS if name in keys), None)
+
+
+NumberOrDistribution = Annotated[
+    Union[
+        Annotated[float, Tag("number")],
+        Annotated[Uniform, Tag("uniform")],
+        Annotated[LogUniform, Tag("log_uniform")],
+        Annotated[Normal, Tag("normal")],
+        Annotated[Choice, Tag("choice")],
+    ],
+    Discriminator(
+        _tag,
+        custom_error_type="distribution",
+        custom_error_message="must be a number or one of the distributions uniform, log_uniform, normal, choice",
+    ),
+]

@@ -1,0 +1,130 @@
+"""From a YAML file to a validated scenario, or to one sentence that says what is wrong and where."""
+
+import difflib
+import re
+from collections.abc import Iterator, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydantic import ValidationError
+
+from drake_quad.errors import InputError
+from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
+from drake_quad.scenario.documents import Mark, Tree, find_scenario, merged, parse_document
+from drake_quad.scenario.models import Scenario
+
+_TAGS = ("number", *DISTRIBUTIONS)
+
+
+def load_scenario(spec: str | Path, overrides: Sequence[str] = ()) -> Scenario:
+    """Loads a scenario.
+
+    Args:
+        spec: FILE, or FILE:NAME where the file holds several scenarios.
+        overrides: assignments as on the command line, `field.path=value` with the value in YAML; they win.
+
+    Raises:
+        InputError: something in the file or in an override is wrong; the message names file, line, field, value and
+            what is allowed.
+    """
+    name, tree = find_scenario(spec)
+    for override in overrides:
+        tree = merged(tree, _override(override))
+    if "name" not in tree.value:
+        tree = Tree({"name": Tree(name, tree.mark), **tree.value}, tree.mark)
+    data = tree.plain()
+    try:
+        return Scenario.model_validate(data)
+    except ValidationError as error:
+        raise InputError(_explain(error, tree, data)) from None
+
+
+def distributions_in(scenario: Scenario) -> list[str]:
+    """The paths of the fields of a scenario that hold a distribution."""
+    return list(_distributions(scenario, ""))
+
+
+def _distributions(value: Any, path: str) -> Iterator[str]:
+    if isinstance(value, tuple(DISTRIBUTIONS.values())):
+        yield path
+    elif isinstance(value, Model):
+        for name in type(value).model_fields:
+            yield from _distributions(getattr(value, name), f"{path}.{name}" if path else name)
+    elif isinstance(value, tuple):
+        for i, item in enumerate(value):
+            yield from _distributions(item, f"{path}[{i}]")
+
+
+def _override(assignment: str) -> Tree:
+    source = f"--set {assignment}"
+    path, equals, text = assignment.partition("=")
+    keys = path.strip().split(".")
+    if not equals or not all(keys):
+        raise InputError(f"{source}: must be field.path=value, for example vehicle.mass=0.7")
+    mark = Mark(source, 0)
+    tree = parse_document(text, source, numbered=False)
+    for key in reversed(keys):
+        tree = Tree({key: tree}, mark)
+    return tree
+
+
+def _explain(error: ValidationError, tree: Tree, data: Any) -> str:
+    """One sentence for the first of the errors."""
+    problems = error.errors(include_url=False)
+    problem = problems[0]
+    context = problem.get("ctx", {})
+    path = _real_path(problem["loc"], data)
+    if "field" in context:
+        path = (*path, *context["field"].split("."))
+    elif problem["type"] in ("union_tag_invalid", "union_tag_not_found"):
+        path = (*path, "kind")
+    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    place, depth = tree.at(path)
+    value = place.plain() if depth == len(path) else problem["input"]
+    return f"{place.mark}: {_written(path)} {_complaint(problem, value, path)}{more}"
+
+
+def _complaint(problem: Any, value: Any, path: tuple[Any, ...]) -> str:
+    """What is wrong with the value at a path, and what is allowed there."""
+    context = problem.get("ctx", {})
+    match problem["type"]:
+        case "unknown_field":
+            close = difflib.get_close_matches(str(path[-1]), context["allowed"].split(", "), 1)
+            hint = f"; did you mean {close[0]}?" if close else ""
+            return f"{problem['msg']}{hint}"
+        case "missing" | "union_tag_not_found":
+            return "is missing"
+        case "union_tag_invalid":
+            return f"is {_shown(value)}, but must be one of {context['expected_tags']}"
+        case "model_type" | "model_attributes_type":
+            return f"is {_shown(value)}, but must be a mapping of fields"
+        case "times_or_speed":
+            return str(problem["msg"])
+    demand = re.sub(r"^(Input|String|Tuple) should", "must", problem["msg"])
+    return f"is {_shown(value)}, but {demand}"
+
+
+def _real_path(location: tuple[Any, ...], data: Any) -> tuple[Any, ...]:
+    """The location without the tags of unions, which stand in no file; a missing field or item comes last."""
+    path: list[Any] = []
+    tagged: Any = None
+    for i, key in enumerate(location):
+        if isinstance(data, dict) and data.get("kind") == key and data is not tagged:
+            tagged = data
+        elif (isinstance(data, dict) and key in data) or (isinstance(data, list) and key in range(len(data))):
+            path.append(key)
+            data = data[key]
+        elif i == len(location) - 1 and isinstance(data, dict | list) and key not in _TAGS:
+            path.append(key)
+    return tuple(path)
+
+
+def _written(path: tuple[Any, ...]) -> str:
+    """The path as in `vehicle.inertia[0]`."""
+    text = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in path)
+    return text.lstrip(".") or "the scenario"
+
+
+def _shown(value: Any) -> str:
+    text = repr(value)
+    return text if len(text) <= 60 else f"{text[:57]}..."

@@ -1,0 +1,234 @@
+"""The wiring: a scenario in, a named Diagram out.
+
+    reference ──▶ control ──▶ laboratory
+        │            ▲             │
+        │            └─measurement─┘
+        └──▶ monitor, recorder ◀── (all of them)
+"""
+
+import math
+from typing import Any
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from drake_quad.control.attitude import AttitudeController
+from drake_quad.control.cascade import build_cascade
+from drake_quad.control.position import build_position_controller
+from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring
+from drake_quad.errors import InputError
+from drake_quad.laboratory.command_link import CommandLink
+from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor
+from drake_quad.laboratory.laboratory import build_laboratory
+from drake_quad.laboratory.motion_capture import MotionCapture
+from drake_quad.laboratory.recorder import build_recorder
+from drake_quad.reference.feasibility import first_violation
+from drake_quad.reference.minimum_snap import PolynomialPath, minimum_snap
+from drake_quad.reference.plan import Plan
+from drake_quad.reference.routes import Route, circle, figure_eight
+from drake_quad.reference.source import build_reference
+from drake_quad.reference.time_allocation import stretch_to_limits, trapezoid_times
+from drake_quad.scenario import Scenario, distributions_in
+from drake_quad.scenario.models import CircleRoute, FigureEightRoute, HoverRoute, WaypointRoute
+from drake_quad.vehicle.allocation import Allocation
+from drake_quad.vehicle.inverse_dynamics import rotor_demand
+from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.quadrotor import Quadrotor
+
+# What is exported, and recorded, from each part; a control of the user's own need only have `wrench`.
+_SIGNALS = {
+    "reference": ("reference",),
+    "control": ("error", "error_rate", "pd", "correction", "acceleration_command", "attitude_command", "wrench"),
+    "laboratory": ("measurement", "state", "rotor_speed", "rotor_speed_command", "shortfall", "wind"),
+    "monitor": ("crashed", "crash_time"),
+}
+
+
+def build_tracking_diagram(
+    scenario: Scenario,
+    num_vehicles: int = 1,
+    *,
+    position_controller: Any = None,
+    control: Any = None,
+    record: bool = False,
+) -> Diagram:
+    """Builds the closed loop of a scenario.
+
+    Its subsystems are `reference`, `control`, `laboratory`, `monitor` and, if asked for, `recorder`. Every signal of
+    the loop is exported under its name; what the control does not have is left out. The default context is hover at
+    the reference's first point.
+
+    Args:
+        scenario: with numbers only, no distributions.
+        num_vehicles: N; all fly the same scenario.
+        position_controller: a system that stands in for the scenario's: from `measurement` (12 rows) and `reference`
+            (11 rows) to `acceleration_command` (3 rows, m/s²). The diagram takes it over.
+        control: a system that stands in for the whole cascade: from `measurement` and `reference` to `wrench`
+            (4 rows: F_z in N; τ_x, τ_y, τ_z in N m). The diagram takes it over.
+        record: whether to add a recorder of all signals, sampled at every tick of the control.
+
+    Raises:
+        InputError: the scenario holds a distribution, or the rotors cannot fly the route.
+    """
+    random = distributions_in(scenario)
+    if random:
+        raise InputError(f"{random[0]} is a distribution; one flight needs a number there")
+    plan = plan_route(scenario)
+    parameters = vehicle_parameters(scenario)
+    own_control = control if control is not None else _control(scenario, num_vehicles, parameters, position_controller)
+
+    builder = DiagramBuilder()
+    parts = {
+        "reference": build_reference(plan, num_vehicles=num_vehicles),
+        "control": own_control,
+        "laboratory": _laboratory(scenario, num_vehicles, parameters, plan),
+        "monitor": _monitor(scenario, num_vehicles),
+    }
+    for name, part in parts.items():
+        builder.AddNamedSystem(name, part)
+    sources = {
+        name: parts[part].GetOutputPort(name)
+        for part, names in _SIGNALS.items()
+        for name in names
+        if parts[part].HasOutputPort(name)
+    }
+    sources["reference_jerk"] = parts["reference"].GetOutputPort("reference_jerk")
+    for part in ("control", "laboratory", "monitor"):
+        for i in range(parts[part].num_input_ports()):
+            port = parts[part].get_input_port(i)
+            if port.get_name() in sources:
+                builder.Connect(sources[port.get_name()], port)
+    for name, port in sources.items():
+        builder.ExportOutput(port, name)
+    if record:
+        _add_recorder(builder, sources, scenario.laboratory.command_link.period)
+    diagram = builder.Build()
+    diagram.set_name(scenario.name)
+    return diagram
+
+
+def vehicle_parameters(scenario: Scenario) -> QuadrotorParameters:
+    """The vehicle of a scenario without distributions."""
+    vehicle = scenario.vehicle
+    fields = {name: getattr(vehicle, name) for name in QuadrotorParameters._fields}
+    fields["thrust_factor"] = (vehicle.thrust_factor,) * 4
+    return QuadrotorParameters(**fields)
+
+
+def plan_route(scenario: Scenario) -> Plan:
+    """The plan for a scenario's route.
+
+    Raises:
+        InputError: the rotors cannot fly it.
+    """
+    route = scenario.route
+    match route:
+        case HoverRoute():
+            plan = Plan.hover(route.position, duration=route.duration, yaw=route.yaw)
+        case WaypointRoute():
+            times = route.times
+            if times is None:
+                times = trapezoid_times(route.waypoints, speed=route.speed, acceleration=route.acceleration)
+            plan = Plan(minimum_snap(route.waypoints, times), route.yaw)
+        case FigureEightRoute():
+            eight = figure_eight(
+                lower_height=route.lower_height,
+                upper_height=route.upper_height,
+                radius=route.radius,
+                offset=route.offset,
+            )
+            plan = _within_limits(route, eight, cruise_speed=route.cruise_speed)
+        case CircleRoute():
+            laps = circle(radius=route.radius, height=route.height, laps=route.laps)
+            plan = _within_limits(route, laps, cruise_speed=math.sqrt(route.top_acceleration * route.radius))
+    _check_feasible(plan, vehicle_parameters(scenario))
+    return plan
+
+
+def _within_limits(route: FigureEightRoute | CircleRoute, geometry: Route, *, cruise_speed: float) -> Plan:
+    times = trapezoid_times(geometry.waypoints, speed=cruise_speed, acceleration=route.top_acceleration)
+    path = minimum_snap(geometry.waypoints, times)
+    limited = stretch_to_limits(path, top_speed=route.top_speed, top_acceleration=route.top_acceleration)
+    return Plan(limited, route.yaw, geometry.legs)
+
+
+def _check_feasible(plan: Plan, parameters: QuadrotorParameters) -> None:
+    violation = first_violation(
+        plan.path,
+        lambda *derivatives: rotor_demand(*derivatives, parameters, yaw=plan.yaw).rotor_speed,
+        min_rotor_speed=parameters.min_rotor_speed,
+        max_rotor_speed=parameters.max_rotor_speed,
+    )
+    if violation is not None:
+        raise InputError(f"the rotors cannot fly this route: {violation}")
+
+
+def _control(
+    scenario: Scenario, num_vehicles: int, parameters: QuadrotorParameters, position_controller: Any
+) -> Diagram:
+    position, attitude = scenario.control.position, scenario.control.attitude
+    if position_controller is None:
+        position_controller = build_position_controller(
+            num_vehicles=num_vehicles,
+            k_p=position.k_p,
+            k_d=position.k_d,
+            derivative=position.derivative,
+            feed_forward=position.feed_forward,
+        )
+    limits = scenario.control.thrust_vectoring
+    weight = parameters.mass * parameters.gravity
+    thrust_vectoring = ThrustVectoring(
+        num_vehicles=num_vehicles,
+        mass=parameters.mass,
+        gravity=parameters.gravity,
+        limits=ThrustLimits(
+            math.tan(limits.max_tilt), limits.min_thrust * weight, limits.max_thrust * weight
+        ),
+    )
+    attitude_controller = AttitudeController(
+        num_vehicles=num_vehicles, k_p=attitude.k_p, k_d=attitude.k_d, inertia=parameters.inertia
+    )
+    return build_cascade(
+        position=position_controller,
+        thrust_vectoring=thrust_vectoring,
+        attitude=attitude_controller,
+        follow_jerk=position.feed_forward == "jerk",
+    )
+
+
+def _laboratory(scenario: Scenario, num_vehicles: int, parameters: QuadrotorParameters, plan: Plan) -> Diagram:
+    link = scenario.laboratory.command_link
+    return build_laboratory(
+        vehicle=Quadrotor(
+            num_vehicles=num_vehicles,
+            time_step=scenario.vehicle.time_step,
+            kinematics=scenario.vehicle.attitude_kinematics,
+            parameters=parameters,
+            initial_position=plan.waypoints[0],
+            initial_yaw=plan.yaw,
+        ),
+        allocation=Allocation(num_vehicles=num_vehicles, parameters=parameters),
+        motion_capture=MotionCapture(num_vehicles=num_vehicles, period=scenario.laboratory.motion_capture.period),
+        command_link=CommandLink(
+            num_vehicles=num_vehicles,
+            period=link.period,
+            delay_ticks=link.delay_ticks,
+            initial=(parameters.mass * parameters.gravity, 0.0, 0.0, 0.0),
+        ),
+    )
+
+
+def _monitor(scenario: Scenario, num_vehicles: int) -> Any:
+    window, crash = scenario.metrics, scenario.crash
+    return FlightMonitor(
+        num_vehicles=num_vehicles,
+        period=scenario.laboratory.command_link.period,
+        limits=CrashLimits(crash.tilt, crash.position_error, crash.height),
+        window=(window.start, math.inf if window.end is None else window.end),
+    )
+
+
+def _add_recorder(builder: DiagramBuilder, sources: dict[str, Any], period: float) -> None:
+    sizes = {name: port.size() for name, port in sources.items()}
+    recorder = builder.AddNamedSystem("recorder", build_recorder(sizes, period=period))
+    for name, port in sources.items():
+        builder.Connect(port, recorder.GetInputPort(name))

@@ -1,0 +1,60 @@
+"""The numbers that make a quadrotor."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+from drake_quad.elementary import Row, sqrt
+
+
+class QuadrotorParameters(NamedTuple):
+    """Parameters of the vehicle; the defaults are the paper's Table I where it has them.
+
+    Each entry is a row: a number for one vehicle or an (N,) array for a fleet. The thrust factor of Table I is
+    large for an 8-inch propeller; it is kept, since everything in the paper rests on it.
+
+    Attributes:
+        mass: m, kg.
+        inertia: I_xx, I_yy, I_zz about the centre of mass, kg m².
+        rotor_inertia: J_r of one rotor with its motor, kg m².
+        thrust_factor: b of each rotor, N s².
+        drag_factor: d, torque over squared rotor speed, N m s².
+        arm_length: l, from the centre of mass to a rotor, m.
+        gravity: g, m/s².
+        linear_drag: drag force over airspeed, N s/m. The paper ignores drag: 0.
+        quadratic_drag: drag force over squared airspeed, N s²/m². The paper ignores drag: 0.
+        rotor_time_constant: lag of the rotor speed behind its command, s. Not in the paper; 50 ms is what
+            hobby-class motors of this size show in step tests.
+        min_rotor_speed: idle, rad/s. Not in the paper; a fifth of the top speed.
+        max_rotor_speed: rad/s. Not in the paper; it gives 2.2 times the thrust of hover, a usual ratio.
+    """
+
+    mass: Row = 0.68
+    inertia: Sequence[Row] = (0.007, 0.007, 0.012)
+    rotor_inertia: Row = 6.5e-5
+    thrust_factor: Sequence[Row] = (4.13e-5, 4.13e-5, 4.13e-5, 4.13e-5)
+    drag_factor: Row = 8.5e-7
+    arm_length: Row = 0.17
+    gravity: Row = 9.81
+    linear_drag: Row = 0.0
+    quadratic_drag: Row = 0.0
+    rotor_time_constant: Row = 0.05
+    min_rotor_speed: Row = 60.0
+    max_rotor_speed: Row = 300.0
+
+    def to_rows(self) -> list[Row]:
+        """The parameters as 17 rows, in the order above."""
+        rows: list[Row] = []
+        for value in self:
+            rows.extend(value) if isinstance(value, tuple | list) else rows.append(value)
+        return rows
+
+    @classmethod
+    def from_rows(cls, rows: Any) -> "QuadrotorParameters":
+        """The inverse of `to_rows`."""
+        mass, i_xx, i_yy, i_zz, rotor_inertia, b_1, b_2, b_3, b_4, *rest = rows
+        return cls(mass, (i_xx, i_yy, i_zz), rotor_inertia, (b_1, b_2, b_3, b_4), *rest)
+
+    @property
+    def hover_rotor_speed(self) -> Row:
+        """Speed at which four equal rotors carry the weight, rad/s."""
+        return sqrt(self.mass * self.gravity / sum(self.thrust_factor))

@@ -1,0 +1,172 @@
+"""The quadrotor as a Drake system."""
+
+from collections.abc import Sequence
+from typing import Any, Literal
+
+import numpy as np
+
+from drake_quad.elementary import Row
+from drake_quad.fleet import AutoDiffXd, Expression, FleetSystem, fleet_system
+from drake_quad.vehicle.dynamics import quadrotor_derivative, rigid_kinematics, small_angle_kinematics
+from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.stepping import quadrotor_step
+
+_KINEMATICS = {"exact": rigid_kinematics, "small_angle": small_angle_kinematics}
+
+
+@fleet_system(float, AutoDiffXd, Expression)
+class Quadrotor(FleetSystem):
+    """Rigid body and rotors of a quadrotor, or of a fleet of them.
+
+    .. pydrake_system::
+
+        name: Quadrotor
+        input_ports:
+        - rotor_speed_command
+        - wind
+        - crashed
+        output_ports:
+        - state
+        - rotor_speed
+
+    Eqs (1) to (5) of the paper (`drake_quad.vehicle.dynamics`). `state` has 12 rows: position in W (m); roll, pitch,
+    yaw (rad); velocity in W (m/s); body rates p, q, r (rad/s). `rotor_speed` and `rotor_speed_command` have 4
+    (rad/s); commands beyond the rotors' limits are clipped. `wind` has 3: velocity of the air in W (m/s); not
+    connected it is still air. `crashed` has 1: a vehicle for which it is not zero stays as it is; not connected all
+    fly.
+
+    With a time step the state is discrete, in the groups 0 (`state`) and 1 (`rotor_speed`), and a periodic
+    unrestricted update integrates the interval just elapsed with the inputs held over it, so that whatever samples
+    at the same instant sees the new state:
+
+        t = 0        h        2h
+        inputs ●━━━━━○
+               ●━━━━━→ state at h, seen by the discrete updates at h
+
+    The update at time zero does nothing. With `time_step=0` the state is continuous, 16 rows: those of `state`, then
+    those of `rotor_speed`.
+
+    The parameters are one numeric parameter of the context, the 17 rows of `QuadrotorParameters.to_rows`.
+
+    Args:
+        num_vehicles: N.
+        time_step: h in seconds, 10 ms by default; 0 for a continuous state.
+        kinematics: "exact", or "small_angle" for the last three lines of eq (3) as the paper has them.
+        parameters: each entry a number or an (N,) array.
+        initial_position: in W, m. The default state is hover here, rotors at hover speed.
+        initial_yaw: rad.
+    """
+
+    def declare(
+        self,
+        *,
+        num_vehicles: int = 1,
+        time_step: float = 0.01,
+        kinematics: Literal["exact", "small_angle"] = "exact",
+        parameters: QuadrotorParameters = QuadrotorParameters(),
+        initial_position: Sequence[Row] = (0.0, 0.0, 0.0),
+        initial_yaw: Row = 0.0,
+    ) -> None:
+        """Declares the system; see the class for the arguments."""
+        self.time_step = time_step
+        self._kinematics = _KINEMATICS[kinematics]
+        self._parameters = self.numeric_parameter(parameters.to_rows())
+        self._command = self.input("rotor_speed_command", 4)
+        self._wind = self.input("wind", 3)
+        self._crashed = self.input("crashed", 1)
+
+        rigid_body, rotor_speed = _hover(parameters, initial_position, initial_yaw)
+        if time_step > 0.0:
+            state = self.discrete_state(rigid_body)
+            rotors = self.discrete_state(rotor_speed)
+            self.DeclarePeriodicUnrestrictedUpdateEvent(time_step, 0.0, self._step)
+            self.DeclareStateOutputPort("state", state)
+            self.DeclareStateOutputPort("rotor_speed", rotors)
+        else:
+            self.DeclareContinuousState(self.vector([*rigid_body, *rotor_speed]))
+            uses = {self.xc_ticket()}
+            self.output("state", 12, self._calc_state, uses=uses)
+            self.output("rotor_speed", 4, self._calc_rotor_speed, uses=uses)
+
+    def get_parameters(self, context: Any) -> QuadrotorParameters:
+        """The parameters in the context."""
+        return QuadrotorParameters.from_rows(self.parameter_rows(context, self._parameters))
+
+    def set_parameters(self, context: Any, parameters: QuadrotorParameters) -> None:
+        """Puts parameters into the context; each entry a number or an (N,) array."""
+        self.write(context.get_mutable_numeric_parameter(self._parameters), parameters.to_rows())
+
+    def set_hover(self, context: Any, position: Sequence[Row], yaw: Row) -> None:
+        """Puts the vehicles into hover with the context's parameters.
+
+        Args:
+            context: of this system.
+            position: 3 rows, in W, m.
+            yaw: rad.
+        """
+        rigid_body, rotor_speed = _hover(self.get_parameters(context), position, yaw)
+        if self.time_step > 0.0:
+            context.SetDiscreteState(0, self.packed(rigid_body))
+            context.SetDiscreteState(1, self.packed(rotor_speed))
+        else:
+            context.SetContinuousState(self.packed([*rigid_body, *rotor_speed]))
+
+    def DoCalcTimeDerivatives(self, context: Any, derivatives: Any) -> None:
+        """Drake's hook for a continuous state."""
+        if self.time_step > 0.0:
+            return
+        slope = quadrotor_derivative(
+            self.rows(context.get_continuous_state_vector().CopyToVector()),
+            self.input_rows(context, self._command),
+            self._wind_rows(context),
+            self.get_parameters(context),
+            self._kinematics,
+        )
+        crashed = self._crashed_vehicles(context)
+        if crashed is not None:
+            slope = [np.where(crashed, 0.0, row) for row in slope]
+        derivatives.get_mutable_vector().SetFromVector(self.packed(slope))
+
+    def _step(self, context: Any, state: Any) -> None:
+        crashed = self._crashed_vehicles(context)
+        if context.get_time() == 0.0 or (crashed is not None and crashed.all()):
+            return
+        groups = state.get_mutable_discrete_state()
+        vectors = groups.get_mutable_vector(0), groups.get_mutable_vector(1)
+        rigid_body, rotor_speed = (self.matrix(self.values(vector)) for vector in vectors)
+        stepped = quadrotor_step(
+            rigid_body,
+            rotor_speed.tolist() if self.num_vehicles == 1 else rotor_speed,
+            self.input_rows(context, self._command),
+            self._wind_rows(context),
+            self.get_parameters(context),
+            self._kinematics,
+            self.time_step,
+        )
+        for vector, old, new in zip(vectors, (rigid_body, rotor_speed), stepped, strict=True):
+            rows = new if crashed is None else [np.where(crashed, a, b) for a, b in zip(old, new, strict=True)]
+            self.write(vector, rows)
+
+    def _wind_rows(self, context: Any) -> Any:
+        wind = self.EvalVectorInput(context, self._wind.get_index())
+        return (0.0, 0.0, 0.0) if wind is None else self.rows(self.values(wind))
+
+    def _crashed_vehicles(self, context: Any) -> np.ndarray | None:
+        """The (N,) mask of the vehicles that have crashed, or None where there is none."""
+        flags = self.EvalVectorInput(context, self._crashed.get_index())
+        if flags is None:
+            return None
+        crashed: np.ndarray = self.values(flags) != 0.0
+        return crashed if crashed.any() else None
+
+    def _calc_state(self, context: Any, output: Any) -> None:
+        self.write(output, self.rows(context.get_continuous_state_vector().CopyToVector())[:12])
+
+    def _calc_rotor_speed(self, context: Any, output: Any) -> None:
+        self.write(output, self.rows(context.get_continuous_state_vector().CopyToVector())[12:])
+
+
+def _hover(parameters: QuadrotorParameters, position: Sequence[Row], yaw: Row) -> tuple[list[Row], list[Row]]:
+    """Rows of the rigid body and of the rotors of a vehicle at rest."""
+    rigid_body = [*position, 0.0, 0.0, yaw, *[0.0] * 6]
+    return rigid_body, [parameters.hover_rotor_speed] * 4
