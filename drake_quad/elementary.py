@@ -50,17 +50,27 @@ def exp(x: Row) -> Row:
 
 
 def maximum(x: Row, y: Row) -> Row:
-    """The larger of the two; NaN where x is."""
+    """The larger of the two; y where x is NaN."""
     if x.__class__ is float and y.__class__ is float:
-        return y if x < y else x
-    return _maximum_of_objects(x, y) if _is_symbolic(x) or _is_symbolic(y) else np.maximum(x, y)
+        return x if x > y else y
+    return _maximum_of_objects(x, y) if _is_symbolic(x) or _is_symbolic(y) else np.fmax(x, y)
 
 
 def minimum(x: Row, y: Row) -> Row:
-    """The smaller of the two; NaN where x is."""
+    """The smaller of the two; y where x is NaN."""
     if x.__class__ is float and y.__class__ is float:
-        return y if x > y else x
-    return _minimum_of_objects(x, y) if _is_symbolic(x) or _is_symbolic(y) else np.minimum(x, y)
+        return x if x < y else y
+    return _minimum_of_objects(x, y) if _is_symbolic(x) or _is_symbolic(y) else np.fmin(x, y)
+
+
+def where(mask: Row, x: Row, y: Row) -> Row:
+    """x where the mask, of truth values, is true, else y. Not for Expression."""
+    return (x if mask else y) if isinstance(mask, bool | np.bool) else np.where(mask, x, y)
+
+
+def every(mask: Row) -> bool:
+    """Whether a mask of truth values is true for all vehicles."""
+    return bool(mask) if isinstance(mask, bool | np.bool) else bool(mask.all())
 
 
 def wrapped(angle: Row) -> Row:

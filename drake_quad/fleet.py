@@ -8,13 +8,14 @@ All the boilerplate of Drake's scalar conversion in Python is here.
 """
 
 import sys
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Mapping
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.symbolic import Expression
-from pydrake.systems.framework import BasicVector_, LeafSystem_
+from pydrake.systems.framework import BasicVector_, Diagram, DiagramBuilder, LeafSystem_
+from pydrake.systems.primitives import Demultiplexer
 from pydrake.systems.scalar_conversion import TemplateSystem
 
 from drake_quad.elementary import Row
@@ -24,7 +25,7 @@ if TYPE_CHECKING:
 else:
     _Base = object
 
-__all__ = ["AutoDiffXd", "Expression", "FleetSystem", "fleet_rows", "fleet_system"]
+__all__ = ["AutoDiffXd", "Expression", "FleetSystem", "fleet_rows", "fleet_system", "split_output"]
 
 
 class FleetSystem(_Base):
@@ -36,14 +37,17 @@ class FleetSystem(_Base):
 
     scalar: type
     num_vehicles: int
+    rows: Callable[[Any], Any]
+    write: Callable[[Any, Iterable[Row]], None]
+    copy: Callable[[Any, Any], None]
 
     def declare(self, *, num_vehicles: int = 1) -> None:
         """Declares ports, state, parameters and events."""
         raise NotImplementedError
 
     def input(self, name: str, rows: int) -> Any:
-        """Declares and returns an input port of that many rows."""
-        return self.DeclareVectorInputPort(name, self.vector([0.0] * rows))
+        """Declares an input port of that many rows and returns its index."""
+        return self.DeclareVectorInputPort(name, self.vector([0.0] * rows)).get_index()
 
     def output(self, name: str, rows: int, calc: Callable[..., None], *, uses: Iterable[Any]) -> Any:
         """Declares and returns an output port of that many rows, computed from what the tickets stand for."""
@@ -57,29 +61,26 @@ class FleetSystem(_Base):
         """Declares a numeric parameter with these rows as default and returns its index."""
         return self.DeclareNumericParameter(self.vector(rows))
 
-    def input_rows(self, context: Any, port: Any) -> Any:
+    def input_rows(self, context: Any, index: Any) -> Any:
         """The rows of an input port's value."""
-        return self.rows(port.Eval(context))
+        return self.rows(self.EvalVectorInput(context, index))
+
+    def optional_input_rows(self, context: Any, index: Any, *, default: Any) -> Any:
+        """The rows of an input port's value, or the default where nothing is connected."""
+        vector = self.EvalVectorInput(context, index)
+        return default if vector is None else self.rows(vector)
 
     def parameter_rows(self, context: Any, index: Any) -> Any:
         """The rows of a numeric parameter."""
-        return self.rows(self.values(context.get_numeric_parameter(index)))
+        return self.rows(context.get_numeric_parameter(index))
 
     def state_rows(self, context: Any, index: Any) -> Any:
         """The rows of a discrete-state group."""
-        return self.rows(self.values(context.get_discrete_state(index)))
+        return self.rows(context.get_discrete_state(index))
 
     def values(self, vector: Any) -> np.ndarray:
         """The elements of a BasicVector: a view for float, a copy for the other scalar types."""
         return vector.value() if self.scalar is float else vector.CopyToVector()
-
-    def matrix(self, values: np.ndarray) -> np.ndarray:
-        """The elements as an array: (rows,) for one vehicle, (rows, num_vehicles) for a fleet."""
-        return values if self.num_vehicles == 1 else values.reshape(-1, self.num_vehicles)
-
-    def rows(self, values: np.ndarray) -> Any:
-        """The elements as rows: Python numbers for one vehicle, arrays for a fleet."""
-        return values.tolist() if self.num_vehicles == 1 else values.reshape(-1, self.num_vehicles)
 
     def packed(self, rows: Iterable[Row]) -> np.ndarray:
         """The rows as a vector of this system's scalar type; a number stands for a row of equal numbers."""
@@ -89,16 +90,73 @@ class FleetSystem(_Base):
         """The rows as a BasicVector."""
         return BasicVector_[self.scalar](self.packed(rows))
 
-    def write(self, vector: Any, rows: Iterable[Row]) -> None:
-        """Writes rows into a BasicVector; a number stands for a row of equal numbers."""
-        if self.scalar is not float:
-            vector.SetFromVector(self.packed(rows))
-        elif self.num_vehicles == 1:
-            vector.get_mutable_value()[:] = rows
-        else:
-            values = vector.get_mutable_value().reshape(-1, self.num_vehicles)
-            for i, row in enumerate(rows):
-                values[i] = row
+
+def _reader(scalar: type, num_vehicles: int) -> Callable[[Any], Any]:
+    """The function that gives the rows of a BasicVector: Python numbers for one vehicle, arrays for a fleet.
+
+    Rows of float arrays are views into the vector.
+    """
+    if num_vehicles > 1:
+        if scalar is float:
+            return lambda vector: vector.value().reshape(-1, num_vehicles)
+        return lambda vector: vector.CopyToVector().reshape(-1, num_vehicles)
+    if scalar is float:
+        return lambda vector: vector.value().tolist()
+    return lambda vector: vector.CopyToVector().tolist()
+
+
+def _copier(scalar: type, num_vehicles: int) -> Callable[[Any, Any], None]:
+    """The function that copies a BasicVector's elements into another."""
+
+    def copy_elements(target: Any, source: Any) -> None:
+        target.SetFrom(source)
+
+    # SetFrom makes a virtual call for every element: the fastest for a few, the slowest for a fleet.
+    def copy_block(target: Any, source: Any) -> None:
+        target.get_mutable_value()[:] = source.value()
+
+    return copy_block if scalar is float and num_vehicles > 1 else copy_elements
+
+
+def _writer(scalar: type, num_vehicles: int) -> Callable[[Any, Iterable[Row]], None]:
+    """The function that writes rows into a BasicVector; a number stands for a row of equal numbers."""
+
+    def write_objects(vector: Any, rows: Iterable[Row]) -> None:
+        vector.SetFromVector(fleet_rows(rows, num_vehicles).astype(scalar))
+
+    def write_numbers(vector: Any, rows: Iterable[Row]) -> None:
+        vector.get_mutable_value()[:] = rows
+
+    def write_arrays(vector: Any, rows: Iterable[Row]) -> None:
+        values = vector.get_mutable_value().reshape(-1, num_vehicles)
+        for i, row in enumerate(rows):
+            values[i] = row
+
+    if scalar is not float:
+        return write_objects
+    return write_numbers if num_vehicles == 1 else write_arrays
+
+
+def split_output(system: Any, parts: Mapping[str, int]) -> Diagram:
+    """Builds a diagram around a system with one output port that gives each part of it a port of its own.
+
+    Where several outputs follow from one computation, the system computes them together and this takes them apart:
+    a call into Python costs far more than Drake's Demultiplexer.
+
+    Args:
+        system: its input ports are exported under their names, and so is its output port's every part.
+        parts: name and number of rows of each part, in order.
+    """
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("law", system)
+    rows = np.array(list(parts.values()))
+    split = builder.AddNamedSystem("parts", Demultiplexer(rows * system.num_vehicles))
+    for i in range(system.num_input_ports()):
+        builder.ExportInput(system.get_input_port(i), system.get_input_port(i).get_name())
+    builder.Connect(system.get_output_port(), split.get_input_port())
+    for i, name in enumerate(parts):
+        builder.ExportOutput(split.get_output_port(i), name)
+    return builder.Build()
 
 
 def fleet_rows(rows: Iterable[Row], num_vehicles: int) -> np.ndarray:
@@ -125,6 +183,9 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
                 def _construct(self, *, converter: Any = None, num_vehicles: int = 1, **options: Any) -> None:
                     LeafSystem_[T].__init__(self, converter)
                     self.num_vehicles = num_vehicles
+                    # Called thousands of times a second: what they depend on is decided here.
+                    self.rows, self.write = _reader(T, num_vehicles), _writer(T, num_vehicles)
+                    self.copy = _copier(T, num_vehicles)
                     self._options = options
                     self.declare(num_vehicles=num_vehicles, **options)
 

@@ -14,7 +14,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from drake_quad.control.attitude import AttitudeController
 from drake_quad.control.cascade import build_cascade
 from drake_quad.control.position import build_position_controller
-from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring
+from drake_quad.control.thrust_vectoring import ThrustLimits, build_thrust_vectoring
 from drake_quad.errors import InputError
 from drake_quad.laboratory.command_link import CommandLink
 from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor
@@ -29,7 +29,7 @@ from drake_quad.reference.source import build_reference
 from drake_quad.reference.time_allocation import stretch_to_limits, trapezoid_times
 from drake_quad.scenario import Scenario, distributions_in
 from drake_quad.scenario.models import CircleRoute, FigureEightRoute, HoverRoute, WaypointRoute
-from drake_quad.vehicle.allocation import Allocation
+from drake_quad.vehicle.allocation import RotorModel, build_allocation
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor
@@ -39,7 +39,7 @@ _SIGNALS = {
     "reference": ("reference",),
     "control": ("error", "error_rate", "pd", "correction", "acceleration_command", "attitude_command", "wrench"),
     "laboratory": ("measurement", "state", "rotor_speed", "rotor_speed_command", "shortfall", "wind"),
-    "monitor": ("crashed", "crash_time"),
+    "monitor": ("crashed",),
 }
 
 
@@ -91,12 +91,15 @@ def build_tracking_diagram(
         for name in names
         if parts[part].HasOutputPort(name)
     }
-    sources["reference_jerk"] = parts["reference"].GetOutputPort("reference_jerk")
+    jerk = parts["reference"].GetOutputPort("reference_jerk")
     for part in ("control", "laboratory", "monitor"):
         for i in range(parts[part].num_input_ports()):
             port = parts[part].get_input_port(i)
-            if port.get_name() in sources:
-                builder.Connect(sources[port.get_name()], port)
+            name = port.get_name()
+            if name in sources:
+                builder.Connect(sources[name], port)
+            elif name == "reference_jerk":
+                builder.Connect(jerk, port)
     for name, port in sources.items():
         builder.ExportOutput(port, name)
     if record:
@@ -176,7 +179,7 @@ def _control(
         )
     limits = scenario.control.thrust_vectoring
     weight = parameters.mass * parameters.gravity
-    thrust_vectoring = ThrustVectoring(
+    thrust_vectoring = build_thrust_vectoring(
         num_vehicles=num_vehicles,
         mass=parameters.mass,
         gravity=parameters.gravity,
@@ -206,7 +209,7 @@ def _laboratory(scenario: Scenario, num_vehicles: int, parameters: QuadrotorPara
             initial_position=plan.waypoints[0],
             initial_yaw=plan.yaw,
         ),
-        allocation=Allocation(num_vehicles=num_vehicles, parameters=parameters),
+        allocation=build_allocation(num_vehicles=num_vehicles, rotors=RotorModel.of(parameters)),
         motion_capture=MotionCapture(num_vehicles=num_vehicles, period=scenario.laboratory.motion_capture.period),
         command_link=CommandLink(
             num_vehicles=num_vehicles,

@@ -38,7 +38,7 @@ class AttitudeController(FleetSystem):
         self, *, num_vehicles: int = 1, k_p: Sequence[Row], k_d: Sequence[Row], inertia: Sequence[Row]
     ) -> None:
         """Declares the system; see the class for the arguments."""
-        self._parameters = self.numeric_parameter([*k_p, *k_d, *inertia])
+        self._gains = self.numeric_parameter([*k_p, *k_d, *inertia])
         self._measurement = self.input("measurement", 12)
         self._attitude = self.input("attitude_command", 3)
         self._rates = self.input("attitude_rate_command", 3)
@@ -46,11 +46,15 @@ class AttitudeController(FleetSystem):
         self.output("torque", 3, self._calc, uses=uses)
 
     def _calc(self, context: Any, output: Any) -> None:
-        parameters = self.parameter_rows(context, self._parameters)
+        p_roll, p_pitch, p_yaw, d_roll, d_pitch, d_yaw, i_xx, i_yy, i_zz = self.parameter_rows(context, self._gains)
         measurement = self.input_rows(context, self._measurement)
-        error = [a - b for a, b in zip(self.input_rows(context, self._attitude), measurement[3:6], strict=True)]
-        error[2] = wrapped(error[2])
-        rates = self.input_rows(context, self._rates)
-        error_rate = [a - b for a, b in zip(rates, measurement[9:12], strict=True)]
-        terms = zip(parameters[:3], error, parameters[3:6], error_rate, parameters[6:], strict=True)
-        self.write(output, [inertia * (k_p * e + k_d * e_dot) for k_p, e, k_d, e_dot, inertia in terms])
+        roll, pitch, yaw = measurement[3:6]
+        p, q, r = measurement[9:12]
+        roll_r, pitch_r, yaw_r = self.input_rows(context, self._attitude)
+        p_r, q_r, r_r = self.input_rows(context, self._rates)
+        torque = [
+            i_xx * (p_roll * (roll_r - roll) + d_roll * (p_r - p)),
+            i_yy * (p_pitch * (pitch_r - pitch) + d_pitch * (q_r - q)),
+            i_zz * (p_yaw * wrapped(yaw_r - yaw) + d_yaw * (r_r - r)),
+        ]
+        self.write(output, torque)

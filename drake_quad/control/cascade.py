@@ -2,9 +2,8 @@
 
 from typing import Any
 
-import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import Demultiplexer, Multiplexer
+from pydrake.systems.primitives import Multiplexer
 
 # What a position controller may show of its inside, beside its `acceleration_command`.
 POSITION_SIGNALS = ("error", "error_rate", "pd", "correction")
@@ -33,18 +32,16 @@ def build_cascade(*, position: Any, thrust_vectoring: Any, attitude: Any, follow
 
     Args:
         position: from `measurement` and `reference` to `acceleration_command`.
-        thrust_vectoring: a `ThrustVectoring`.
+        thrust_vectoring: from `build_thrust_vectoring`.
         attitude: an `AttitudeController`.
         follow_jerk: whether the attitude's rates follow the reference's jerk.
     """
-    num_vehicles = thrust_vectoring.num_vehicles
     builder = DiagramBuilder()
     builder.AddNamedSystem("position", position)
     builder.AddNamedSystem("thrust_vectoring", thrust_vectoring)
     builder.AddNamedSystem("attitude", attitude)
-    split = builder.AddNamedSystem("thrust_and_attitude", Demultiplexer(np.array([1, 3, 3]) * num_vehicles))
-    wrench = builder.AddNamedSystem("wrench", Multiplexer([num_vehicles, 3 * num_vehicles]))
-    thrust, attitude_command, attitude_rate_command = (split.get_output_port(i) for i in range(3))
+    parts = thrust_vectoring.GetOutputPort("thrust"), attitude.GetOutputPort("torque")
+    wrench = builder.AddNamedSystem("wrench", Multiplexer([part.size() for part in parts]))
 
     builder.ExportInput(position.GetInputPort("measurement"), "measurement")
     builder.ExportInput(position.GetInputPort("reference"), "reference")
@@ -56,15 +53,14 @@ def build_cascade(*, position: Any, thrust_vectoring: Any, attitude: Any, follow
 
     acceleration_command = position.GetOutputPort("acceleration_command")
     builder.Connect(acceleration_command, thrust_vectoring.GetInputPort("acceleration_command"))
-    builder.Connect(thrust_vectoring.GetOutputPort("thrust_and_attitude"), split.get_input_port())
-    builder.Connect(attitude_command, attitude.GetInputPort("attitude_command"))
-    builder.Connect(attitude_rate_command, attitude.GetInputPort("attitude_rate_command"))
-    builder.Connect(thrust, wrench.get_input_port(0))
-    builder.Connect(attitude.GetOutputPort("torque"), wrench.get_input_port(1))
+    for name in ("attitude_command", "attitude_rate_command"):
+        builder.Connect(thrust_vectoring.GetOutputPort(name), attitude.GetInputPort(name))
+    for i, part in enumerate(parts):
+        builder.Connect(part, wrench.get_input_port(i))
 
     builder.ExportOutput(wrench.get_output_port(), "wrench")
     builder.ExportOutput(acceleration_command, "acceleration_command")
-    builder.ExportOutput(attitude_command, "attitude_command")
+    builder.ExportOutput(thrust_vectoring.GetOutputPort("attitude_command"), "attitude_command")
     for name in POSITION_SIGNALS:
         if position.HasOutputPort(name):
             builder.ExportOutput(position.GetOutputPort(name), name)

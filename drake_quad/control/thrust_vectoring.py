@@ -3,8 +3,10 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
+from pydrake.systems.framework import Diagram
+
 from drake_quad.elementary import Row, arcsin, arctan, cos, maximum, minimum, sin, sqrt
-from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system, split_output
 
 # Keeps 0 / 0 away where neither a horizontal force is commanded nor one is allowed.
 _TINY = 1e-100
@@ -24,28 +26,33 @@ class ThrustLimits(NamedTuple):
     max_thrust: Row
 
 
+def in_heading(vector: Sequence[Row], sin_yaw: Row, cos_yaw: Row) -> tuple[Row, Row, Row]:
+    """Turns a vector in W by minus the yaw: its parts forward, left (both level) and up."""
+    x, y, z = vector
+    return x * cos_yaw + y * sin_yaw, y * cos_yaw - x * sin_yaw, z
+
+
 def specific_thrust(
-    acceleration: Sequence[Row], yaw: Row, *, mass: Row, gravity: Row, limits: ThrustLimits
+    acceleration: Sequence[Row], *, mass: Row, gravity: Row, limits: ThrustLimits
 ) -> tuple[Row, Row, Row]:
-    """Returns the commanded thrust over mass (m/s²): its parts forward, left (both level) and up.
+    """Returns the commanded thrust over mass (m/s²) within limits.
 
     The vertical part is limited first; then the horizontal part is shortened, in its direction, to what the slope
     and the remaining thrust allow.
 
     Args:
-        acceleration: commanded, 3 rows in W, m/s².
-        yaw: measured, rad.
+        acceleration: commanded, forward, left and up, m/s².
         mass: kg.
         gravity: m/s².
         limits: of thrust and tilt.
     """
-    u_x, u_y, u_z = acceleration
+    forward, left, u_z = acceleration
     low, high = limits.min_thrust / mass, limits.max_thrust / mass
     up = minimum(maximum(u_z + gravity, low), high)
-    reach = minimum(up * up * limits.slope * limits.slope, high * high - up * up)
-    share = sqrt(reach / maximum(u_x * u_x + u_y * u_y, maximum(reach, _TINY)))
-    sin_yaw, cos_yaw = sin(yaw), cos(yaw)
-    return share * (u_x * cos_yaw + u_y * sin_yaw), share * (u_y * cos_yaw - u_x * sin_yaw), up
+    up_squared = up * up
+    reach = minimum(up_squared * limits.slope * limits.slope, high * high - up_squared)
+    share = sqrt(reach / maximum(forward * forward + left * left, maximum(reach, _TINY)))
+    return share * forward, share * left, up
 
 
 def thrust_and_tilt(forward: Row, left: Row, up: Row) -> tuple[Row, Row, Row]:
@@ -54,22 +61,18 @@ def thrust_and_tilt(forward: Row, left: Row, up: Row) -> tuple[Row, Row, Row]:
     return thrust, arcsin(-left / thrust), arctan(forward / up)
 
 
-def tilt_rates(
-    force: Sequence[Row], jerk: Sequence[Row], yaw: Row, yaw_rate: Row
-) -> tuple[Row, Row]:
+def tilt_rates(force: Sequence[Row], jerk: Sequence[Row], yaw_rate: Row) -> tuple[Row, Row]:
     """The time derivative of roll and pitch in eq (7), rad/s.
 
     Args:
-        force: specific thrust forward, left, up, m/s².
-        jerk: rate of the commanded acceleration, 3 rows in W, m/s³.
-        yaw: rad.
-        yaw_rate: rad/s.
+        force: specific thrust forward, left and up, m/s².
+        jerk: rate of the commanded acceleration, its parts forward, left and up, m/s³.
+        yaw_rate: at which the heading turns, rad/s.
     """
     forward, left, up = force
-    j_x, j_y, up_rate = jerk
-    sin_yaw, cos_yaw = sin(yaw), cos(yaw)
-    forward_rate = j_x * cos_yaw + j_y * sin_yaw + yaw_rate * left
-    left_rate = j_y * cos_yaw - j_x * sin_yaw - yaw_rate * forward
+    forward_rate = jerk[0] + yaw_rate * left
+    left_rate = jerk[1] - yaw_rate * forward
+    up_rate = jerk[2]
     sagittal = forward * forward + up * up
     along = forward * forward_rate + up * up_rate
     roll_rate = (left * along - left_rate * sagittal) / (sqrt(sagittal) * (sagittal + left * left))
@@ -77,12 +80,12 @@ def tilt_rates(
 
 
 @fleet_system(float, AutoDiffXd)
-class ThrustVectoring(FleetSystem):
-    """Thrust and attitude for a commanded acceleration, eq (7).
+class ThrustVectoringLaw(FleetSystem):
+    """The memoryless law inside `build_thrust_vectoring`.
 
     .. pydrake_system::
 
-        name: ThrustVectoring
+        name: ThrustVectoringLaw
         input_ports:
         - acceleration_command
         - measurement
@@ -91,12 +94,8 @@ class ThrustVectoring(FleetSystem):
         output_ports:
         - thrust_and_attitude
 
-    `acceleration_command` (3 rows, m/s²) is turned by minus the measured yaw in `measurement` (12), so that eq (7),
-    written for zero yaw, holds at any. `thrust_and_attitude` has 7 rows: F_z (N); φ_r, θ_r, ψ_r (rad); their rates
-    (rad/s). Yaw and its rate are those of `reference` (11). The rates of roll and pitch are those of eq (7) under
-    `reference_jerk` (3, m/s³); not connected they are zero.
-
-    One numeric parameter of the context: mass, gravity and the three rows of the limits.
+    The output has 7 rows: F_z; φ_r, θ_r, ψ_r; their rates. One numeric parameter of the context: mass, gravity and
+    the three rows of the limits.
 
     Args:
         num_vehicles: N.
@@ -120,8 +119,42 @@ class ThrustVectoring(FleetSystem):
         yaw = self.input_rows(context, self._measurement)[5]
         yaw_reference, yaw_rate = self.input_rows(context, self._reference)[9:11]
         command = self.input_rows(context, self._command)
-        force = specific_thrust(command, yaw, mass=mass, gravity=gravity, limits=ThrustLimits(*limits))
+        jerk = self.optional_input_rows(context, self._jerk, default=None)
+        sin_yaw, cos_yaw = sin(yaw), cos(yaw)
+        force = specific_thrust(
+            in_heading(command, sin_yaw, cos_yaw), mass=mass, gravity=gravity, limits=ThrustLimits(*limits)
+        )
         thrust, roll, pitch = thrust_and_tilt(*force)
-        jerk = self.EvalVectorInput(context, self._jerk.get_index())
-        rates = (0.0, 0.0) if jerk is None else tilt_rates(force, self.rows(self.values(jerk)), yaw, yaw_rate)
+        rates = (0.0, 0.0) if jerk is None else tilt_rates(force, in_heading(jerk, sin_yaw, cos_yaw), yaw_rate)
         self.write(output, [mass * thrust, roll, pitch, yaw_reference, *rates, yaw_rate])
+
+
+def build_thrust_vectoring(*, num_vehicles: int = 1, mass: Row, gravity: Row, limits: ThrustLimits) -> Diagram:
+    """Builds the diagram that turns a commanded acceleration into thrust and attitude, eq (7).
+
+    .. pydrake_system::
+
+        name: thrust_vectoring
+        input_ports:
+        - acceleration_command
+        - measurement
+        - reference
+        - reference_jerk
+        output_ports:
+        - thrust
+        - attitude_command
+        - attitude_rate_command
+
+    `acceleration_command` (3 rows, m/s²) is turned by minus the measured yaw in `measurement` (12), so that eq (7),
+    written for zero yaw, holds at any. `thrust` is F_z (N); `attitude_command` φ_r, θ_r, ψ_r (rad);
+    `attitude_rate_command` their rates (rad/s). Yaw and its rate are those of `reference` (11); the rates of roll
+    and pitch are those of eq (7) under `reference_jerk` (3, m/s³), or zero if it is not connected.
+
+    Args:
+        num_vehicles: N.
+        mass: believed, kg.
+        gravity: m/s².
+        limits: of thrust and tilt.
+    """
+    law = ThrustVectoringLaw(num_vehicles=num_vehicles, mass=mass, gravity=gravity, limits=limits)
+    return split_output(law, {"thrust": 1, "attitude_command": 3, "attitude_rate_command": 3})

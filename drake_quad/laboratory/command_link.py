@@ -25,7 +25,7 @@ class CommandLink(FleetSystem):
         sampled         u₀         u₁         u₂
         1 tick of delay initial    u₀         u₁
 
-    The only discrete-state group holds the wrenches under way, 4 rows each, the oldest first.
+    Discrete-state groups, 4 rows each: 0 the wrench that is out, then those under way, the next one first.
 
     Args:
         num_vehicles: N.
@@ -44,18 +44,14 @@ class CommandLink(FleetSystem):
     ) -> None:
         """Declares the system; see the class for the arguments."""
         self._wrench = self.input("wrench", 4)
-        self._under_way = self.discrete_state([*initial] * (delay_ticks + 1))
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._send)
-        self.output("wrench", 4, self._calc_wrench, uses={self.discrete_state_ticket(self._under_way)})
+        self._arrived = self.discrete_state(initial)
+        self._under_way = [self.discrete_state(initial) for _ in range(delay_ticks)]
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._tick)
+        self.DeclareStateOutputPort("wrench", self._arrived)
 
-    def _send(self, context: Any, discrete_state: Any) -> None:
-        size = 4 * self.num_vehicles
-        queue = discrete_state.get_mutable_vector(self._under_way)
-        values = queue.CopyToVector()
-        values[:-size] = values[size:]
-        values[-size:] = self._wrench.Eval(context)
-        queue.SetFromVector(values)
-
-    def _calc_wrench(self, context: Any, output: Any) -> None:
-        oldest = self.values(context.get_discrete_state(self._under_way))[: 4 * self.num_vehicles]
-        output.SetFromVector(oldest)
+    def _tick(self, context: Any, discrete_state: Any) -> None:
+        place = self._arrived
+        for behind in self._under_way:
+            self.copy(discrete_state.get_mutable_vector(place), context.get_discrete_state(behind))
+            place = behind
+        self.copy(discrete_state.get_mutable_vector(place), self.EvalVectorInput(context, self._wrench))

@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from drake_quad.elementary import Row, every, minimum, where
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.laboratory.metrics import NUM_SUMS, Metrics, add_tick, summarized
 
@@ -23,8 +24,8 @@ class CrashLimits(NamedTuple):
     height: float = -0.5
 
 
-# A wrench that the rotors can give comes back from the allocation to rounding, some 1e-15 N or N m.
-_SATURATED = 1e-9
+# Rows of inputs that are not connected.
+_NO_COMMAND, _NO_SHORTFALL = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -38,7 +39,6 @@ class FlightMonitor(FleetSystem):
         - state
         - reference
         - acceleration_command
-        - wrench
         - shortfall
         output_ports:
         - crashed
@@ -46,7 +46,7 @@ class FlightMonitor(FleetSystem):
 
     At every tick of the control it compares the true position in `state` (12 rows) with that in `reference` (11) and
     adds to the sums of `drake_quad.laboratory.metrics`. A vehicle has crashed when it is beyond a limit or when the
-    commanded `wrench` (4) is not finite: `crashed` (1) is then 1 instead of 0, and `crash_time` (1) is that tick (s)
+    commanded acceleration is not finite: `crashed` (1) is then 1 instead of 0, and `crash_time` (1) is that tick (s)
     instead of infinity. The tick of a crash no longer counts. `acceleration_command` (3) is what the control effort
     is made of and `shortfall` (4) what saturation is; not connected they count as zero.
 
@@ -72,7 +72,6 @@ class FlightMonitor(FleetSystem):
         self._state = self.input("state", 12)
         self._reference = self.input("reference", 11)
         self._command = self.input("acceleration_command", 3)
-        self._wrench = self.input("wrench", 4)
         self._shortfall = self.input("shortfall", 4)
         self._crashed = self.discrete_state([0.0])
         self._crash_time = self.discrete_state([math.inf])
@@ -84,55 +83,46 @@ class FlightMonitor(FleetSystem):
     def metrics(self, context: Any) -> Metrics:
         """The metrics so far, (N,) arrays; those of what is not connected are NaN."""
         sums = context.get_discrete_state(self._sums).CopyToVector().reshape(NUM_SUMS, self.num_vehicles)
-        if not self._command.HasValue(context):
-            sums[5:11] = np.nan
-        if not self._shortfall.HasValue(context):
-            sums[14] = np.nan
+        if not self.get_input_port(self._command).HasValue(context):
+            sums[6:12] = np.nan
+        if not self.get_input_port(self._shortfall).HasValue(context):
+            sums[2] = np.nan
         return summarized(sums, context.get_discrete_state(self._crash_time).CopyToVector(), self._period)
 
     def _watch(self, context: Any, discrete_state: Any) -> None:
         state = self.input_rows(context, self._state)
         reference = self.input_rows(context, self._reference)
-        error = [wanted - actual for wanted, actual in zip(reference[:3], state[:3], strict=True)]
-        flying = self._flying(state, error, self.input_rows(context, self._wrench))
-
+        command = self.optional_input_rows(context, self._command, default=_NO_COMMAND)
+        error = [reference[0] - state[0], reference[1] - state[1], reference[2] - state[2]]
+        (crash_time,) = self.state_rows(context, self._crash_time)
+        within = self._within_limits(state, error, command)
+        flying = within & (crash_time == math.inf)
         time = context.get_time()
-        crashed = discrete_state.get_mutable_vector(self._crashed)
-        before = self.values(crashed) != 0.0
-        if not flying.all():
-            crash_time = discrete_state.get_mutable_vector(self._crash_time)
-            times = np.where(before | flying, self.values(crash_time), time)
-            crash_time.SetFromVector(times)
-            crashed.SetFromVector(np.where(before | ~flying, 1.0, 0.0))
-        counts = flying & ~before
-        if counts.any() and self._window[0] <= time <= self._window[1]:
-            self._count(context, discrete_state.get_mutable_vector(self._sums), error, counts)
+        if not every(flying):
+            crash_time = where(flying, crash_time, minimum(crash_time, time))
+            self.write(discrete_state.get_mutable_vector(self._crash_time), [crash_time])
+            self.write(discrete_state.get_mutable_vector(self._crashed), [where(flying, 0.0, 1.0)])
+        if self._window[0] <= time <= self._window[1]:
+            self._count(context, discrete_state.get_mutable_vector(self._sums), error, command, flying)
 
-    def _flying(self, state: Any, error: Any, wrench: Any) -> np.ndarray:
-        """The (N,) mask of the vehicles within all limits; NaN is beyond any."""
-        roll, pitch = state[3], state[4]
-        distance = error[0] * error[0] + error[1] * error[1] + error[2] * error[2]
-        total = wrench[0] + wrench[1] + wrench[2] + wrench[3]
+    def _within_limits(self, state: Any, error: Any, command: Any) -> Row:
+        """Mask of the vehicles within all limits; NaN is beyond any."""
         tilt, reach, height = self._limits
-        flying = (
-            (abs(roll) <= tilt)
-            & (abs(pitch) <= tilt)
+        distance = error[0] * error[0] + error[1] * error[1] + error[2] * error[2]
+        total = command[0] + command[1] + command[2]
+        return (
+            (abs(state[3]) <= tilt)
+            & (abs(state[4]) <= tilt)
             & (distance <= reach * reach)
             & (state[2] >= height)
             & (total - total == 0.0)
         )
-        return np.atleast_1d(np.asarray(flying, dtype=bool))
 
-    def _count(self, context: Any, vector: Any, error: Any, counts: np.ndarray) -> None:
-        command = self._optional(context, self._command, 3)
-        shortfall = self._optional(context, self._shortfall, 4)
-        saturated = sum(abs(row) for row in shortfall) > _SATURATED
-        old = self.rows(self.values(vector))
-        new = add_tick(old, error, command, saturated * 1.0)
-        if not counts.all():
-            new = [np.where(counts, after, before) for before, after in zip(old, new, strict=True)]
-        self.write(vector, new)
-
-    def _optional(self, context: Any, port: Any, rows: int) -> Any:
-        value = self.EvalVectorInput(context, port.get_index())
-        return [0.0] * rows if value is None else self.rows(self.values(value))
+    def _count(self, context: Any, vector: Any, error: Any, command: Any, flying: Row) -> None:
+        lost = self.optional_input_rows(context, self._shortfall, default=_NO_SHORTFALL)
+        saturated = (lost[0] != 0.0) | (lost[1] != 0.0) | (lost[2] != 0.0) | (lost[3] != 0.0)
+        before = self.rows(vector)
+        after = add_tick(before, error, command, where(saturated, 1.0, 0.0))
+        if not every(flying):
+            after = [where(flying, new, old) for new, old in zip(after, before, strict=True)]
+        self.write(vector, after)

@@ -21,7 +21,7 @@ import numpy as np
 from drake_quad.elementary import Row, maximum, minimum
 
 
-# Rows of the sums: ticks, Σ e² (3), max |e|², Σ u² (3), Σ |Δu| (3), the last u (3), saturated ticks.
+# Rows of the sums: ticks, max |e|², saturated ticks, Σ e² (3), Σ u² (3), Σ |Δu| (3), the last u (3).
 NUM_SUMS = 15
 
 
@@ -67,19 +67,26 @@ def add_tick(sums: Sequence[Row], error: Sequence[Row], command: Sequence[Row], 
         command: commanded acceleration, 3 rows, m/s².
         saturated: 1 where the rotors cannot give the commanded wrench, else 0.
     """
-    ticks, *rest = sums
-    squared_error, peak, squared_command = rest[:3], rest[3], rest[4:7]
-    variation, last_command, saturated_ticks = rest[7:10], rest[10:13], rest[13]
+    ticks, peak, saturated_ticks, ee_x, ee_y, ee_z, uu_x, uu_y, uu_z, du_x, du_y, du_z, last_x, last_y, last_z = sums
+    e_x, e_y, e_z = error[0] * error[0], error[1] * error[1], error[2] * error[2]
+    u_x, u_y, u_z = command
     started = minimum(ticks, 1.0)
-    squares = [e * e for e in error]
     return [
         ticks + 1.0,
-        *[total + square for total, square in zip(squared_error, squares, strict=True)],
-        maximum(peak, squares[0] + squares[1] + squares[2]),
-        *[total + u * u for total, u in zip(squared_command, command, strict=True)],
-        *[total + started * abs(u - last) for total, u, last in zip(variation, command, last_command, strict=True)],
-        *command,
+        maximum(peak, e_x + e_y + e_z),
         saturated_ticks + saturated,
+        ee_x + e_x,
+        ee_y + e_y,
+        ee_z + e_z,
+        uu_x + u_x * u_x,
+        uu_y + u_y * u_y,
+        uu_z + u_z * u_z,
+        du_x + started * abs(u_x - last_x),
+        du_y + started * abs(u_y - last_y),
+        du_z + started * abs(u_z - last_z),
+        u_x,
+        u_y,
+        u_z,
     ]
 
 
@@ -94,11 +101,11 @@ def summarized(sums: np.ndarray, crash_time: np.ndarray, period: float) -> Metri
     ticks = np.where(sums[0] > 0.0, sums[0], np.nan)
     steps = np.where(sums[0] > 1.0, sums[0] - 1.0, np.nan)
     return Metrics(
-        np.sqrt(sums[1:4].sum(axis=0) / ticks),
-        *np.sqrt(sums[1:4] / ticks),
-        np.sqrt(np.where(sums[0] > 0.0, sums[4], np.nan)),
-        *(sums[5:8] / ticks),
-        *(sums[8:11] / (steps * period)),
-        sums[14] / ticks,
+        np.sqrt(sums[3:6].sum(axis=0) / ticks),
+        *np.sqrt(sums[3:6] / ticks),
+        np.sqrt(np.where(sums[0] > 0.0, sums[1], np.nan)),
+        *(sums[6:9] / ticks),
+        *(sums[9:12] / (steps * period)),
+        sums[2] / ticks,
         crash_time,
     )

@@ -40,4 +40,4 @@ class MotionCapture(FleetSystem):
         self.DeclareStateOutputPort("measurement", self._frame)
 
     def _take_frame(self, context: Any, discrete_state: Any) -> None:
-        discrete_state.get_mutable_vector(self._frame).SetFromVector(self._state.Eval(context))
+        self.copy(discrete_state.get_mutable_vector(self._frame), self.EvalVectorInput(context, self._state))

@@ -1,8 +1,8 @@
 """A plan: a route with times, as the trajectory that the controllers follow."""
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -51,29 +51,42 @@ class Plan:
         """The (3, 1) trajectory of the position's derivative of that order, in m and s."""
         return to_piecewise_polynomial(path_derivative(self.path, order))
 
-    @cached_property
     def reference(self) -> PiecewisePolynomial:
-        """The (11, 1) trajectory of the `reference` port: position, velocity, acceleration, yaw, yaw rate."""
-        parts = [path_derivative(self.path, order).coefficients for order in range(3)]
-        yaw = np.zeros((len(self.path.coefficients), 8, 2))
-        yaw[:, 0, 0] = self.yaw
-        return to_piecewise_polynomial(PolynomialPath(self.path.times, np.concatenate([*parts, yaw], axis=2)))
+        """The (14, 1) trajectory of what the reference shows.
+
+        Its rows are those of the `reference` port, position, velocity, acceleration, yaw and yaw rate, and then the
+        jerk.
+        """
+        position, velocity, acceleration, jerk = (_axes(path_derivative(self.path, order)) for order in range(4))
+        yaw, yaw_rate = (np.full((len(self.path.coefficients), 1), value) for value in (self.yaw, 0.0))
+        rows = [*position, *velocity, *acceleration, yaw, yaw_rate, *jerk]
+        return _piecewise_polynomial(self.path.times, rows)
 
 
 def path_derivative(path: PolynomialPath, order: int) -> PolynomialPath:
-    """Returns the path's derivative in time, with as many powers as the path."""
-    powers = path.coefficients.shape[1]
-    falling = np.array([math.perm(k, order) for k in range(powers)], dtype=float)
-    coefficients = np.zeros_like(path.coefficients)
-    coefficients[:, : powers - order] = (path.coefficients * falling[:, np.newaxis])[:, order:]
-    return PolynomialPath(path.times, coefficients * (path.durations**-order)[:, np.newaxis, np.newaxis])
+    """Returns the path's derivative in time, of a degree lower by the order."""
+    powers = np.arange(path.coefficients.shape[1])
+    falling = np.array([math.perm(k, order) for k in powers], dtype=float)[order:]
+    scale = falling * path.durations[:, np.newaxis] ** -order
+    return PolynomialPath(path.times, path.coefficients[:, order:] * scale[:, :, np.newaxis])
 
 
 def to_piecewise_polynomial(path: PolynomialPath) -> PiecewisePolynomial:
     """Returns the path as Drake's (axes, 1) trajectory."""
-    segments, powers, axes = path.coefficients.shape
-    in_seconds = path.coefficients * path.durations[:, np.newaxis, np.newaxis] ** -np.arange(powers)[:, np.newaxis]
-    columns = np.ascontiguousarray(in_seconds.transpose(0, 2, 1)).reshape(-1, powers)
-    polynomials = np.empty(segments * axes, dtype=object)
-    polynomials[:] = [Polynomial(column) for column in columns]
-    return PiecewisePolynomial(list(polynomials.reshape(segments, axes, 1)), path.times)
+    return _piecewise_polynomial(path.times, _axes(path))
+
+
+def _axes(path: PolynomialPath) -> np.ndarray:
+    """(axes, segments, powers) the coefficients."""
+    return path.coefficients.transpose(2, 0, 1)
+
+
+def _piecewise_polynomial(times: np.ndarray, rows: Sequence[np.ndarray]) -> PiecewisePolynomial:
+    """Returns Drake's (rows, 1) trajectory from (segments, powers) coefficients of each row in unit time."""
+    durations = np.diff(times)[:, np.newaxis]
+    segments = len(durations)
+    matrix = np.empty((segments, len(rows), 1), dtype=object)
+    for i, coefficients in enumerate(rows):
+        in_seconds = coefficients * durations ** -np.arange(coefficients.shape[1])
+        matrix[:, i, 0] = [Polynomial(row) for row in in_seconds]
+    return PiecewisePolynomial(list(matrix), times)

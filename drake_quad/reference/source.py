@@ -2,9 +2,8 @@
 
 from typing import Any
 
-import numpy as np
 from pydrake.systems.framework import BasicVector_, Diagram, DiagramBuilder
-from pydrake.systems.primitives import TrajectorySource
+from pydrake.systems.primitives import Demultiplexer, TrajectorySource
 
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.reference.plan import Plan
@@ -29,11 +28,11 @@ class SameForAll(FleetSystem):
 
     def declare(self, *, num_vehicles: int = 1, num_rows: int = 1) -> None:
         """Declares the system; see the class for the arguments."""
-        self._one = self.DeclareVectorInputPort("one", BasicVector_[self.scalar](num_rows))
+        self._one = self.DeclareVectorInputPort("one", BasicVector_[self.scalar](num_rows)).get_index()
         self.output("all", num_rows, self._calc, uses={self.all_input_ports_ticket()})
 
     def _calc(self, context: Any, output: Any) -> None:
-        output.SetFromVector(np.repeat(self._one.Eval(context), self.num_vehicles))
+        self.write(output, self.values(self.EvalVectorInput(context, self._one)))
 
 
 def build_reference(plan: Plan, *, num_vehicles: int = 1) -> Diagram:
@@ -54,11 +53,14 @@ def build_reference(plan: Plan, *, num_vehicles: int = 1) -> Diagram:
         num_vehicles: N.
     """
     builder = DiagramBuilder()
-    for name, trajectory in (("reference", plan.reference), ("reference_jerk", plan.derivative(3))):
-        source = builder.AddNamedSystem(f"{name}_trajectory", TrajectorySource(trajectory))
-        output = source.get_output_port()
+    source = builder.AddNamedSystem("trajectory", TrajectorySource(plan.reference()))
+    names = {"reference": 11, "reference_jerk": 3}
+    parts = builder.AddNamedSystem("parts", Demultiplexer(list(names.values())))
+    builder.Connect(source.get_output_port(), parts.get_input_port())
+    for i, (name, num_rows) in enumerate(names.items()):
+        output = parts.get_output_port(i)
         if num_vehicles > 1:
-            fleet = builder.AddNamedSystem(name, SameForAll(num_vehicles=num_vehicles, num_rows=trajectory.rows()))
+            fleet = builder.AddNamedSystem(name, SameForAll(num_vehicles=num_vehicles, num_rows=num_rows))
             builder.Connect(output, fleet.GetInputPort("one"))
             output = fleet.GetOutputPort("all")
         builder.ExportOutput(output, name)

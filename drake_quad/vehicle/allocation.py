@@ -1,54 +1,128 @@
 """From a commanded wrench to rotor speeds: the inverse of eq (5) within the rotors' limits."""
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
+
+from pydrake.systems.framework import Diagram
 
 from drake_quad.elementary import Row, maximum, minimum, sqrt
-from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.vehicle.dynamics import rotor_wrench
+from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system, split_output
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # Keeps 0 / 0 away where there is neither room nor demand; no squared rotor speed is as small.
 _TINY = 1e-100
 
 
-def allocate(wrench: Sequence[Row], parameters: QuadrotorParameters) -> list[Row]:
-    """Returns the rotor speeds (rad/s) for a wrench, or for the part of it that the rotors can give.
+class RotorModel(NamedTuple):
+    """What the autopilot believes of the rotors, all four alike.
 
-    Where they cannot give all, yaw torque is given up first, then roll and pitch torque, in equal shares, and
-    thrust last: each is scaled down to what the rotor with the least room leaves.
+    Attributes:
+        thrust_factor: b, N s².
+        drag_factor: d, N m s².
+        arm_length: l, m.
+        min_speed: rad/s.
+        max_speed: rad/s.
+    """
+
+    thrust_factor: Row
+    drag_factor: Row
+    arm_length: Row
+    min_speed: Row
+    max_speed: Row
+
+    @classmethod
+    def of(cls, parameters: QuadrotorParameters) -> "RotorModel":
+        """The model of a vehicle, with the mean of its thrust factors."""
+        return cls(
+            sum(parameters.thrust_factor) / 4.0,
+            parameters.drag_factor,
+            parameters.arm_length,
+            parameters.min_rotor_speed,
+            parameters.max_rotor_speed,
+        )
+
+
+def allocate(wrench: Sequence[Row], rotors: RotorModel) -> tuple[list[Row], list[Row]]:
+    """Returns the rotor speeds for a wrench, or for the part of it that the rotors can give, and what is given up.
+
+    Where they cannot give all, yaw torque is given up first, then roll and pitch torque in equal shares, and thrust
+    last: each is cut to what the rotor with the least room leaves.
 
     Args:
         wrench: F_z (N), τ_x, τ_y, τ_z (N m).
-        parameters: the four thrust factors count with their mean.
+        rotors: as believed.
+
+    Returns:
+        Four rotor speeds (rad/s), and the four parts of the wrench that are given up (N, N m): exactly zero where
+        nothing is.
     """
     thrust, tau_x, tau_y, tau_z = wrench
-    b, d = sum(parameters.thrust_factor) / 4.0, parameters.drag_factor
-    low, high = parameters.min_rotor_speed * parameters.min_rotor_speed, parameters.max_rotor_speed * parameters.max_rotor_speed
-    lever = 2.0 * parameters.arm_length * b
+    b, d, length, min_speed, max_speed = rotors
+    low, high = min_speed * min_speed, max_speed * max_speed
+    lever = 2.0 * length * b
 
-    level = minimum(maximum(thrust / (4.0 * b), low), high)
+    wanted = thrust / (4.0 * b)
+    level = minimum(maximum(wanted, low), high)
     roll, pitch, yaw = tau_x / lever, tau_y / lever, tau_z / (4.0 * d)
-    room = minimum(high - level, level - low)
+    above, below = high - level, level - low
+    room = minimum(above, below)
     share = room / maximum(maximum(abs(roll), abs(pitch)), maximum(room, _TINY))
     roll, pitch = share * roll, share * pitch
 
-    # Rotors 1 and 3 speed up for a positive yaw torque and carry the pitch torque; 2 and 4 slow down and carry roll.
-    faster, slower = abs(pitch), abs(roll)
-    room_up = minimum(high - level - faster, level - low - slower)
-    room_down = minimum(level - low - faster, high - level - slower)
-    yaw = minimum(maximum(yaw, -maximum(room_down, 0.0)), maximum(room_up, 0.0))
-    squares = level - pitch + yaw, level - roll - yaw, level + pitch + yaw, level + roll - yaw
-    return [sqrt(square) for square in squares]
+    # Rotors 1 and 3 carry the pitch torque and speed up for a positive yaw torque; 2 and 4 carry roll and slow down.
+    along, across = abs(pitch), abs(roll)
+    most = maximum(minimum(above - along, below - across), 0.0)
+    least = -maximum(minimum(below - along, above - across), 0.0)
+    turn = minimum(maximum(yaw, least), most)
+    speeds = [
+        sqrt(level - pitch + turn),
+        sqrt(level - roll - turn),
+        sqrt(level + pitch + turn),
+        sqrt(level + roll - turn),
+    ]
+    given_up = 1.0 - share
+    return speeds, [4.0 * b * (wanted - level), given_up * tau_x, given_up * tau_y, 4.0 * d * (yaw - turn)]
 
 
 @fleet_system(float, AutoDiffXd)
-class Allocation(FleetSystem):
-    """Rotor speeds for a commanded wrench, on board the vehicle.
+class AllocationLaw(FleetSystem):
+    """The memoryless law inside `build_allocation`.
 
     .. pydrake_system::
 
-        name: Allocation
+        name: AllocationLaw
+        input_ports:
+        - wrench
+        output_ports:
+        - rotor_speed_and_shortfall
+
+    The output's 8 rows are the two that `allocate` returns. The model of the rotors is one numeric parameter of the
+    context, the five rows of `RotorModel`.
+
+    Args:
+        num_vehicles: N.
+        rotors: what the autopilot believes of them.
+    """
+
+    def declare(self, *, num_vehicles: int = 1, rotors: RotorModel = RotorModel.of(QuadrotorParameters())) -> None:
+        """Declares the system; see the class for the arguments."""
+        self._rotors = self.numeric_parameter(rotors)
+        self._wrench = self.input("wrench", 4)
+        uses = [self.all_input_ports_ticket(), self.all_parameters_ticket()]
+        self.output("rotor_speed_and_shortfall", 8, self._calc, uses=uses)
+
+    def _calc(self, context: Any, output: Any) -> None:
+        rotors = RotorModel(*self.parameter_rows(context, self._rotors))
+        rotor_speed, shortfall = allocate(self.input_rows(context, self._wrench), rotors)
+        self.write(output, rotor_speed + shortfall)
+
+
+def build_allocation(*, num_vehicles: int = 1, rotors: RotorModel = RotorModel.of(QuadrotorParameters())) -> Diagram:
+    """Builds the diagram that turns a commanded wrench into rotor speeds, on board the vehicle.
+
+    .. pydrake_system::
+
+        name: allocation
         input_ports:
         - wrench
         output_ports:
@@ -56,32 +130,11 @@ class Allocation(FleetSystem):
         - shortfall
 
     `rotor_speed_command` (4 rows, rad/s) inverts eq (5) for `wrench` (4 rows: F_z in N; τ_x, τ_y, τ_z in N m) within
-    the rotors' limits (see `allocate`). `shortfall` (4 rows) is what was given up: the commanded wrench minus the
-    one that these rotor speeds make, zero to rounding when the rotors are within their limits.
+    the rotors' limits; `shortfall` (4 rows) is what was given up of the wrench for that.
 
     Args:
         num_vehicles: N.
-        parameters: what the autopilot believes of the vehicle; a numeric parameter of the context.
+        rotors: what the autopilot believes of them.
     """
-
-    def declare(
-        self, *, num_vehicles: int = 1, parameters: QuadrotorParameters = QuadrotorParameters()
-    ) -> None:
-        """Declares the system; see the class for the arguments."""
-        self._parameters = self.numeric_parameter(parameters.to_rows())
-        self._wrench = self.input("wrench", 4)
-        uses = [self._wrench.ticket(), self.all_parameters_ticket()]
-        self._command = self.output("rotor_speed_command", 4, self._calc_command, uses=uses)
-        self.output("shortfall", 4, self._calc_shortfall, uses=uses)
-
-    def _calc_command(self, context: Any, output: Any) -> None:
-        self.write(output, allocate(self.input_rows(context, self._wrench), self._beliefs(context)))
-
-    def _calc_shortfall(self, context: Any, output: Any) -> None:
-        rotor_speed = self.rows(self._command.Eval(context))
-        delivered = rotor_wrench(rotor_speed, self._beliefs(context))
-        commanded = self.input_rows(context, self._wrench)
-        self.write(output, [wanted - given for wanted, given in zip(commanded, delivered, strict=True)])
-
-    def _beliefs(self, context: Any) -> QuadrotorParameters:
-        return QuadrotorParameters.from_rows(self.parameter_rows(context, self._parameters))
+    law = AllocationLaw(num_vehicles=num_vehicles, rotors=rotors)
+    return split_output(law, {"rotor_speed_command": 4, "shortfall": 4})

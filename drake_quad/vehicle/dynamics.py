@@ -33,7 +33,7 @@ def rotor_wrench(rotor_speed: Sequence[Row], parameters: QuadrotorParameters) ->
         rotor_speed: ω₁ to ω₄, rad/s.
         parameters: of the vehicle.
     """
-    w_1, w_2, w_3, w_4 = (speed * speed for speed in rotor_speed)
+    w_1, w_2, w_3, w_4 = [speed * speed for speed in rotor_speed]
     b_1, b_2, b_3, b_4 = parameters.thrust_factor
     f_1, f_2, f_3, f_4 = b_1 * w_1, b_2 * w_2, b_3 * w_3, b_4 * w_4
     length = parameters.arm_length
@@ -53,7 +53,7 @@ def drag(velocity: Sequence[Row], wind: Sequence[Row], parameters: QuadrotorPara
         wind: velocity of the air in W, m/s.
         parameters: c₁ is `linear_drag`, c₂ `quadratic_drag`.
     """
-    x, y, z = (air - own for air, own in zip(wind, velocity, strict=True))
+    x, y, z = wind[0] - velocity[0], wind[1] - velocity[1], wind[2] - velocity[2]
     factor = parameters.linear_drag + parameters.quadratic_drag * sqrt(x * x + y * y + z * z + _TINY)
     return factor * x, factor * y, factor * z
 
@@ -115,8 +115,8 @@ def rigid_body_derivative(
         parameters: of the vehicle.
         kinematics: `rigid_kinematics` or `small_angle_kinematics`.
     """
-    _, _, _, roll, pitch, yaw, v_x, v_y, v_z, p, q, r = state
-    thrust, *torque = wrench
+    roll, pitch, yaw, v_x, v_y, v_z, p, q, r = state[3:]
+    thrust, tau_x, tau_y, tau_z = wrench
     sin_roll, cos_roll, sin_pitch, cos_pitch = sin(roll), cos(roll), sin(pitch), cos(pitch)
     sin_yaw, cos_yaw = sin(yaw), cos(yaw)
     forward = sin_pitch * cos_roll
@@ -130,7 +130,7 @@ def rigid_body_derivative(
         ((sin_yaw * sin_roll + cos_yaw * forward) * thrust + drag_x) / mass,
         ((sin_yaw * forward - cos_yaw * sin_roll) * thrust + drag_y) / mass,
         (cos_pitch * cos_roll * thrust + drag_z) / mass - parameters.gravity,
-        *angular_acceleration((p, q, r), torque, rotor_residual, parameters),
+        *angular_acceleration((p, q, r), (tau_x, tau_y, tau_z), rotor_residual, parameters),
     ]
 
 
@@ -140,18 +140,9 @@ def rotor_residual(rotor_speed: Sequence[Row]) -> Row:
     return w_2 + w_4 - w_1 - w_3
 
 
-def limited_rotor_speed(rotor_speed: Sequence[Row], parameters: QuadrotorParameters) -> list[Row]:
-    """The rotor speeds (rad/s), each clipped to what the rotor can do."""
-    low, high = parameters.min_rotor_speed, parameters.max_rotor_speed
-    return [minimum(maximum(speed, low), high) for speed in rotor_speed]
-
-
-def rotor_acceleration(
-    rotor_speed: Sequence[Row], command: Sequence[Row], parameters: QuadrotorParameters
-) -> list[Row]:
-    """Rates of ω₁ to ω₄ (rad/s²): a first-order lag behind a command within the rotors' limits (rad/s)."""
-    lag = parameters.rotor_time_constant
-    return [(target - speed) / lag for target, speed in zip(command, rotor_speed, strict=True)]
+def limited_rotor_speed(speed: Row, low: Row, high: Row) -> Row:
+    """A rotor speed (rad/s) clipped to what the rotor can do; idle for a command that is not a number."""
+    return minimum(maximum(speed, low), high)
 
 
 def quadrotor_derivative(
@@ -172,8 +163,11 @@ def quadrotor_derivative(
     """
     rotor_speed = state[12:]
     wrench, residual = rotor_wrench(rotor_speed, parameters), rotor_residual(rotor_speed)
-    command = limited_rotor_speed(rotor_speed_command, parameters)
+    low, high, lag = parameters.min_rotor_speed, parameters.max_rotor_speed, parameters.rotor_time_constant
     return [
         *rigid_body_derivative(state[:12], wrench, residual, wind, parameters, kinematics),
-        *rotor_acceleration(rotor_speed, command, parameters),
+        *[
+            (limited_rotor_speed(command, low, high) - speed) / lag
+            for command, speed in zip(rotor_speed_command, rotor_speed, strict=True)
+        ],
     ]

@@ -45,14 +45,13 @@ class QuadrotorParameters(NamedTuple):
         """The parameters as 17 rows, in the order above."""
         rows: list[Row] = []
         for value in self:
-            rows.extend(value) if isinstance(value, tuple | list) else rows.append(value)
+            rows.extend(value) if isinstance(value, Sequence) else rows.append(value)
         return rows
 
     @classmethod
     def from_rows(cls, rows: Any) -> "QuadrotorParameters":
         """The inverse of `to_rows`."""
-        mass, i_xx, i_yy, i_zz, rotor_inertia, b_1, b_2, b_3, b_4, *rest = rows
-        return cls(mass, (i_xx, i_yy, i_zz), rotor_inertia, (b_1, b_2, b_3, b_4), *rest)
+        return cls._make((rows[0], rows[1:4], rows[4], rows[5:9], *rows[9:]))
 
     @property
     def hover_rotor_speed(self) -> Row:

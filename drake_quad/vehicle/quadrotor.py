@@ -13,6 +13,8 @@ from drake_quad.vehicle.stepping import quadrotor_step
 
 _KINEMATICS = {"exact": rigid_kinematics, "small_angle": small_angle_kinematics}
 
+_STILL_AIR = (0.0, 0.0, 0.0)
+
 
 @fleet_system(float, AutoDiffXd, Expression)
 class Quadrotor(FleetSystem):
@@ -116,9 +118,9 @@ class Quadrotor(FleetSystem):
         if self.time_step > 0.0:
             return
         slope = quadrotor_derivative(
-            self.rows(context.get_continuous_state_vector().CopyToVector()),
+            self._continuous_rows(context),
             self.input_rows(context, self._command),
-            self._wind_rows(context),
+            self.optional_input_rows(context, self._wind, default=_STILL_AIR),
             self.get_parameters(context),
             self._kinematics,
         )
@@ -133,37 +135,36 @@ class Quadrotor(FleetSystem):
             return
         groups = state.get_mutable_discrete_state()
         vectors = groups.get_mutable_vector(0), groups.get_mutable_vector(1)
-        rigid_body, rotor_speed = (self.matrix(self.values(vector)) for vector in vectors)
-        stepped = quadrotor_step(
-            rigid_body,
-            rotor_speed.tolist() if self.num_vehicles == 1 else rotor_speed,
+        before = [self.rows(vector) for vector in vectors]
+        after: Any = quadrotor_step(
+            *before,
             self.input_rows(context, self._command),
-            self._wind_rows(context),
+            self.optional_input_rows(context, self._wind, default=_STILL_AIR),
             self.get_parameters(context),
             self._kinematics,
             self.time_step,
         )
-        for vector, old, new in zip(vectors, (rigid_body, rotor_speed), stepped, strict=True):
+        for vector, old, new in zip(vectors, before, after, strict=True):
             rows = new if crashed is None else [np.where(crashed, a, b) for a, b in zip(old, new, strict=True)]
             self.write(vector, rows)
 
-    def _wind_rows(self, context: Any) -> Any:
-        wind = self.EvalVectorInput(context, self._wind.get_index())
-        return (0.0, 0.0, 0.0) if wind is None else self.rows(self.values(wind))
-
     def _crashed_vehicles(self, context: Any) -> np.ndarray | None:
         """The (N,) mask of the vehicles that have crashed, or None where there is none."""
-        flags = self.EvalVectorInput(context, self._crashed.get_index())
-        if flags is None:
+        vector = self.EvalVectorInput(context, self._crashed)
+        if vector is None or (self.num_vehicles == 1 and vector.GetAtIndex(0) == 0.0):
             return None
-        crashed: np.ndarray = self.values(flags) != 0.0
+        crashed: np.ndarray = self.values(vector) != 0.0
         return crashed if crashed.any() else None
 
+    def _continuous_rows(self, context: Any) -> Any:
+        values = context.get_continuous_state_vector().CopyToVector()
+        return values.tolist() if self.num_vehicles == 1 else values.reshape(-1, self.num_vehicles)
+
     def _calc_state(self, context: Any, output: Any) -> None:
-        self.write(output, self.rows(context.get_continuous_state_vector().CopyToVector())[:12])
+        self.write(output, self._continuous_rows(context)[:12])
 
     def _calc_rotor_speed(self, context: Any, output: Any) -> None:
-        self.write(output, self.rows(context.get_continuous_state_vector().CopyToVector())[12:])
+        self.write(output, self._continuous_rows(context)[12:])
 
 
 def _hover(parameters: QuadrotorParameters, position: Sequence[Row], yaw: Row) -> tuple[list[Row], list[Row]]:
