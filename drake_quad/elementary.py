@@ -13,6 +13,8 @@ from pydrake import symbolic
 
 # One number a vehicle: a float, AutoDiffXd or Expression for one vehicle, an array of them for a fleet.
 Row = Any
+# Several rows: a sequence of them for one vehicle, a (rows, N) array for a fleet.
+Rows = Any
 
 
 def sin(x: Row) -> Row:
@@ -64,7 +66,7 @@ def minimum(x: Row, y: Row) -> Row:
 
 
 def where(mask: Row, x: Row, y: Row) -> Row:
-    """x where the mask, of truth values, is true, else y. Not for Expression."""
+    """X where the mask, of truth values, is true, else y. Not for Expression."""
     return (x if mask else y) if isinstance(mask, bool | np.bool) else np.where(mask, x, y)
 
 

@@ -41,7 +41,7 @@ class FleetSystem(_Base):
     write: Callable[[Any, Iterable[Row]], None]
     copy: Callable[[Any, Any], None]
 
-    def declare(self, *, num_vehicles: int = 1) -> None:
+    def declare(self, *args: Any, **options: Any) -> None:
         """Declares ports, state, parameters and events."""
         raise NotImplementedError
 

@@ -1,14 +1,16 @@
 """The wiring: a scenario in, a named Diagram out.
 
-    reference ──▶ control ──▶ laboratory
-        │            ▲             │
-        │            └─measurement─┘
-        └──▶ monitor, recorder ◀── (all of them)
+reference ──▶ control ──▶ laboratory
+│            ▲             │
+│            └─measurement─┘
+└──▶ monitor, recorder ◀── (all of them)
 """
 
 import math
 from typing import Any
 
+import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.control.attitude import AttitudeController
@@ -22,7 +24,7 @@ from drake_quad.laboratory.laboratory import build_laboratory
 from drake_quad.laboratory.motion_capture import MotionCapture
 from drake_quad.laboratory.recorder import build_recorder
 from drake_quad.reference.feasibility import first_violation
-from drake_quad.reference.minimum_snap import PolynomialPath, minimum_snap
+from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.routes import Route, circle, figure_eight
 from drake_quad.reference.source import build_reference
@@ -128,10 +130,7 @@ def plan_route(scenario: Scenario) -> Plan:
         case HoverRoute():
             plan = Plan.hover(route.position, duration=route.duration, yaw=route.yaw)
         case WaypointRoute():
-            times = route.times
-            if times is None:
-                times = trapezoid_times(route.waypoints, speed=route.speed, acceleration=route.acceleration)
-            plan = Plan(minimum_snap(route.waypoints, times), route.yaw)
+            plan = Plan(minimum_snap(route.waypoints, _waypoint_times(route)), route.yaw)
         case FigureEightRoute():
             eight = figure_eight(
                 lower_height=route.lower_height,
@@ -147,6 +146,15 @@ def plan_route(scenario: Scenario) -> Plan:
     return plan
 
 
+def _waypoint_times(route: WaypointRoute) -> ArrayLike:
+    if route.times is not None:
+        return route.times
+    # The scenario's validation has seen to it.
+    assert route.speed is not None
+    assert route.acceleration is not None
+    return trapezoid_times(route.waypoints, speed=route.speed, acceleration=route.acceleration)
+
+
 def _within_limits(route: FigureEightRoute | CircleRoute, geometry: Route, *, cruise_speed: float) -> Plan:
     times = trapezoid_times(geometry.waypoints, speed=cruise_speed, acceleration=route.top_acceleration)
     path = minimum_snap(geometry.waypoints, times)
@@ -155,9 +163,12 @@ def _within_limits(route: FigureEightRoute | CircleRoute, geometry: Route, *, cr
 
 
 def _check_feasible(plan: Plan, parameters: QuadrotorParameters) -> None:
+    def rotor_speeds(acceleration: np.ndarray, jerk: np.ndarray, snap: np.ndarray) -> np.ndarray:
+        return rotor_demand(acceleration, jerk, snap, parameters, yaw=plan.yaw).rotor_speed
+
     violation = first_violation(
         plan.path,
-        lambda *derivatives: rotor_demand(*derivatives, parameters, yaw=plan.yaw).rotor_speed,
+        rotor_speeds,
         min_rotor_speed=parameters.min_rotor_speed,
         max_rotor_speed=parameters.max_rotor_speed,
     )
@@ -183,9 +194,7 @@ def _control(
         num_vehicles=num_vehicles,
         mass=parameters.mass,
         gravity=parameters.gravity,
-        limits=ThrustLimits(
-            math.tan(limits.max_tilt), limits.min_thrust * weight, limits.max_thrust * weight
-        ),
+        limits=ThrustLimits(math.tan(limits.max_tilt), limits.min_thrust * weight, limits.max_thrust * weight),
     )
     attitude_controller = AttitudeController(
         num_vehicles=num_vehicles, k_p=attitude.k_p, k_d=attitude.k_d, inertia=parameters.inertia

@@ -1,0 +1,1 @@
+"""Controllers: position, thrust vectoring, attitude, and the cascade of the three."""

@@ -1,9 +1,8 @@
 """The inner loop: from the attitude error to torques."""
 
-from collections.abc import Sequence
 from typing import Any
 
-from drake_quad.elementary import Row, wrapped
+from drake_quad.elementary import Rows, wrapped
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 
 
@@ -34,9 +33,7 @@ class AttitudeController(FleetSystem):
         inertia: believed, 3 rows, kg m².
     """
 
-    def declare(
-        self, *, num_vehicles: int = 1, k_p: Sequence[Row], k_d: Sequence[Row], inertia: Sequence[Row]
-    ) -> None:
+    def declare(self, *, num_vehicles: int = 1, k_p: Rows, k_d: Rows, inertia: Rows) -> None:
         """Declares the system; see the class for the arguments."""
         self._gains = self.numeric_parameter([*k_p, *k_d, *inertia])
         self._measurement = self.input("measurement", 12)

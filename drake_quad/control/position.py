@@ -1,13 +1,12 @@
 """The outer loop: from the position error to a commanded acceleration."""
 
-from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource
 
-from drake_quad.elementary import Row
+from drake_quad.elementary import Rows
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system, split_output
 
 Derivative = Literal["tracking_error", "measurement"]
@@ -42,8 +41,8 @@ class ProportionalDerivativeLaw(FleetSystem):
         self,
         *,
         num_vehicles: int = 1,
-        k_p: Sequence[Row],
-        k_d: Sequence[Row],
+        k_p: Rows,
+        k_d: Rows,
         derivative: Derivative = "tracking_error",
         feed_forward: bool = False,
     ) -> None:
@@ -77,8 +76,8 @@ class ProportionalDerivativeLaw(FleetSystem):
 def build_position_controller(
     *,
     num_vehicles: int = 1,
-    k_p: Sequence[Row],
-    k_d: Sequence[Row],
+    k_p: Rows,
+    k_d: Rows,
     derivative: Derivative = "tracking_error",
     feed_forward: FeedForward = "none",
 ) -> Diagram:

@@ -1,11 +1,10 @@
 """From a commanded acceleration to thrust and attitude: eq (7), at any yaw and within limits."""
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from pydrake.systems.framework import Diagram
 
-from drake_quad.elementary import Row, arcsin, arctan, cos, maximum, minimum, sin, sqrt
+from drake_quad.elementary import Row, Rows, arcsin, arctan, cos, maximum, minimum, sin, sqrt
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system, split_output
 
 # Keeps 0 / 0 away where neither a horizontal force is commanded nor one is allowed.
@@ -26,15 +25,13 @@ class ThrustLimits(NamedTuple):
     max_thrust: Row
 
 
-def in_heading(vector: Sequence[Row], sin_yaw: Row, cos_yaw: Row) -> tuple[Row, Row, Row]:
+def in_heading(vector: Rows, sin_yaw: Row, cos_yaw: Row) -> tuple[Row, Row, Row]:
     """Turns a vector in W by minus the yaw: its parts forward, left (both level) and up."""
     x, y, z = vector
     return x * cos_yaw + y * sin_yaw, y * cos_yaw - x * sin_yaw, z
 
 
-def specific_thrust(
-    acceleration: Sequence[Row], *, mass: Row, gravity: Row, limits: ThrustLimits
-) -> tuple[Row, Row, Row]:
+def specific_thrust(acceleration: Rows, *, mass: Row, gravity: Row, limits: ThrustLimits) -> tuple[Row, Row, Row]:
     """Returns the commanded thrust over mass (m/s²) within limits.
 
     The vertical part is limited first; then the horizontal part is shortened, in its direction, to what the slope
@@ -61,7 +58,7 @@ def thrust_and_tilt(forward: Row, left: Row, up: Row) -> tuple[Row, Row, Row]:
     return thrust, arcsin(-left / thrust), arctan(forward / up)
 
 
-def tilt_rates(force: Sequence[Row], jerk: Sequence[Row], yaw_rate: Row) -> tuple[Row, Row]:
+def tilt_rates(force: Rows, jerk: Rows, yaw_rate: Row) -> tuple[Row, Row]:
     """The time derivative of roll and pitch in eq (7), rad/s.
 
     Args:

@@ -1,0 +1,1 @@
+"""What surrounds the vehicle: motion capture, command link, monitor, recorder."""

@@ -1,9 +1,8 @@
 """The radio link from the ground station to the vehicle."""
 
-from collections.abc import Sequence
 from typing import Any
 
-from drake_quad.elementary import Row
+from drake_quad.elementary import Rows
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 
 
@@ -40,7 +39,7 @@ class CommandLink(FleetSystem):
         num_vehicles: int = 1,
         period: float = 0.02,
         delay_ticks: int = 0,
-        initial: Sequence[Row] = (0.0, 0.0, 0.0, 0.0),
+        initial: Rows = (0.0, 0.0, 0.0, 0.0),
     ) -> None:
         """Declares the system; see the class for the arguments."""
         self._wrench = self.input("wrench", 4)

@@ -13,13 +13,11 @@ Ticks count within the scenario's window and until the vehicle crashes.
 """
 
 import math
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.elementary import Row, maximum, minimum
-
+from drake_quad.elementary import Row, Rows, maximum, minimum
 
 # Rows of the sums: ticks, max |e|², saturated ticks, Σ e² (3), Σ u² (3), Σ |Δu| (3), the last u (3).
 NUM_SUMS = 15
@@ -58,7 +56,7 @@ class Metrics(NamedTuple):
         return self.crash_time < math.inf
 
 
-def add_tick(sums: Sequence[Row], error: Sequence[Row], command: Sequence[Row], saturated: Row) -> list[Row]:
+def add_tick(sums: Rows, error: Rows, command: Rows, saturated: Row) -> list[Row]:
     """Returns the sums with one more tick.
 
     Args:
@@ -99,13 +97,15 @@ def summarized(sums: np.ndarray, crash_time: np.ndarray, period: float) -> Metri
         period: of the ticks, s.
     """
     ticks = np.where(sums[0] > 0.0, sums[0], np.nan)
-    steps = np.where(sums[0] > 1.0, sums[0] - 1.0, np.nan)
-    return Metrics(
-        np.sqrt(sums[3:6].sum(axis=0) / ticks),
-        *np.sqrt(sums[3:6] / ticks),
-        np.sqrt(np.where(sums[0] > 0.0, sums[1], np.nan)),
-        *(sums[6:9] / ticks),
-        *(sums[9:12] / (steps * period)),
-        sums[2] / ticks,
-        crash_time,
+    time = np.where(sums[0] > 1.0, sums[0] - 1.0, np.nan) * period
+    return Metrics._make(
+        [
+            np.sqrt(sums[3:6].sum(axis=0) / ticks),
+            *np.sqrt(sums[3:6] / ticks),
+            np.sqrt(np.where(sums[0] > 0.0, sums[1], np.nan)),
+            *(sums[6:9] / ticks),
+            *(sums[9:12] / time),
+            sums[2] / ticks,
+            crash_time,
+        ]
     )

@@ -1,0 +1,1 @@
+"""The reference: minimum snap, routes, time allocation, feasibility."""

@@ -1,7 +1,7 @@
 """A plan: a route with times, as the trajectory that the controllers follow."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
@@ -81,10 +81,11 @@ def _axes(path: PolynomialPath) -> np.ndarray:
     return path.coefficients.transpose(2, 0, 1)
 
 
-def _piecewise_polynomial(times: np.ndarray, rows: Sequence[np.ndarray]) -> PiecewisePolynomial:
+def _piecewise_polynomial(times: np.ndarray, rows: Iterable[np.ndarray]) -> PiecewisePolynomial:
     """Returns Drake's (rows, 1) trajectory from (segments, powers) coefficients of each row in unit time."""
     durations = np.diff(times)[:, np.newaxis]
     segments = len(durations)
+    rows = list(rows)
     matrix = np.empty((segments, len(rows), 1), dtype=object)
     for i, coefficients in enumerate(rows):
         in_seconds = coefficients * durations ** -np.arange(coefficients.shape[1])

@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from drake_quad.errors import InputError
-from drake_quad.reference.minimum_snap import DEGREE, PolynomialPath
+from drake_quad.reference.minimum_snap import PolynomialPath
 
 # Samples a segment to bracket the peaks of a polynomial of degree 12 at most, before Newton's method refines them.
 _SAMPLES = 48

@@ -1,7 +1,7 @@
 """Random numbers in a scenario: any physical quantity may be one of these in place of a number."""
 
 from collections.abc import Iterator
-from typing import Annotated, Any, Union
+from typing import TYPE_CHECKING, Annotated, Any
 
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
@@ -123,17 +123,19 @@ def _tag(value: Any) -> str | None:
     return next((name for name in DISTRIBUTIONS if name in keys), None)
 
 
-NumberOrDistribution = Annotated[
-    Union[
-        Annotated[float, Tag("number")],
-        Annotated[Uniform, Tag("uniform")],
-        Annotated[LogUniform, Tag("log_uniform")],
-        Annotated[Normal, Tag("normal")],
-        Annotated[Choice, Tag("choice")],
-    ],
-    Discriminator(
-        _tag,
-        custom_error_type="distribution",
-        custom_error_message="must be a number or one of the distributions uniform, log_uniform, normal, choice",
-    ),
-]
+if TYPE_CHECKING:
+    # Whoever computes with a scenario has refused or drawn its distributions first; the fields are numbers then.
+    NumberOrDistribution = Any
+else:
+    NumberOrDistribution = Annotated[
+        Annotated[float, Tag("number")]
+        | Annotated[Uniform, Tag("uniform")]
+        | Annotated[LogUniform, Tag("log_uniform")]
+        | Annotated[Normal, Tag("normal")]
+        | Annotated[Choice, Tag("choice")],
+        Discriminator(
+            _tag,
+            custom_error_type="distribution",
+            custom_error_message="must be a number or one of the distributions uniform, log_uniform, normal, choice",
+        ),
+    ]

@@ -46,9 +46,7 @@ class Tree(NamedTuple):
         tree = self
         for depth, key in enumerate(path):
             inside = tree.value
-            if isinstance(inside, dict) and key in inside:
-                tree = inside[key]
-            elif isinstance(inside, list) and key in range(len(inside)):
+            if (isinstance(inside, dict) and key in inside) or (isinstance(inside, list) and key in range(len(inside))):
                 tree = inside[key]
             else:
                 return tree, depth
@@ -112,7 +110,7 @@ class _Converter:
             raise InputError(f"{mark}: is nested too deep or too large for a scenario")
         if isinstance(node, MappingNode):
             return Tree(dict(self._items(node, depth)), mark)
-        if isinstance(node, SequenceNode) and node.tag.endswith(":seq"):
+        if isinstance(node, SequenceNode) and str(node.tag).endswith(":seq"):
             return Tree([self.tree(child, depth + 1) for child in node.value], mark)
         return Tree(self._scalar(node, mark), mark)
 
@@ -204,7 +202,9 @@ def _resolve(path: Path, name: str | None, asked_by: Mark, stack: tuple[str, ...
         base_file, base_name = _split(base_spec.value)
         in_this_file = not base_file.endswith((".yaml", ".yml"))
         base_path = path if in_this_file else path.parent / base_file
-        _, base = _resolve(base_path, base_spec.value if in_this_file else base_name, base_spec.mark, (*stack, identity))
+        _, base = _resolve(
+            base_path, base_spec.value if in_this_file else base_name, base_spec.mark, (*stack, identity)
+        )
         result = base if result is None else merged(result, base)
     return name, merged(result, own) if result else own
 

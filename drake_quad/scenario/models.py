@@ -4,6 +4,7 @@ Any physical quantity may be a distribution; what fixes the structure of the dia
 not.
 """
 
+import itertools
 import math
 from typing import Annotated, Literal
 
@@ -109,7 +110,7 @@ class WaypointRoute(Model):
     @field_validator("waypoints")
     @classmethod
     def _no_repeats(cls, waypoints: tuple[Position, ...]) -> tuple[Position, ...]:
-        for i, (here, there) in enumerate(zip(waypoints, waypoints[1:], strict=False)):
+        for i, (here, there) in enumerate(itertools.pairwise(waypoints)):
             if here == there:
                 raise PydanticCustomError(
                     "repeated", "must not repeat a waypoint, as number {i} does the one before it", {"i": i + 1}
@@ -126,7 +127,7 @@ class WaypointRoute(Model):
             raise PydanticCustomError(
                 "count", "must hold one time for each of the {count} waypoints", {"count": len(waypoints)}
             )
-        for i, (now, then) in enumerate(zip(times, times[1:], strict=False)):
+        for i, (now, then) in enumerate(itertools.pairwise(times)):
             if not then > now:
                 raise PydanticCustomError("order", "must increase, but time {i} does not", {"i": i + 1})
         return times

@@ -1,0 +1,1 @@
+"""The aircraft: parameters, rigid body and rotors, allocation."""

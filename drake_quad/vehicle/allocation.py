@@ -1,11 +1,10 @@
 """From a commanded wrench to rotor speeds: the inverse of eq (5) within the rotors' limits."""
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from pydrake.systems.framework import Diagram
 
-from drake_quad.elementary import Row, maximum, minimum, sqrt
+from drake_quad.elementary import Row, Rows, maximum, minimum, sqrt
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system, split_output
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
@@ -42,7 +41,7 @@ class RotorModel(NamedTuple):
         )
 
 
-def allocate(wrench: Sequence[Row], rotors: RotorModel) -> tuple[list[Row], list[Row]]:
+def allocate(wrench: Rows, rotors: RotorModel) -> tuple[list[Row], list[Row]]:
     """Returns the rotor speeds for a wrench, or for the part of it that the rotors can give, and what is given up.
 
     Where they cannot give all, yaw torque is given up first, then roll and pitch torque in equal shares, and thrust

@@ -15,18 +15,18 @@ rate of change is left out, as in the paper.
 Every function takes and returns rows: numbers for one vehicle, arrays for a fleet.
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Callable
 
-from drake_quad.elementary import Row, cos, maximum, minimum, sin, sqrt
+from drake_quad.elementary import Row, Rows, cos, maximum, minimum, sin, sqrt
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # An airspeed of zero must not make the derivative of the square root infinite; 1e-200 changes no float above 1e-92.
 _TINY = 1e-200
 
-AttitudeKinematics = Callable[[Sequence[Row], Row, Row, Row, Row], tuple[Row, Row, Row]]
+AttitudeKinematics = Callable[[Rows, Row, Row, Row, Row], tuple[Row, Row, Row]]
 
 
-def rotor_wrench(rotor_speed: Sequence[Row], parameters: QuadrotorParameters) -> tuple[Row, Row, Row, Row]:
+def rotor_wrench(rotor_speed: Rows, parameters: QuadrotorParameters) -> tuple[Row, Row, Row, Row]:
     """Eq (5): thrust (N) and torques (N m) of the rotors, in B.
 
     Args:
@@ -45,7 +45,7 @@ def rotor_wrench(rotor_speed: Sequence[Row], parameters: QuadrotorParameters) ->
     )
 
 
-def drag(velocity: Sequence[Row], wind: Sequence[Row], parameters: QuadrotorParameters) -> tuple[Row, Row, Row]:
+def drag(velocity: Rows, wind: Rows, parameters: QuadrotorParameters) -> tuple[Row, Row, Row]:
     """The force D of eq (3) in W (N): along the velocity of the air relative to the vehicle, (c₁ + c₂ |v|) v.
 
     Args:
@@ -59,7 +59,7 @@ def drag(velocity: Sequence[Row], wind: Sequence[Row], parameters: QuadrotorPara
 
 
 def rigid_kinematics(
-    body_rates: Sequence[Row], sin_roll: Row, cos_roll: Row, sin_pitch: Row, cos_pitch: Row
+    body_rates: Rows, sin_roll: Row, cos_roll: Row, sin_pitch: Row, cos_pitch: Row
 ) -> tuple[Row, Row, Row]:
     """Eq (2) inverted: rates of roll, pitch and yaw (rad/s) from p, q, r. Singular at a pitch of 90°."""
     p, q, r = body_rates
@@ -68,7 +68,7 @@ def rigid_kinematics(
 
 
 def small_angle_kinematics(
-    body_rates: Sequence[Row], sin_roll: Row, cos_roll: Row, sin_pitch: Row, cos_pitch: Row
+    body_rates: Rows, sin_roll: Row, cos_roll: Row, sin_pitch: Row, cos_pitch: Row
 ) -> tuple[Row, Row, Row]:
     """What eq (3) takes for (2): p, q, r are the rates of roll, pitch and yaw (rad/s)."""
     p, q, r = body_rates
@@ -76,7 +76,7 @@ def small_angle_kinematics(
 
 
 def angular_acceleration(
-    body_rates: Sequence[Row], torque: Sequence[Row], rotor_residual: Row, parameters: QuadrotorParameters
+    body_rates: Rows, torque: Rows, rotor_residual: Row, parameters: QuadrotorParameters
 ) -> tuple[Row, Row, Row]:
     """Rates of p, q, r (rad/s²): Euler's equations with spinning rotors, the last three lines of eq (3).
 
@@ -98,10 +98,10 @@ def angular_acceleration(
 
 
 def rigid_body_derivative(
-    state: Sequence[Row],
-    wrench: Sequence[Row],
+    state: Rows,
+    wrench: Rows,
     rotor_residual: Row,
-    wind: Sequence[Row],
+    wind: Rows,
     parameters: QuadrotorParameters,
     kinematics: AttitudeKinematics,
 ) -> list[Row]:
@@ -134,7 +134,7 @@ def rigid_body_derivative(
     ]
 
 
-def rotor_residual(rotor_speed: Sequence[Row]) -> Row:
+def rotor_residual(rotor_speed: Rows) -> Row:
     """Eq (4): ω_r, rad/s."""
     w_1, w_2, w_3, w_4 = rotor_speed
     return w_2 + w_4 - w_1 - w_3
@@ -146,9 +146,9 @@ def limited_rotor_speed(speed: Row, low: Row, high: Row) -> Row:
 
 
 def quadrotor_derivative(
-    state: Sequence[Row],
-    rotor_speed_command: Sequence[Row],
-    wind: Sequence[Row],
+    state: Rows,
+    rotor_speed_command: Rows,
+    wind: Rows,
     parameters: QuadrotorParameters,
     kinematics: AttitudeKinematics,
 ) -> list[Row]:

@@ -3,7 +3,7 @@
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
-from drake_quad.elementary import Row, sqrt
+from drake_quad.elementary import Row, Rows, sqrt
 
 
 class QuadrotorParameters(NamedTuple):
@@ -29,9 +29,9 @@ class QuadrotorParameters(NamedTuple):
     """
 
     mass: Row = 0.68
-    inertia: Sequence[Row] = (0.007, 0.007, 0.012)
+    inertia: Rows = (0.007, 0.007, 0.012)
     rotor_inertia: Row = 6.5e-5
-    thrust_factor: Sequence[Row] = (4.13e-5, 4.13e-5, 4.13e-5, 4.13e-5)
+    thrust_factor: Rows = (4.13e-5, 4.13e-5, 4.13e-5, 4.13e-5)
     drag_factor: Row = 8.5e-7
     arm_length: Row = 0.17
     gravity: Row = 9.81

@@ -1,11 +1,10 @@
 """The quadrotor as a Drake system."""
 
-from collections.abc import Sequence
 from typing import Any, Literal
 
 import numpy as np
 
-from drake_quad.elementary import Row
+from drake_quad.elementary import Row, Rows
 from drake_quad.fleet import AutoDiffXd, Expression, FleetSystem, fleet_system
 from drake_quad.vehicle.dynamics import quadrotor_derivative, rigid_kinematics, small_angle_kinematics
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -66,7 +65,7 @@ class Quadrotor(FleetSystem):
         time_step: float = 0.01,
         kinematics: Literal["exact", "small_angle"] = "exact",
         parameters: QuadrotorParameters = QuadrotorParameters(),
-        initial_position: Sequence[Row] = (0.0, 0.0, 0.0),
+        initial_position: Rows = (0.0, 0.0, 0.0),
         initial_yaw: Row = 0.0,
     ) -> None:
         """Declares the system; see the class for the arguments."""
@@ -98,7 +97,7 @@ class Quadrotor(FleetSystem):
         """Puts parameters into the context; each entry a number or an (N,) array."""
         self.write(context.get_mutable_numeric_parameter(self._parameters), parameters.to_rows())
 
-    def set_hover(self, context: Any, position: Sequence[Row], yaw: Row) -> None:
+    def set_hover(self, context: Any, position: Rows, yaw: Row) -> None:
         """Puts the vehicles into hover with the context's parameters.
 
         Args:
@@ -135,9 +134,10 @@ class Quadrotor(FleetSystem):
             return
         groups = state.get_mutable_discrete_state()
         vectors = groups.get_mutable_vector(0), groups.get_mutable_vector(1)
-        before = [self.rows(vector) for vector in vectors]
-        after: Any = quadrotor_step(
-            *before,
+        before = rigid_body, rotor_speed = self.rows(vectors[0]), self.rows(vectors[1])
+        after = quadrotor_step(
+            rigid_body,
+            rotor_speed,
             self.input_rows(context, self._command),
             self.optional_input_rows(context, self._wind, default=_STILL_AIR),
             self.get_parameters(context),
@@ -167,7 +167,7 @@ class Quadrotor(FleetSystem):
         self.write(output, self._continuous_rows(context)[12:])
 
 
-def _hover(parameters: QuadrotorParameters, position: Sequence[Row], yaw: Row) -> tuple[list[Row], list[Row]]:
+def _hover(parameters: QuadrotorParameters, position: Rows, yaw: Row) -> tuple[list[Row], list[Row]]:
     """Rows of the rigid body and of the rotors of a vehicle at rest."""
     rigid_body = [*position, 0.0, 0.0, yaw, *[0.0] * 6]
     return rigid_body, [parameters.hover_rotor_speed] * 4

@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.elementary import Row, exp
+from drake_quad.elementary import Row, Rows, exp
 from drake_quad.vehicle.dynamics import (
     AttitudeKinematics,
     limited_rotor_speed,
@@ -20,11 +20,12 @@ from drake_quad.vehicle.dynamics import (
 )
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
+
 def quadrotor_step(
     rigid_body: Any,
     rotor_speed: Any,
     rotor_speed_command: Any,
-    wind: Sequence[Row],
+    wind: Rows,
     parameters: QuadrotorParameters,
     kinematics: AttitudeKinematics,
     time_step: float,
@@ -52,8 +53,9 @@ def quadrotor_step(
         end = lagging(middle, command, decay)
     inputs = [(rotor_wrench(speed, parameters), rotor_residual(speed)) for speed in (rotor_speed, middle, end)]
 
-    def slope(rows: Sequence[Row], rotors: Any) -> list[Row]:
-        return rigid_body_derivative(rows, *rotors, wind, parameters, kinematics)
+    def slope(rows: Rows, rotors: Any) -> list[Row]:
+        wrench, residual = rotors
+        return rigid_body_derivative(rows, wrench, residual, wind, parameters, kinematics)
 
     def block_slope(block: np.ndarray, rotors: Any) -> np.ndarray:
         return np.concatenate(slope(block, rotors)).reshape(block.shape)
@@ -69,7 +71,7 @@ def lagging(speed: Row, target: Row, decay: Row) -> Row:
 
 
 def runge_kutta_4(
-    derivative: Callable[[Sequence[Row], Any], Sequence[Row]], state: Sequence[Row], inputs: Sequence[Any], step: float
+    derivative: Callable[[Rows, Any], Rows], state: Rows, inputs: Sequence[Any], step: float
 ) -> list[Row]:
     """One step of the classical fourth-order Runge–Kutta method.
 

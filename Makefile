@@ -1,0 +1,37 @@
+# make fly   sets up a virtual environment and flies the figure eight
+# make test  sets it up and runs the tests
+# make lint  checks style and types
+# make benchmark  measures speed
+
+VENV ?= .venv
+PYTHON ?= $(firstword $(shell .ci/pythons))
+PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
+
+.PHONY: fly test lint benchmark
+
+fly: $(VENV)/.installed
+	$(VENV)/bin/python scripts/simulate.py diagrams/figure_eight.yaml
+
+test: $(VENV)/.installed-test
+	$(VENV)/bin/python -m pytest
+
+lint: $(VENV)/.installed-lint
+	$(VENV)/bin/ruff check
+	$(VENV)/bin/ruff format --check
+	$(VENV)/bin/mypy
+
+benchmark: $(VENV)/.installed
+	$(VENV)/bin/python scripts/benchmark.py
+
+$(VENV)/bin/python:
+	@test -n "$(PYTHON)" || { echo "no Python from 3.11 on was found on PATH or under pyenv"; exit 2; }
+	@echo "setting up $(VENV) with $(PYTHON); this takes a minute or two"
+	$(PYTHON) -m venv $(VENV)
+
+$(VENV)/.installed: $(VENV)/bin/python pyproject.toml constraints.txt
+	$(PIP) --editable .
+	@touch $@
+
+$(VENV)/.installed-%: $(VENV)/.installed
+	$(PIP) --editable ".[$*]"
+	@touch $@

@@ -1,0 +1,34 @@
+"""Files that are whole or not there."""
+
+import os
+import tempfile
+from collections.abc import Callable
+from pathlib import Path
+
+from drake_quad.errors import InputError
+
+
+def output_folder(path: Path) -> Path:
+    """Creates a folder if need be and returns it.
+
+    Raises:
+        InputError: it cannot be created or written to.
+    """
+    try:
+        path.mkdir(parents=True, exist_ok=True)
+        with tempfile.TemporaryFile(dir=path):
+            pass
+    except OSError as error:
+        raise InputError(f"the output folder {path} cannot be written: {(error.strerror or '').lower()}") from None
+    return path
+
+
+def write_whole(path: Path, write: Callable[[Path], None]) -> Path:
+    """Lets `write` fill a temporary file beside `path`, renames it and returns the path; on an error it is gone."""
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    try:
+        write(temporary)
+        temporary.replace(path)
+    finally:
+        temporary.unlink(missing_ok=True)
+    return path

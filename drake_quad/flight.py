@@ -1,0 +1,156 @@
+"""Flying a scenario, and what a flight leaves behind."""
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram
+from ruamel.yaml import YAML
+
+from drake_quad.errors import InputError
+from drake_quad.files import output_folder, write_whole
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.laboratory.recorder import read_recorder
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario import Scenario
+from drake_quad.signals import SIGNALS
+from drake_quad.tracking import build_tracking_diagram, plan_route
+
+# Between two looks at the crashes and two reports of progress, s of flight.
+_STRIDE = 1.0
+# Of the error-controlled integrator, for a vehicle with a continuous state.
+_ACCURACY = 1e-8
+
+
+@dataclass(frozen=True)
+class Flight:
+    """A flown scenario.
+
+    Attributes:
+        scenario: what was flown.
+        plan: the reference.
+        time: (ticks,) the ticks of the control, until the end or the crash, s.
+        signals: (ticks, rows) values of each signal at the ticks; `drake_quad.signals` says what the rows are.
+        metrics: of the flight; NaN where there is nothing to measure.
+    """
+
+    scenario: Scenario
+    plan: Plan
+    time: np.ndarray
+    signals: dict[str, np.ndarray]
+    metrics: Metrics
+
+    def __getitem__(self, name: str) -> np.ndarray:
+        """The (ticks, rows) values of a signal."""
+        return self.signals[name]
+
+    def save(self, folder: Path | str) -> list[Path]:
+        """Writes the signals as compressed NumPy and as CSV, and the scenario as YAML that can be flown again.
+
+        Returns:
+            The files.
+
+        Raises:
+            InputError: the folder cannot be written.
+        """
+        target = output_folder(Path(folder))
+        columns = [f"{name}.{row.name} ({row.unit})" for name in self.signals for row in SIGNALS[name]]
+        table = np.column_stack([self.time, *self.signals.values()])
+        header = ",".join(["time (s)", *columns])
+
+        def write_scenario(path: Path) -> None:
+            body = self.scenario.model_dump(mode="json", exclude={"name"})
+            YAML().dump({self.scenario.name: body}, path)
+
+        def save_arrays(path: Path) -> None:
+            arrays: dict[str, Any] = {"time": self.time, **self.signals}
+            np.savez_compressed(path, **arrays)
+
+        return [
+            write_whole(target / "flight.npz", save_arrays),
+            write_whole(
+                target / "flight.csv",
+                lambda path: np.savetxt(path, table, fmt="%.9g", delimiter=",", header=header, comments=""),
+            ),
+            write_whole(target / "scenario.yaml", write_scenario),
+        ]
+
+
+def simulate(
+    scenario: Scenario,
+    *,
+    position_controller: Any = None,
+    control: Any = None,
+    progress: Callable[[float, float], None] | None = None,
+) -> Flight:
+    """Flies one vehicle and records every signal.
+
+    Args:
+        scenario: with numbers only, no distributions.
+        position_controller: stands in for the scenario's; see `build_tracking_diagram`.
+        control: stands in for the whole cascade; see `build_tracking_diagram`.
+        progress: called now and then with the time flown and the time to fly, s.
+
+    Raises:
+        InputError: the scenario holds a distribution, the rotors cannot fly the route, or the metric window lies
+            beyond the flight.
+    """
+    plan = plan_route(scenario)
+    duration = flight_duration(scenario, plan)
+    diagram = build_tracking_diagram(scenario, position_controller=position_controller, control=control, record=True)
+    simulator = Simulator(diagram)
+    fly(simulator, duration, progress=progress)
+    context = simulator.get_context()
+    metrics = read_metrics(diagram, context)
+    time, signals = read_recorder(diagram.GetSubsystemByName("recorder"), context)
+    kept = time <= metrics.crash_time[0]
+    return Flight(
+        scenario,
+        plan,
+        time[kept],
+        {name: values[kept] for name, values in signals.items()},
+        Metrics(*(float(value[0]) for value in metrics)),
+    )
+
+
+def flight_duration(scenario: Scenario, plan: Plan) -> float:
+    """How long a scenario is flown, s: a whole number of ticks of the control.
+
+    Raises:
+        InputError: the metric window begins only after the flight.
+    """
+    period = scenario.laboratory.command_link.period
+    wanted = scenario.duration if scenario.duration is not None else float(plan.path.times[-1])
+    duration = max(1, math.ceil(wanted / period - 1e-9)) * period
+    if scenario.metrics.start >= duration:
+        raise InputError(
+            f"metrics.start is {scenario.metrics.start:g}, but must be before the end of the flight at {duration:g} s"
+        )
+    return duration
+
+
+def fly(simulator: Simulator, duration: float, *, progress: Callable[[float, float], None] | None = None) -> None:
+    """Advances a tracking diagram from time zero to a duration (s), or until every vehicle has crashed.
+
+    `progress` is called now and then with the time flown and the duration.
+    """
+    diagram, context = simulator.get_system(), simulator.get_context()
+    crashed = diagram.GetOutputPort("crashed")
+    simulator.get_mutable_integrator().set_target_accuracy(_ACCURACY)
+    time = 0.0
+    while time < duration and not crashed.Eval(context).all():
+        time = min(time + _STRIDE, duration)
+        simulator.AdvanceTo(time)
+        if progress is not None:
+            progress(time, duration)
+    simulator.AdvancePendingEvents()
+
+
+def read_metrics(diagram: Diagram, context: Any) -> Metrics:
+    """The (N,) metrics of a tracking diagram's vehicles so far."""
+    monitor = diagram.GetSubsystemByName("monitor")
+    return monitor.metrics(monitor.GetMyContextFromRoot(context))

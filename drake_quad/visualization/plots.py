@@ -1,0 +1,178 @@
+"""Plots of one flight."""
+
+import itertools
+from collections.abc import Callable
+from pathlib import Path
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import MaxNLocator
+
+from drake_quad.files import output_folder, write_whole
+from drake_quad.flight import Flight
+from drake_quad.visualization.style import AXES, BLUE, LIMIT, REFERENCE, ROTORS, VERMILION, new_figure, styled
+
+# Keeps text legible where it crosses a line.
+_PLATE = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0}
+
+
+def plot_path(flight: Flight) -> Figure:
+    """The flown path and the reference, in 3-D and seen from above."""
+    flown, wanted = flight["state"][:, 0:3].T, flight["reference"][:, 0:3].T
+    with styled():
+        figure = new_figure(9.5, 4.8)
+        space = figure.add_subplot(1, 2, 1, projection="3d")
+        space.plot(*flown, color=BLUE)
+        space.plot(*wanted, **REFERENCE)
+        space.scatter(*flown[:, :1], color=BLUE, marker="o", s=18)
+        space.set(xlabel="X (m)", ylabel="Y (m)", zlabel="Z (m)", title="Path")
+        extent = np.ptp(np.hstack([flown, wanted]), axis=1)
+        space.set_box_aspect(np.maximum(extent, 0.15 * extent.max()), zoom=0.85)
+        for axis in (space.xaxis, space.yaxis, space.zaxis):
+            axis.set_major_locator(MaxNLocator(3))
+        plane = figure.add_subplot(1, 2, 2)
+        plane.plot(*flown[:2], color=BLUE, label="flown")
+        plane.plot(*wanted[:2], label="reference", **REFERENCE)
+        plane.plot(*flown[:2, :1], color=BLUE, marker="o", markersize=4, linestyle="none", label="start")
+        _number_legs(plane, flight)
+        _mark_crash(plane, flight, flown[:2, -1])
+        plane.set(xlabel="X (m)", ylabel="Y (m)", title="From above")
+        plane.set_aspect("equal", adjustable="datalim")
+        plane.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        return figure
+
+
+def plot_errors(flight: Flight) -> Figure:
+    """Position error on each axis and its Euclidean norm over time."""
+    error = 100.0 * (flight["reference"][:, 0:3] - flight["state"][:, 0:3])
+    with styled():
+        figure = new_figure(8.0, 4.8)
+        upper, lower = figure.subplots(2, 1, sharex=True)
+        for i, (name, color) in enumerate(AXES.items()):
+            upper.plot(flight.time, error[:, i], color=color, label=name.upper())
+        upper.set(ylabel="error (cm)", title="Position error, reference minus flown")
+        upper.legend(ncols=3, loc="upper right")
+        lower.plot(flight.time, np.linalg.norm(error, axis=1), color="black")
+        if np.isfinite(flight.metrics.rmse):
+            rmse = 100.0 * flight.metrics.rmse
+            lower.axhline(rmse, **LIMIT)
+            lower.annotate(f"RMSE {rmse:.2f} cm", (flight.time[-1], rmse), ha="right", va="bottom", bbox=_PLATE)
+        lower.set(xlabel="time (s)", ylabel="Euclidean error (cm)", ylim=(0.0, None))
+        for axes in (upper, lower):
+            _shade_legs(axes, flight)
+        return figure
+
+
+def plot_attitude(flight: Flight) -> Figure:
+    """Roll, pitch and yaw against their commands over time."""
+    flown, wanted = np.degrees(flight["state"][:, 3:6]), None
+    if "attitude_command" in flight.signals:
+        wanted = np.degrees(flight["attitude_command"])
+    with styled():
+        figure = new_figure(8.0, 5.6)
+        for i, (axes, name) in enumerate(
+            zip(figure.subplots(3, 1, sharex=True), ("roll", "pitch", "yaw"), strict=True)
+        ):
+            if wanted is not None:
+                axes.plot(flight.time, wanted[:, i], color=VERMILION, linewidth=1.0, label="commanded")
+            axes.plot(flight.time, flown[:, i], color=BLUE, label="flown")
+            axes.set(ylabel=f"{name} (°)")
+            low, high = axes.get_ylim()
+            if high - low < 2.0:
+                middle = 0.5 * (low + high)
+                axes.set_ylim(middle - 1.0, middle + 1.0)
+        figure.axes[0].set_title("Attitude")
+        figure.axes[0].legend(ncols=2, loc="upper right")
+        figure.axes[-1].set_xlabel("time (s)")
+        return figure
+
+
+def plot_rotors(flight: Flight) -> Figure:
+    """Rotor speeds over time, and beside them the whole range between the rotors' limits."""
+    limits = flight.scenario.vehicle.min_rotor_speed, flight.scenario.vehicle.max_rotor_speed
+    with styled():
+        figure = new_figure(8.0, 4.4)
+        close, whole = figure.subplots(1, 2, width_ratios=[3.0, 1.0])
+        for axes in (close, whole):
+            for i, color in enumerate(ROTORS):
+                axes.plot(flight.time, flight["rotor_speed"][:, i], color=color, linewidth=1.1, label=f"rotor {i + 1}")
+            axes.set(xlabel="time (s)")
+        low, high = close.get_ylim()
+        for limit in limits:
+            whole.axhline(limit, **LIMIT)
+            close.axhline(limit, **LIMIT)
+        close.set(ylim=(low, high), ylabel="rotor speed (rad/s)", title="Rotor speeds")
+        close.legend(ncols=4, loc="upper center", handlelength=1.2, columnspacing=1.0)
+        whole.set(title="between the limits", ylim=(0.0, 1.08 * limits[1]))
+        for limit, name in zip(limits, ("idle", "top"), strict=True):
+            whole.annotate(f"{name} {limit:g}", (flight.time[0], limit), va="bottom", fontsize=8.5)
+        return figure
+
+
+PLOTS: dict[str, Callable[[Flight], Figure]] = {
+    "path": plot_path,
+    "errors": plot_errors,
+    "attitude": plot_attitude,
+    "rotors": plot_rotors,
+}
+
+
+def save_plots(flight: Flight, folder: Path | str) -> list[Path]:
+    """Draws all plots of a flight into a folder as PNG and returns the files.
+
+    Raises:
+        InputError: the folder cannot be written.
+    """
+    target = output_folder(Path(folder))
+    return [write_whole(target / f"{name}.png", plot(flight).savefig) for name, plot in PLOTS.items()]
+
+
+def _leg_starts(flight: Flight) -> list[float]:
+    return [float(flight.plan.path.times[leg.first]) for leg in flight.plan.legs]
+
+
+def _shade_legs(axes: Axes, flight: Flight) -> None:
+    """Numbers the legs of the route along the top and shades every other one."""
+    starts = [*_leg_starts(flight), float(flight.time[-1])]
+    if len(starts) < 3:
+        return
+    for i, (start, end) in enumerate(itertools.pairwise(starts)):
+        if start >= flight.time[-1]:
+            break
+        if i % 2:
+            axes.axvspan(start, end, color="0.95", zorder=0, linewidth=0)
+        middle = 0.5 * (start + min(end, flight.time[-1]))
+        axes.annotate(str(i + 1), (middle, 0.02), xycoords=("data", "axes fraction"), ha="center", color="0.4")
+
+
+def _number_legs(axes: Axes, flight: Flight) -> None:
+    """Writes the number of each leg of the route at its middle, seen from above."""
+    times = [*_leg_starts(flight), float(flight.plan.path.times[-1])]
+    if len(times) < 3:
+        return
+    position, velocity = flight.plan.derivative(0), flight.plan.derivative(1)
+    for i, (start, end) in enumerate(itertools.pairwise(times)):
+        middle = 0.5 * (start + end)
+        x, y, _ = position.value(middle)[:, 0]
+        v_x, v_y, _ = velocity.value(middle)[:, 0]
+        speed = np.hypot(v_x, v_y)
+        # A leg that goes straight up is a point from above; its number would lie on top of others.
+        if speed > 0.2:
+            beside = (11.0 * v_y / speed, -11.0 * v_x / speed)
+            axes.annotate(
+                str(i + 1),
+                (x, y),
+                beside,
+                textcoords="offset points",
+                ha="center",
+                va="center",
+                color="0.35",
+                bbox=_PLATE,
+            )
+
+
+def _mark_crash(axes: Axes, flight: Flight, place: np.ndarray) -> None:
+    if flight.metrics.crashed:
+        label = f"crashed at {flight.metrics.crash_time:.2f} s"
+        axes.plot(*place, color=VERMILION, marker="x", markersize=9, markeredgewidth=2, linestyle="none", label=label)

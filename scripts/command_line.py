@@ -1,0 +1,88 @@
+"""What the scripts' command lines have in common."""
+
+import argparse
+import os
+import sys
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager
+from pathlib import Path
+
+from tqdm import tqdm
+
+from drake_quad import InputError, Scenario, load_scenario
+
+
+def parser(description: str, example: str, *, output: str, scenario: str) -> argparse.ArgumentParser:
+    """Returns a parser with the arguments that every script has.
+
+    Args:
+        description: what the script does, a sentence.
+        example: a command line that runs.
+        output: default folder for what the script writes.
+        scenario: default scenario, a file of `diagrams/`.
+    """
+    result = argparse.ArgumentParser(
+        description=description,
+        epilog=f"example: {example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    default = os.path.relpath(Path(__file__).parent.parent / "diagrams" / scenario)
+    result.add_argument("scenario", nargs="?", default=default, help="FILE or FILE:NAME (default: %(default)s)")
+    result.add_argument(
+        "--set", metavar="FIELD=VALUE", action="append", default=[], help="override a field, as in vehicle.mass=0.7"
+    )
+    result.add_argument("--seed", type=int, help="seed of everything random (default: the scenario's)")
+    result.add_argument("--output", type=Path, default=Path(output), help="folder to write to (default: %(default)s)")
+    return result
+
+
+def scenario_of(arguments: argparse.Namespace) -> Scenario:
+    """Loads the scenario that the arguments name, with their overrides."""
+    overrides = list(arguments.set)
+    if arguments.seed is not None:
+        overrides.append(f"seed={arguments.seed}")
+    return load_scenario(arguments.scenario, overrides)
+
+
+@contextmanager
+def flight_progress() -> Iterator[Callable[[float, float], None]]:
+    """Gives a function of the time flown and to fly (s) that keeps a bar on standard error, if it takes long."""
+    with tqdm(total=0.0, desc="flying", delay=1.0, leave=False, bar_format=_BAR) as bar:
+
+        def show(flown: float, duration: float) -> None:
+            bar.total = duration
+            bar.update(flown - bar.n)
+
+        yield show
+
+
+_BAR = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f} of {total:.0f} s flown, {remaining} to go"
+
+
+def print_table(rows: list[tuple[str, str, str]]) -> None:
+    """Prints rows of name, value and unit, aligned."""
+    names, values = (max(len(row[i]) for row in rows) for i in (0, 1))
+    for name, value, unit in rows:
+        print(f"{name:<{names}}  {value:>{values}} {unit}".rstrip())
+
+
+def print_files(files: list[Path]) -> None:
+    """Prints what was written."""
+    print("wrote")
+    for file in files:
+        print(f"  {file}")
+
+
+def run(main: Callable[[], None]) -> None:
+    """Runs a script: 0 done, 1 the computation failed, 2 the input was wrong, each with one sentence."""
+    try:
+        main()
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except (RuntimeError, OSError) as error:
+        print(f"failed: {error}", file=sys.stderr)
+        sys.exit(1)
+    except KeyboardInterrupt:
+        print("interrupted: nothing was written", file=sys.stderr)
+        sys.exit(1)
