@@ -116,13 +116,15 @@ class Quadrotor(FleetSystem):
         """Drake's hook for a continuous state."""
         if self.time_step > 0.0:
             return
-        slope = quadrotor_derivative(
-            self._continuous_rows(context),
-            self.input_rows(context, self._command),
-            self.optional_input_rows(context, self._wind, default=_STILL_AIR),
-            self.get_parameters(context),
-            self._kinematics,
-        )
+        # The floating-point flags that arithmetic on objects leaves behind mean nothing.
+        with np.errstate(all=None if self.scalar is float else "ignore"):
+            slope = quadrotor_derivative(
+                self._continuous_rows(context),
+                self.input_rows(context, self._command),
+                self.optional_input_rows(context, self._wind, default=_STILL_AIR),
+                self.get_parameters(context),
+                self._kinematics,
+            )
         crashed = self._crashed_vehicles(context)
         if crashed is not None:
             slope = [np.where(crashed, 0.0, row) for row in slope]

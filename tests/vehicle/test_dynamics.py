@@ -1,0 +1,193 @@
+"""The equations of motion against what nobody here wrote, and against the laws of mechanics."""
+
+import numpy as np
+import pytest
+from pydrake.examples import QuadrotorPlant
+from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.multibody.math import SpatialVelocity
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, Propeller, PropellerInfo
+from pydrake.multibody.tree import SpatialInertia, UnitInertia
+from pydrake.systems.framework import DiagramBuilder
+
+from drake_quad.vehicle.dynamics import (
+    drag,
+    quadrotor_derivative,
+    rigid_body_derivative,
+    rigid_kinematics,
+    rotor_residual,
+    rotor_wrench,
+    small_angle_kinematics,
+)
+from drake_quad.vehicle.parameters import QuadrotorParameters
+
+TABLE_I = QuadrotorParameters()
+NO_SPIN = QuadrotorParameters(rotor_inertia=0.0)
+STILL = (0.0, 0.0, 0.0)
+
+
+def random_states(count, seed):
+    """Positions, attitudes within 1.2 rad, velocities, body rates and rotor speeds, one state a row."""
+    rng = np.random.default_rng(seed)
+    attitude = rng.uniform(-1.2, 1.2, (count, 3)) * [1.0, 1.0, 2.5]
+    return np.hstack(
+        [rng.normal(size=(count, 3)), attitude, rng.normal(size=(count, 6)) * 3.0, rng.uniform(60.0, 300.0, (count, 4))]
+    )
+
+
+def body_derivative(state, parameters, wind=STILL, kinematics=rigid_kinematics):
+    rotors = state[12:]
+    wrench, residual = rotor_wrench(rotors, parameters), rotor_residual(rotors)
+    return np.array(rigid_body_derivative(state[:12], wrench, residual, wind, parameters, kinematics))
+
+
+def assert_close(actual, expected):
+    scale = max(1.0, np.abs(expected).max())
+    np.testing.assert_allclose(actual, expected, rtol=0.0, atol=1e-12 * scale)
+
+
+def test_against_the_quadrotor_plant_of_drake():
+    plant = QuadrotorPlant(
+        m_arg=TABLE_I.mass,
+        L_arg=TABLE_I.arm_length,
+        I_arg=np.diag(TABLE_I.inertia),
+        kF_arg=TABLE_I.thrust_factor[0],
+        kM_arg=TABLE_I.drag_factor,
+    )
+    context = plant.CreateDefaultContext()
+    for state in random_states(300, seed=1):
+        ours = body_derivative(state, NO_SPIN)
+        euler = RollPitchYaw(state[3:6])
+        rates = euler.CalcRpyDtFromAngularVelocityInChild(state[9:12])
+        context.SetContinuousState(np.concatenate([state[:6], state[6:9], rates]))
+        # Its second rotor is at +y, where the paper has the fourth.
+        squares = state[[12, 15, 14, 13]] ** 2
+        plant.get_input_port().FixValue(context, squares)
+        theirs = plant.EvalTimeDerivatives(context).CopyToVector()
+        assert_close(ours[0:6], theirs[0:6])
+        assert_close(ours[6:9], theirs[6:9])
+        euler_acceleration = euler.CalcRpyDDtFromAngularAccelInChild(rates, ours[9:12])
+        assert_close(euler_acceleration, theirs[9:12])
+
+
+@pytest.fixture(scope="module")
+def multibody():
+    """A free body with four propellers, wired by Drake's multibody engine."""
+    builder = DiagramBuilder()
+    plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
+    inertia = UnitInertia(*(np.array(TABLE_I.inertia) / TABLE_I.mass))
+    body = plant.AddRigidBody("vehicle", SpatialInertia(TABLE_I.mass, [0.0, 0.0, 0.0], inertia))
+    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -TABLE_I.gravity])
+    plant.Finalize()
+    length, b, d = TABLE_I.arm_length, TABLE_I.thrust_factor[0], TABLE_I.drag_factor
+    places = [[length, 0.0, 0.0], [0.0, -length, 0.0], [-length, 0.0, 0.0], [0.0, length, 0.0]]
+    propellers = builder.AddSystem(
+        Propeller(
+            [
+                PropellerInfo(body.index(), RigidTransform(place), b, sign * d)
+                for place, sign in zip(places, (1.0, -1.0, 1.0, -1.0), strict=True)
+            ]
+        )
+    )
+    builder.Connect(propellers.get_spatial_forces_output_port(), plant.get_applied_spatial_force_input_port())
+    builder.Connect(plant.get_body_poses_output_port(), propellers.get_body_poses_input_port())
+    builder.ExportInput(propellers.get_command_input_port(), "squared_rotor_speed")
+    return builder.Build(), plant, body
+
+
+def test_against_a_multibody_plant_with_propellers(multibody):
+    diagram, plant, body = multibody
+    root = diagram.CreateDefaultContext()
+    context = plant.GetMyContextFromRoot(root)
+    for state in random_states(300, seed=2):
+        R_WB = RollPitchYaw(state[3:6]).ToRotationMatrix()
+        plant.SetFreeBodyPose(context, body, RigidTransform(R_WB, state[0:3]))
+        w_W = R_WB @ state[9:12]
+        plant.SetFreeBodySpatialVelocity(context, body, SpatialVelocity(w_W, state[6:9]))
+        diagram.get_input_port().FixValue(root, state[12:] ** 2)
+        acceleration = plant.EvalBodySpatialAccelerationInWorld(context, body)
+        ours = body_derivative(state, NO_SPIN)
+        assert_close(ours[6:9], acceleration.translational())
+        assert_close(ours[9:12], R_WB.inverse() @ acceleration.rotational())
+
+
+def test_spinning_rotors_keep_the_total_angular_momentum():
+    """Rotors that turn at constant speed but push nothing: R_WB (I w + J_r w_r z) is constant."""
+    parameters = TABLE_I._replace(rotor_inertia=1e-3)
+    residual = rotor_residual([100.0, 300.0, 120.0, 280.0])
+    state = np.array([0.0] * 3 + [0.1, -0.2, 0.3] + [0.0] * 3 + [1.0, -2.0, 0.5])
+
+    def momentum(state):
+        R_WB = RollPitchYaw(state[3:6]).ToRotationMatrix().matrix()
+        body = np.array(parameters.inertia) * state[9:12] + [0.0, 0.0, parameters.rotor_inertia * residual]
+        return R_WB @ body
+
+    def derivative(state):
+        free = rigid_body_derivative(state, (0.0,) * 4, residual, STILL, parameters, rigid_kinematics)
+        return np.array(free)
+
+    start = momentum(state)
+    step = 1e-4
+    for _ in range(3000):
+        k_1 = derivative(state)
+        k_2 = derivative(state + 0.5 * step * k_1)
+        k_3 = derivative(state + 0.5 * step * k_2)
+        k_4 = derivative(state + step * k_3)
+        state = state + step / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
+    assert np.abs(state[9:12] - [1.0, -2.0, 0.5]).max() > 0.5, "the body must have moved for this to mean anything"
+    np.testing.assert_allclose(momentum(state), start, rtol=0.0, atol=1e-12)
+
+
+def test_gyroscopic_signs_are_those_of_the_paper():
+    """Eq (3): -J_r θ' w_r on roll and +J_r φ' w_r on pitch."""
+    state = np.zeros(12)
+    state[9:12] = 2.0, 3.0, 0.0
+    slope = rigid_body_derivative(state, (0.0,) * 4, 50.0, STILL, TABLE_I, small_angle_kinematics)
+    assert slope[9] == pytest.approx(-TABLE_I.rotor_inertia * 3.0 * 50.0 / 0.007)
+    assert slope[10] == pytest.approx(TABLE_I.rotor_inertia * 2.0 * 50.0 / 0.007)
+
+
+def test_small_angles_agree_with_the_exact_form_to_second_order():
+    direction = np.random.default_rng(3).normal(size=16)
+    direction[:3] = direction[6:9] = 0.0
+
+    def gap(size):
+        state = size * direction
+        state[12:] += 200.0
+        exact, small = (body_derivative(state, TABLE_I, STILL, k) for k in (rigid_kinematics, small_angle_kinematics))
+        return np.abs(exact - small).max()
+
+    ratios = [gap(size) / gap(size / 2.0) for size in (1e-2, 1e-3, 1e-4)]
+    np.testing.assert_allclose(ratios, 4.0, rtol=2e-2)
+
+
+def test_hover():
+    assert TABLE_I.hover_rotor_speed == pytest.approx(200.9, abs=0.05)
+    state = np.array([0.0] * 12 + [TABLE_I.hover_rotor_speed] * 4)
+    slope = quadrotor_derivative(state, state[12:], STILL, TABLE_I, rigid_kinematics)
+    np.testing.assert_allclose(slope, 0.0, atol=1e-14)
+
+
+def test_power_of_the_rotors_and_of_the_air_is_the_rate_of_the_energy():
+    parameters = TABLE_I._replace(linear_drag=0.2, quadratic_drag=0.05)
+    wind = np.array([1.0, -2.0, 0.5])
+    for state in random_states(100, seed=4):
+        slope = body_derivative(state, parameters, wind)
+        velocity, rates = state[6:9], state[9:12]
+        energy_rate = (
+            parameters.mass * velocity @ slope[6:9]
+            + rates @ (np.array(parameters.inertia) * slope[9:12])
+            + parameters.mass * parameters.gravity * slope[2]
+        )
+        thrust, *torque = rotor_wrench(state[12:], parameters)
+        z_B = RollPitchYaw(state[3:6]).ToRotationMatrix().matrix()[:, 2]
+        force = np.array(drag(velocity, wind, parameters))
+        power = thrust * z_B @ velocity + np.array(torque) @ rates + force @ velocity
+        assert energy_rate == pytest.approx(power, rel=1e-12, abs=1e-12)
+
+
+def test_drag_is_along_the_airspeed_and_of_the_stated_size():
+    parameters = TABLE_I._replace(linear_drag=0.2, quadratic_drag=0.01)
+    force = np.array(drag((3.0, 0.0, 0.0), (0.0, 4.0, 0.0), parameters))
+    assert np.linalg.norm(force) == pytest.approx(0.2 * 5.0 + 0.01 * 25.0)
+    np.testing.assert_allclose(force / np.linalg.norm(force), [-0.6, 0.8, 0.0])
+    assert drag((1.0, 2.0, 3.0), (1.0, 2.0, 3.0), parameters) == (0.0, 0.0, 0.0)

@@ -1,0 +1,147 @@
+import numpy as np
+import pytest
+from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
+from pydrake.symbolic import Evaluate, MakeVectorVariable
+from pydrake.systems.analysis import Simulator, Simulator_
+
+from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.quadrotor import Quadrotor
+
+COMMAND = np.array([200.0, 215.0, 205.0, 198.0])
+PARAMETERS = QuadrotorParameters(mass=0.7, linear_drag=0.2, quadratic_drag=0.05)
+
+
+def flown(vehicle, duration, command=COMMAND, wind=(1.0, 0.5, -0.2), crashed=None, accuracy=1e-11):
+    """The (16, N) state after a flight under constant inputs."""
+    n = vehicle.num_vehicles
+    context = vehicle.CreateDefaultContext()
+    vehicle.GetInputPort("rotor_speed_command").FixValue(context, np.broadcast_to(command, (n, 4)).T.ravel())
+    vehicle.GetInputPort("wind").FixValue(context, np.repeat(wind, n))
+    if crashed is not None:
+        vehicle.GetInputPort("crashed").FixValue(context, crashed)
+    simulator = Simulator(vehicle, context)
+    simulator.get_mutable_integrator().set_target_accuracy(accuracy)
+    simulator.AdvanceTo(duration)
+    simulator.AdvancePendingEvents()
+    outputs = [vehicle.GetOutputPort(name).Eval(context) for name in ("state", "rotor_speed")]
+    return np.concatenate(outputs).reshape(16, n)
+
+
+def test_stepping_converges_to_the_continuous_vehicle_with_fourth_order():
+    exact = flown(Quadrotor(time_step=0.0, parameters=PARAMETERS), 0.32)
+    errors = [
+        np.abs(flown(Quadrotor(time_step=step, parameters=PARAMETERS), 0.32) - exact).max() for step in (0.02, 0.01)
+    ]
+    assert errors[1] < 1e-6
+    assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.25)
+
+
+def test_rotors_of_a_stepping_vehicle_lag_exactly():
+    final = flown(Quadrotor(), 0.1)[12:, 0]
+    hover = QuadrotorParameters().hover_rotor_speed
+    np.testing.assert_allclose(final, COMMAND + (hover - COMMAND) * np.exp(-0.1 / 0.05), rtol=1e-13)
+
+
+@pytest.mark.parametrize("time_step", [0.0, 0.01])
+def test_commands_beyond_the_limits_are_clipped(time_step):
+    final = flown(Quadrotor(time_step=time_step), 0.1, command=np.array([1e4, -1e4, np.nan, 250.0]), accuracy=1e-7)
+    limited, hover = np.array([300.0, 60.0, 60.0, 250.0]), QuadrotorParameters().hover_rotor_speed
+    np.testing.assert_allclose(final[12:, 0], limited + (hover - limited) * np.exp(-2.0), rtol=1e-6)
+
+
+def test_each_vehicle_of_a_fleet_flies_as_it_would_alone():
+    masses = np.array([0.6, 0.68, 0.75])
+    commands = COMMAND + np.array([[0.0], [3.0], [-4.0]])
+    fleet = flown(Quadrotor(num_vehicles=3, parameters=PARAMETERS._replace(mass=masses)), 0.6, command=commands)
+    for i, mass in enumerate(masses):
+        alone = flown(Quadrotor(parameters=PARAMETERS._replace(mass=mass)), 0.6, command=commands[i])
+        np.testing.assert_allclose(fleet[:, i], alone[:, 0], rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.parametrize("time_step", [0.0, 0.01])
+def test_a_crashed_vehicle_stays_and_touches_no_other(time_step):
+    vehicle = Quadrotor(num_vehicles=2, time_step=time_step, initial_position=(1.0, 2.0, 3.0))
+    both = flown(vehicle, 0.2, accuracy=1e-8)
+    one = flown(vehicle, 0.2, crashed=[1.0, 0.0], accuracy=1e-8)
+    start = np.array([1.0, 2.0, 3.0] + [0.0] * 9 + [QuadrotorParameters().hover_rotor_speed] * 4)
+    np.testing.assert_allclose(one[:, 0], start, rtol=1e-15)
+    np.testing.assert_allclose(one[:, 1], both[:, 1], rtol=0.0, atol=1e-6 if time_step == 0.0 else 1e-14)
+
+
+def test_one_step_differentiates_as_finite_differences_do():
+    def after_a_step(state, vehicle, simulator_class):
+        context = vehicle.CreateDefaultContext()
+        vehicle.GetInputPort("rotor_speed_command").FixValue(context, COMMAND)
+        vehicle.GetInputPort("wind").FixValue(context, [1.0, 0.0, 0.0])
+        context.SetDiscreteState(0, state[:12])
+        context.SetDiscreteState(1, state[12:])
+        simulator = simulator_class(vehicle, context)
+        simulator.AdvanceTo(0.01)
+        simulator.AdvancePendingEvents()
+        return np.concatenate([vehicle.GetOutputPort(name).Eval(context) for name in ("state", "rotor_speed")])
+
+    vehicle = Quadrotor(parameters=PARAMETERS)
+    state = np.concatenate([np.random.default_rng(1).normal(size=12) * 0.3, COMMAND + 5.0])
+    differentiable = vehicle.ToAutoDiffXd()
+    start = InitializeAutoDiff(state)[:, 0]
+    gradient = ExtractGradient(after_a_step(start, differentiable, Simulator_[AutoDiffXd]))
+    step = 1e-6
+    columns = [
+        (after_a_step(state + step * e, vehicle, Simulator) - after_a_step(state - step * e, vehicle, Simulator))
+        / (2.0 * step)
+        for e in np.eye(16)
+    ]
+    np.testing.assert_allclose(gradient, np.array(columns).T, atol=2e-8)
+
+
+@pytest.mark.parametrize("num_vehicles", [1, 2])
+def test_symbolic_derivative_has_the_values_of_the_numeric_one(num_vehicles):
+    vehicle = Quadrotor(num_vehicles=num_vehicles, time_step=0.0, parameters=PARAMETERS)
+    symbolic = vehicle.ToSymbolic()
+    context, symbolic_context = vehicle.CreateDefaultContext(), symbolic.CreateDefaultContext()
+    rng = np.random.default_rng(2)
+    state = rng.normal(size=16 * num_vehicles) * 0.3 + np.repeat([0.0] * 12 + [200.0] * 4, num_vehicles)
+    command = rng.uniform(0.0, 400.0, 4 * num_vehicles)
+    variables = MakeVectorVariable(16 * num_vehicles, "x")
+    symbolic_context.SetContinuousState(variables)
+    context.SetContinuousState(state)
+    for system, its_context in ((vehicle, context), (symbolic, symbolic_context)):
+        system.GetInputPort("rotor_speed_command").FixValue(its_context, command)
+    expected = vehicle.EvalTimeDerivatives(context).CopyToVector()
+    expressions = symbolic.EvalTimeDerivatives(symbolic_context).CopyToVector()
+    values = Evaluate(expressions, dict(zip(variables, state, strict=True)))[:, 0]
+    np.testing.assert_allclose(values, expected, rtol=1e-12, atol=1e-12)
+
+
+def test_parameters_live_in_the_context():
+    vehicle = Quadrotor(num_vehicles=2)
+    context = vehicle.CreateDefaultContext()
+    heavy = QuadrotorParameters(mass=np.array([0.68, 0.9]))
+    vehicle.set_parameters(context, heavy)
+    np.testing.assert_array_equal(vehicle.get_parameters(context).mass, [0.68, 0.9])
+    vehicle.set_hover(context, (0.0, 0.0, 1.0), 0.5)
+    speeds = vehicle.GetOutputPort("rotor_speed").Eval(context).reshape(4, 2)
+    np.testing.assert_allclose(speeds[0], [200.9, np.sqrt(0.9 * 9.81 / (4 * 4.13e-5))], rtol=1e-3)
+    np.testing.assert_allclose(vehicle.GetOutputPort("state").Eval(context).reshape(12, 2)[5], 0.5)
+
+
+def test_linearises_at_hover_to_the_matrices_of_the_textbook():
+    from pydrake.systems.primitives import Linearize
+
+    vehicle = Quadrotor(time_step=0.0)
+    context = vehicle.CreateDefaultContext()
+    hover = vehicle.GetOutputPort("rotor_speed").Eval(context)[0]
+    command = vehicle.GetInputPort("rotor_speed_command")
+    command.FixValue(context, [hover] * 4)
+    system = Linearize(vehicle, context, command.get_index(), vehicle.GetOutputPort("state").get_index())
+    expected = np.zeros((16, 16))
+    expected[0:3, 6:9] = expected[3:6, 9:12] = np.eye(3)
+    expected[6, 4], expected[7, 3] = 9.81, -9.81
+    b, d, length = 4.13e-5, 8.5e-7, 0.17
+    slope = 2.0 * b * hover
+    expected[8, 12:] = slope / 0.68
+    expected[9, 12:] = np.array([0.0, -1.0, 0.0, 1.0]) * length * slope / 0.007
+    expected[10, 12:] = np.array([-1.0, 0.0, 1.0, 0.0]) * length * slope / 0.007
+    expected[11, 12:] = np.array([1.0, -1.0, 1.0, -1.0]) * 2.0 * d * hover / 0.012
+    expected[12:, 12:] = -np.eye(4) / 0.05
+    np.testing.assert_allclose(system.A(), expected, atol=1e-12)
