@@ -45,7 +45,13 @@ def allocate(wrench: Rows, rotors: RotorModel) -> tuple[list[Row], list[Row]]:
     """Returns the rotor speeds for a wrench, or for the part of it that the rotors can give, and what is given up.
 
     Where they cannot give all, yaw torque is given up first, then roll and pitch torque in equal shares, and thrust
-    last: each is cut to what the rotor with the least room leaves.
+    last. In squared rotor speeds, with the thrust's `level`, the `room` above and below it, and the sizes of what
+    the torques ask for, the rotors are at
+
+        1, 3: level ∓ pitch + yaw        2, 4: level ∓ roll - yaw
+
+    so roll and pitch leave yaw an interval, and their share is the largest for which that interval still holds a
+    yaw between none and the one that is wanted.
 
     Args:
         wrench: F_z (N), τ_x, τ_y, τ_z (N m).
@@ -62,25 +68,30 @@ def allocate(wrench: Rows, rotors: RotorModel) -> tuple[list[Row], list[Row]]:
 
     wanted = thrust / (4.0 * b)
     level = minimum(maximum(wanted, low), high)
-    roll, pitch, yaw = tau_x / lever, tau_y / lever, tau_z / (4.0 * d)
     above, below = high - level, level - low
-    room = minimum(above, below)
-    share = room / maximum(maximum(abs(roll), abs(pitch)), maximum(room, _TINY))
-    roll, pitch = share * roll, share * pitch
+    roll, pitch, wanted_yaw = tau_x / lever, tau_y / lever, tau_z / (4.0 * d)
+    across, along = abs(roll), abs(pitch)
+    half = 0.5 * (above + below)
+    left, right = maximum(wanted_yaw, 0.0), minimum(wanted_yaw, 0.0)
+    room_along = minimum(minimum(below + left, above - right), half)
+    room_across = minimum(minimum(above + left, below - right), half)
+    room_both = 2.0 * minimum(above, below)
+    share = minimum(
+        minimum(
+            room_along / maximum(along, maximum(room_along, _TINY)),
+            room_both / maximum(along + across, maximum(room_both, _TINY)),
+        ),
+        room_across / maximum(across, maximum(room_across, _TINY)),
+    )
+    roll, pitch, across, along = share * roll, share * pitch, share * across, share * along
+    yaw = maximum(minimum(wanted_yaw, minimum(above - along, below - across)), maximum(along - below, across - above))
 
-    # Rotors 1 and 3 carry the pitch torque and speed up for a positive yaw torque; 2 and 4 carry roll and slow down.
-    along, across = abs(pitch), abs(roll)
-    most = maximum(minimum(above - along, below - across), 0.0)
-    least = -maximum(minimum(below - along, above - across), 0.0)
-    turn = minimum(maximum(yaw, least), most)
-    speeds = [
-        sqrt(level - pitch + turn),
-        sqrt(level - roll - turn),
-        sqrt(level + pitch + turn),
-        sqrt(level + roll - turn),
-    ]
+    squares = level - pitch + yaw, level - roll - yaw, level + pitch + yaw, level + roll - yaw
     given_up = 1.0 - share
-    return speeds, [4.0 * b * (wanted - level), given_up * tau_x, given_up * tau_y, 4.0 * d * (yaw - turn)]
+    return (
+        [sqrt(maximum(square, low)) for square in squares],
+        [4.0 * b * (wanted - level), given_up * tau_x, given_up * tau_y, 4.0 * d * (wanted_yaw - yaw)],
+    )
 
 
 @fleet_system(float, AutoDiffXd)

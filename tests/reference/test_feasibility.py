@@ -1,0 +1,46 @@
+import numpy as np
+import pytest
+
+from drake_quad.errors import InputError
+from drake_quad.reference.feasibility import first_violation
+from drake_quad.reference.minimum_snap import minimum_snap
+from drake_quad.scenario import load_scenario
+from drake_quad.tracking import plan_route
+from drake_quad.vehicle.inverse_dynamics import rotor_demand
+from drake_quad.vehicle.parameters import QuadrotorParameters
+
+TABLE_I = QuadrotorParameters()
+CLIMB = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 2.0])
+
+
+def check(path, **limits):
+    limits = {"min_rotor_speed": 60.0, "max_rotor_speed": 300.0, **limits}
+    return first_violation(path, lambda a, j, s: rotor_demand(a, j, s, TABLE_I, yaw=0.0).rotor_speed, **limits)
+
+
+def test_a_climb_breaks_the_limit_where_its_acceleration_says():
+    """Straight up every rotor turns at √(m (g + a) / 4b), so the limit is an acceleration."""
+    assert check(CLIMB) is None
+    peak = 7.51319 * 1.0 / 2.0**2
+    speed = np.sqrt(0.68 * (9.81 + 0.99 * peak) / (4.0 * 4.13e-5))
+    violation = check(CLIMB, max_rotor_speed=speed)
+    # The acceleration peaks at s = (5 - √5) / 10 of a rest-to-rest segment.
+    assert violation.time == pytest.approx(2.0 * (5.0 - np.sqrt(5.0)) / 10.0, abs=0.05)
+    assert violation.rotor == 1
+    assert violation.speed > speed == violation.limit
+    assert check(CLIMB, max_rotor_speed=1.01 * speed) is None
+
+
+def test_too_slow_is_a_violation_too():
+    violation = check(CLIMB, min_rotor_speed=190.0)
+    assert violation.speed < 190.0
+    assert violation.time > 1.0
+    assert "rotor 1 would have to turn at" in str(violation)
+
+
+def test_a_route_that_the_rotors_cannot_fly_is_refused(diagrams):
+    scenario = load_scenario(diagrams / "figure_eight.yaml", ["route.top_acceleration=40", "route.top_speed=50"])
+    with pytest.raises(
+        InputError, match=r"cannot fly this route: at \d+\.\d+ s rotor \d would have to turn at \d+ rad/s"
+    ):
+        plan_route(scenario)

@@ -1,0 +1,155 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.interpolate import make_interp_spline
+
+from drake_quad.errors import InputError
+from drake_quad.reference.minimum_snap import PolynomialPath, boundary_derivatives, evaluate, minimum_snap, snap_cost
+from drake_quad.reference.minimum_snap_program import MinimumSnapProgram
+from drake_quad.reference.plan import to_piecewise_polynomial
+
+EXACT_COSTS = [
+    ([0, 1.7], [0, 1.3], 100800 * 1.7**2 / 1.3**7),
+    ([0, 1, 0], [0, 1, 2], 32256),
+    ([0, 1, 2], [0, 1, 2], 3150),
+    ([0, 1, 0], [0, 1, 3], 137781 / 32),
+    ([0, 1, 0, 1], [0, 1, 2, 3], 15095360 / 629),
+    ([0, 1, 3, 2], [0, 1, 2, 3], 2920013600 / 313871),
+    ([0, 0.5, 1], [0, 0.5, 1], 100800),
+]
+PLANNERS = {
+    "fast path": minimum_snap,
+    "program": lambda waypoints, times: MinimumSnapProgram(waypoints, times).solve(),
+    "program, three derivatives": lambda waypoints, times: MinimumSnapProgram(waypoints, times, continuity=3).solve(),
+}
+planners = pytest.mark.parametrize("plan", PLANNERS.values(), ids=PLANNERS.keys())
+
+
+def jumps(path: PolynomialPath, order: int) -> tuple[float, float]:
+    """Largest jump of a derivative in time at a waypoint, and its largest value at one."""
+    ends = [
+        np.einsum("k,nka->na", boundary_derivatives(order, s), path.coefficients)
+        / path.durations[:, np.newaxis] ** order
+        for s in (1.0, 0.0)
+    ]
+    return np.abs(ends[0][:-1] - ends[1][1:]).max(initial=0.0), np.abs(ends).max()
+
+
+@planners
+@pytest.mark.parametrize(("waypoints", "times", "cost"), EXACT_COSTS)
+def test_exact_costs(plan, waypoints, times, cost):
+    path = plan(np.array(waypoints)[:, np.newaxis], times)
+    assert snap_cost(path)[0] == pytest.approx(cost, rel=1e-8)
+
+
+def test_rest_to_rest_is_the_known_polynomial_with_its_known_peaks():
+    path = minimum_snap([[0.0], [2.0]], [1.0, 4.0])
+    np.testing.assert_allclose(path.coefficients[0, :, 0] / 2.0, [0, 0, 0, 0, 35, -84, 70, -20], atol=1e-12)
+    times = np.linspace(1.0, 4.0, 100_001)
+    for order, peak in ((1, 2.1875), (2, 7.51319), (3, 52.5), (4, 840.0)):
+        assert np.abs(evaluate(path, times, order)).max() == pytest.approx(peak * 2.0 / 3.0**order, rel=1e-6)
+
+
+@given(st.integers(1, 12), st.integers(0, 2**32 - 1))
+@settings(max_examples=50, deadline=None)
+def test_is_the_clamped_interpolating_spline_of_degree_7(segments, seed):
+    rng = np.random.default_rng(seed)
+    waypoints = rng.normal(size=(segments + 1, 3))
+    times = np.cumsum(rng.uniform(0.5, 2.0, segments + 1))
+    rest = [(order, np.zeros(3)) for order in (1, 2, 3)]
+    spline = make_interp_spline(times, waypoints, k=7, bc_type=(rest, rest))
+    path = minimum_snap(waypoints, times)
+    samples = np.linspace(times[0], times[-1], 60)
+    for order in range(5):
+        expected = spline(samples, nu=order).T
+        np.testing.assert_allclose(
+            evaluate(path, samples, order), expected, rtol=0.0, atol=1e-9 * max(1.0, np.abs(expected).max())
+        )
+
+
+@planners
+@pytest.mark.parametrize(
+    "durations",
+    [[0.2, 20.0], [20.0, 0.2, 20.0], [0.2, 20.0, 0.2], [20.0, 20.0, 0.2, 20.0, 0.2, 0.2, 20.0], [0.2, 0.2, 20.0, 0.2]],
+)
+def test_short_segments_beside_long_ones(plan, durations):
+    rng = np.random.default_rng(7)
+    # Steps as a vehicle would fly them, at about 1 m/s.
+    steps = rng.normal(size=(len(durations), 3)) * np.array(durations)[:, np.newaxis]
+    waypoints = np.vstack([np.zeros(3), np.cumsum(steps, axis=0)])
+    path = plan(waypoints, np.concatenate([[0.0], np.cumsum(durations)]))
+    np.testing.assert_allclose(path.coefficients[:, 0], waypoints[:-1], atol=1e-9)
+    np.testing.assert_allclose(path.coefficients.sum(axis=1), waypoints[1:], atol=1e-9)
+    for order in range(1, 6):
+        jump, peak = jumps(path, order)
+        assert jump <= 1e-8 * max(1.0, peak)
+    jump, peak = jumps(path, 6)
+    assert jump <= 1e-4 * peak
+
+
+@given(st.integers(1, 10), st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_fast_path_and_program_agree(segments, seed):
+    rng = np.random.default_rng(seed)
+    waypoints = rng.normal(size=(segments + 1, 2))
+    times = np.cumsum(rng.uniform(0.3, 3.0, segments + 1))
+    fast, program = (plan(waypoints, times) for plan in list(PLANNERS.values())[:2])
+    np.testing.assert_allclose(snap_cost(program), snap_cost(fast), rtol=1e-8)
+    scale = np.abs(fast.coefficients).max()
+    np.testing.assert_allclose(program.coefficients, fast.coefficients, rtol=0.0, atol=1e-7 * scale)
+
+
+def test_doubling_all_times_divides_the_cost_by_128():
+    waypoints, times = np.random.default_rng(3).normal(size=(6, 3)), np.array([0.0, 1.0, 1.5, 3.0, 4.0, 4.7])
+    ratio = snap_cost(minimum_snap(waypoints, times)) / snap_cost(minimum_snap(waypoints, 2.0 * times))
+    np.testing.assert_allclose(ratio, 128.0, rtol=1e-12)
+
+
+def test_no_other_path_through_the_waypoints_costs_less():
+    """Random smooth detours that vanish at the waypoints with three derivatives only add to the cost."""
+    rng = np.random.default_rng(5)
+    waypoints, times = rng.normal(size=(4, 1)), [0.0, 1.0, 2.5, 3.0]
+    best = minimum_snap(waypoints, times)
+    for _ in range(20):
+        # s⁴ (1 - s)⁴ is a detour of degree 8; its minimum-snap part of degree 7 is exactly zero, so add a degree.
+        detour = rng.normal(size=3) * 1e-2
+        bump = np.array([math.comb(4, k) * (-1.0) ** k for k in range(5)])
+        coefficients = np.zeros((3, 9, 1))
+        coefficients[:, :8] = best.coefficients
+        coefficients[:, 4:, 0] += detour[:, np.newaxis] * bump
+        snap = coefficients[:, 4:, 0] * [math.perm(k, 4) for k in range(4, 9)]
+        forms = 1.0 / (np.add.outer(np.arange(5), np.arange(5)) + 1.0)
+        cost = np.sum(np.einsum("nk,kl,nl->n", snap, forms, snap) * best.durations**-7.0)
+        assert cost > snap_cost(best)[0]
+
+
+def test_becomes_a_trajectory_of_drake():
+    waypoints, times = np.random.default_rng(1).normal(size=(7, 3)), np.array([1.0, 2.0, 2.2, 4.0, 5.0, 8.0, 8.5])
+    path = minimum_snap(waypoints, times)
+    trajectory = to_piecewise_polynomial(path)
+    assert (trajectory.start_time(), trajectory.end_time()) == (1.0, 8.5)
+    for time, waypoint in zip(times, waypoints, strict=True):
+        np.testing.assert_allclose(trajectory.value(time)[:, 0], waypoint, atol=1e-9)
+    samples = np.linspace(1.0, 8.5, 101)
+    for order in range(5):
+        ours = evaluate(path, samples, order)
+        theirs = np.array([trajectory.EvalDerivative(t, order)[:, 0] for t in samples]).T
+        np.testing.assert_allclose(ours, theirs, rtol=0.0, atol=1e-9 * max(1.0, np.abs(ours).max()))
+
+
+@pytest.mark.parametrize(
+    ("waypoints", "times", "words"),
+    [
+        ([[0.0]], [0.0], "two or more waypoints"),
+        ([[0.0], [1.0]], [0.0], "one time for each"),
+        ([[0.0], [1.0]], [1.0, 1.0], "times must increase"),
+        ([[0.0], [math.nan]], [0.0, 1.0], "finite"),
+        ([0.0, 1.0], [0.0, 1.0], "as rows"),
+    ],
+)
+def test_bad_waypoints_are_explained(waypoints, times, words):
+    with pytest.raises(InputError, match=words):
+        minimum_snap(waypoints, times)

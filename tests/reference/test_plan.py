@@ -1,0 +1,47 @@
+import numpy as np
+
+from drake_quad.reference.minimum_snap import evaluate, minimum_snap
+from drake_quad.reference.plan import Plan
+from drake_quad.reference.source import build_reference
+
+PLAN = Plan(minimum_snap([[0, 0, 0], [1, 2, 1], [3, 1, 2]], [0.5, 1.5, 3.0]), yaw=0.3)
+
+
+def test_the_source_shows_position_velocity_acceleration_yaw_and_jerk():
+    source = build_reference(PLAN)
+    context = source.CreateDefaultContext()
+    for time in (0.5, 1.0, 1.5, 2.9):
+        context.SetTime(time)
+        expected = np.concatenate([evaluate(PLAN.path, [time], order)[:, 0] for order in range(3)])
+        reference = source.GetOutputPort("reference").Eval(context)
+        np.testing.assert_allclose(reference, [*expected, 0.3, 0.0], atol=1e-12)
+        jerk = evaluate(PLAN.path, [time], 3)[:, 0]
+        np.testing.assert_allclose(source.GetOutputPort("reference_jerk").Eval(context), jerk, atol=1e-11)
+
+
+def test_it_hovers_before_and_after():
+    source = build_reference(PLAN)
+    context = source.CreateDefaultContext()
+    for time, place in ((0.0, [0, 0, 0]), (9.0, [3, 1, 2])):
+        context.SetTime(time)
+        reference = source.GetOutputPort("reference").Eval(context)
+        np.testing.assert_allclose(reference, [*place, *[0.0] * 6, 0.3, 0.0], atol=1e-11)
+
+
+def test_every_vehicle_of_a_fleet_gets_the_same():
+    one, fleet = build_reference(PLAN), build_reference(PLAN, num_vehicles=4)
+    contexts = one.CreateDefaultContext(), fleet.CreateDefaultContext()
+    for context in contexts:
+        context.SetTime(1.7)
+    for name in ("reference", "reference_jerk"):
+        single = one.GetOutputPort(name).Eval(contexts[0])
+        np.testing.assert_array_equal(
+            fleet.GetOutputPort(name).Eval(contexts[1]).reshape(-1, 4), np.repeat(single[:, np.newaxis], 4, axis=1)
+        )
+
+
+def test_hover():
+    plan = Plan.hover([1.0, 2.0, 3.0], duration=5.0)
+    assert plan.duration == 5.0
+    np.testing.assert_array_equal(plan.waypoints, [[1.0, 2.0, 3.0]] * 2)
+    np.testing.assert_array_equal(plan.reference().value(2.0)[:, 0], [1.0, 2.0, 3.0, *[0.0] * 11])

@@ -1,0 +1,59 @@
+import numpy as np
+import pytest
+
+from drake_quad.reference.minimum_snap import evaluate
+from drake_quad.reference.routes import circle, figure_eight
+from drake_quad.reference.time_allocation import peak_norm
+from drake_quad.scenario import load_scenario
+from drake_quad.tracking import plan_route
+
+
+def test_the_figure_eight_is_the_paper_s(diagrams):
+    """Its extent as read off the paper's figures; 2 m/s and 0.7 m/s²; 20 to 31 m in 21 to 26 s."""
+    plan = plan_route(load_scenario(diagrams / "figure_eight.yaml"))
+    times = np.linspace(0.0, plan.duration, 5000)
+    position = evaluate(plan.path, times)
+    np.testing.assert_allclose(position.min(axis=1), [-1.5, -3.3, 0.0], atol=0.12)
+    np.testing.assert_allclose(position.max(axis=1), [1.3, 3.3, 2.0], atol=0.12)
+    assert peak_norm(plan.path, 1) <= 2.0
+    assert peak_norm(plan.path, 2) == pytest.approx(0.7, rel=1e-12)
+    assert 21.0 <= plan.duration <= 26.0
+    assert 20.0 <= np.linalg.norm(np.diff(position, axis=1), axis=0).sum() <= 31.0
+    assert [leg.name for leg in plan.legs] == [
+        "rise",
+        "climb",
+        "circle",
+        "straight",
+        "descent",
+        "turn",
+        "curve",
+        "return",
+    ]
+
+
+def test_its_circles_are_turned_in_opposite_senses(diagrams):
+    plan = plan_route(load_scenario(diagrams / "figure_eight.yaml"))
+    starts = [plan.path.times[leg.first] for leg in plan.legs]
+    for leg, sense in ((2, 1.0), (5, -1.0), (6, -1.0)):
+        times = np.linspace(starts[leg], starts[leg + 1], 50)
+        (v_x, v_y, _), (a_x, a_y, _) = evaluate(plan.path, times, 1), evaluate(plan.path, times, 2)
+        turning = v_x * a_y - v_y * a_x
+        assert np.mean(np.sign(turning)) == sense
+
+
+def test_its_straights_touch_the_circles():
+    route = figure_eight(radius=1.0, offset=2.0, lower_height=1.0, upper_height=3.0)
+    upper = route.waypoints[2:9]
+    np.testing.assert_allclose(np.hypot(upper[:, 0], upper[:, 1] - 2.0), 1.0)
+    radius = upper[0, :2] - [0.0, 2.0]
+    assert radius @ upper[0, :2] == pytest.approx(0.0, abs=1e-12)
+
+
+def test_a_minimum_snap_circle_is_round(diagrams):
+    scenario = load_scenario(diagrams / "figure_eight.yaml", ["route={kind: circle, radius: 2.0, laps: 3}"])
+    plan = plan_route(scenario)
+    middle = np.linspace(0.3 * plan.duration, 0.7 * plan.duration, 500)
+    x, y, z = evaluate(plan.path, middle)
+    np.testing.assert_allclose(np.hypot(x, y), 2.0, rtol=5e-3)
+    np.testing.assert_allclose(z, 1.0, atol=1e-9)
+    assert len(circle(radius=1.0, height=1.0, laps=3).legs) == 3

@@ -1,0 +1,80 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import linprog
+
+from drake_quad.vehicle.allocation import AllocationLaw, RotorModel, allocate, build_allocation
+from drake_quad.vehicle.dynamics import rotor_wrench
+from drake_quad.vehicle.parameters import QuadrotorParameters
+
+TABLE_I = QuadrotorParameters()
+ROTORS = RotorModel.of(TABLE_I)
+TOP_THRUST = 4.0 * 4.13e-5 * 300.0**2
+BOTTOM_THRUST = 4.0 * 4.13e-5 * 60.0**2
+
+wrenches = st.tuples(st.floats(-20.0, 40.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-0.5, 0.5))
+
+
+@given(st.lists(st.floats(60.0, 300.0), min_size=4, max_size=4))
+def test_inverts_eq_5_within_the_limits(rotor_speed):
+    speeds, shortfall = allocate(rotor_wrench(rotor_speed, TABLE_I), ROTORS)
+    # At the very limits rounding may call for a trace of saturation.
+    np.testing.assert_allclose(speeds, rotor_speed, rtol=1e-9)
+    np.testing.assert_allclose(shortfall, 0.0, atol=1e-9)
+
+
+@given(wrenches)
+def test_speeds_are_within_the_limits_and_shortfall_is_what_is_missing(wrench):
+    speeds, shortfall = allocate(wrench, ROTORS)
+    assert np.all(np.array(speeds) >= 60.0 * (1.0 - 1e-12))
+    assert np.all(np.array(speeds) <= 300.0 * (1.0 + 1e-12))
+    np.testing.assert_allclose(np.array(wrench) - shortfall, rotor_wrench(speeds, TABLE_I), atol=1e-9)
+
+
+@given(wrenches)
+@settings(max_examples=200, deadline=None)
+def test_gives_up_yaw_first_then_roll_and_pitch_and_thrust_last(wrench):
+    """Against a linear program for each priority in turn: thrust, then the share of roll and pitch, then yaw."""
+    _, shortfall = allocate(wrench, ROTORS)
+    b, d, lever = 4.13e-5, 8.5e-7, 2.0 * 0.17 * 4.13e-5
+    thrust = np.clip(wrench[0], BOTTOM_THRUST, TOP_THRUST)
+    assert wrench[0] - shortfall[0] == pytest.approx(thrust, abs=1e-9)
+    level, roll, pitch, yaw = thrust / (4.0 * b), wrench[1] / lever, wrench[2] / lever, wrench[3] / (4.0 * d)
+    # Squared rotor speeds, in units of the largest, are level + rows @ (share of roll and pitch, share of yaw).
+    unit = 300.0**2
+    rows = np.array([[-pitch, yaw], [-roll, -yaw], [pitch, yaw], [roll, -yaw]]) / unit
+    limits = np.concatenate([np.full(4, unit - level), np.full(4, level - 60.0**2)]) / unit
+    both = np.vstack([rows, -rows])
+    share = linprog([-1.0, 0.0], A_ub=both, b_ub=limits, bounds=[(0, 1), (0, 1)]).x[0]
+    kept = linprog([0.0, -1.0], A_ub=both, b_ub=limits + 1e-9, bounds=[(max(share - 1e-9, 0.0), share), (0, 1)]).x[1]
+    delivered = np.array(wrench) - shortfall
+    expected = [share * wrench[1], share * wrench[2], kept * wrench[3]]
+    np.testing.assert_allclose(delivered[1:], expected, atol=1e-6)
+
+
+def test_a_yaw_torque_that_does_not_fit_leaves_roll_untouched():
+    _, shortfall = allocate((6.67, 0.3, 0.0, 0.3), ROTORS)
+    assert shortfall[:3] == [0.0, 0.0, 0.0]
+    assert 0.0 < shortfall[3] < 0.3
+
+
+def test_fleet_and_single_vehicle_agree():
+    rng = np.random.default_rng(0)
+    wrench = np.array([rng.uniform(0, 15, 50), *rng.normal(size=(2, 50)), 0.1 * rng.normal(size=50)])
+    fleet = AllocationLaw(num_vehicles=50)
+    context = fleet.CreateDefaultContext()
+    fleet.get_input_port().FixValue(context, wrench.ravel())
+    rows = fleet.get_output_port().Eval(context).reshape(8, 50)
+    for i in range(50):
+        speeds, shortfall = allocate(wrench[:, i].tolist(), ROTORS)
+        np.testing.assert_allclose(rows[:, i], speeds + shortfall, rtol=1e-14, atol=1e-16)
+
+
+def test_the_diagram_has_speaking_ports():
+    diagram = build_allocation()
+    context = diagram.CreateDefaultContext()
+    diagram.GetInputPort("wrench").FixValue(context, [0.68 * 9.81, 0.0, 0.0, 0.0])
+    speeds = diagram.GetOutputPort("rotor_speed_command").Eval(context)
+    np.testing.assert_allclose(speeds, TABLE_I.hover_rotor_speed)
+    np.testing.assert_array_equal(diagram.GetOutputPort("shortfall").Eval(context), 0.0)

@@ -1,0 +1,31 @@
+import numpy as np
+
+from drake_quad.reference.minimum_snap import evaluate, minimum_snap
+from drake_quad.vehicle.dynamics import rigid_body_derivative, rigid_kinematics, rotor_residual, rotor_wrench
+from drake_quad.vehicle.inverse_dynamics import rotor_demand
+from drake_quad.vehicle.parameters import QuadrotorParameters
+
+PARAMETERS = QuadrotorParameters(rotor_inertia=0.0)
+PATH = minimum_snap([[0, 0, 0], [1, 2, 1], [3, 1, 2], [2, -1, 0]], [0.0, 1.5, 3.0, 4.2])
+
+
+def test_the_equations_of_motion_under_the_demanded_speeds_give_the_trajectory_back():
+    times = np.linspace(0.0, 4.2, 8001)
+    position, velocity, *higher = (evaluate(PATH, times, order) for order in range(5))
+    demand = rotor_demand(*higher, PARAMETERS, yaw=0.7)
+    state = np.vstack([position, demand.attitude, velocity, demand.body_rates])
+    wrench = rotor_wrench(demand.rotor_speed, PARAMETERS)
+    np.testing.assert_allclose(wrench, demand.wrench, atol=1e-12)
+    residual = rotor_residual(demand.rotor_speed)
+    slope = np.array(rigid_body_derivative(state, wrench, residual, np.zeros((3, 1)), PARAMETERS, rigid_kinematics))
+    np.testing.assert_allclose(slope[6:9], higher[0], atol=1e-12)
+    numeric = np.gradient(state, times[1], axis=1)[:, 2:-2]
+    assert np.ptp(numeric[3]) > 1.0, "the attitude must move for this to mean anything"
+    np.testing.assert_allclose(slope[:, 2:-2], numeric, atol=5e-4)
+
+
+def test_hover_demands_hover_speed():
+    still = np.zeros((3, 1))
+    demand = rotor_demand(still, still, still, QuadrotorParameters(), yaw=1.0)
+    np.testing.assert_allclose(demand.rotor_speed, QuadrotorParameters().hover_rotor_speed)
+    np.testing.assert_allclose(demand.attitude[:, 0], [0.0, 0.0, 1.0], atol=1e-15)
