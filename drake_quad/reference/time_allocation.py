@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 
 from drake_quad.errors import InputError
-from drake_quad.reference.minimum_snap import PolynomialPath
+from drake_quad.reference.minimum_snap import PolynomialPath, evaluate
 
 # Samples of a segment that bracket the peaks of a polynomial of degree 14 at most; at a peak the value depends on the
 # square of an error of place, so this many bisections leave only rounding.
