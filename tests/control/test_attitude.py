@@ -1,0 +1,31 @@
+import math
+
+import numpy as np
+import pytest
+
+from drake_quad.control.attitude import AttitudeController
+
+INERTIA = (0.007, 0.008, 0.012)
+
+
+def torque(attitude=(0.0, 0.0, 0.0), rates=(0.0, 0.0, 0.0), command=(0.0, 0.0, 0.0), rate_command=(0.0, 0.0, 0.0)):
+    controller = AttitudeController(k_p=(10.0, 20.0, 30.0), k_d=(1.0, 2.0, 3.0), inertia=INERTIA)
+    context = controller.CreateDefaultContext()
+    controller.GetInputPort("measurement").FixValue(context, [0.0] * 3 + [*attitude] + [0.0] * 3 + [*rates])
+    controller.GetInputPort("attitude_command").FixValue(context, command)
+    controller.GetInputPort("attitude_rate_command").FixValue(context, rate_command)
+    return controller.get_output_port().Eval(context)
+
+
+def test_gains_act_on_each_axis_as_on_a_double_integrator():
+    result = torque((0.1, 0.2, 0.3), (0.4, 0.5, 0.6), (0.3, 0.1, 0.0), (1.0, 1.0, 1.0))
+    acceleration = [10.0 * 0.2 + 0.6, 20.0 * -0.1 + 2.0 * 0.5, 30.0 * -0.3 + 3.0 * 0.4]
+    np.testing.assert_allclose(result, np.array(INERTIA) * acceleration)
+
+
+@pytest.mark.parametrize(
+    ("yaw", "command", "error"),
+    [(3.0, -3.0, math.tau - 6.0), (-3.0, 3.0, 6.0 - math.tau), (0.1, 12.7, 12.6 - 2 * math.tau)],
+)
+def test_yaw_turns_the_short_way(yaw, command, error):
+    assert torque((0.0, 0.0, yaw), command=(0.0, 0.0, command))[2] == pytest.approx(0.012 * 30.0 * error)

@@ -1,0 +1,107 @@
+import math
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+
+from drake_quad.laboratory.flight_monitor import FlightMonitor
+
+PERIOD = 0.02
+
+
+def watched(tape, num_vehicles=1, **options):
+    """The metrics that the monitor gathers over a tape of (ticks, size) inputs by port."""
+    builder = DiagramBuilder()
+    monitor = builder.AddNamedSystem("monitor", FlightMonitor(num_vehicles=num_vehicles, period=PERIOD, **options))
+    ticks = len(next(iter(tape.values())))
+    for name, values in tape.items():
+        # Each row holds from half a period before its tick.
+        breaks = PERIOD * (np.arange(ticks + 1) - 0.5)
+        rows = np.vstack([values, values[-1:]])
+        source = builder.AddSystem(TrajectorySource(PiecewisePolynomial.ZeroOrderHold(breaks, rows.T)))
+        builder.Connect(source.get_output_port(), monitor.GetInputPort(name))
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(PERIOD * (ticks - 1))
+    simulator.AdvancePendingEvents()
+    context = monitor.GetMyContextFromRoot(simulator.get_context())
+    return monitor.metrics(context), monitor.GetOutputPort("crashed").Eval(context)
+
+
+def random_tape(ticks=40, num_vehicles=1, seed=0):
+    rng = np.random.default_rng(seed)
+    sizes = {"state": 12, "reference": 11, "acceleration_command": 3}
+    tape = {name: 0.3 * rng.normal(size=(ticks, size * num_vehicles)) for name, size in sizes.items()}
+    heights = tape["state"].reshape(ticks, 12, num_vehicles)[:, 2]
+    heights[:] = np.abs(heights)
+    tape["shortfall"] = np.repeat(rng.integers(0, 2, (ticks, num_vehicles)), 4, axis=1).reshape(ticks, num_vehicles, 4)
+    tape["shortfall"] = tape["shortfall"].transpose(0, 2, 1).reshape(ticks, -1) * 1.0
+    return tape
+
+
+def expected(tape, ticks):
+    """The metrics straight from their definitions."""
+    error = tape["reference"][ticks, :3] - tape["state"][ticks, :3]
+    command = tape["acceleration_command"][ticks]
+    return [
+        math.sqrt(np.mean(np.sum(error**2, axis=1))),
+        *np.sqrt(np.mean(error**2, axis=0)),
+        np.linalg.norm(error, axis=1).max(),
+        *np.mean(command**2, axis=0),
+        *(np.abs(np.diff(command, axis=0)).sum(axis=0) / (PERIOD * (len(error) - 1))),
+        np.mean(np.any(tape["shortfall"][ticks] != 0.0, axis=1)),
+    ]
+
+
+def test_metrics_are_their_definitions():
+    tape = random_tape()
+    metrics, crashed = watched(tape)
+    np.testing.assert_allclose(np.array(metrics[:-1])[:, 0], expected(tape, slice(None)), rtol=1e-12)
+    assert crashed == 0.0
+    assert not metrics.crashed[0]
+
+
+def test_only_the_window_counts():
+    tape = random_tape()
+    metrics, _ = watched(tape, window=(0.2, 0.5))
+    np.testing.assert_allclose(np.array(metrics[:-1])[:, 0], expected(tape, slice(10, 26)), rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("port", "element", "value"),
+    [
+        ("state", 3, 1.5),
+        ("state", 4, -1.5),
+        ("state", 2, -0.6),
+        ("state", 1, 6.0),
+        ("acceleration_command", 2, math.nan),
+        ("acceleration_command", 0, math.inf),
+    ],
+)
+def test_a_crash_is_called_and_ends_what_counts(port, element, value):
+    tape = random_tape()
+    tape[port][25:, element] = value
+    metrics, crashed = watched(tape)
+    assert crashed == 1.0
+    assert metrics.crash_time[0] == pytest.approx(25 * PERIOD)
+    np.testing.assert_allclose(np.array(metrics[:-1])[:, 0], expected(tape, slice(25)), rtol=1e-12)
+
+
+def test_a_crash_touches_no_other_vehicle():
+    tape = random_tape(num_vehicles=3)
+    tape["state"].reshape(-1, 12, 3)[15:, 0, 1] = math.nan
+    metrics, crashed = watched(tape, num_vehicles=3)
+    np.testing.assert_array_equal(crashed, [0.0, 1.0, 0.0])
+    for i, ticks in enumerate((slice(None), slice(15), slice(None))):
+        alone = {name: values.reshape(len(values), -1, 3)[:, :, i] for name, values in tape.items()}
+        np.testing.assert_allclose(np.array(metrics[:-1])[:, i], expected(alone, ticks), rtol=1e-12)
+
+
+def test_what_is_not_connected_is_not_measured():
+    tape = random_tape()
+    metrics, _ = watched({name: tape[name] for name in ("state", "reference")})
+    assert math.isfinite(metrics.rmse[0])
+    assert np.isnan([metrics.effort_x[0], metrics.variation_z[0], metrics.saturation_share[0]]).all()

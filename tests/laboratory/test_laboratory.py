@@ -1,0 +1,71 @@
+"""Motion capture, command link and recorder, in time."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+
+from drake_quad.laboratory.command_link import CommandLink
+from drake_quad.laboratory.motion_capture import MotionCapture
+from drake_quad.laboratory.recorder import build_recorder, read_recorder
+
+
+def clock(size):
+    """A source whose every element is the time plus one."""
+    line = PiecewisePolynomial.FirstOrderHold([0.0, 100.0], np.array([[1.0] * size, [101.0] * size]).T)
+    return TrajectorySource(line)
+
+
+def recorded(system, output, size, duration, period=0.005):
+    """The times and values of a system's output, sampled as a discrete update samples, under a ramp."""
+    builder = DiagramBuilder()
+    source = builder.AddNamedSystem("clock", clock(size))
+    builder.AddNamedSystem("system", system)
+    builder.Connect(source.get_output_port(), system.get_input_port())
+    recorder = builder.AddNamedSystem("recorder", build_recorder({"out": size}, period=period))
+    builder.Connect(system.GetOutputPort(output), recorder.GetInputPort("out"))
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(duration)
+    simulator.AdvancePendingEvents()
+    time, signals = read_recorder(recorder, simulator.get_context())
+    return time, signals["out"][:, 0]
+
+
+def held(times, period):
+    """The newest multiple of the period before each time, as a discrete update at that time sees it."""
+    ticks = np.round(times / period, 6)
+    return np.maximum(np.ceil(ticks) - 1, 0) * period
+
+
+def test_motion_capture_holds_its_frames_from_the_first():
+    time, value = recorded(MotionCapture(period=0.01), "measurement", 12, 0.3)
+    np.testing.assert_allclose(value - 1.0, held(time, 0.01), atol=1e-12)
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_the_command_link_delays_by_whole_ticks(delay):
+    link = CommandLink(period=0.02, delay_ticks=delay, initial=(7.0, 7.0, 7.0, 7.0))
+    time, value = recorded(link, "wrench", 4, 0.3)
+    # Before a tick's own update is done, what was sent at that tick is not out yet.
+    tick = np.ceil(np.round(time / 0.02, 6)) - 1 - delay
+    expected = np.where(tick < 0, 7.0, 1.0 + 0.02 * tick)
+    np.testing.assert_allclose(value, expected, atol=1e-12)
+
+
+def test_the_recorder_keeps_what_a_discrete_update_sees_at_each_tick_to_the_last():
+    builder = DiagramBuilder()
+    source = builder.AddNamedSystem("clock", clock(2))
+    recorder = builder.AddNamedSystem("recorder", build_recorder({"a": 2, "b": 2}, period=0.02))
+    for name in ("a", "b"):
+        builder.Connect(source.get_output_port(), recorder.GetInputPort(name))
+    simulator = Simulator(builder.Build())
+    for end in (0.05, 0.06, 0.2):
+        simulator.AdvanceTo(end)
+    simulator.AdvancePendingEvents()
+    time, signals = read_recorder(recorder, simulator.get_context())
+    np.testing.assert_allclose(time, np.arange(11) * 0.02)
+    for name in ("a", "b"):
+        np.testing.assert_allclose(signals[name], np.column_stack([time, time]) + 1.0)

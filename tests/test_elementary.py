@@ -1,0 +1,66 @@
+import math
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.symbolic import Expression, Variable
+
+from drake_quad import elementary
+
+# Arithmetic on Expression leaves floating-point flags behind that mean nothing.
+pytestmark = pytest.mark.filterwarnings("ignore:invalid value encountered")
+
+FUNCTIONS = [elementary.sin, elementary.cos, elementary.sqrt, elementary.arcsin, elementary.arctan, elementary.exp]
+
+
+@pytest.mark.parametrize("function", FUNCTIONS, ids=lambda f: f.__name__)
+def test_acts_alike_on_all_scalars(function):
+    x, variable = 0.3, Variable("x")
+    expected = function(x)
+    assert isinstance(expected, float)
+    np.testing.assert_allclose(function(np.array([x, x])), expected, rtol=1e-15)
+    assert function(AutoDiffXd(x, [1.0])).value() == pytest.approx(expected, rel=1e-15)
+    assert function(np.array([AutoDiffXd(x, [1.0])]))[0].value() == pytest.approx(expected, rel=1e-15)
+    assert function(Expression(variable)).Evaluate({variable: x}) == pytest.approx(expected, rel=1e-15)
+
+
+@pytest.mark.parametrize(("function", "expected"), [(elementary.maximum, 2.0), (elementary.minimum, 1.0)])
+def test_maximum_and_minimum(function, expected):
+    variable = Variable("x")
+    assert function(1.0, 2.0) == function(2.0, 1.0) == expected
+    np.testing.assert_array_equal(function(np.array([1.0, 2.0]), np.array([2.0, 1.0])), expected)
+    one, two = AutoDiffXd(1.0, [1.0]), AutoDiffXd(2.0, [1.0])
+    assert function(one, two).value() == function(np.array([two]), one)[0].value() == expected
+    for value, other in ((1.0, 2.0), (2.0, 1.0)):
+        assert function(Expression(variable), other).Evaluate({variable: value}) == expected
+        assert function(np.array([Expression(variable)]), other)[0].Evaluate({variable: value}) == expected
+    # A number replaces what is none.
+    assert function(math.nan, 1.5) == 1.5
+    np.testing.assert_array_equal(function(np.array([math.nan]), 1.5), 1.5)
+
+
+@pytest.mark.parametrize("angle", [-10.0, -3.2, -1.0, 0.0, 2.0, 3.2, 100.0])
+def test_wrapped_angles(angle):
+    expected = math.atan2(math.sin(angle), math.cos(angle))
+    for value in (
+        elementary.wrapped(angle),
+        elementary.wrapped(np.array([angle, angle]))[1],
+        elementary.wrapped(AutoDiffXd(angle, [1.0])).value(),
+        elementary.wrapped(np.array([AutoDiffXd(angle, [1.0])]))[0].value(),
+    ):
+        assert value == pytest.approx(expected, abs=1e-12)
+    assert elementary.wrapped(AutoDiffXd(angle, [1.0])).derivatives()[0] == 1.0
+
+
+def test_masks():
+    assert elementary.where(True, 1.0, 2.0) == 1.0
+    np.testing.assert_array_equal(elementary.where(np.array([True, False]), 1.0, 2.0), [1.0, 2.0])
+    assert elementary.every(np.array([True, True]))
+    assert not elementary.every(np.array([True, False]))
+    assert not elementary.every(False)
+
+
+def test_a_float_outside_the_domain_is_nan_and_no_error():
+    assert math.isnan(elementary.sqrt(-1.0))
+    assert math.isnan(elementary.arcsin(1.1))
+    assert math.isnan(elementary.sqrt(math.nan))
