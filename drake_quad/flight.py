@@ -7,7 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Diagram
 from ruamel.yaml import YAML
 
@@ -22,7 +22,7 @@ from drake_quad.tracking import build_tracking_diagram, plan_route
 
 # Between two looks at the crashes and two reports of progress, s of flight.
 _STRIDE = 1.0
-_ACCURACY = 1e-8
+_ACCURACY, _MAX_STEP = 1e-8, 0.1
 
 
 @dataclass(frozen=True)
@@ -103,7 +103,7 @@ def simulate(
     diagram = build_tracking_diagram(scenario, position_controller=position_controller, control=control, record=True)
     simulator = Simulator(diagram)
     # For a vehicle with a continuous state; a stepping one does not use the integrator.
-    simulator.get_mutable_integrator().set_target_accuracy(_ACCURACY)
+    ResetIntegratorFromFlags(simulator, "runge_kutta5", _MAX_STEP).set_target_accuracy(_ACCURACY)
     fly(simulator, duration, progress=progress)
     context = simulator.get_context()
     metrics = read_metrics(diagram, context)

@@ -71,9 +71,6 @@ def build_tracking_diagram(
     Raises:
         InputError: the scenario holds a distribution, or the rotors cannot fly the route.
     """
-    random = distributions_in(scenario)
-    if random:
-        raise InputError(f"{random[0]} is a distribution; one flight needs a number there")
     plan = plan_route(scenario)
     parameters = vehicle_parameters(scenario)
     own_control = control if control is not None else _control(scenario, num_vehicles, parameters, position_controller)
@@ -123,8 +120,11 @@ def plan_route(scenario: Scenario) -> Plan:
     """The plan for a scenario's route.
 
     Raises:
-        InputError: the rotors cannot fly it.
+        InputError: the scenario holds a distribution, or the rotors cannot fly the route.
     """
+    random = distributions_in(scenario)
+    if random:
+        raise InputError(f"{random[0]} is a distribution; one flight needs a number there")
     route = scenario.route
     match route:
         case HoverRoute():

@@ -12,13 +12,13 @@ from tqdm import tqdm
 from drake_quad import InputError, Scenario, load_scenario
 
 
-def parser(description: str, example: str, *, output: str, scenario: str) -> argparse.ArgumentParser:
+def parser(description: str, example: str, *, output: str | None, scenario: str) -> argparse.ArgumentParser:
     """Returns a parser with the arguments that every script has.
 
     Args:
         description: what the script does, a sentence.
         example: a command line that runs.
-        output: default folder for what the script writes.
+        output: default folder for what the script writes, if it writes anything.
         scenario: default scenario, a file of `diagrams/`.
     """
     result = argparse.ArgumentParser(
@@ -26,13 +26,15 @@ def parser(description: str, example: str, *, output: str, scenario: str) -> arg
         epilog=f"example: {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    default = os.path.relpath(Path(__file__).parent.parent / "diagrams" / scenario)
-    result.add_argument("scenario", nargs="?", default=default, help="FILE or FILE:NAME (default: %(default)s)")
+    shipped = os.path.relpath(Path(__file__).parent.parent / "diagrams" / scenario)
+    result.add_argument("scenario", nargs="?", default=shipped, help="FILE or FILE:NAME (default: %(default)s)")
     result.add_argument(
         "--set", metavar="FIELD=VALUE", action="append", default=[], help="override a field, as in vehicle.mass=0.7"
     )
     result.add_argument("--seed", type=int, help="seed of everything random (default: the scenario's)")
-    result.add_argument("--output", type=Path, default=Path(output), help="folder to write to (default: %(default)s)")
+    if output is not None:
+        default = Path(output)
+        result.add_argument("--output", type=Path, default=default, help="folder to write to (default: %(default)s)")
     return result
 
 

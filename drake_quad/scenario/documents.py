@@ -108,7 +108,7 @@ class _Converter:
         self._count += 1
         if depth > _MAX_DEPTH or self._count > _MAX_NODES:
             raise InputError(f"{mark}: is nested too deep or too large for a scenario")
-        if isinstance(node, MappingNode):
+        if isinstance(node, MappingNode) and str(node.tag).endswith(":map"):
             return Tree(dict(self._items(node, depth)), mark)
         if isinstance(node, SequenceNode) and str(node.tag).endswith(":seq"):
             return Tree([self.tree(child, depth + 1) for child in node.value], mark)
@@ -122,7 +122,7 @@ class _Converter:
             if not isinstance(key, str):
                 raise InputError(f"{mark}: a field's name must be text")
             if key in seen:
-                raise InputError(f"{mark}: {key} is already given at {seen[key]}")
+                raise InputError(f"{mark}: {key!r} is already given at {seen[key]}")
             seen[key] = mark
             # What a person looks for is the line of the field, not of the first entry of its value.
             yield key, Tree(self.tree(value_node, depth + 1).value, mark)

@@ -121,7 +121,9 @@ def _real_path(location: tuple[Any, ...], data: Any) -> tuple[Any, ...]:
 
 def _written(path: tuple[Any, ...]) -> str:
     """The path as in `vehicle.inertia[0]`."""
-    text = "".join(f"[{key}]" if isinstance(key, int) else f".{key}" for key in path)
+    text = "".join(
+        f"[{key}]" if isinstance(key, int) else f".{key}" if str(key).isidentifier() else f".{key!r}" for key in path
+    )
     return text.lstrip(".") or "the scenario"
 
 

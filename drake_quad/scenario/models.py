@@ -127,6 +127,8 @@ class WaypointRoute(Model):
             raise PydanticCustomError(
                 "count", "must hold one time for each of the {count} waypoints", {"count": len(waypoints)}
             )
+        if times[0] < 0.0:
+            raise PydanticCustomError("order", "must start at 0 or later")
         for i, (now, then) in enumerate(itertools.pairwise(times)):
             if not then > now:
                 raise PydanticCustomError("order", "must increase, but time {i} does not", {"i": i + 1})

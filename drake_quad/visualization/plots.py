@@ -27,8 +27,9 @@ def plot_path(flight: Flight) -> Figure:
         space.plot(*wanted, **REFERENCE)
         space.scatter(*flown[:, :1], color=BLUE, marker="o", s=18)
         space.set(xlabel="X (m)", ylabel="Y (m)", zlabel="Z (m)", title="Path")
-        extent = np.ptp(np.hstack([flown, wanted]), axis=1)
-        space.set_box_aspect(np.maximum(extent, 0.15 * extent.max()), zoom=0.85)
+        # A hover has no extent; half a metre is shown then.
+        extent = np.maximum(np.ptp(np.hstack([flown, wanted]), axis=1), 0.5)
+        space.set_box_aspect(extent, zoom=0.85)
         for axis in (space.xaxis, space.yaxis, space.zaxis):
             axis.set_major_locator(MaxNLocator(3))
         plane = figure.add_subplot(1, 2, 2)

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
 from pydrake.symbolic import Evaluate, MakeVectorVariable
-from pydrake.systems.analysis import Simulator, Simulator_
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator, Simulator_
 
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor
@@ -20,7 +20,7 @@ def flown(vehicle, duration, command=COMMAND, wind=(1.0, 0.5, -0.2), crashed=Non
     if crashed is not None:
         vehicle.GetInputPort("crashed").FixValue(context, crashed)
     simulator = Simulator(vehicle, context)
-    simulator.get_mutable_integrator().set_target_accuracy(accuracy)
+    ResetIntegratorFromFlags(simulator, "runge_kutta5", 0.1).set_target_accuracy(accuracy)
     simulator.AdvanceTo(duration)
     simulator.AdvancePendingEvents()
     outputs = [vehicle.GetOutputPort(name).Eval(context) for name in ("state", "rotor_speed")]

@@ -1,0 +1,307 @@
+"""The scenario language: what it accepts, and one sentence for what it does not."""
+
+import copy
+import math
+from io import StringIO
+
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from ruamel.yaml import YAML
+
+from drake_quad.errors import InputError
+from drake_quad.scenario import Scenario, distributions_in, load_scenario
+
+BODY = """\
+  route: {kind: hover}
+  control:
+    position: {kind: pd, k_p: [1.0, 1.0, 1.0], k_d: [1, 1e0, 1.5]}
+    attitude: {k_p: [9.0, 9.0, 4.0], k_d: [6.0, 6.0, 3.0]}
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def writer(text, name="loop.yaml"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return writer
+
+
+def refusal(write, text, *overrides):
+    with pytest.raises(InputError) as caught:
+        load_scenario(write(text), overrides)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+def test_a_small_file_is_a_whole_scenario(write):
+    scenario = load_scenario(write(f"small:\n{BODY}"))
+    assert scenario.name == "small"
+    assert scenario.control.position.k_d == (1.0, 1.0, 1.5)
+    assert scenario.vehicle.mass == 0.68
+
+
+def test_a_file_of_several_needs_a_name(write):
+    path = write(f"one:\n{BODY}two:\n{BODY}")
+    assert load_scenario(f"{path}:two").name == "two"
+    with pytest.raises(InputError, match="several scenarios; choose one as .*:NAME from one, two"):
+        load_scenario(path)
+    with pytest.raises(InputError, match="no scenario 'three' in .*; it holds one, two"):
+        load_scenario(f"{path}:three")
+
+
+def test_extends_merges_deeply_and_the_last_word_wins(write):
+    write(f"base:\n{BODY}  vehicle: {{mass: 0.7, arm_length: 0.2}}\nlight: {{vehicle: {{mass: 0.5}}}}\n", "base.yaml")
+    path = write(
+        "a: {extends: base.yaml:base, vehicle: {mass: 0.6}}\n"
+        "b: {extends: [a, base.yaml:light], route: {kind: circle, radius: 2.0}}\n"
+    )
+    a, b = load_scenario(f"{path}:a"), load_scenario(f"{path}:b")
+    assert (a.vehicle.mass, a.vehicle.arm_length) == (0.6, 0.2)
+    assert (b.vehicle.mass, b.vehicle.arm_length) == (0.5, 0.2)
+    assert (b.route.kind, b.route.radius) == ("circle", 2.0)
+
+
+def test_another_kind_or_distribution_replaces_as_a_whole(write):
+    path = write(
+        f"base:\n{BODY}  vehicle: {{mass: {{uniform: {{min: 0.6, max: 0.7}}}}}}\n"
+        "a: {extends: base, route: {kind: circle}, vehicle: {mass: {choice: [0.5, 0.6]}}}\n"
+        "b: {extends: base, vehicle: {mass: 0.68}}\n"
+    )
+    assert distributions_in(load_scenario(f"{path}:a")) == ["vehicle.mass"]
+    assert load_scenario(f"{path}:b").vehicle.mass == 0.68
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("a: {extends: a}", "a extends itself"),
+        ("a: {extends: b}\nb: {extends: a}", "extends itself"),
+        ("a: {extends: nothing.yaml}", "extends .*nothing.yaml, which does not exist"),
+        ("a: {extends: nothing}", "no scenario 'nothing'"),
+        ("a: {extends: 3}", "extends must name a scenario"),
+        ("a: {extends: []}", "extends must name a scenario"),
+    ],
+)
+def test_bad_extensions_are_explained(write, text, words):
+    with pytest.raises(InputError, match=words):
+        load_scenario(f"{write(text)}:a")
+
+
+def test_overrides_win_and_are_named(write):
+    text = f"a:\n{BODY}"
+    assert load_scenario(write(text), ["vehicle.mass=0.9"]).vehicle.mass == 0.9
+    assert refusal(write, text, "vehicle.mass=-1") == (
+        "--set vehicle.mass=-1: vehicle.mass is -1, but must be larger than 0"
+    )
+    assert "must be field.path=value" in refusal(write, text, "vehicle.mass")
+
+
+@pytest.mark.parametrize(
+    ("line", "message"),
+    [
+        ("  vehicle: {mas: 1.0}", "6: vehicle.mas is unknown; allowed are mass, inertia, .*; did you mean mass?"),
+        ("  vehicle: {mass: heavy}", "6: vehicle.mass is 'heavy', but must be a valid number"),
+        ("  vehicle: {mass: true}", "6: vehicle.mass is True, but must be a valid number"),
+        ("  vehicle: {mass: '0.7'}", "6: vehicle.mass is '0.7', but must be a valid number"),
+        ("  vehicle: {mass: .nan}", "6: vehicle.mass is nan, but must be a finite number"),
+        ("  vehicle: {mass: -.inf}", "6: vehicle.mass is -inf, but must be a finite number"),
+        ("  vehicle: {mass: -0.1}", "6: vehicle.mass is -0.1, but must be larger than 0"),
+        ("  vehicle: {mass: 1, mass: 2}", "6: 'mass' is already given at .*:6"),
+        ("  vehicle: [1]", "6: vehicle is .*, but must be a mapping of fields"),
+        ("  vehicle:\n    inertia: [1, 2]", r"7: vehicle.inertia\[2\] is missing"),
+        ("  vehicle: {max_rotor_speed: 50.0}", "6: vehicle.max_rotor_speed is 50.0, but must be larger than min_"),
+        ("  vehicle: {mass: {uniform: {min: 2, max: 1}}}", "6: vehicle.mass.uniform.max is 1, but must be larger"),
+        ("  vehicle: {mass: {uniform: {min: -1, max: 1}}}", "6: vehicle.mass is .*, but must be larger than 0"),
+        ("  vehicle: {mass: {normal: {mean: 1, standard_deviation: 1}}}", "6: vehicle.mass is .* larger than 0"),
+        ("  vehicle: {mass: {gauss: 1}}", "6: vehicle.mass is .*, but must be a number or one of the distributions"),
+        ("  duration: 0", "6: duration is 0, but must be greater than 0"),
+        ("  seed: -1", "6: seed is -1, but must be greater than or equal to 0"),
+        ("  seed: 1.5", "6: seed is 1.5, but must be a valid integer"),
+        (
+            "  laboratory: {motion_capture: {period: 0.015}}",
+            "6: laboratory.motion_capture.period is 0.015, but must be",
+        ),
+        ("  laboratory: {command_link: {period: 0.03}}", "6: laboratory.command_link.period is 0.03, but must be"),
+        ("  laboratory: {command_link: {delay_ticks: 0.5}}", "6: laboratory.command_link.delay_ticks is 0.5, but"),
+        ("  metrics: {start: 5, end: 4}", "6: metrics.end is 4, but must be later than start"),
+        ("  name: a/b", "6: name is 'a/b', but must match"),
+        ("  vehicle: !!python/object:os.system {}", "6: the tag .* is not allowed"),
+        ("  vehicle: &v {mass: *v}", "6: is nested too deep"),
+        ("  3: 4", "6: a field's name must be text"),
+        ("  vehicle: {mass: 0.7", "is not YAML"),
+        ("\t- x", "is not YAML"),
+    ],
+)
+def test_a_wrong_field_gets_one_sentence_with_file_line_and_what_is_allowed(write, line, message):
+    assert pytest.raises(InputError, load_scenario, write(f"a:\n{BODY}{line}\n")).match(message)
+
+
+@pytest.mark.parametrize(
+    ("route", "message"),
+    [
+        ("{kind: oval}", "2: route.kind is 'oval', but must be one of 'figure_eight', 'circle', 'hover', 'waypoints'"),
+        ("{radius: 1}", "2: route.kind is missing"),
+        ("{kind: figure_eight, radius: 3.0}", "2: route.offset is 1.9, but must be larger than the radius, 3.0"),
+        ("{kind: waypoints, waypoints: [[0, 0, 0]]}", "2: route.waypoints is .* at least 2 items"),
+        ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 0]], times: [0, 1]}", "2: route.waypoints is .* repeat"),
+        ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [1, 1]}", "2: route.times is .* must increase"),
+        ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [-1, 1]}", "2: route.times is .*0 or later"),
+        ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [1]}", "2: route.times is .*one time for each"),
+        ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]]}", "2: route.speed is missing; give times, or speed and"),
+        ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], speed: 1}", "2: route.acceleration is missing; give"),
+        (
+            "{kind: waypoints, waypoints: [[0, 0], [0, 0, 1]], times: [0, 1]}",
+            r"2: route.waypoints\[0\]\[2\] is missing",
+        ),
+        ("{kind: waypoints, times: [0, 1]}", "2: route.waypoints is missing"),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [0, 1], speed: 1}",
+            "2: route.speed must not stand beside times",
+        ),
+    ],
+)
+def test_wrong_routes_are_explained(write, route, message):
+    text = f"a:\n{BODY}".replace("{kind: hover}", route)
+    assert pytest.raises(InputError, load_scenario, write(text)).match(f"loop.yaml:{message}")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "holds no scenario"),
+        ("3", "holds no scenario"),
+        ("- 1", "holds no scenario"),
+        ("a: 3", "scenario a must be a mapping"),
+        ("a:", "scenario a must be a mapping"),
+        (f"a:\n{BODY}---\nb: 1", "is not YAML"),
+        ("a: {route: {kind: hover}}", "control is missing"),
+        ("[" * 10_000, "is not YAML"),
+    ],
+)
+def test_wrong_files_are_explained(write, text, words):
+    assert words in refusal(write, text)
+
+
+def test_a_file_that_is_not_there_or_not_text(tmp_path):
+    with pytest.raises(InputError, match="cannot be read: no such file"):
+        load_scenario(tmp_path / "nothing.yaml")
+    with pytest.raises(InputError, match="cannot be read"):
+        load_scenario(tmp_path)
+    (tmp_path / "binary.yaml").write_bytes(b"\xff\xfe\x00")
+    with pytest.raises(InputError, match="is not UTF-8 text"):
+        load_scenario(tmp_path / "binary.yaml")
+
+
+def test_shipped_scenarios_load(diagrams):
+    for path in diagrams.glob("*.yaml"):
+        for name in YAML(typ="safe").load(path):
+            assert isinstance(load_scenario(f"{path}:{name}"), Scenario)
+
+
+def test_a_scenario_written_and_read_again_is_the_same(diagrams, write):
+    scenario = load_scenario(diagrams / "figure_eight.yaml", ["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"])
+    text = StringIO()
+    YAML().dump({"again": scenario.model_dump(mode="json")}, text)
+    assert load_scenario(write(text.getvalue())) == scenario
+
+
+# What a person, a merge conflict or a program may leave in a file.
+scraps = st.one_of(
+    st.none(),
+    st.booleans(),
+    st.integers(-(10**400), 10**400),
+    st.floats(),
+    st.text(max_size=8),
+    st.lists(st.floats(), max_size=4),
+    st.dictionaries(st.text(max_size=5), st.integers(), max_size=2),
+    st.sampled_from([{"uniform": {"min": 0.0, "max": 1.0}}, {"normal": {}}, {"choice": []}, {"kind": "pd"}]).map(
+        copy.deepcopy
+    ),
+)
+
+
+def places(tree, path=()):
+    yield path
+    children = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    for key, child in children:
+        yield from places(child, (*path, key))
+
+
+def numbers(value):
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, dict):
+        for child in value.values():
+            yield from numbers(child)
+    elif isinstance(value, list | tuple):
+        for child in value:
+            yield from numbers(child)
+
+
+@pytest.fixture(scope="module")
+def full_tree():
+    from pathlib import Path
+
+    scenario = load_scenario(Path(__file__).parents[2] / "diagrams" / "figure_eight.yaml")
+    return {"loop": scenario.model_dump(mode="json")}
+
+
+@given(data=st.data())
+@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_mutated_tree_is_refused_in_one_sentence_or_makes_sense(full_tree, tmp_path_factory, data):
+    tree = copy.deepcopy(full_tree)
+    for _ in range(data.draw(st.integers(1, 3))):
+        *parents, last = data.draw(st.sampled_from([place for place in places(tree) if len(place) > 1]))
+        inside = tree
+        for key in parents:
+            inside = inside[key]
+        action = data.draw(st.sampled_from(["replace", "remove", "add"]))
+        if action == "replace":
+            inside[last] = data.draw(scraps)
+        elif action == "remove":
+            del inside[last]
+        elif isinstance(inside, dict):
+            inside[data.draw(st.text(max_size=6))] = data.draw(scraps)
+        else:
+            inside.append(data.draw(scraps))
+    path = tmp_path_factory.mktemp("mutated") / "loop.yaml"
+    with path.open("w", encoding="utf-8", errors="surrogatepass") as file:
+        YAML().dump(tree, file)
+    try:
+        scenario = load_scenario(path)
+    except InputError as error:
+        assert "\n" not in str(error)
+        assert str(error).startswith(str(path))
+        return
+    assert_makes_sense(scenario)
+
+
+@given(position=st.floats(0.0, 1.0), length=st.integers(0, 6), scrap=st.text(max_size=6))
+@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
+def test_a_mutated_text_is_refused_in_one_sentence_or_makes_sense(tmp_path_factory, position, length, scrap):
+    text = f"loop:\n{BODY}  vehicle: {{mass: 0.7}}\n"
+    start = int(position * len(text))
+    mutated = text[:start] + scrap + text[start + length :]
+    path = tmp_path_factory.mktemp("mutated") / "loop.yaml"
+    path.write_bytes(mutated.encode("utf-8", errors="surrogatepass"))
+    try:
+        scenario = load_scenario(path)
+    except InputError as error:
+        assert "\n" not in str(error)
+        return
+    assert_makes_sense(scenario)
+
+
+def assert_makes_sense(scenario):
+    """Every number is finite, and those that must be positive are."""
+    assert all(math.isfinite(number) for number in numbers(scenario.model_dump()))
+    vehicle = scenario.vehicle
+    for name in ("mass", "thrust_factor", "drag_factor", "arm_length", "rotor_time_constant", "max_rotor_speed"):
+        value = getattr(vehicle, name)
+        lowest = value if isinstance(value, float) else next(value.extremes())
+        assert lowest > 0.0

@@ -1,0 +1,73 @@
+"""Every script as a person runs it."""
+
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).parent.parent
+SCRIPTS = sorted(path for path in (ROOT / "scripts").glob("*.py") if path.name != "command_line.py")
+
+
+def run(script, *arguments, cwd=ROOT):
+    command = [sys.executable, str(ROOT / "scripts" / script), *map(str, arguments)]
+    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120, check=False)
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
+def test_help_ends_in_an_example_of_itself(script):
+    result = run(script.name, "--help")
+    assert result.returncode == 0
+    example = re.search(r"example: python (scripts/\S+)", result.stdout.strip().splitlines()[-1])
+    assert example.group(1) == f"scripts/{script.name}"
+
+
+def test_simulate_prints_a_table_and_the_files_it_wrote(tmp_path):
+    result = run("simulate.py", "diagrams/figure_eight.yaml", "--set", "duration=2", "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert re.search(r"^RMSE +\d+\.\d\d cm$", result.stdout, re.MULTILINE)
+    written = [Path(line.strip()) for line in result.stdout.split("wrote\n")[1].splitlines()]
+    assert len(written) == 7
+    assert all(path.stat().st_size > 500 for path in written)
+
+
+def test_a_crash_is_reported_and_is_no_failure(tmp_path):
+    result = run("simulate.py", "--set", "control.position.k_p=[20,20,20]", "--output", tmp_path)
+    assert result.returncode == 0
+    assert re.search(r"^flown +crashed at \d+\.\d\d s$", result.stdout, re.MULTILINE)
+    assert "nan" not in result.stdout
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["diagrams/nothing.yaml"], "diagrams/nothing.yaml: cannot be read"),
+        (["--set", "vehicle.mass=-1"], "vehicle.mass is -1, but must be larger than 0"),
+        (["--set", "route.top_acceleration=50", "--set", "route.top_speed=50"], "the rotors cannot fly this route"),
+        (["--seed", "-1"], "seed is -1, but must be"),
+        (["--set", "vehicle.mass={choice: [0.6, 0.7]}"], "vehicle.mass is a distribution"),
+    ],
+)
+def test_wrong_input_gets_one_sentence_and_status_2(tmp_path, arguments, words):
+    output = tmp_path / "out"
+    result = run("simulate.py", *arguments, "--output", output)
+    assert result.returncode == 2
+    assert words in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    assert result.stdout == ""
+    assert not output.exists() or not any(path.is_file() for path in output.rglob("*"))
+
+
+def test_an_unwritable_output_folder_is_told_before_flying(tmp_path):
+    (tmp_path / "file").write_text("in the way")
+    result = run("simulate.py", "--output", tmp_path / "file")
+    assert result.returncode == 2
+    assert "cannot be written" in result.stderr
+
+
+def test_bring_your_own_controller_flies_both():
+    result = run("bring_your_own_controller.py", "--set", "duration=3")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert len(re.findall(r"\d+\.\d\d cm", result.stdout)) == 2

@@ -1,0 +1,93 @@
+"""Every system: its port block tells the truth, and a copy is like the original."""
+
+import re
+
+import pytest
+from pydrake.autodiffutils import AutoDiffXd
+
+from drake_quad.control.attitude import AttitudeController
+from drake_quad.control.cascade import build_cascade
+from drake_quad.control.position import ProportionalDerivativeLaw, build_position_controller
+from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoringLaw, build_thrust_vectoring
+from drake_quad.laboratory.command_link import CommandLink
+from drake_quad.laboratory.flight_monitor import FlightMonitor
+from drake_quad.laboratory.laboratory import build_laboratory
+from drake_quad.laboratory.motion_capture import MotionCapture
+from drake_quad.reference.plan import Plan
+from drake_quad.reference.source import SameForAll, build_reference
+from drake_quad.vehicle.allocation import AllocationLaw, build_allocation
+from drake_quad.vehicle.quadrotor import Quadrotor
+
+GAINS = {"k_p": (1.0, 2.0, 3.0), "k_d": (1.0, 2.0, 3.0)}
+VECTORING = {"mass": 0.68, "gravity": 9.81, "limits": ThrustLimits(0.7, 2.0, 12.0)}
+
+
+def cascade():
+    return build_cascade(
+        position=build_position_controller(**GAINS),
+        thrust_vectoring=build_thrust_vectoring(**VECTORING),
+        attitude=AttitudeController(**GAINS, inertia=(1.0, 1.0, 1.0)),
+        follow_jerk=True,
+    )
+
+
+def laboratory():
+    return build_laboratory(
+        vehicle=Quadrotor(),
+        allocation=build_allocation(),
+        motion_capture=MotionCapture(),
+        command_link=CommandLink(delay_ticks=2),
+    )
+
+
+SYSTEMS = [
+    (AllocationLaw, AllocationLaw),
+    (AttitudeController, lambda: AttitudeController(**GAINS, inertia=(1.0, 1.0, 1.0))),
+    (CommandLink, lambda: CommandLink(num_vehicles=2, delay_ticks=3, initial=(1.0, 0.0, 0.0, 0.0))),
+    (FlightMonitor, FlightMonitor),
+    (MotionCapture, MotionCapture),
+    (ProportionalDerivativeLaw, lambda: ProportionalDerivativeLaw(**GAINS, feed_forward=True)),
+    (Quadrotor, lambda: Quadrotor(num_vehicles=2, initial_position=(1.0, 2.0, 3.0))),
+    (Quadrotor, lambda: Quadrotor(time_step=0.0, kinematics="small_angle")),
+    (SameForAll, lambda: SameForAll(num_vehicles=3, num_rows=2)),
+    (ThrustVectoringLaw, lambda: ThrustVectoringLaw(**VECTORING)),
+    (build_allocation, build_allocation),
+    (build_cascade, cascade),
+    (build_laboratory, laboratory),
+    (build_position_controller, lambda: build_position_controller(**GAINS, feed_forward="jerk")),
+    (build_reference, lambda: build_reference(Plan.hover([0.0, 0.0, 1.0], duration=1.0), num_vehicles=2)),
+    (build_thrust_vectoring, lambda: build_thrust_vectoring(**VECTORING)),
+]
+systems = pytest.mark.parametrize(("documented", "make"), SYSTEMS, ids=lambda value: getattr(value, "__name__", ""))
+
+
+def documented_ports(docstring):
+    """The names in the port block of a docstring, by direction."""
+    block = docstring.split(".. pydrake_system::")[1]
+    ports = {}
+    for direction in ("input", "output"):
+        found = re.search(rf"{direction}_ports:\n((?:\s*- \w+\n)+)", block)
+        ports[direction] = re.findall(r"- (\w+)", found.group(1)) if found else []
+    return ports
+
+
+@systems
+def test_the_port_block_names_the_ports(documented, make):
+    system = make()
+    ports = documented_ports(documented.__doc__)
+    assert ports["input"] == [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
+    assert ports["output"] == [system.get_output_port(i).get_name() for i in range(system.num_output_ports())]
+
+
+@systems
+def test_converts_to_autodiff_with_the_same_ports_and_defaults(documented, make):
+    system = make()
+    converted = system.ToScalarType[AutoDiffXd]()
+    assert converted.num_input_ports() == system.num_input_ports()
+    for i in range(system.num_output_ports()):
+        assert converted.get_output_port(i).size() == system.get_output_port(i).size()
+    context, converted_context = system.CreateDefaultContext(), converted.CreateDefaultContext()
+    assert converted_context.num_total_states() == context.num_total_states()
+    for i in range(context.num_discrete_state_groups()):
+        values = [value.value() for value in converted_context.get_discrete_state(i).CopyToVector()]
+        assert values == list(context.get_discrete_state(i).CopyToVector())

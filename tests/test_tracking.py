@@ -1,0 +1,210 @@
+"""The whole loop: physics, timing, fleets, scalar types, crashes."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import AutoDiffXd, ExtractGradient
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator, Simulator_
+from pydrake.systems.framework import BasicVector, LeafSystem
+
+from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
+from drake_quad.flight import flight_duration, fly, read_metrics
+from drake_quad.laboratory.recorder import read_recorder
+from drake_quad.signals import SIGNALS
+from drake_quad.tracking import plan_route
+
+
+@pytest.fixture
+def figure_eight(diagrams):
+    return lambda *overrides: load_scenario(diagrams / "figure_eight.yaml", overrides)
+
+
+def test_nominal_figure_eight_stays_within_three_centimetres(figure_eight):
+    flight = simulate(figure_eight())
+    assert flight.metrics.rmse < 0.03
+    assert not flight.metrics.crashed
+    assert flight.metrics.saturation_share == 0.0
+    # The recorder and the monitor see the same flight.
+    error = flight["reference"][:, :3] - flight["state"][:, :3]
+    assert flight.metrics.rmse == pytest.approx(np.sqrt(np.mean(np.sum(error**2, axis=1))), rel=1e-12)
+    np.testing.assert_allclose(flight["acceleration_command"], flight["pd"] + flight["reference"][:, 6:9], atol=1e-12)
+
+
+def test_derivative_on_the_measurement_lags_by_k_d_over_k_p_times_the_speed(figure_eight):
+    """On a long straight line at constant speed the error settles to (k_D / k_P) v."""
+    waypoints = [[4 * i, 3 * i, 1] for i in range(11)]
+    line = figure_eight(
+        f"route={{kind: waypoints, waypoints: {waypoints}, times: {[10 * i for i in range(11)]}}}",
+        "control.position.k_p=[0.5, 0.5, 4.0]",
+        "control.position.k_d=[1.0, 1.0, 3.0]",
+        "control.position.derivative=measurement",
+        "control.position.feed_forward=none",
+    )
+    flight = simulate(line)
+    cruise = (flight.time > 40.0) & (flight.time < 60.0)
+    error = flight["reference"][cruise, :2] - flight["state"][cruise, :2]
+    velocity = flight["reference"][cruise, 3:5]
+    assert np.linalg.norm(velocity, axis=1).min() > 0.4
+    np.testing.assert_allclose(error, 2.0 * velocity, rtol=0.02)
+    # And on the figure eight it is metres where the tracking derivative has centimetres.
+    paper_like = [f"control.position.{line}" for line in ("k_p=[1, 1, 4]", "k_d=[1, 1, 3]", "feed_forward=none")]
+    lagging = simulate(figure_eight(*paper_like, "control.position.derivative=measurement"))
+    mean_speed = np.sqrt(np.mean(np.sum(lagging["reference"][:, 3:6] ** 2, axis=1)))
+    assert lagging.metrics.rmse == pytest.approx(mean_speed, rel=0.2)
+
+
+def test_the_stepping_vehicle_stays_with_the_continuous_one_at_every_tick(figure_eight):
+    """RK4 at 10 ms within 1e-6 m of an error-controlled integrator at 1e-10, over the whole figure eight."""
+    paths = []
+    for time_step in (0.01, 0.0):
+        scenario = figure_eight(f"vehicle.time_step={time_step}")
+        diagram = build_tracking_diagram(scenario, record=True)
+        simulator = Simulator(diagram)
+        ResetIntegratorFromFlags(simulator, "runge_kutta5", 0.1).set_target_accuracy(1e-10)
+        fly(simulator, plan_route(scenario).duration)
+        _, signals = read_recorder(diagram.GetSubsystemByName("recorder"), simulator.get_context())
+        paths.append(signals["state"][:, :3])
+    assert len(paths[0]) > 1200
+    assert np.linalg.norm(paths[0] - paths[1], axis=1).max() < 1e-6
+
+
+def test_each_vehicle_of_a_fleet_flies_as_it_would_alone(figure_eight):
+    """1e-9 m at the end of a flight, also beside a vehicle with other gains that crashes."""
+    scenario = figure_eight("crash.position_error=0.5")
+    n = 3
+    fleet = build_tracking_diagram(scenario, n)
+    simulator = Simulator(fleet)
+    law = fleet.GetSubsystemByName("control").GetSubsystemByName("position").GetSubsystemByName("pd")
+    gains = law.GetSubsystemByName("law").GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    rows = gains.get_mutable_numeric_parameter(0).get_mutable_value().reshape(6, n)
+    rows[:, 1] = 20.0
+    duration = flight_duration(scenario, plan_route(scenario))
+    fly(simulator, duration)
+    context = simulator.get_context()
+    metrics = read_metrics(fleet, context)
+    np.testing.assert_array_equal(metrics.crashed, [False, True, False])
+    assert 1.0 < metrics.crash_time[1] < duration
+
+    alone = simulate(scenario)
+    state = fleet.GetOutputPort("state").Eval(context).reshape(12, n)
+    for i in (0, 2):
+        np.testing.assert_allclose(state[:3, i], alone["state"][-1, :3], rtol=0.0, atol=1e-9)
+        assert metrics.rmse[i] == pytest.approx(alone.metrics.rmse, rel=1e-9)
+
+
+def test_a_crash_is_a_result(figure_eight):
+    flight = simulate(figure_eight("control.position.k_p=[20, 20, 20]"))
+    assert flight.metrics.crashed
+    assert flight.time[-1] == flight.metrics.crash_time
+    assert all(math.isfinite(value) for value in flight.metrics[:-1])
+
+
+class Broken(LeafSystem):
+    """A position controller that commands what is not a number from 2 s on."""
+
+    def __init__(self):
+        super().__init__()
+        self.DeclareVectorInputPort("measurement", BasicVector(12))
+        self.DeclareVectorInputPort("reference", BasicVector(11))
+        self.DeclareVectorOutputPort("acceleration_command", BasicVector(3), self.calc)
+
+    def calc(self, context, output):
+        output.SetFromVector([0.0, 0.0, math.nan if context.get_time() >= 2.0 else 0.0])
+
+
+def test_a_controller_that_gives_nan_crashes_its_vehicle(figure_eight):
+    flight = simulate(figure_eight("route={kind: hover}"), position_controller=Broken())
+    assert flight.metrics.crash_time == pytest.approx(2.0)
+    assert np.isfinite(flight["state"]).all()
+    assert all(math.isfinite(value) for value in flight.metrics[:-1])
+
+
+class HoverWrench(LeafSystem):
+    """A whole control that always commands the weight."""
+
+    def __init__(self):
+        super().__init__()
+        self.DeclareVectorInputPort("measurement", BasicVector(12))
+        self.DeclareVectorInputPort("reference", BasicVector(11))
+        self.DeclareVectorOutputPort(
+            "wrench", BasicVector(4), lambda context, output: output.SetFromVector([6.6708, 0, 0, 0])
+        )
+
+
+def test_a_control_of_one_s_own_needs_only_a_wrench(figure_eight):
+    flight = simulate(figure_eight("route={kind: hover}"), control=HoverWrench())
+    np.testing.assert_allclose(flight["state"][-1, :3], [0.0, 0.0, 1.0], atol=1e-9)
+    assert "pd" not in flight.signals
+    assert math.isnan(flight.metrics.effort_x)
+
+
+def test_every_signal_of_the_loop_is_exported_and_recorded(figure_eight):
+    flight = simulate(figure_eight("duration=0.5"))
+    assert set(flight.signals) == set(SIGNALS)
+    diagram = build_tracking_diagram(figure_eight(), 2)
+    for name, rows in SIGNALS.items():
+        assert flight[name].shape == (26, len(rows))
+        assert diagram.GetOutputPort(name).size() == 2 * len(rows)
+
+
+def test_delay_from_state_to_rotor_command(figure_eight):
+    """A frame is 10 ms old when a tick samples it; then come the whole ticks of the link."""
+    for ticks in (0, 1, 2):
+        scenario = figure_eight(f"laboratory.command_link.delay_ticks={ticks}", "duration=2.0")
+        flight = simulate(scenario)
+        np.testing.assert_allclose(flight["measurement"][0], flight["state"][0], atol=1e-12)
+        sent, out = flight["wrench"], flight["rotor_speed_command"]
+        thrust = 4.13e-5 * np.sum(out**2, axis=1)
+        # A recorder at a tick sees what was out before it: one tick more than the link's delay.
+        np.testing.assert_allclose(thrust[ticks + 1 :], sent[: -ticks - 1, 0], rtol=1e-9)
+        np.testing.assert_allclose(thrust[: ticks + 1], 0.68 * 9.81, rtol=1e-9)
+
+
+def test_the_whole_loop_differentiates(figure_eight):
+    """Derivative of the state after a second of flight with respect to the position gains, against differences."""
+    scenario = figure_eight("duration=1.0", "control.position.k_p=[1.0, 1.0, 4.0]")
+    diagram = build_tracking_diagram(scenario)
+
+    def law_context(system, context):
+        path = ("control", "position", "pd", "law")
+        for name in path:
+            system = system.GetSubsystemByName(name)
+        return system.GetMyMutableContextFromRoot(context)
+
+    def final_state(k_p):
+        simulator = Simulator(diagram)
+        law_context(diagram, simulator.get_mutable_context()).get_mutable_numeric_parameter(0).SetAtIndex(0, k_p)
+        fly(simulator, 2.0)
+        return diagram.GetOutputPort("state").Eval(simulator.get_context())
+
+    converted = diagram.ToAutoDiffXd()
+    context = converted.CreateDefaultContext()
+    context.SetTimeStateAndParametersFrom(diagram.CreateDefaultContext())
+    law_context(converted, context).get_mutable_numeric_parameter(0).SetAtIndex(0, AutoDiffXd(1.0, [1.0]))
+    simulator = Simulator_[AutoDiffXd](converted, context)
+    simulator.AdvanceTo(2.0)
+    simulator.AdvancePendingEvents()
+    state = converted.GetOutputPort("state").Eval(context)
+    gradient = ExtractGradient(np.asarray(state))[:, 0]
+    step = 1e-5
+    numeric = (final_state(1.0 + step) - final_state(1.0 - step)) / (2.0 * step)
+    assert np.abs(numeric).max() > 1e-4
+    np.testing.assert_allclose(gradient, numeric, atol=1e-8)
+
+
+def test_a_distribution_is_refused_where_a_number_is_needed(figure_eight):
+    with pytest.raises(InputError, match="vehicle.mass is a distribution"):
+        simulate(figure_eight("vehicle.mass={uniform: {min: 0.6, max: 0.7}}"))
+
+
+def test_a_window_beyond_the_flight_is_refused(figure_eight):
+    with pytest.raises(InputError, match=r"metrics.start is 30, but must be before the end of the flight at 25.38 s"):
+        simulate(figure_eight("metrics.start=30"))
+
+
+@pytest.mark.parametrize("yaw", [1.0, 3.0])
+def test_flies_as_well_at_any_yaw(figure_eight, yaw):
+    straight, turned = simulate(figure_eight()), simulate(figure_eight(f"route.yaw={yaw}"))
+    assert turned.metrics.rmse == pytest.approx(straight.metrics.rmse, rel=0.02)
+    np.testing.assert_allclose(turned["state"][-1, 5], yaw, atol=0.01)
