@@ -2,7 +2,7 @@
 
 import numpy as np
 from command_line import parser, print_table, run, scenario_of
-from pydrake.systems.framework import BasicVector, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_quad import simulate
 
@@ -16,7 +16,7 @@ class SlidingMode(LeafSystem):
         self.reference = self.DeclareVectorInputPort("reference", BasicVector(11))
         self.DeclareVectorOutputPort("acceleration_command", BasicVector(3), self.command)
 
-    def command(self, context, output) -> None:  # type: ignore[no-untyped-def]
+    def command(self, context: Context, output: BasicVector) -> None:
         measurement, reference = self.measurement.Eval(context), self.reference.Eval(context)
         error, error_rate = reference[0:3] - measurement[0:3], reference[3:6] - measurement[6:9]
         surface = error_rate + 0.8 * error

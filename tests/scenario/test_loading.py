@@ -138,7 +138,8 @@ def test_overrides_win_and_are_named(write):
     ],
 )
 def test_a_wrong_field_gets_one_sentence_with_file_line_and_what_is_allowed(write, line, message):
-    assert pytest.raises(InputError, load_scenario, write(f"a:\n{BODY}{line}\n")).match(message)
+    with pytest.raises(InputError, match=message):
+        load_scenario(write(f"a:\n{BODY}{line}\n"))
 
 
 @pytest.mark.parametrize(
@@ -167,7 +168,8 @@ def test_a_wrong_field_gets_one_sentence_with_file_line_and_what_is_allowed(writ
 )
 def test_wrong_routes_are_explained(write, route, message):
     text = f"a:\n{BODY}".replace("{kind: hover}", route)
-    assert pytest.raises(InputError, load_scenario, write(text)).match(f"loop.yaml:{message}")
+    with pytest.raises(InputError, match=f"loop.yaml:{message}"):
+        load_scenario(write(text))
 
 
 @pytest.mark.parametrize(

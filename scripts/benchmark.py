@@ -1,0 +1,105 @@
+"""Measures the speed of one flight, of fleets and of planning, as a table in Markdown."""
+
+import argparse
+import gc
+import os
+import platform
+import statistics
+import time
+from collections.abc import Callable
+from importlib.metadata import version
+from pathlib import Path
+
+import numpy as np
+from command_line import run
+from pydrake.systems.analysis import Simulator
+
+from drake_quad import Scenario, build_tracking_diagram, load_scenario
+from drake_quad.flight import flight_duration, fly
+from drake_quad.reference.minimum_snap import minimum_snap
+from drake_quad.reference.plan import to_piecewise_polynomial
+from drake_quad.tracking import plan_route
+
+_FIGURE_EIGHT = Path(__file__).parent.parent / "diagrams" / "figure_eight.yaml"
+
+
+def main() -> None:
+    parser = argparse.ArgumentParser(description=__doc__, epilog="example: python scripts/benchmark.py --quick")
+    parser.add_argument("--quick", action="store_true", help="fewer repetitions and sizes")
+    quick = parser.parse_args().quick
+    repetitions = 5 if quick else 15
+    sizes = (64, 512) if quick else (64, 128, 256, 512, 768, 896, 1024)
+    scenario = load_scenario(_FIGURE_EIGHT)
+
+    print(f"{machine()}; medians of {repetitions} runs, one core\n")
+    flight = Stepper(scenario, 1, record=True, duration=flight_duration(scenario, plan_route(scenario)))
+    fleets = [Stepper(scenario, size, record=False, duration=1.0) for size in sizes]
+    # In turn, so that all of them see the same drift of the machine.
+    costs = interleaved([flight, *fleets], repetitions)
+    alone = costs[0]
+    print("| one flight, recorded | |")
+    print("|---|---|")
+    print(f"| real-time factor | {1.0 / alone:.0f} × |")
+    print("\n| fleet of | vehicle-seconds per second | cheaper per vehicle than one flight |")
+    print("|---|---|---|")
+    for size, cost in zip(sizes, costs[1:], strict=True):
+        print(f"| {size} | {size / cost:,.0f} | {alone * size / cost:.0f} × |")
+    print("\n| minimum snap through | time |")
+    print("|---|---|")
+    for count in (10, 50, 200):
+        print(f"| {count} waypoints | {1e3 * planning_time(count, repetitions):.2f} ms |")
+
+
+class Stepper:
+    """A tracking diagram that is flown from the start for some time, again and again."""
+
+    def __init__(self, scenario: Scenario, num_vehicles: int, *, record: bool, duration: float) -> None:
+        self._diagram = build_tracking_diagram(scenario, num_vehicles, record=record)
+        self._duration = duration
+
+    def cost(self) -> float:
+        """Seconds of computing for a second of flight."""
+        simulator = Simulator(self._diagram)
+        simulator.Initialize()
+        return timed(lambda: fly(simulator, self._duration)) / self._duration
+
+
+def interleaved(steppers: list[Stepper], repetitions: int) -> list[float]:
+    """The median cost of each stepper over rounds in which each has its turn."""
+    gc.collect()
+    rounds = [[stepper.cost() for stepper in steppers] for _ in range(repetitions)]
+    return [statistics.median(costs) for costs in zip(*rounds, strict=True)]
+
+
+def planning_time(count: int, repetitions: int) -> float:
+    """Median seconds from waypoints in space to Drake's trajectory."""
+    rng = np.random.default_rng(0)
+    waypoints = np.cumsum(rng.normal(size=(count, 3)), axis=0)
+    times = np.cumsum(rng.uniform(0.5, 2.0, count))
+    return statistics.median(
+        timed(lambda: to_piecewise_polynomial(minimum_snap(waypoints, times))) for _ in range(9 * repetitions)
+    )
+
+
+def timed(work: Callable[[], object]) -> float:
+    """Seconds that a call takes."""
+    start = time.perf_counter()
+    work()
+    return time.perf_counter() - start
+
+
+def machine() -> str:
+    """What this was measured on."""
+    cpu = platform.processor() or platform.machine()
+    info = Path("/proc/cpuinfo")
+    if info.exists():
+        names = [line.split(":")[1].strip() for line in info.read_text().splitlines() if line.startswith("model name")]
+        cpu = names[0] if names else cpu
+    return (
+        f"{cpu}, {os.cpu_count()} cores, Python {platform.python_version()}, drake {version('drake')}, "
+        f"NumPy {np.__version__}"
+    )
+
+
+if __name__ == "__main__":
+    run(main)
