@@ -46,11 +46,12 @@ def test_derivative_on_the_measurement_lags_by_k_d_over_k_p_times_the_speed(figu
     velocity = flight["reference"][cruise, 3:5]
     assert np.linalg.norm(velocity, axis=1).min() > 0.3
     np.testing.assert_allclose(error, 2.0 * velocity, rtol=0.02)
-    # And on the figure eight it is metres where the tracking derivative has centimetres.
+    # On the figure eight it is metres where the tracking derivative has centimetres: about (k_D / k_P) v, more where
+    # the curves come near the bandwidth of so slow a loop.
     paper_like = [f"control.position.{line}" for line in ("k_p=[1, 1, 4]", "k_d=[1, 1, 3]", "feed_forward=none")]
     lagging = simulate(figure_eight(*paper_like, "control.position.derivative=measurement"))
     mean_speed = np.sqrt(np.mean(np.sum(lagging["reference"][:, 3:6] ** 2, axis=1)))
-    assert lagging.metrics.rmse == pytest.approx(mean_speed, rel=0.2)
+    assert 0.9 * mean_speed < lagging.metrics.rmse < 1.4 * mean_speed
 
 
 def test_the_stepping_vehicle_stays_with_the_continuous_one_at_every_tick(figure_eight):
