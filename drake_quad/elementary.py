@@ -75,6 +75,13 @@ def every(mask: Row) -> bool:
     return bool(mask) if isinstance(mask, bool | np.bool) else bool(mask.all())
 
 
+def is_zero(x: Row) -> bool:
+    """Whether a row is zero for every vehicle and, being of plain numbers, has no derivatives."""
+    if x.__class__ is float:
+        return x == 0.0
+    return isinstance(x, np.ndarray) and x.dtype == float and not x.any()
+
+
 def wrapped(angle: Row) -> Row:
     """The same angle in [-π, π], rad. Not for Expression."""
     if angle.__class__ is float:

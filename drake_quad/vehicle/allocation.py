@@ -4,7 +4,7 @@ from typing import Any, NamedTuple
 
 from pydrake.systems.framework import Diagram
 
-from drake_quad.elementary import Row, Rows, maximum, minimum, sqrt
+from drake_quad.elementary import Row, Rows, every, maximum, minimum, sqrt
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system, split_output
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
@@ -66,32 +66,48 @@ def allocate(wrench: Rows, rotors: RotorModel) -> tuple[list[Row], list[Row]]:
     low, high = min_speed * min_speed, max_speed * max_speed
     lever = 2.0 * length * b
 
-    wanted = thrust / (4.0 * b)
-    level = minimum(maximum(wanted, low), high)
-    above, below = high - level, level - low
-    roll, pitch, wanted_yaw = tau_x / lever, tau_y / lever, tau_z / (4.0 * d)
-    across, along = abs(roll), abs(pitch)
-    half = 0.5 * (above + below)
-    left, right = maximum(wanted_yaw, 0.0), minimum(wanted_yaw, 0.0)
-    room_along = minimum(minimum(below + left, above - right), half)
-    room_across = minimum(minimum(above + left, below - right), half)
-    room_both = 2.0 * minimum(above, below)
-    share = minimum(
-        minimum(
-            room_along / maximum(along, maximum(room_along, _TINY)),
-            room_both / maximum(along + across, maximum(room_both, _TINY)),
-        ),
-        room_across / maximum(across, maximum(room_across, _TINY)),
-    )
-    roll, pitch, across, along = share * roll, share * pitch, share * across, share * along
-    yaw = maximum(minimum(wanted_yaw, minimum(above - along, below - across)), maximum(along - below, across - above))
+    level, roll, pitch, yaw = thrust / (4.0 * b), tau_x / lever, tau_y / lever, tau_z / (4.0 * d)
+    squares = level - pitch + yaw, level - roll - yaw, level + pitch + yaw, level + roll - yaw
+    smallest = minimum(minimum(squares[0], squares[1]), minimum(squares[2], squares[3]))
+    largest = maximum(maximum(squares[0], squares[1]), maximum(squares[2], squares[3]))
+    if every((smallest >= low) & (largest <= high)):
+        return [sqrt(square) for square in squares], [0.0, 0.0, 0.0, 0.0]
 
+    wanted_level, wanted_yaw = level, yaw
+    level = minimum(maximum(level, low), high)
+    share = _share_of_roll_and_pitch(level, abs(roll), abs(pitch), yaw, low, high)
+    roll, pitch = share * roll, share * pitch
+    across, along, above, below = abs(roll), abs(pitch), high - level, level - low
+    yaw = maximum(minimum(yaw, minimum(above - along, below - across)), maximum(along - below, across - above))
     squares = level - pitch + yaw, level - roll - yaw, level + pitch + yaw, level + roll - yaw
     given_up = 1.0 - share
     return (
         [sqrt(maximum(square, low)) for square in squares],
-        [4.0 * b * (wanted - level), given_up * tau_x, given_up * tau_y, 4.0 * d * (wanted_yaw - yaw)],
+        [4.0 * b * (wanted_level - level), given_up * tau_x, given_up * tau_y, 4.0 * d * (wanted_yaw - yaw)],
     )
+
+
+def _share_of_roll_and_pitch(level: Row, across: Row, along: Row, yaw: Row, low: Row, high: Row) -> Row:
+    """The largest share, at most 1, of roll and pitch that leaves a yaw between none and the wanted one.
+
+    Args:
+        level: squared rotor speed of the thrust.
+        across: size of what roll asks for.
+        along: size of what pitch asks for.
+        yaw: what yaw asks for.
+        low: least squared rotor speed.
+        high: largest.
+    """
+    above, below, half = high - level, level - low, 0.5 * (high - low)
+    left, right = maximum(yaw, 0.0), minimum(yaw, 0.0)
+    room_along = minimum(minimum(below + left, above - right), half)
+    room_across = minimum(minimum(above + left, below - right), half)
+    room_both = 2.0 * minimum(above, below)
+    shares = [
+        room / maximum(demand, maximum(room, _TINY))
+        for room, demand in ((room_along, along), (room_across, across), (room_both, along + across))
+    ]
+    return minimum(minimum(shares[0], shares[1]), shares[2])
 
 
 @fleet_system(float, AutoDiffXd)

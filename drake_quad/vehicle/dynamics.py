@@ -17,7 +17,7 @@ Every function takes and returns rows: numbers for one vehicle, arrays for a fle
 
 from collections.abc import Callable
 
-from drake_quad.elementary import Row, Rows, cos, maximum, minimum, sin, sqrt
+from drake_quad.elementary import Row, Rows, cos, is_zero, maximum, minimum, sin, sqrt
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # An airspeed of zero must not make the derivative of the square root infinite; 1e-200 changes no float above 1e-92.
@@ -53,6 +53,8 @@ def drag(velocity: Rows, wind: Rows, parameters: QuadrotorParameters) -> tuple[R
         wind: velocity of the air in W, m/s.
         parameters: c₁ is `linear_drag`, c₂ `quadratic_drag`.
     """
+    if is_zero(parameters.linear_drag) and is_zero(parameters.quadratic_drag):
+        return 0.0, 0.0, 0.0
     x, y, z = wind[0] - velocity[0], wind[1] - velocity[1], wind[2] - velocity[2]
     factor = parameters.linear_drag + parameters.quadratic_drag * sqrt(x * x + y * y + z * z + _TINY)
     return factor * x, factor * y, factor * z
