@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.symbolic import Expression
-from pydrake.systems.framework import BasicVector_, Diagram, DiagramBuilder, LeafSystem_
+from pydrake.systems.framework import BasicVector_, DiagramBuilder, LeafSystem_
 from pydrake.systems.primitives import Demultiplexer
 from pydrake.systems.scalar_conversion import TemplateSystem
 
@@ -40,6 +40,7 @@ class FleetSystem(_Base):
     rows: Callable[[Any], Any]
     write: Callable[[Any, Iterable[Row]], None]
     copy: Callable[[Any, Any], None]
+    parts: dict[str, int]
 
     def declare(self, *args: Any, **options: Any) -> None:
         """Declares ports, state, parameters and events."""
@@ -52,6 +53,13 @@ class FleetSystem(_Base):
     def output(self, name: str, rows: int, calc: Callable[..., None], *, uses: Iterable[Any]) -> Any:
         """Declares and returns an output port of that many rows, computed from what the tickets stand for."""
         return self.DeclareVectorOutputPort(name, self.vector([0.0] * rows), calc, set(uses))
+
+    def packed_output(
+        self, name: str, parts: Mapping[str, int], calc: Callable[..., None], *, uses: Iterable[Any]
+    ) -> None:
+        """Declares an output port that holds several parts, each of so many rows, for `split_output` to take apart."""
+        self.parts = dict(parts)
+        self.output(name, sum(parts.values()), calc, uses=uses)
 
     def discrete_state(self, rows: Iterable[Row]) -> Any:
         """Declares a discrete-state group with these rows as default and returns its index."""
@@ -137,26 +145,17 @@ def _writer(scalar: type, num_vehicles: int) -> Callable[[Any, Iterable[Row]], N
     return write_numbers if num_vehicles == 1 else write_arrays
 
 
-def split_output(system: Any, parts: Mapping[str, int]) -> Diagram:
-    """Builds a diagram around a system with one output port that gives each part of it a port of its own.
+def split_output(builder: DiagramBuilder, name: str, system: Any) -> dict[str, Any]:
+    """Adds a system with a packed output under a name, takes the output apart and returns a port for each part.
 
-    Where several outputs follow from one computation, the system computes them together and this takes them apart:
-    a call into Python costs far more than Drake's Demultiplexer.
-
-    Args:
-        system: its input ports are exported under their names, and so is its output port's every part.
-        parts: name and number of rows of each part, in order.
+    Where several outputs follow from one computation, a system computes them together: a call into Python costs far
+    more than Drake's Demultiplexer, which stands beside the system as `name` with `_parts` appended.
     """
-    builder = DiagramBuilder()
-    builder.AddNamedSystem("law", system)
-    rows = np.array(list(parts.values()))
-    split = builder.AddNamedSystem("parts", Demultiplexer(rows * system.num_vehicles))
-    for i in range(system.num_input_ports()):
-        builder.ExportInput(system.get_input_port(i), system.get_input_port(i).get_name())
-    builder.Connect(system.get_output_port(), split.get_input_port())
-    for i, name in enumerate(parts):
-        builder.ExportOutput(split.get_output_port(i), name)
-    return builder.Build()
+    builder.AddNamedSystem(name, system)
+    sizes = [rows * system.num_vehicles for rows in system.parts.values()]
+    parts = builder.AddNamedSystem(f"{name}_parts", Demultiplexer(sizes))
+    builder.Connect(system.get_output_port(), parts.get_input_port())
+    return {part: parts.get_output_port(i) for i, part in enumerate(system.parts)}
 
 
 def fleet_rows(rows: Iterable[Row], num_vehicles: int) -> np.ndarray:

@@ -16,7 +16,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from drake_quad.control.attitude import AttitudeController
 from drake_quad.control.cascade import build_cascade
 from drake_quad.control.position import build_position_controller
-from drake_quad.control.thrust_vectoring import ThrustLimits, build_thrust_vectoring
+from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring
 from drake_quad.errors import InputError
 from drake_quad.laboratory.command_link import CommandLink
 from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor
@@ -31,7 +31,7 @@ from drake_quad.reference.source import build_reference
 from drake_quad.reference.time_allocation import stretch_to_limits, trapezoid_times
 from drake_quad.scenario import Scenario, distributions_in
 from drake_quad.scenario.models import CircleRoute, FigureEightRoute, HoverRoute, WaypointRoute
-from drake_quad.vehicle.allocation import RotorModel, build_allocation
+from drake_quad.vehicle.allocation import Allocation, RotorModel
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor
@@ -190,7 +190,7 @@ def _control(
         )
     limits = scenario.control.thrust_vectoring
     weight = parameters.mass * parameters.gravity
-    thrust_vectoring = build_thrust_vectoring(
+    thrust_vectoring = ThrustVectoring(
         num_vehicles=num_vehicles,
         mass=parameters.mass,
         gravity=parameters.gravity,
@@ -218,7 +218,7 @@ def _laboratory(scenario: Scenario, num_vehicles: int, parameters: QuadrotorPara
             initial_position=plan.waypoints[0],
             initial_yaw=plan.yaw,
         ),
-        allocation=build_allocation(num_vehicles=num_vehicles, rotors=RotorModel.of(parameters)),
+        allocation=Allocation(num_vehicles=num_vehicles, rotors=RotorModel.of(parameters)),
         motion_capture=MotionCapture(num_vehicles=num_vehicles, period=scenario.laboratory.motion_capture.period),
         command_link=CommandLink(
             num_vehicles=num_vehicles,

@@ -7,15 +7,15 @@ from pydrake.autodiffutils import AutoDiffXd
 
 from drake_quad.control.attitude import AttitudeController
 from drake_quad.control.cascade import build_cascade
-from drake_quad.control.position import ProportionalDerivativeLaw, build_position_controller
-from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoringLaw, build_thrust_vectoring
+from drake_quad.control.position import ProportionalDerivative, build_position_controller
+from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring
 from drake_quad.laboratory.command_link import CommandLink
 from drake_quad.laboratory.flight_monitor import FlightMonitor
 from drake_quad.laboratory.laboratory import build_laboratory
 from drake_quad.laboratory.motion_capture import MotionCapture
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import SameForAll, build_reference
-from drake_quad.vehicle.allocation import AllocationLaw, build_allocation
+from drake_quad.vehicle.allocation import Allocation
 from drake_quad.vehicle.quadrotor import Quadrotor
 
 GAINS = {"k_p": (1.0, 2.0, 3.0), "k_d": (1.0, 2.0, 3.0)}
@@ -25,7 +25,7 @@ VECTORING = {"mass": 0.68, "gravity": 9.81, "limits": ThrustLimits(0.7, 2.0, 12.
 def cascade():
     return build_cascade(
         position=build_position_controller(**GAINS),
-        thrust_vectoring=build_thrust_vectoring(**VECTORING),
+        thrust_vectoring=ThrustVectoring(**VECTORING),
         attitude=AttitudeController(**GAINS, inertia=(1.0, 1.0, 1.0)),
         follow_jerk=True,
     )
@@ -34,29 +34,27 @@ def cascade():
 def laboratory():
     return build_laboratory(
         vehicle=Quadrotor(),
-        allocation=build_allocation(),
+        allocation=Allocation(),
         motion_capture=MotionCapture(),
         command_link=CommandLink(delay_ticks=2),
     )
 
 
 SYSTEMS = [
-    (AllocationLaw, AllocationLaw),
+    (Allocation, Allocation),
     (AttitudeController, lambda: AttitudeController(**GAINS, inertia=(1.0, 1.0, 1.0))),
     (CommandLink, lambda: CommandLink(num_vehicles=2, delay_ticks=3, initial=(1.0, 0.0, 0.0, 0.0))),
     (FlightMonitor, FlightMonitor),
     (MotionCapture, MotionCapture),
-    (ProportionalDerivativeLaw, lambda: ProportionalDerivativeLaw(**GAINS, feed_forward=True)),
+    (ProportionalDerivative, lambda: ProportionalDerivative(**GAINS, feed_forward=True)),
     (Quadrotor, lambda: Quadrotor(num_vehicles=2, initial_position=(1.0, 2.0, 3.0))),
     (Quadrotor, lambda: Quadrotor(time_step=0.0, kinematics="small_angle")),
     (SameForAll, lambda: SameForAll(num_vehicles=3, num_rows=2)),
-    (ThrustVectoringLaw, lambda: ThrustVectoringLaw(**VECTORING)),
-    (build_allocation, build_allocation),
+    (ThrustVectoring, lambda: ThrustVectoring(**VECTORING)),
     (build_cascade, cascade),
     (build_laboratory, laboratory),
     (build_position_controller, lambda: build_position_controller(**GAINS, feed_forward="jerk")),
     (build_reference, lambda: build_reference(Plan.hover([0.0, 0.0, 1.0], duration=1.0), num_vehicles=2)),
-    (build_thrust_vectoring, lambda: build_thrust_vectoring(**VECTORING)),
 ]
 systems = pytest.mark.parametrize(("documented", "make"), SYSTEMS, ids=lambda value: getattr(value, "__name__", ""))
 

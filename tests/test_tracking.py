@@ -76,7 +76,7 @@ def test_each_vehicle_of_a_fleet_flies_as_it_would_alone(figure_eight):
     fleet = build_tracking_diagram(scenario, n)
     simulator = Simulator(fleet)
     law = fleet.GetSubsystemByName("control").GetSubsystemByName("position").GetSubsystemByName("pd")
-    gains = law.GetSubsystemByName("law").GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    gains = law.GetMyMutableContextFromRoot(simulator.get_mutable_context())
     rows = gains.get_mutable_numeric_parameter(0).get_mutable_value().reshape(6, n)
     rows[:, 1] = 20.0
     duration = flight_duration(scenario, plan_route(scenario))
@@ -167,8 +167,7 @@ def test_the_whole_loop_differentiates(figure_eight):
     diagram = build_tracking_diagram(scenario)
 
     def law_context(system, context):
-        path = ("control", "position", "pd", "law")
-        for name in path:
+        for name in ("control", "position", "pd"):
             system = system.GetSubsystemByName(name)
         return system.GetMyMutableContextFromRoot(context)
 

@@ -5,6 +5,8 @@ from typing import Any
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Multiplexer
 
+from drake_quad.fleet import split_output
+
 # What a position controller may show of its inside, beside its `acceleration_command`.
 POSITION_SIGNALS = ("error", "error_rate", "pd", "correction")
 
@@ -32,15 +34,15 @@ def build_cascade(*, position: Any, thrust_vectoring: Any, attitude: Any, follow
 
     Args:
         position: from `measurement` and `reference` to `acceleration_command`.
-        thrust_vectoring: from `build_thrust_vectoring`.
+        thrust_vectoring: a `ThrustVectoring`.
         attitude: an `AttitudeController`.
         follow_jerk: whether the attitude's rates follow the reference's jerk.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("position", position)
-    builder.AddNamedSystem("thrust_vectoring", thrust_vectoring)
+    commanded = split_output(builder, "thrust_vectoring", thrust_vectoring)
     builder.AddNamedSystem("attitude", attitude)
-    parts = thrust_vectoring.GetOutputPort("thrust"), attitude.GetOutputPort("torque")
+    parts = commanded["thrust"], attitude.GetOutputPort("torque")
     wrench = builder.AddNamedSystem("wrench", Multiplexer([part.size() for part in parts]))
 
     builder.ExportInput(position.GetInputPort("measurement"), "measurement")
@@ -54,13 +56,13 @@ def build_cascade(*, position: Any, thrust_vectoring: Any, attitude: Any, follow
     acceleration_command = position.GetOutputPort("acceleration_command")
     builder.Connect(acceleration_command, thrust_vectoring.GetInputPort("acceleration_command"))
     for name in ("attitude_command", "attitude_rate_command"):
-        builder.Connect(thrust_vectoring.GetOutputPort(name), attitude.GetInputPort(name))
+        builder.Connect(commanded[name], attitude.GetInputPort(name))
     for i, part in enumerate(parts):
         builder.Connect(part, wrench.get_input_port(i))
 
     builder.ExportOutput(wrench.get_output_port(), "wrench")
     builder.ExportOutput(acceleration_command, "acceleration_command")
-    builder.ExportOutput(thrust_vectoring.GetOutputPort("attitude_command"), "attitude_command")
+    builder.ExportOutput(commanded["attitude_command"], "attitude_command")
     for name in POSITION_SIGNALS:
         if position.HasOutputPort(name):
             builder.ExportOutput(position.GetOutputPort(name), name)

@@ -14,19 +14,19 @@ FeedForward = Literal["none", "acceleration", "jerk"]
 
 
 @fleet_system(float, AutoDiffXd)
-class ProportionalDerivativeLaw(FleetSystem):
-    """The memoryless law inside `build_position_controller`.
+class ProportionalDerivative(FleetSystem):
+    """The PD law, eq (8), as `build_position_controller` uses it.
 
     .. pydrake_system::
 
-        name: ProportionalDerivativeLaw
+        name: ProportionalDerivative
         input_ports:
         - measurement
         - reference
         output_ports:
         - error_and_command
 
-    The output has 12 rows: error, error rate, PD command and feed-forward. The gains are one numeric parameter of
+    The output packs `error`, `error_rate`, `pd` and `feed_forward`, 3 rows each. The gains are one numeric parameter of
     the context: k_P on X, Y, Z, then k_D on X, Y, Z.
 
     Args:
@@ -53,7 +53,8 @@ class ProportionalDerivativeLaw(FleetSystem):
         self._measurement = self.input("measurement", 12)
         self._reference = self.input("reference", 11)
         uses = {self.all_input_ports_ticket(), self.all_parameters_ticket()}
-        self.output("error_and_command", 12, self._calc, uses=uses)
+        parts = {"error": 3, "error_rate": 3, "pd": 3, "feed_forward": 3}
+        self.packed_output("error_and_command", parts, self._calc, uses=uses)
 
     def _calc(self, context: Any, output: Any) -> None:
         p_x, p_y, p_z, d_x, d_y, d_z = self.parameter_rows(context, self._gains)
@@ -112,20 +113,20 @@ def build_position_controller(
             that is done by thrust vectoring.
     """
     builder = DiagramBuilder()
-    law = ProportionalDerivativeLaw(
+    pd = ProportionalDerivative(
         num_vehicles=num_vehicles, k_p=k_p, k_d=k_d, derivative=derivative, feed_forward=feed_forward != "none"
     )
-    pd = builder.AddNamedSystem("pd", split_output(law, {"error": 3, "error_rate": 3, "pd": 3, "feed_forward": 3}))
+    parts = split_output(builder, "pd", pd)
     correction = builder.AddNamedSystem("correction", ConstantVectorSource(np.zeros(3 * num_vehicles)))
     command = builder.AddNamedSystem("acceleration_command", Adder(2, 3 * num_vehicles))
-    builder.Connect(pd.GetOutputPort("pd"), command.get_input_port(0))
-    builder.Connect(pd.GetOutputPort("feed_forward"), command.get_input_port(1))
+    builder.Connect(parts["pd"], command.get_input_port(0))
+    builder.Connect(parts["feed_forward"], command.get_input_port(1))
 
     builder.ExportInput(pd.GetInputPort("measurement"), "measurement")
     builder.ExportInput(pd.GetInputPort("reference"), "reference")
     builder.ExportOutput(command.get_output_port(), "acceleration_command")
     for name in ("error", "error_rate", "pd"):
-        builder.ExportOutput(pd.GetOutputPort(name), name)
+        builder.ExportOutput(parts[name], name)
     builder.ExportOutput(correction.get_output_port(), "correction")
     position = builder.Build()
     position.set_name("position")

@@ -2,10 +2,8 @@
 
 from typing import Any, NamedTuple
 
-from pydrake.systems.framework import Diagram
-
 from drake_quad.elementary import Row, Rows, arcsin, arctan, cos, maximum, minimum, sin, sqrt
-from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system, split_output
+from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 
 # Keeps 0 / 0 away where neither a horizontal force is commanded nor one is allowed.
 _TINY = 1e-100
@@ -77,12 +75,12 @@ def tilt_rates(force: Rows, jerk: Rows, yaw_rate: Row) -> tuple[Row, Row]:
 
 
 @fleet_system(float, AutoDiffXd)
-class ThrustVectoringLaw(FleetSystem):
-    """The memoryless law inside `build_thrust_vectoring`.
+class ThrustVectoring(FleetSystem):
+    """Thrust and attitude for a commanded acceleration, eq (7).
 
     .. pydrake_system::
 
-        name: ThrustVectoringLaw
+        name: ThrustVectoring
         input_ports:
         - acceleration_command
         - measurement
@@ -91,8 +89,12 @@ class ThrustVectoringLaw(FleetSystem):
         output_ports:
         - thrust_and_attitude
 
-    The output has 7 rows: F_z; φ_r, θ_r, ψ_r; their rates. One numeric parameter of the context: mass, gravity and
-    the three rows of the limits.
+    `acceleration_command` (3 rows, m/s²) is turned by minus the measured yaw in `measurement` (12), so that eq (7),
+    written for zero yaw, holds at any. The output packs `thrust`, F_z (N); `attitude_command`, φ_r, θ_r, ψ_r (rad);
+    and `attitude_rate_command`, their rates (rad/s). Yaw and its rate are those of `reference` (11); the rates of
+    roll and pitch are those of eq (7) under `reference_jerk` (3, m/s³), or zero if it is not connected.
+
+    One numeric parameter of the context: mass, gravity and the three rows of the limits.
 
     Args:
         num_vehicles: N.
@@ -109,7 +111,8 @@ class ThrustVectoringLaw(FleetSystem):
         self._reference = self.input("reference", 11)
         self._jerk = self.input("reference_jerk", 3)
         uses = {self.all_input_ports_ticket(), self.all_parameters_ticket()}
-        self.output("thrust_and_attitude", 7, self._calc, uses=uses)
+        parts = {"thrust": 1, "attitude_command": 3, "attitude_rate_command": 3}
+        self.packed_output("thrust_and_attitude", parts, self._calc, uses=uses)
 
     def _calc(self, context: Any, output: Any) -> None:
         mass, gravity, *limits = self.parameter_rows(context, self._parameters)
@@ -124,34 +127,3 @@ class ThrustVectoringLaw(FleetSystem):
         thrust, roll, pitch = thrust_and_tilt(*force)
         rates = (0.0, 0.0) if jerk is None else tilt_rates(force, in_heading(jerk, sin_yaw, cos_yaw), yaw_rate)
         self.write(output, [mass * thrust, roll, pitch, yaw_reference, *rates, yaw_rate])
-
-
-def build_thrust_vectoring(*, num_vehicles: int = 1, mass: Row, gravity: Row, limits: ThrustLimits) -> Diagram:
-    """Builds the diagram that turns a commanded acceleration into thrust and attitude, eq (7).
-
-    .. pydrake_system::
-
-        name: thrust_vectoring
-        input_ports:
-        - acceleration_command
-        - measurement
-        - reference
-        - reference_jerk
-        output_ports:
-        - thrust
-        - attitude_command
-        - attitude_rate_command
-
-    `acceleration_command` (3 rows, m/s²) is turned by minus the measured yaw in `measurement` (12), so that eq (7),
-    written for zero yaw, holds at any. `thrust` is F_z (N); `attitude_command` φ_r, θ_r, ψ_r (rad);
-    `attitude_rate_command` their rates (rad/s). Yaw and its rate are those of `reference` (11); the rates of roll
-    and pitch are those of eq (7) under `reference_jerk` (3, m/s³), or zero if it is not connected.
-
-    Args:
-        num_vehicles: N.
-        mass: believed, kg.
-        gravity: m/s².
-        limits: of thrust and tilt.
-    """
-    law = ThrustVectoringLaw(num_vehicles=num_vehicles, mass=mass, gravity=gravity, limits=limits)
-    return split_output(law, {"thrust": 1, "attitude_command": 3, "attitude_rate_command": 3})

@@ -2,10 +2,8 @@
 
 from typing import Any, NamedTuple
 
-from pydrake.systems.framework import Diagram
-
 from drake_quad.elementary import Row, Rows, every, maximum, minimum, sqrt
-from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system, split_output
+from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # Keeps 0 / 0 away where there is neither room nor demand; no squared rotor speed is as small.
@@ -111,19 +109,22 @@ def _share_of_roll_and_pitch(level: Row, across: Row, along: Row, yaw: Row, low:
 
 
 @fleet_system(float, AutoDiffXd)
-class AllocationLaw(FleetSystem):
-    """The memoryless law inside `build_allocation`.
+class Allocation(FleetSystem):
+    """Rotor speeds for a commanded wrench, on board the vehicle.
 
     .. pydrake_system::
 
-        name: AllocationLaw
+        name: Allocation
         input_ports:
         - wrench
         output_ports:
-        - rotor_speed_and_shortfall
+        - rotor_speed_command_and_shortfall
 
-    The output's 8 rows are the two that `allocate` returns. The model of the rotors is one numeric parameter of the
-    context, the five rows of `RotorModel`.
+    The output packs what `allocate` returns for `wrench` (4 rows: F_z in N; τ_x, τ_y, τ_z in N m):
+    `rotor_speed_command` (4 rows, rad/s), the inverse of eq (5) within the rotors' limits, and `shortfall` (4 rows),
+    what was given up of the wrench for that.
+
+    The model of the rotors is one numeric parameter of the context, the five rows of `RotorModel`.
 
     Args:
         num_vehicles: N.
@@ -135,32 +136,10 @@ class AllocationLaw(FleetSystem):
         self._rotors = self.numeric_parameter(rotors)
         self._wrench = self.input("wrench", 4)
         uses = [self.all_input_ports_ticket(), self.all_parameters_ticket()]
-        self.output("rotor_speed_and_shortfall", 8, self._calc, uses=uses)
+        parts = {"rotor_speed_command": 4, "shortfall": 4}
+        self.packed_output("rotor_speed_command_and_shortfall", parts, self._calc, uses=uses)
 
     def _calc(self, context: Any, output: Any) -> None:
         rotors = RotorModel(*self.parameter_rows(context, self._rotors))
         rotor_speed, shortfall = allocate(self.input_rows(context, self._wrench), rotors)
         self.write(output, rotor_speed + shortfall)
-
-
-def build_allocation(*, num_vehicles: int = 1, rotors: RotorModel = RotorModel.of(QuadrotorParameters())) -> Diagram:
-    """Builds the diagram that turns a commanded wrench into rotor speeds, on board the vehicle.
-
-    .. pydrake_system::
-
-        name: allocation
-        input_ports:
-        - wrench
-        output_ports:
-        - rotor_speed_command
-        - shortfall
-
-    `rotor_speed_command` (4 rows, rad/s) inverts eq (5) for `wrench` (4 rows: F_z in N; τ_x, τ_y, τ_z in N m) within
-    the rotors' limits; `shortfall` (4 rows) is what was given up of the wrench for that.
-
-    Args:
-        num_vehicles: N.
-        rotors: what the autopilot believes of them.
-    """
-    law = AllocationLaw(num_vehicles=num_vehicles, rotors=rotors)
-    return split_output(law, {"rotor_speed_command": 4, "shortfall": 4})

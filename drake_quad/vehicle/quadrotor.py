@@ -146,9 +146,8 @@ class Quadrotor(FleetSystem):
             self._kinematics,
             self.time_step,
         )
-        for vector, old, new in zip(vectors, before, after, strict=True):
-            rows = new if crashed is None else [np.where(crashed, a, b) for a, b in zip(old, new, strict=True)]
-            self.write(vector, rows)
+        for vector, old, new in zip(vectors, before, after):
+            self.write(vector, new if crashed is None else [np.where(crashed, a, b) for a, b in zip(old, new)])
 
     def _crashed_vehicles(self, context: Any) -> np.ndarray | None:
         """The (N,) mask of the vehicles that have crashed, or None where there is none."""

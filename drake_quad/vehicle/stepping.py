@@ -45,8 +45,8 @@ def quadrotor_step(
     low, high = parameters.min_rotor_speed, parameters.max_rotor_speed
     if isinstance(rigid_body, list):
         command = [limited_rotor_speed(speed, low, high) for speed in rotor_speed_command]
-        middle = [lagging(speed, target, decay) for speed, target in zip(rotor_speed, command, strict=True)]
-        end = [lagging(speed, target, decay) for speed, target in zip(middle, command, strict=True)]
+        middle = [lagging(speed, target, decay) for speed, target in zip(rotor_speed, command)]
+        end = [lagging(speed, target, decay) for speed, target in zip(middle, command)]
     else:
         command = limited_rotor_speed(rotor_speed_command, low, high)
         middle = lagging(rotor_speed, command, decay)

@@ -8,8 +8,7 @@ from pydrake.math import RollPitchYaw
 
 from drake_quad.control.thrust_vectoring import (
     ThrustLimits,
-    ThrustVectoringLaw,
-    build_thrust_vectoring,
+    ThrustVectoring,
     in_heading,
     specific_thrust,
     thrust_and_tilt,
@@ -68,18 +67,17 @@ def test_tilt_rates_are_the_derivative_of_the_tilt(acceleration, jerk, yaw, yaw_
     np.testing.assert_allclose(rates, numeric, atol=1e-7)
 
 
-def test_the_diagram_follows_the_reference_s_yaw_and_jerk_only_if_it_is_connected():
-    diagram = build_thrust_vectoring(mass=MASS, gravity=G, limits=LIMITS)
-    context = diagram.CreateDefaultContext()
-    diagram.GetInputPort("acceleration_command").FixValue(context, [0.0, 0.0, 1.0])
-    diagram.GetInputPort("measurement").FixValue(context, [0.0] * 12)
-    diagram.GetInputPort("reference").FixValue(context, [0.0] * 9 + [0.4, 0.1])
-    np.testing.assert_allclose(diagram.GetOutputPort("thrust").Eval(context), MASS * (G + 1.0))
-    np.testing.assert_allclose(diagram.GetOutputPort("attitude_command").Eval(context), [0.0, 0.0, 0.4])
-    np.testing.assert_allclose(diagram.GetOutputPort("attitude_rate_command").Eval(context), [0.0, 0.0, 0.1])
-    diagram.GetInputPort("reference_jerk").FixValue(context, [1.0, 2.0, 0.0])
-    rates = diagram.GetOutputPort("attitude_rate_command").Eval(context)
-    np.testing.assert_allclose(rates, [-2.0 / (G + 1.0), 1.0 / (G + 1.0), 0.1])
+def test_follows_the_reference_s_yaw_and_its_jerk_only_if_that_is_connected():
+    law = ThrustVectoring(mass=MASS, gravity=G, limits=LIMITS)
+    context = law.CreateDefaultContext()
+    law.GetInputPort("acceleration_command").FixValue(context, [0.0, 0.0, 1.0])
+    law.GetInputPort("measurement").FixValue(context, [0.0] * 12)
+    law.GetInputPort("reference").FixValue(context, [0.0] * 9 + [0.4, 0.1])
+    expected = [MASS * (G + 1.0), 0.0, 0.0, 0.4]
+    np.testing.assert_allclose(law.get_output_port().Eval(context), [*expected, 0.0, 0.0, 0.1])
+    law.GetInputPort("reference_jerk").FixValue(context, [1.0, 2.0, 0.0])
+    rates = [-2.0 / (G + 1.0), 1.0 / (G + 1.0), 0.1]
+    np.testing.assert_allclose(law.get_output_port().Eval(context), [*expected, *rates])
 
 
 def test_fleet_and_single_vehicle_agree():
@@ -88,7 +86,7 @@ def test_fleet_and_single_vehicle_agree():
     values = {name: 4.0 * rng.normal(size=(size, n)) for name, size in sizes.items()}
 
     def output(num_vehicles, columns):
-        law = ThrustVectoringLaw(num_vehicles=num_vehicles, mass=MASS, gravity=G, limits=LIMITS)
+        law = ThrustVectoring(num_vehicles=num_vehicles, mass=MASS, gravity=G, limits=LIMITS)
         context = law.CreateDefaultContext()
         for name, rows in values.items():
             law.GetInputPort(name).FixValue(context, rows[:, columns].ravel())

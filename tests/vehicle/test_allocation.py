@@ -2,9 +2,11 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
+from pydrake.systems.framework import DiagramBuilder
 from scipy.optimize import linprog
 
-from drake_quad.vehicle.allocation import AllocationLaw, RotorModel, allocate, build_allocation
+from drake_quad.fleet import split_output
+from drake_quad.vehicle.allocation import Allocation, RotorModel, allocate
 from drake_quad.vehicle.dynamics import rotor_wrench
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
@@ -62,7 +64,7 @@ def test_a_yaw_torque_that_does_not_fit_leaves_roll_untouched():
 def test_fleet_and_single_vehicle_agree():
     rng = np.random.default_rng(0)
     wrench = np.array([rng.uniform(0, 15, 50), *rng.normal(size=(2, 50)), 0.1 * rng.normal(size=50)])
-    fleet = AllocationLaw(num_vehicles=50)
+    fleet = Allocation(num_vehicles=50)
     context = fleet.CreateDefaultContext()
     fleet.get_input_port().FixValue(context, wrench.ravel())
     rows = fleet.get_output_port().Eval(context).reshape(8, 50)
@@ -71,8 +73,12 @@ def test_fleet_and_single_vehicle_agree():
         np.testing.assert_allclose(rows[:, i], speeds + shortfall, rtol=1e-14, atol=1e-16)
 
 
-def test_the_diagram_has_speaking_ports():
-    diagram = build_allocation()
+def test_its_parts_come_out_under_their_names():
+    builder = DiagramBuilder()
+    for name, port in split_output(builder, "allocation", Allocation()).items():
+        builder.ExportOutput(port, name)
+    builder.ExportInput(builder.GetSubsystemByName("allocation").get_input_port(), "wrench")
+    diagram = builder.Build()
     context = diagram.CreateDefaultContext()
     diagram.GetInputPort("wrench").FixValue(context, [0.68 * 9.81, 0.0, 0.0, 0.0])
     speeds = diagram.GetOutputPort("rotor_speed_command").Eval(context)
