@@ -43,8 +43,7 @@ class FleetSystem(_Base):
     parts: dict[str, int]
 
     def declare(self, *args: Any, **options: Any) -> None:
-        """Declares ports, state, parameters and events."""
-        raise NotImplementedError
+        """Declares ports, state, parameters and events; every subclass has its own."""
 
     def input(self, name: str, rows: int) -> Any:
         """Declares an input port of that many rows and returns its index."""

@@ -27,6 +27,7 @@ def plot_path(flight: Flight) -> Figure:
         space.plot(*wanted, **REFERENCE)
         space.scatter(*flown[:, :1], color=BLUE, marker="o", s=18)
         space.set(xlabel="X (m)", ylabel="Y (m)", zlabel="Z (m)", title="Path")
+        space.yaxis.labelpad = 12.0
         # A hover has no extent; half a metre is shown then.
         extent = np.maximum(np.ptp(np.hstack([flown, wanted]), axis=1), 0.5)
         space.set_box_aspect(extent, zoom=0.85)
@@ -39,6 +40,7 @@ def plot_path(flight: Flight) -> Figure:
         _number_legs(plane, flight)
         _mark_crash(plane, flight, flown[:2, -1])
         plane.set(xlabel="X (m)", ylabel="Y (m)", title="From above")
+        plane.margins(0.1)
         plane.set_aspect("equal", adjustable="datalim")
         plane.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         return figure
