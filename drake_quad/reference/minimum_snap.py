@@ -48,6 +48,14 @@ class PolynomialPath(NamedTuple):
         return PolynomialPath(self.times[0] + factor * (self.times - self.times[0]), self.coefficients)
 
 
+def path_derivative(path: PolynomialPath, order: int) -> PolynomialPath:
+    """Returns the path's derivative in time, of a degree lower by the order."""
+    powers = np.arange(path.coefficients.shape[1])
+    falling = np.array([math.perm(k, order) for k in powers], dtype=float)[order:]
+    scale = falling * path.durations[:, np.newaxis] ** -order
+    return PolynomialPath(path.times, path.coefficients[:, order:] * scale[:, :, np.newaxis])
+
+
 def evaluate(path: PolynomialPath, times: ArrayLike, order: int = 0) -> np.ndarray:
     """Returns the (axes, samples) derivative of that order in time; outside the path that at its nearer end.
 

@@ -1,6 +1,5 @@
 """A plan: a route with times, as the trajectory that the controllers follow."""
 
-import math
 from collections.abc import Iterable
 from dataclasses import dataclass
 
@@ -9,7 +8,7 @@ from numpy.typing import ArrayLike
 from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
-from drake_quad.reference.minimum_snap import PolynomialPath
+from drake_quad.reference.minimum_snap import PolynomialPath, path_derivative
 from drake_quad.reference.routes import Leg
 
 
@@ -61,14 +60,6 @@ class Plan:
         yaw, yaw_rate = (np.full((len(self.path.coefficients), 1), value) for value in (self.yaw, 0.0))
         rows = [*position, *velocity, *acceleration, yaw, yaw_rate, *jerk]
         return _piecewise_polynomial(self.path.times, rows)
-
-
-def path_derivative(path: PolynomialPath, order: int) -> PolynomialPath:
-    """Returns the path's derivative in time, of a degree lower by the order."""
-    powers = np.arange(path.coefficients.shape[1])
-    falling = np.array([math.perm(k, order) for k in powers], dtype=float)[order:]
-    scale = falling * path.durations[:, np.newaxis] ** -order
-    return PolynomialPath(path.times, path.coefficients[:, order:] * scale[:, :, np.newaxis])
 
 
 def to_piecewise_polynomial(path: PolynomialPath) -> PiecewisePolynomial:

@@ -3,10 +3,11 @@
 import math
 
 import numpy as np
+from numpy.polynomial.polynomial import polyder
 from numpy.typing import ArrayLike
 
 from drake_quad.errors import InputError
-from drake_quad.reference.minimum_snap import PolynomialPath, evaluate
+from drake_quad.reference.minimum_snap import PolynomialPath, evaluate, path_derivative
 
 # Samples of a segment that bracket the peaks of a polynomial of degree 14 at most; at a peak the value depends on the
 # square of an error of place, so this many bisections leave only rounding.
@@ -40,7 +41,7 @@ def trapezoid_times(waypoints: ArrayLike, *, speed: float, acceleration: float) 
 
 def peak_norm(path: PolynomialPath, order: int) -> float:
     """Returns the largest norm of the path's derivative of that order, over all time and to rounding error."""
-    components = _derivative(path.coefficients, order) * (path.durations**-order)[:, np.newaxis, np.newaxis]
+    components = path_derivative(path, order).coefficients
     width = 2 * components.shape[1] - 1
     square = np.zeros((len(components), width))
     for k in range(components.shape[1]):
@@ -49,7 +50,7 @@ def peak_norm(path: PolynomialPath, order: int) -> float:
 
     # Between two samples the square may rise to a peak and fall again: there its slope changes sign.
     grid = np.linspace(0.0, 1.0, _SAMPLES + 1)
-    slope = _derivative(square[:, :, np.newaxis], 1)[:, :, 0]
+    slope = polyder(square, axis=1)
     slopes = slope @ grid ** np.arange(width - 1)[:, np.newaxis]
     segment, sample = np.nonzero((slopes[:, :-1] > 0.0) & (slopes[:, 1:] < 0.0))
     low, high = grid[sample], grid[sample + 1]
@@ -81,13 +82,6 @@ def stretch_to_limits(path: PolynomialPath, *, top_speed: float, top_acceleratio
             raise InputError(f"the {name} is {limit:g}, but must be positive")
     factor = max(peak_norm(path, 1) / top_speed, math.sqrt(peak_norm(path, 2) / top_acceleration))
     return path.stretched(factor)
-
-
-def _derivative(coefficients: np.ndarray, order: int) -> np.ndarray:
-    """Coefficients (segments, powers, axes) of the derivative with respect to s."""
-    powers = np.arange(coefficients.shape[1])
-    falling = np.array([math.perm(int(k), order) for k in powers], dtype=float)
-    return (coefficients * falling[:, np.newaxis])[:, order:]
 
 
 def _evaluate(coefficients: np.ndarray, s: np.ndarray) -> np.ndarray:

@@ -1,6 +1,5 @@
 """The numbers that make a quadrotor."""
 
-from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 from drake_quad.elementary import Row, Rows, sqrt
@@ -43,10 +42,8 @@ class QuadrotorParameters(NamedTuple):
 
     def to_rows(self) -> list[Row]:
         """The parameters as 17 rows, in the order above."""
-        rows: list[Row] = []
-        for value in self:
-            rows.extend(value) if isinstance(value, Sequence) else rows.append(value)
-        return rows
+        mass, inertia, rotor_inertia, thrust_factor, *rest = self
+        return [mass, *inertia, rotor_inertia, *thrust_factor, *rest]
 
     @classmethod
     def from_rows(cls, rows: Any) -> "QuadrotorParameters":

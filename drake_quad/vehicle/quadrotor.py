@@ -90,8 +90,9 @@ class Quadrotor(FleetSystem):
             self.output("rotor_speed", 4, self._calc_rotor_speed, uses=uses)
 
     def get_parameters(self, context: Any) -> QuadrotorParameters:
-        """The parameters in the context."""
-        return QuadrotorParameters.from_rows(self.parameter_rows(context, self._parameters))
+        """A copy of the parameters in the context."""
+        rows = self.parameter_rows(context, self._parameters)
+        return QuadrotorParameters.from_rows(rows if self.num_vehicles == 1 else rows.copy())
 
     def set_parameters(self, context: Any, parameters: QuadrotorParameters) -> None:
         """Puts parameters into the context; each entry a number or an (N,) array."""
@@ -122,7 +123,7 @@ class Quadrotor(FleetSystem):
                 self._continuous_rows(context),
                 self.input_rows(context, self._command),
                 self.optional_input_rows(context, self._wind, default=_STILL_AIR),
-                self.get_parameters(context),
+                self._current_parameters(context),
                 self._kinematics,
             )
         crashed = self._crashed_vehicles(context)
@@ -142,12 +143,15 @@ class Quadrotor(FleetSystem):
             rotor_speed,
             self.input_rows(context, self._command),
             self.optional_input_rows(context, self._wind, default=_STILL_AIR),
-            self.get_parameters(context),
+            self._current_parameters(context),
             self._kinematics,
             self.time_step,
         )
         for vector, old, new in zip(vectors, before, after):
             self.write(vector, new if crashed is None else [np.where(crashed, a, b) for a, b in zip(old, new)])
+
+    def _current_parameters(self, context: Any) -> QuadrotorParameters:
+        return QuadrotorParameters.from_rows(self.parameter_rows(context, self._parameters))
 
     def _crashed_vehicles(self, context: Any) -> np.ndarray | None:
         """The (N,) mask of the vehicles that have crashed, or None where there is none."""

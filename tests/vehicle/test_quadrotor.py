@@ -119,6 +119,13 @@ def test_parameters_live_in_the_context():
     heavy = QuadrotorParameters(mass=np.array([0.68, 0.9]))
     vehicle.set_parameters(context, heavy)
     np.testing.assert_array_equal(vehicle.get_parameters(context).mass, [0.68, 0.9])
+    # What is read can be changed and written back.
+    before = vehicle.get_parameters(context)
+    vehicle.set_parameters(context, before._replace(quadratic_drag=0.1))
+    after = vehicle.get_parameters(context)
+    np.testing.assert_array_equal(before.quadratic_drag, 0.0)
+    np.testing.assert_array_equal(after.quadratic_drag, 0.1)
+    np.testing.assert_array_equal(after.to_rows()[:11], before.to_rows()[:11])
     vehicle.set_hover(context, (0.0, 0.0, 1.0), 0.5)
     speeds = vehicle.GetOutputPort("rotor_speed").Eval(context).reshape(4, 2)
     np.testing.assert_allclose(speeds[0], [200.9, np.sqrt(0.9 * 9.81 / (4 * 4.13e-5))], rtol=1e-3)
