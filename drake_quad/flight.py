@@ -15,10 +15,11 @@ from drake_quad.errors import InputError
 from drake_quad.files import output_folder, write_whole
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.laboratory.recorder import read_recorder
+from drake_quad.planning import plan_route
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Scenario
 from drake_quad.signals import SIGNALS
-from drake_quad.tracking import build_tracking_diagram, plan_route
+from drake_quad.tracking import build_tracking_diagram
 
 # Between two looks at the crashes and two reports of progress, s of flight.
 _STRIDE = 1.0

@@ -9,30 +9,22 @@ reference ──▶ control ──▶ laboratory
 import math
 from typing import Any
 
-import numpy as np
-from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.control.attitude import AttitudeController
 from drake_quad.control.cascade import build_cascade
 from drake_quad.control.position import build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring
-from drake_quad.errors import InputError
 from drake_quad.laboratory.command_link import CommandLink
 from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor
 from drake_quad.laboratory.laboratory import build_laboratory
 from drake_quad.laboratory.motion_capture import MotionCapture
 from drake_quad.laboratory.recorder import build_recorder
-from drake_quad.reference.feasibility import first_violation
-from drake_quad.reference.minimum_snap import minimum_snap
+from drake_quad.planning import plan_route, vehicle_parameters
 from drake_quad.reference.plan import Plan
-from drake_quad.reference.routes import Route, circle, figure_eight
 from drake_quad.reference.source import build_reference
-from drake_quad.reference.time_allocation import stretch_to_limits, trapezoid_times
-from drake_quad.scenario import Scenario, distributions_in
-from drake_quad.scenario.models import CircleRoute, FigureEightRoute, HoverRoute, WaypointRoute
+from drake_quad.scenario import Scenario
 from drake_quad.vehicle.allocation import Allocation, RotorModel
-from drake_quad.vehicle.inverse_dynamics import rotor_demand
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor
 
@@ -108,74 +100,6 @@ def build_tracking_diagram(
     return diagram
 
 
-def vehicle_parameters(scenario: Scenario) -> QuadrotorParameters:
-    """The vehicle of a scenario without distributions."""
-    vehicle = scenario.vehicle
-    fields = {name: getattr(vehicle, name) for name in QuadrotorParameters._fields}
-    fields["thrust_factor"] = (vehicle.thrust_factor,) * 4
-    return QuadrotorParameters(**fields)
-
-
-def plan_route(scenario: Scenario) -> Plan:
-    """The plan for a scenario's route.
-
-    Raises:
-        InputError: the scenario holds a distribution, or the rotors cannot fly the route.
-    """
-    random = distributions_in(scenario)
-    if random:
-        raise InputError(f"{random[0]} is a distribution; one flight needs a number there")
-    route = scenario.route
-    match route:
-        case HoverRoute():
-            plan = Plan.hover(route.position, duration=route.duration, yaw=route.yaw)
-        case WaypointRoute():
-            plan = Plan(minimum_snap(route.waypoints, _waypoint_times(route)), route.yaw)
-        case FigureEightRoute():
-            eight = figure_eight(
-                lower_height=route.lower_height,
-                upper_height=route.upper_height,
-                radius=route.radius,
-                offset=route.offset,
-            )
-            plan = _within_limits(route, eight, cruise_speed=route.cruise_speed)
-        case CircleRoute():
-            laps = circle(radius=route.radius, height=route.height, laps=route.laps)
-            plan = _within_limits(route, laps, cruise_speed=math.sqrt(route.top_acceleration * route.radius))
-    _check_feasible(plan, vehicle_parameters(scenario))
-    return plan
-
-
-def _waypoint_times(route: WaypointRoute) -> ArrayLike:
-    if route.times is not None:
-        return route.times
-    # The scenario's validation has seen to it.
-    assert route.speed is not None
-    assert route.acceleration is not None
-    return trapezoid_times(route.waypoints, speed=route.speed, acceleration=route.acceleration)
-
-
-def _within_limits(route: FigureEightRoute | CircleRoute, geometry: Route, *, cruise_speed: float) -> Plan:
-    times = trapezoid_times(geometry.waypoints, speed=cruise_speed, acceleration=route.top_acceleration)
-    path = minimum_snap(geometry.waypoints, times)
-    limited = stretch_to_limits(path, top_speed=route.top_speed, top_acceleration=route.top_acceleration)
-    return Plan(limited, route.yaw, geometry.legs)
-
-
-def _check_feasible(plan: Plan, parameters: QuadrotorParameters) -> None:
-    def rotor_speeds(acceleration: np.ndarray, jerk: np.ndarray, snap: np.ndarray) -> np.ndarray:
-        return rotor_demand(acceleration, jerk, snap, parameters, yaw=plan.yaw).rotor_speed
-
-    violation = first_violation(
-        plan.path,
-        rotor_speeds,
-        min_rotor_speed=parameters.min_rotor_speed,
-        max_rotor_speed=parameters.max_rotor_speed,
-    )
-    if violation is not None:
-        raise InputError(f"the rotors cannot fly this route: {violation}")
-
-
 def _control(
     scenario: Scenario, num_vehicles: int, parameters: QuadrotorParameters, position_controller: Any
 ) -> Diagram:
@@ -216,7 +140,7 @@ def _laboratory(scenario: Scenario, num_vehicles: int, parameters: QuadrotorPara
             kinematics=scenario.vehicle.attitude_kinematics,
             parameters=parameters,
             initial_position=plan.waypoints[0],
-            initial_yaw=plan.yaw,
+            initial_yaw=plan.initial_yaw,
         ),
         allocation=Allocation(num_vehicles=num_vehicles, rotors=RotorModel.of(parameters)),
         motion_capture=MotionCapture(num_vehicles=num_vehicles, period=scenario.laboratory.motion_capture.period),

@@ -16,9 +16,9 @@ from pydrake.systems.analysis import Simulator
 
 from drake_quad import Scenario, build_tracking_diagram, load_scenario
 from drake_quad.flight import flight_duration, fly
+from drake_quad.planning import plan_route
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.plan import to_piecewise_polynomial
-from drake_quad.tracking import plan_route
 
 _FIGURE_EIGHT = Path(__file__).parent.parent / "diagrams" / "figure_eight.yaml"
 

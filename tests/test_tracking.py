@@ -11,8 +11,8 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
 from drake_quad.flight import flight_duration, fly, read_metrics
 from drake_quad.laboratory.recorder import read_recorder
+from drake_quad.planning import plan_route
 from drake_quad.signals import SIGNALS
-from drake_quad.tracking import plan_route
 
 
 @pytest.fixture

@@ -1,17 +1,13 @@
 """Whether the rotors can fly a path."""
 
-from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.reference.minimum_snap import PolynomialPath, evaluate
+from drake_quad.reference.polynomial_path import PolynomialPath
 
 # A segment is a polynomial of degree 7; this many samples leave no peak of its derivatives unseen.
 _SAMPLES = 64
-
-# From (3, samples) acceleration, jerk and snap to (4, samples) rotor speeds in rad/s.
-InverseDynamics = Callable[[np.ndarray, np.ndarray, np.ndarray], np.ndarray]
 
 
 class Violation(NamedTuple):
@@ -36,25 +32,28 @@ class Violation(NamedTuple):
         )
 
 
+def sample_times(path: PolynomialPath) -> np.ndarray:
+    """(samples,) times, dense enough on every segment to see all that happens, s."""
+    fractions = np.linspace(0.0, 1.0, _SAMPLES)
+    return np.asarray((path.times[:-1, np.newaxis] + path.durations[:, np.newaxis] * fractions).ravel())
+
+
 def first_violation(
-    path: PolynomialPath, inverse_dynamics: InverseDynamics, *, min_rotor_speed: float, max_rotor_speed: float
+    times: np.ndarray, rotor_speeds: np.ndarray, *, min_rotor_speed: float, max_rotor_speed: float
 ) -> Violation | None:
-    """Returns where a path first breaks the rotors' limits, or None.
+    """Returns where rotor speeds first break the rotors' limits, or None.
 
     Args:
-        path: of the position, 3 axes.
-        inverse_dynamics: the rotor speeds that accelerations, jerks and snaps ask for.
+        times: (samples,), s.
+        rotor_speeds: (4, samples) that a path asks for, rad/s.
         min_rotor_speed: rad/s.
         max_rotor_speed: rad/s.
     """
-    fractions = np.linspace(0.0, 1.0, _SAMPLES)
-    times = (path.times[:-1, np.newaxis] + path.durations[:, np.newaxis] * fractions).ravel()
-    speeds = inverse_dynamics(*(evaluate(path, times, order) for order in (2, 3, 4)))
-    beyond = (speeds < min_rotor_speed) | (speeds > max_rotor_speed)
+    beyond = (rotor_speeds < min_rotor_speed) | (rotor_speeds > max_rotor_speed)
     if not beyond.any():
         return None
     sample = int(np.flatnonzero(beyond.any(axis=0))[0])
     rotor = int(np.flatnonzero(beyond[:, sample])[0])
-    speed = float(speeds[rotor, sample])
+    speed = float(rotor_speeds[rotor, sample])
     limit = min_rotor_speed if speed < min_rotor_speed else max_rotor_speed
     return Violation(float(times[sample]), rotor + 1, speed, limit)

@@ -4,83 +4,36 @@ On segment i, of duration T_i, an axis flies p(s) = Σ c_k s^k, k = 0..7, with s
 (paper eq (20)). The cost is ∫ (d⁴p/dt⁴)² dt, summed over the segments (paper eqs (18), (19)).
 
 A degree-7 segment is fixed by its boundary derivatives, position to jerk at both ends. Positions are the
-waypoints; velocity, acceleration and jerk are zero at both ends of the path (paper, section on the trajectory);
-what is left, three numbers a waypoint and axis in between, is shared by the two segments that meet there, so that
-the path has three continuous derivatives by construction. The cost is a positive definite quadratic form in these
+waypoints; velocity, acceleration and jerk are given at some waypoints, zero at both ends of the path (paper, section
+on the trajectory); what is left, three numbers a waypoint and axis, is shared by the two segments that meet there, so
+that the path has three continuous derivatives by construction. The cost is a positive definite quadratic form in these
 numbers whose matrix is block tridiagonal, so its minimum costs one banded Cholesky factorisation: linear in the
-number of segments. At the minimum the fourth to sixth derivatives are continuous too (paper eq (21)).
+number of segments. At the minimum the fourth to sixth derivatives are continuous too (paper eq (21)), but where a
+derivative is given.
 
 Every quantity is scaled by the duration of the shorter segment that it touches, and the matrix to unit diagonal;
 absolute time never enters. That keeps 0.2 s segments beside 20 s ones accurate.
+
+In these units the form's entries are powers of the durations, so its derivatives with respect to them are as simple as
+the form itself: the gradient of the cost costs no further solution (envelope theorem), and how the path answers to
+every duration costs one with as many right-hand sides.
 """
 
 import math
-from typing import NamedTuple
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from drake_quad.errors import InputError
+from drake_quad.reference.polynomial_path import PolynomialPath, power_basis
 
 DEGREE = 7
 FREE = 3  # velocity, acceleration, jerk: what a waypoint leaves free
-
-
-class PolynomialPath(NamedTuple):
-    """A piecewise polynomial in segment-local unit time.
-
-    Attributes:
-        times: (segments + 1,) when the waypoints are passed, s.
-        coefficients: (segments, degree + 1, axes), of s^k with s in [0, 1]; m.
-    """
-
-    times: np.ndarray
-    coefficients: np.ndarray
-
-    @property
-    def durations(self) -> np.ndarray:
-        """(segments,) duration of each segment, s."""
-        return np.diff(self.times)
-
-    def stretched(self, factor: float) -> "PolynomialPath":
-        """The same path flown `factor` times slower."""
-        return PolynomialPath(self.times[0] + factor * (self.times - self.times[0]), self.coefficients)
-
-
-def path_derivative(path: PolynomialPath, order: int) -> PolynomialPath:
-    """Returns the path's derivative in time, of a degree lower by the order."""
-    powers = np.arange(path.coefficients.shape[1])
-    falling = np.array([math.perm(k, order) for k in powers], dtype=float)[order:]
-    scale = falling * path.durations[:, np.newaxis] ** -order
-    return PolynomialPath(path.times, path.coefficients[:, order:] * scale[:, :, np.newaxis])
-
-
-def evaluate(path: PolynomialPath, times: ArrayLike, order: int = 0) -> np.ndarray:
-    """Returns the (axes, samples) derivative of that order in time; outside the path that at its nearer end.
-
-    Args:
-        path: to evaluate.
-        times: (samples,), s.
-        order: 0 for the position.
-    """
-    instants = np.clip(np.asarray(times, dtype=float), path.times[0], path.times[-1])
-    segment = np.clip(np.searchsorted(path.times, instants, side="right") - 1, 0, len(path.coefficients) - 1)
-    duration = path.durations[segment]
-    s = (instants - path.times[segment]) / duration
-    powers = path.coefficients.shape[1]
-    falling = np.array([math.perm(k, order) for k in range(powers)], dtype=float)
-    basis = falling[order:] * s[:, np.newaxis] ** np.arange(powers - order)
-    return np.einsum("nk,nka->an", basis * duration[:, np.newaxis] ** -order, path.coefficients[segment, order:])
-
-
-def boundary_derivatives(order: int, s: float) -> np.ndarray:
-    """(8,) row that maps the coefficients to the derivative of that order with respect to s, at s = 0 or 1."""
-    powers = np.arange(DEGREE + 1)
-    row = np.array([math.perm(k, order) for k in powers], dtype=float)
-    if s == 0.0:
-        row[powers != order] = 0.0
-    return row
+START, END = slice(1, 4), slice(5, 8)  # velocity to jerk within a segment's boundary derivatives
+# The order of each boundary derivative: position to jerk at the start, position to jerk at the end.
+ORDERS = np.array([0, 1, 2, 3, 0, 1, 2, 3])
 
 
 def _snap_form() -> np.ndarray:
@@ -90,44 +43,174 @@ def _snap_form() -> np.ndarray:
     return np.outer(falling, falling) / np.where(exponent > 0, exponent, 1.0)
 
 
-SNAP_FORM = _snap_form()
-_TO_BOUNDARY = np.array([boundary_derivatives(r, s) for s in (0.0, 1.0) for r in range(4)])
-# The inverse holds sixths of integers only; rounding to them removes the error of the inversion.
-_FROM_BOUNDARY = np.round(6.0 * np.linalg.inv(_TO_BOUNDARY)) / 6.0
-_BOUNDARY_FORM = np.round(_FROM_BOUNDARY.T @ SNAP_FORM @ _FROM_BOUNDARY)
-_START, _END = slice(1, 4), slice(5, 8)  # velocity to jerk within a segment's boundary derivatives
+_SNAP_FORM = _snap_form()
+_TO_BOUNDARY = np.array([power_basis(order, s, DEGREE + 1) for s in (0.0, 1.0) for order in range(4)])
+# From boundary derivatives with respect to s to coefficients. The inverse holds sixths of integers only; rounding to
+# them removes the error of the inversion.
+FROM_BOUNDARY = np.round(6.0 * np.linalg.inv(_TO_BOUNDARY)) / 6.0
+BOUNDARY_FORM = np.round(FROM_BOUNDARY.T @ _SNAP_FORM @ FROM_BOUNDARY)
+# (4, 8) matrix whose product with boundary derivatives has the segment's cost as its square. A sum of squares stays
+# exact, and positive, where the form would be the difference of large numbers.
+_ROOT = np.linalg.cholesky(_SNAP_FORM[4:, 4:]).T @ FROM_BOUNDARY[4:]
 
 
-def minimum_snap(waypoints: ArrayLike, times: ArrayLike) -> PolynomialPath:
-    """Returns the path of least integrated squared snap through waypoints at given times, at rest at both ends.
+def minimum_snap(waypoints: ArrayLike, times: ArrayLike, derivatives: ArrayLike | None = None) -> PolynomialPath:
+    """Returns the path of least integrated squared snap through waypoints at given times.
 
     This is the fast path: the same problem as `minimum_snap_program` without its inequalities.
 
     Args:
         waypoints: (segments + 1, axes) points to pass, m.
         times: (segments + 1,) when to pass them, strictly increasing, s.
+        derivatives: (segments + 1, 3, axes) velocity (m/s), acceleration (m/s²) and jerk (m/s³) at the waypoints, NaN
+            where the path is free to choose; if not given, rest at both ends and freedom in between.
 
     Raises:
         InputError: a shape does not fit, a number is not finite or the times do not increase.
     """
     points, times = checked_waypoints(waypoints, times)
-    durations, steps = np.diff(times), np.diff(points, axis=0)
-    boundary = np.zeros((len(steps), 8, points.shape[1]))
-    boundary[:, 4] = steps
-    if len(steps) > 1:
-        scales = _waypoint_scales(durations)
-        shared = _free_derivatives(scales, durations, steps)
-        boundary[1:, _START] = shared * scales[1:, _START, np.newaxis]
-        boundary[:-1, _END] = shared * scales[:-1, _END, np.newaxis]
-    coefficients = _FROM_BOUNDARY @ boundary
-    coefficients[:, 0] = points[:-1]
-    return PolynomialPath(times, coefficients)
+    return MinimumSnap(points, np.diff(times), derivatives).path()._replace(times=times)
+
+
+def rest_at_ends(count: int, axes: int) -> np.ndarray:
+    """(count, 3, axes) derivatives at so many waypoints: zero at the first and the last, NaN for free in between."""
+    derivatives = np.full((count, FREE, axes), np.nan)
+    derivatives[[0, -1]] = 0.0
+    return derivatives
+
+
+class MinimumSnap:
+    """The minimum-snap path through points, and how it changes with its durations.
+
+    Args:
+        points: (segments + 1, axes), m.
+        durations: (segments,) positive, s.
+        derivatives: as for `minimum_snap`; a derivative is given on all axes or on none.
+
+    Attributes:
+        boundary: (segments, 8, axes) boundary derivatives of each segment with respect to s, position relative to its
+            start; m.
+    """
+
+    def __init__(self, points: np.ndarray, durations: np.ndarray, derivatives: ArrayLike | None = None) -> None:
+        self.points, self.durations = points, durations
+        axes = points.shape[1]
+        given = rest_at_ends(len(points), axes) if derivatives is None else np.asarray(derivatives, dtype=float)
+        self._fixed = ~np.isnan(given).any(axis=2)
+        if given.shape != (len(points), FREE, axes) or (self._fixed != ~np.isnan(given).all(axis=2)).any():
+            raise InputError("velocity, acceleration and jerk at a waypoint are given on all axes or on none")
+        unit = waypoint_units(durations)
+        self._scales = boundary_scales(durations, unit)
+        self._weight = (durations.min() / durations) ** 7.0
+
+        known = np.where(self._fixed[:, :, np.newaxis], given, 0.0)
+        known *= (unit[:, np.newaxis] ** np.arange(1, FREE + 1))[:, :, np.newaxis]
+        self.boundary = self._to_boundary(known)
+        self.boundary[:, 4] = np.diff(points, axis=0)
+        if not self._fixed.all():
+            self._factorise()
+            # Position enters only through its change over the segment: the rows of the form cancel on constants.
+            pull = -self._pull(BOUNDARY_FORM @ self.boundary)
+            self.boundary += self._to_boundary(self._solve(pull))
+
+    def path(self) -> PolynomialPath:
+        """The path, beginning at time zero."""
+        coefficients = FROM_BOUNDARY @ self.boundary
+        coefficients[:, 0] = self.points[:-1]
+        return PolynomialPath(np.concatenate([[0.0], np.cumsum(self.durations)]), coefficients)
+
+    @cached_property
+    def cost(self) -> float:
+        """The integral of the squared snap over the path, summed over the axes, m²/s⁷."""
+        roots = _ROOT @ self.boundary
+        return float(np.einsum("n,nka,nka->", self.durations**-7.0, roots, roots))
+
+    def cost_gradient(self) -> np.ndarray:
+        """(segments,) derivatives of the cost with respect to the durations, m²/s⁸."""
+        roots, growth = _ROOT @ self.boundary, _ROOT @ (ORDERS[:, np.newaxis] * self.boundary)
+        return np.asarray(np.einsum("n,nka,nka->n", self.durations**-8.0, roots, 2.0 * growth - 7.0 * roots))
+
+    def boundary_gradient(self) -> np.ndarray:
+        """(segments, 8, axes, segments) derivatives of `boundary` with respect to the logarithms of the durations."""
+        segments, _, axes = self.boundary.shape
+        every = np.arange(segments)
+        growth = ORDERS[:, np.newaxis] * self.boundary
+        gradient = np.zeros((segments, 8, axes, segments))
+        if not self._fixed.all():
+            form = BOUNDARY_FORM @ self.boundary
+            residual = ORDERS[:, np.newaxis] * form - 7.0 * form + BOUNDARY_FORM @ growth
+            # A duration acts on its own segment's residual only; then everything answers.
+            local = np.zeros((segments, 8, axes, segments))
+            local[every, :, :, every] = residual
+            answer = self._solve(-self._pull(local.reshape(segments, 8, axes * segments)))
+            gradient += self._to_boundary(answer).reshape(gradient.shape)
+        gradient[every, :, :, every] += growth
+        return gradient
+
+    def _to_boundary(self, shared: np.ndarray) -> np.ndarray:
+        """From (waypoints, 3, columns) derivatives in the waypoints' units to (segments, 8, columns) in segments'."""
+        boundary = np.zeros((len(shared) - 1, 8, shared.shape[2]))
+        boundary[:, START] = shared[:-1] * self._scales[:, START, np.newaxis]
+        boundary[:, END] = shared[1:] * self._scales[:, END, np.newaxis]
+        return boundary
+
+    def _pull(self, forces: np.ndarray) -> np.ndarray:
+        """The transpose of `_to_boundary`, weighted by the segments' share in the cost; zero where all is given."""
+        weighted = forces * (self._scales * self._weight[:, np.newaxis])[:, :, np.newaxis]
+        pull = np.zeros((len(forces) + 1, FREE, forces.shape[2]))
+        pull[:-1] += weighted[:, START]
+        pull[1:] += weighted[:, END]
+        pull[self._fixed] = 0.0
+        return pull
+
+    def _factorise(self) -> None:
+        scales = self._scales
+        form = BOUNDARY_FORM * scales[:, :, np.newaxis] * scales[:, np.newaxis, :]
+        form *= self._weight[:, np.newaxis, np.newaxis]
+        diagonal = np.zeros((len(form) + 1, FREE, FREE))
+        diagonal[:-1] += form[:, START, START]
+        diagonal[1:] += form[:, END, END]
+        coupling = form[:, END, START]
+
+        size = FREE * len(diagonal)
+        bands = np.zeros((2 * FREE, size))
+        for row in range(FREE):
+            for column in range(FREE):
+                if row >= column:
+                    bands[row - column, column::FREE] = diagonal[:, row, column]
+                bands[FREE + row - column, column : size - FREE : FREE] = coupling[:, row, column]
+        unit = 1.0 / np.sqrt(bands[0])
+        # Without their couplings, rows of what is given leave it as it is.
+        free = np.where(self._fixed.ravel(), 0.0, unit)
+        for distance in range(1, 2 * FREE):
+            bands[distance, : size - distance] *= free[: size - distance] * free[distance:]
+        bands[0] = 1.0
+        self._unit = unit
+        self._factor = cholesky_banded(bands, lower=True, check_finite=False)
+
+    def _solve(self, pull: np.ndarray) -> np.ndarray:
+        """(waypoints, 3, columns) the derivatives in the waypoints' units that answer to a pull."""
+        right_side = pull.reshape(len(self._unit), -1) * self._unit[:, np.newaxis]
+        solution = cho_solve_banded((self._factor, True), right_side, overwrite_b=True, check_finite=False)
+        return np.asarray(solution * self._unit[:, np.newaxis]).reshape(pull.shape)
 
 
 def snap_cost(path: PolynomialPath) -> np.ndarray:
     """Returns the (axes,) integrals of the squared snap over the path, m²/s⁷."""
     c = path.coefficients
-    return np.einsum("nka,kl,nla,n->a", c, SNAP_FORM, c, path.durations**-7.0)
+    return np.einsum("nka,kl,nla,n->a", c, _SNAP_FORM, c, path.durations**-7.0)
+
+
+def waypoint_units(durations: np.ndarray) -> np.ndarray:
+    """(segments + 1,) the waypoints' own units of time: the duration of the shorter segment there, s."""
+    inner = np.minimum(durations[:-1], durations[1:])
+    return np.concatenate([durations[:1], inner, durations[-1:]])
+
+
+def boundary_scales(durations: np.ndarray, unit: np.ndarray) -> np.ndarray:
+    """(segments, 8) factors from derivatives in the waypoints' units of time to those in the segment's."""
+    ratio = np.repeat(np.column_stack([durations / unit[:-1], durations / unit[1:]]), 4, axis=1)
+    return np.asarray(ratio**ORDERS)
 
 
 def checked_waypoints(waypoints: ArrayLike, times: ArrayLike) -> tuple[np.ndarray, np.ndarray]:
@@ -147,40 +230,3 @@ def checked_waypoints(waypoints: ArrayLike, times: ArrayLike) -> tuple[np.ndarra
             f"waypoint times must increase, but time {i + 1} is {instants[i + 1]:g} s after {instants[i]:g} s"
         )
     return points, instants
-
-
-def _waypoint_scales(durations: np.ndarray) -> np.ndarray:
-    """(segments, 8) factors from derivatives in a waypoint's own unit of time to those in the segment's.
-
-    The waypoint's unit is the duration of the shorter of its two segments.
-    """
-    unit = np.minimum(durations[:-1], durations[1:])
-    start = durations / np.concatenate([durations[:1], unit])
-    end = durations / np.concatenate([unit, durations[-1:]])
-    order = np.arange(4)
-    return np.hstack([start[:, np.newaxis] ** order, end[:, np.newaxis] ** order])
-
-
-def _free_derivatives(scales: np.ndarray, durations: np.ndarray, steps: np.ndarray) -> np.ndarray:
-    """(segments - 1, 3, axes) velocity, acceleration and jerk at the inner waypoints, in the waypoints' units."""
-    weight = (durations.min() / durations) ** 7.0
-    form = _BOUNDARY_FORM * scales[:, :, np.newaxis] * scales[:, np.newaxis, :] * weight[:, np.newaxis, np.newaxis]
-    diagonal = form[:-1, _END, _END] + form[1:, _START, _START]
-    coupling = form[1:-1, _END, _START]
-    # Position enters only through its change over the segment: the rows of the form cancel on constants.
-    pull = -form[:, :, 4, np.newaxis] * steps[:, np.newaxis, :]
-    right_side = (pull[:-1, _END] + pull[1:, _START]).reshape(FREE * len(diagonal), -1)
-
-    size = len(right_side)
-    bands = np.zeros((2 * FREE, size))
-    for row in range(FREE):
-        for column in range(FREE):
-            if row >= column:
-                bands[row - column, column::FREE] = diagonal[:, row, column]
-            bands[FREE + row - column, column : size - FREE : FREE] = coupling[:, row, column]
-    unit = 1.0 / np.sqrt(bands[0])
-    for distance in range(min(2 * FREE, size)):
-        bands[distance, : size - distance] *= unit[: size - distance] * unit[distance:]
-    factor = cholesky_banded(bands, lower=True, check_finite=False)
-    solution = cho_solve_banded((factor, True), right_side * unit[:, np.newaxis], check_finite=False)
-    return (solution * unit[:, np.newaxis]).reshape(len(diagonal), FREE, -1)

@@ -1,122 +1,308 @@
-"""Minimum snap as a MathematicalProgram over the coefficients: the form that takes further constraints."""
+"""Minimum snap as a MathematicalProgram: the form that takes inequalities."""
 
-import math
+from enum import Enum
 
 import numpy as np
-from numpy.typing import ArrayLike
-from pydrake.solvers import ClarabelSolver, MathematicalProgram, MathematicalProgramResult, SolverOptions
+from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolutionResult, SolverOptions
 
 from drake_quad.reference.minimum_snap import (
+    BOUNDARY_FORM,
     DEGREE,
-    SNAP_FORM,
+    FREE,
+    FROM_BOUNDARY,
+    MinimumSnap,
+    boundary_scales,
+    waypoint_units,
+)
+from drake_quad.reference.path_problem import PathProblem, Sphere
+from drake_quad.reference.polynomial_path import (
     PolynomialPath,
-    boundary_derivatives,
-    checked_waypoints,
-    minimum_snap,
-    snap_cost,
+    evaluate_at,
+    norm_peaks,
+    peak_norm,
+    power_basis,
+    turning_points,
 )
 
-# Clarabel's own is 1e-8, which leaves the higher derivatives of long segments beside short ones discontinuous.
-_TOLERANCE = 1e-13
+# Clarabel's own is 1e-8.
+_TOLERANCE = 1e-11
+# Limits are put this share lower than they are, so that they hold between the places where they are put.
+_MARGIN = 1e-4
+# How far a corridor may be left, as a share of its largest extent.
+_CORRIDOR_TOLERANCE = 1e-7
+# Where on a segment a bound is put at first, beside the peaks.
+_SEEDS = np.array([0.15, 0.3, 0.5, 0.7, 0.85])
+_ROUNDS = 25
+# The weight of the snap beside what is exceeded: enough to choose among paths that exceed it equally.
+_SNAP_BESIDE_SLACK = 1e-6
+
+
+class InfeasibleError(Exception):
+    """No path keeps to all that is asked at these times."""
+
+
+def path_within(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
+    """Returns the path of least integrated squared snap that keeps to a problem's demands.
+
+    Args:
+        problem: what the path must keep to.
+        durations: (segments,), s.
+
+    Raises:
+        InfeasibleError: there is no such path.
+        RuntimeError: the solver failed.
+    """
+    if problem.passes_points:
+        path = MinimumSnap(problem.representatives(), durations, problem.derivatives).path()
+        if all(peak_norm(path, order) <= _kept(limit) for order, limit in problem.limits.by_order.items()):
+            return path
+    return MinimumSnapProgram(problem, durations).solve()
+
+
+def _kept(limit: float) -> float:
+    """The largest number that counts as keeping to a limit: rounding errors are no breach."""
+    return limit * (1.0 + 1e-9)
+
+
+class Slack(Enum):
+    """What a program may exceed, at a price that replaces the snap: to find out by how much it must."""
+
+    LIMITS = "limits"  # by a share of each limit
+    CORRIDORS = "corridors"  # by a distance in m
 
 
 class MinimumSnapProgram:
-    """The quadratic program whose solution is the path of least integrated squared snap (paper eqs (18)-(21)).
+    """The program whose solution is the path of least integrated squared snap (paper eqs (18)-(21)).
 
-    The variables are the coefficients of every segment and axis in segment-local unit time, each divided by the size
-    that it has in the solution without further constraints: so all are of order one, however much the durations
-    differ. Position is relative to the segment's first waypoint.
+    The variables are what the path is free to choose of position, velocity, acceleration and jerk at the waypoints;
+    both segments that meet there share them, so the path has three continuous derivatives. Without inequalities six
+    are continuous at the optimum; a bound that is met may break the fourth to sixth.
+
+    A limit or corridor is infinitely many inequalities, one at every place of a segment. The program starts with none
+    of them; `solve` adds those that its solution breaks most, at the peaks, until none is broken any more.
 
     Args:
-        waypoints: (segments + 1, axes) points to pass, m.
-        times: (segments + 1,) when to pass them, strictly increasing, s.
-        continuity: how many derivatives are continuous at the waypoints, 3 to 6. The program as it stands has one
-            solution, with six, whatever is demanded; with further constraints it may have fewer.
+        problem: what the path must keep to.
+        durations: (segments,), s.
+        slack: what may be exceeded, if anything.
 
     Attributes:
         program: Drake's MathematicalProgram, to which constraints may be added.
-        variables: (segments, degree + 1, axes) decision variables.
-        scales: (segments, degree + 1) what turns a variable into a coefficient, m.
-
-    Raises:
-        InputError: a shape does not fit, a number is not finite or the times do not increase.
+        variables: (segments + 1, 4, axes) decision variables, in units of `scales`; None where a value is given.
+        scales: (segments + 1, 4) what turns a variable into position (relative to a representative of the waypoint's
+            place), velocity, acceleration and jerk, in m and s.
+        exceeded: after `solve`, by how much the slack was used.
     """
 
-    def __init__(self, waypoints: ArrayLike, times: ArrayLike, *, continuity: int = 6) -> None:
-        self._points, self._times = checked_waypoints(waypoints, times)
-        unconstrained = minimum_snap(self._points, self._times)
-        self.scales = _sizes(unconstrained)
+    def __init__(self, problem: PathProblem, durations: np.ndarray, *, slack: Slack | None = None) -> None:
+        self._problem, self._durations = problem, durations
+        self._points = problem.representatives()
+        unit = waypoint_units(durations)
+        length = _lengths(self._points)
+        self.scales = length[:, np.newaxis] / unit[:, np.newaxis] ** np.arange(FREE + 1)
+        self._to_segment = boundary_scales(durations, unit) * np.repeat(
+            np.column_stack([length[:-1], length[1:]]), FREE + 1, axis=1
+        )
         self.program = MathematicalProgram()
-        shape = (len(self._points) - 1, DEGREE + 1, self._points.shape[1])
-        self.variables = self.program.NewContinuousVariables(int(np.prod(shape)), "c").reshape(shape)
-
-        self._add_cost(unconstrained)
-        last = shape[0] - 1
-        steps = np.diff(self._points, axis=0)
-        for i, step in enumerate(steps):
-            self._equate([(i, 0, 0.0)], np.zeros_like(step))
-            self._equate([(i, 0, 1.0)], step)
-        for order in (1, 2, 3):
-            self._equate([(0, order, 0.0)], np.zeros(shape[2]))
-            self._equate([(last, order, 1.0)], np.zeros(shape[2]))
-        for i in range(last):
-            for order in range(1, continuity + 1):
-                self._equate([(i, order, 1.0), (i + 1, order, 0.0)], np.zeros(shape[2]))
+        self.exceeded = 0.0
+        self._slack = slack
+        self._slack_variable = None if slack is None else self.program.NewContinuousVariables(1, "slack")[0]
+        self._seeded: set[tuple[int, int]] = set()
+        self._declare_variables()
+        self._add_cost()
+        self._add_places()
 
     def solve(self) -> PolynomialPath:
-        """Solves the program.
+        """Solves the program, and adds bounds and solves again until the path keeps to limits and corridors.
 
         Raises:
-            RuntimeError: the solver found no solution.
+            InfeasibleError: there is no such path.
+            RuntimeError: the solver failed.
         """
+        for _ in range(_ROUNDS):
+            path = self._solve_once()
+            if not self._tighten(path):
+                return path
+        raise RuntimeError(f"the path still broke a limit or corridor after {_ROUNDS} rounds of adding bounds")
+
+    def bound_norm(self, segment: int, s: float, order: int, bound: float) -> None:
+        """Bounds the norm of a derivative in time at one place of a segment: a Lorentz cone.
+
+        Args:
+            segment: index.
+            s: place, 0 to 1.
+            order: 1 for the velocity.
+            bound: in m and s.
+        """
+        rows, variables, constant = self._derivative(segment, s, order)
+        matrix = np.vstack([np.zeros(rows.shape[1]), rows / bound])
+        offset = np.concatenate([[1.0], constant / bound])
+        if self._slack is Slack.LIMITS:
+            matrix = np.column_stack([matrix, np.eye(len(matrix))[:, 0]])
+            variables = np.append(variables, self._slack_variable)
+        if len(variables):
+            self.program.AddLorentzConeConstraint(matrix, offset, variables)
+        elif np.linalg.norm(offset[1:]) > 1.0:
+            raise InfeasibleError
+
+    def bound_position(self, segment: int, s: float, axis: int, low: float, high: float) -> None:
+        """Holds one axis of the position to an interval in m at one place of a segment."""
+        rows, variables, constant = self._derivative(segment, s, 0)
+        used = rows[axis] != 0.0
+        row, variables = rows[axis, used], variables[used]
+        size = max(float(np.abs(row).max(initial=0.0)), 1e-300)
+        low, high = low - constant[axis], high - constant[axis]
+        if self._slack is Slack.CORRIDORS:
+            for sign, bound in ((1.0, low), (-1.0, -high)):
+                matrix = np.append(sign * row, 1.0)[np.newaxis] / size
+                both = np.append(variables, self._slack_variable)
+                self.program.AddLinearConstraint(matrix, [bound / size], [np.inf], both)
+        elif len(variables):
+            self.program.AddLinearConstraint(row[np.newaxis] / size, [low / size], [high / size], variables)
+        elif low > 0.0 or high < 0.0:
+            raise InfeasibleError
+
+    def _declare_variables(self) -> None:
+        """Sets up the variables, and the values of what is given, in units of the scales."""
+        problem = self._problem
+        axes = self._points.shape[1]
+        self._given = np.zeros((len(self._points), FREE + 1, axes))
+        self._given[:, 1:] = problem.derivatives / self.scales[:, 1:, np.newaxis]
+        for i in range(len(self._points)):
+            room = problem.room(i)
+            if room is not None:
+                self._given[i, 0, room.low < room.high] = np.nan
+            else:
+                self._given[i, 0] = np.nan
+        for i, corridor in enumerate(problem.corridors):
+            if corridor is not None:
+                # A corridor without extent leaves nothing but to stay where it is.
+                flat = corridor.low == corridor.high
+                self._given[i : i + 2, 1:, flat] = 0.0
+        free = np.isnan(self._given)
+        self._given[free] = 0.0
+        self.variables = np.full(self._given.shape, None, dtype=object)
+        self.variables[free] = self.program.NewContinuousVariables(int(free.sum()), "d")
+
+    def _add_cost(self) -> None:
+        """The snap, relative to that of the path through the representatives, which is of the same order."""
+        total = MinimumSnap(self._points, self._durations, self._problem.derivatives).cost
+        weights = self._durations**-7.0 / (total if total > 0.0 else (self._durations**-7.0).max())
+        if self._slack is not None:
+            weights = _SNAP_BESIDE_SLACK * weights
+            self.program.AddLinearCost(self._slack_variable)
+            self.program.AddBoundingBoxConstraint(0.0, np.inf, self._slack_variable)
+        for segment, weight in enumerate(weights):
+            local, given = self._local(segment)
+            for axis in range(local.shape[1]):
+                free = local[:, axis] != None  # noqa: E711
+                if free.any():
+                    matrix = np.diag(self._to_segment[segment])[:, free]
+                    form = matrix.T @ BOUNDARY_FORM * weight
+                    self.program.AddQuadraticCost(
+                        2.0 * form @ matrix, 2.0 * form @ given[:, axis], local[free, axis], is_convex=True
+                    )
+
+    def _add_places(self) -> None:
+        for i, place in enumerate(self._problem.places):
+            position, length = self.variables[i, 0], self.scales[i, 0]
+            room = self._problem.room(i)
+            for axis, variable in enumerate(position):
+                if variable is not None and room is not None:
+                    low, high = room.low[axis] - self._points[i, axis], room.high[axis] - self._points[i, axis]
+                    self.program.AddBoundingBoxConstraint(low / length, high / length, variable)
+            if isinstance(place, Sphere):
+                free = position != None  # noqa: E711
+                matrix = np.vstack([np.zeros(free.sum()), np.eye(len(position))[:, free] * length / place.radius])
+                offset = np.concatenate([[1.0], (self._points[i] - place.centre) / place.radius])
+                if free.any():
+                    self.program.AddLorentzConeConstraint(matrix, offset, position[free])
+
+    def _local(self, segment: int) -> tuple[np.ndarray, np.ndarray]:
+        """(8, axes) variables of a segment, and its boundary derivatives in unit time if all variables were zero."""
+        local = self.variables[segment : segment + 2].reshape(2 * (FREE + 1), -1)
+        given = self._given[segment : segment + 2].reshape(2 * (FREE + 1), -1)
+        boundary = given * self._to_segment[segment][:, np.newaxis]
+        boundary[FREE + 1] += self._points[segment + 1] - self._points[segment]
+        return local, boundary
+
+    def _derivative(self, segment: int, s: float, order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(axes, n) rows, (n,) variables and (axes,) constant of a derivative in time at a place of a segment."""
+        local, given = self._local(segment)
+        basis = power_basis(order, s, DEGREE + 1) @ FROM_BOUNDARY * self._durations[segment] ** -float(order)
+        free = local.T != None  # noqa: E711
+        rows = np.zeros((len(free), int(free.sum())))
+        axis, entry = np.nonzero(free)
+        rows[axis, np.arange(len(axis))] = (basis * self._to_segment[segment])[entry]
+        constant = basis @ given
+        if order == 0:
+            constant = constant + self._points[segment]
+        return rows, local.T[free], constant
+
+    def _solve_once(self) -> PolynomialPath:
         options = SolverOptions()
         for name in ("tol_feas", "tol_gap_abs", "tol_gap_rel"):
             options.SetOption(ClarabelSolver.id(), name, _TOLERANCE)
-        result: MathematicalProgramResult = ClarabelSolver().Solve(self.program, None, options)
+        result = ClarabelSolver().Solve(self.program, None, options)
         if not result.is_success():
-            raise RuntimeError(f"the minimum-snap program was not solved: {result.get_solution_result().name}")
-        solution = result.GetSolution(self.variables.ravel()).reshape(self.variables.shape)
-        coefficients = solution * self.scales[:, :, np.newaxis]
+            status = result.get_solution_result()
+            if status == SolutionResult.kInfeasibleErrorConstraints:
+                raise InfeasibleError
+            raise RuntimeError(f"the minimum-snap program was not solved: {status.name}")
+        values = self._given.copy()
+        free = self.variables != None  # noqa: E711
+        values[free] = result.GetSolution(self.variables[free])
+        if self._slack_variable is not None:
+            self.exceeded = float(result.GetSolution(self._slack_variable))
+        boundary = values.reshape(len(values), FREE + 1, -1)
+        boundary = np.concatenate([boundary[:-1], boundary[1:]], axis=1) * self._to_segment[:, :, np.newaxis]
+        boundary[:, FREE + 1] += np.diff(self._points, axis=0)
+        coefficients = FROM_BOUNDARY @ boundary
         coefficients[:, 0] += self._points[:-1]
-        return PolynomialPath(self._times, coefficients)
+        return PolynomialPath(np.concatenate([[0.0], np.cumsum(self._durations)]), coefficients)
 
-    def _add_cost(self, unconstrained: PolynomialPath) -> None:
-        total = snap_cost(unconstrained).sum()
-        for variables, scale, duration in zip(self.variables, self.scales, unconstrained.durations, strict=True):
-            form = 2.0 * duration**-7.0 / total * SNAP_FORM * np.outer(scale, scale)
-            for axis in variables.T:
-                self.program.AddQuadraticCost(form, np.zeros(DEGREE + 1), axis, is_convex=True)
+    def _tighten(self, path: PolynomialPath) -> bool:
+        """Adds bounds where the path breaks a limit or a corridor; returns whether it does."""
+        broken = False
+        share = 1.0 + (self.exceeded if self._slack is Slack.LIMITS else 0.0)
+        for order, limit in self._problem.limits.by_order.items():
+            peaks = norm_peaks(path, order)
+            over = peaks.norm > _kept(limit) * share
+            for segment, s in zip(peaks.segment[over], peaks.s[over], strict=True):
+                broken = True
+                for place in self._places(int(segment), float(s), order):
+                    self.bound_norm(int(segment), place, order, (1.0 - _MARGIN) * limit)
+        if any(self._problem.corridors):
+            broken |= self._tighten_corridors(path)
+        return broken
 
-    def _equate(self, ends: list[tuple[int, int, float]], value: np.ndarray) -> None:
-        """Demands, on each axis, that a derivative at one segment end, or the jump between two, has a value.
+    def _tighten_corridors(self, path: PolynomialPath) -> bool:
+        broken = False
+        beyond = self.exceeded if self._slack is Slack.CORRIDORS else 0.0
+        segments, axes, places = turning_points(path)
+        positions = evaluate_at(path, segments, places)
+        for segment, axis, s, position in zip(segments, axes, places, positions, strict=True):
+            corridor = self._problem.corridors[segment]
+            if corridor is None or corridor.low[axis] == corridor.high[axis]:
+                continue
+            low, high = corridor.low[axis], corridor.high[axis]
+            tolerance = _CORRIDOR_TOLERANCE * float((corridor.high - corridor.low).max()) + beyond
+            if position[axis] < low - tolerance or position[axis] > high + tolerance:
+                broken = True
+                for place in self._places(int(segment), float(s), -1 - int(axis)):
+                    self.bound_position(int(segment), place, int(axis), low, high)
+        return broken
 
-        Args:
-            ends: (segment, order, s) of one end, or of two whose derivatives in time are subtracted.
-            value: (axes,).
-        """
-        row = np.concatenate(
-            [
-                sign * boundary_derivatives(order, s) * self.scales[i] / (self._times[i + 1] - self._times[i]) ** order
-                for sign, (i, order, s) in zip((1.0, -1.0), ends, strict=False)
-            ]
-        )
-        size = np.abs(row).max()
-        for axis, demanded in enumerate(value):
-            variables = np.concatenate([self.variables[i, :, axis] for i, _, _ in ends])
-            self.program.AddLinearEqualityConstraint(row[np.newaxis] / size, [demanded / size], variables)
+    def _places(self, segment: int, s: float, kind: int) -> list[float]:
+        """The place itself, and the first time that a kind of bound is put on a segment places all along it."""
+        if (segment, kind) in self._seeded:
+            return [s]
+        self._seeded.add((segment, kind))
+        return [s, *_SEEDS[np.abs(_SEEDS - s) > 0.05]]
 
 
-def _sizes(path: PolynomialPath) -> np.ndarray:
-    """(segments, 8) how large |d^k p/ds^k| / k! gets on each segment, over the axes; 1 m for the position.
-
-    Symmetry makes some of them vanish; those are taken as a thousandth of the order below.
-    """
-    powers = np.arange(DEGREE + 1)
-    binomial = np.array([[math.comb(j, k) for j in powers] for k in powers], dtype=float)
-    exponent = np.maximum(powers[np.newaxis, :] - powers[:, np.newaxis], 0)
-    samples = np.array([binomial * s**exponent for s in np.linspace(0.0, 1.0, 5)])
-    sizes = np.abs(np.einsum("skj,nja->snka", samples, path.coefficients)).max(axis=(0, 3))
-    sizes[:, 0] = 1.0
-    for k in powers[1:]:
-        sizes[:, k] = np.maximum(sizes[:, k], 1e-3 * np.minimum(sizes[:, k - 1], 1.0))
-    return sizes
+def _lengths(points: np.ndarray) -> np.ndarray:
+    """(waypoints,) the longer step at each waypoint; no less than a millionth of the longest step, m."""
+    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+    steps = np.maximum(steps, max(1e-6 * float(steps.max()), 1e-9))
+    return np.maximum(np.concatenate([steps[:1], steps]), np.concatenate([steps, steps[-1:]]))

@@ -8,32 +8,38 @@ from numpy.typing import ArrayLike
 from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
-from drake_quad.reference.minimum_snap import PolynomialPath, path_derivative
+from drake_quad.reference.polynomial_path import PolynomialPath, path_derivative, refined
 from drake_quad.reference.routes import Leg
+from drake_quad.reference.yaw import constant_yaw
 
 
 @dataclass(frozen=True)
 class Plan:
-    """Position over time and a constant yaw, at rest at both ends.
+    """Position and yaw over time.
 
     After its end, and before its beginning, the reference hovers there.
 
     Attributes:
         path: the position in W.
-        yaw: rad.
+        yaw: the yaw over the same time, a path of one axis, rad.
         legs: named parts of the route, for people to read.
     """
 
     path: PolynomialPath
-    yaw: float = 0.0
+    yaw: PolynomialPath
     legs: tuple[Leg, ...] = ()
+
+    @classmethod
+    def facing(cls, path: PolynomialPath, yaw: float = 0.0, legs: tuple[Leg, ...] = ()) -> "Plan":
+        """Returns the plan to fly a path with a constant yaw in rad."""
+        return cls(path, constant_yaw(path.times[0], path.times[-1], yaw), legs)
 
     @classmethod
     def hover(cls, position: ArrayLike, *, duration: float, yaw: float = 0.0) -> "Plan":
         """Returns the plan to stay at a position (3,) in m for a duration in s."""
         coefficients = np.zeros((1, 8, 3))
         coefficients[0, 0] = position
-        return cls(PolynomialPath(np.array([0.0, duration]), coefficients), yaw, (Leg("hover", 0),))
+        return cls.facing(PolynomialPath(np.array([0.0, duration]), coefficients), yaw, (Leg("hover", 0),))
 
     @property
     def duration(self) -> float:
@@ -46,6 +52,11 @@ class Plan:
         coefficients = self.path.coefficients
         return np.vstack([coefficients[:, 0], coefficients[-1:].sum(axis=1)])
 
+    @property
+    def initial_yaw(self) -> float:
+        """Yaw at the beginning, rad."""
+        return float(self.yaw.coefficients[0, 0, 0])
+
     def derivative(self, order: int) -> PiecewisePolynomial:
         """The (3, 1) trajectory of the position's derivative of that order, in m and s."""
         return to_piecewise_polynomial(path_derivative(self.path, order))
@@ -56,10 +67,11 @@ class Plan:
         Its rows are those of the `reference` port, position, velocity, acceleration, yaw and yaw rate, and then the
         jerk.
         """
-        position, velocity, acceleration, jerk = (_axes(path_derivative(self.path, order)) for order in range(4))
-        yaw, yaw_rate = (np.full((len(self.path.coefficients), 1), value) for value in (self.yaw, 0.0))
-        rows = [*position, *velocity, *acceleration, yaw, yaw_rate, *jerk]
-        return _piecewise_polynomial(self.path.times, rows)
+        path, yaw = refined(self.path, self.yaw.times), refined(self.yaw, self.path.times)
+        position, velocity, acceleration, jerk = (_axes(path_derivative(path, order)) for order in range(4))
+        angle, rate = (_axes(path_derivative(yaw, order)) for order in range(2))
+        rows = [*position, *velocity, *acceleration, *angle, *rate, *jerk]
+        return _piecewise_polynomial(path.times, rows)
 
 
 def to_piecewise_polynomial(path: PolynomialPath) -> PiecewisePolynomial:

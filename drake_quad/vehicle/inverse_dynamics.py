@@ -1,13 +1,14 @@
 """Rotor speeds that a trajectory asks for: the equations of motion read backwards.
 
 With thrust along the body's z axis, the acceleration of a trajectory and its yaw fix the attitude, its jerk and snap
-the body's rates and their derivatives, and so the torques (the vehicle is differentially flat; D. Mellinger and
-V. Kumar, "Minimum snap trajectory generation and control for quadrotors", ICRA 2011).
+and the yaw's derivatives the body's rates and their derivatives, and so the torques (the vehicle is differentially
+flat; D. Mellinger and V. Kumar, "Minimum snap trajectory generation and control for quadrotors", ICRA 2011).
 """
 
 from typing import NamedTuple
 
 import numpy as np
+from numpy.typing import ArrayLike
 
 from drake_quad.vehicle.dynamics import rotor_wrench
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -30,7 +31,7 @@ class RotorDemand(NamedTuple):
 
 
 def rotor_demand(
-    acceleration: np.ndarray, jerk: np.ndarray, snap: np.ndarray, parameters: QuadrotorParameters, *, yaw: float
+    acceleration: np.ndarray, jerk: np.ndarray, snap: np.ndarray, parameters: QuadrotorParameters, *, yaw: ArrayLike
 ) -> RotorDemand:
     """Returns what the vehicle needs to follow a trajectory in still air without drag, rotors without lag.
 
@@ -42,26 +43,35 @@ def rotor_demand(
         jerk: (3, samples), m/s³.
         snap: (3, samples), m/s⁴.
         parameters: of one vehicle.
-        yaw: constant, rad.
+        yaw: (3, samples) or (3,) yaw (rad), its rate (rad/s) and acceleration (rad/s²).
     """
+    heading, yaw_rate, yaw_acceleration = np.broadcast_arrays(*np.asarray(yaw, dtype=float), acceleration[0])[:3]
     force = acceleration + np.array([[0.0], [0.0], [parameters.gravity]])
     thrust = np.linalg.norm(force, axis=0)
     z_B = force / thrust
     # Level and to the left of the heading: eq (1) keeps the body's x axis perpendicular to it.
-    left = np.array([[-np.sin(yaw)], [np.cos(yaw)], [0.0]])
+    left = np.array([-np.sin(heading), np.cos(heading), np.zeros_like(heading)])
     x_B = np.cross(left, z_B, axis=0)
     x_B = x_B / np.linalg.norm(x_B, axis=0)
     y_B = np.cross(z_B, x_B, axis=0)
     roll, pitch = np.arctan2(y_B[2], z_B[2]), np.arcsin(-x_B[2])
 
-    # f = F z_B, so ḟ = Ḟ z_B + F (q x_B - p y_B); differentiated once more for the derivatives of p and q. With a
-    # constant yaw eq (2) gives r = -q tan φ and the roll rate p.
+    # f = F z_B, so ḟ = Ḟ z_B + F (q x_B - p y_B); differentiated once more for the derivatives of p and q.
     thrust_rate = _dot(z_B, jerk)
     p, q = -_dot(y_B, jerk) / thrust, _dot(x_B, jerk) / thrust
-    r = -q * np.tan(roll)
+    # Eq (2) solved for what is left: r, and the rates of roll and pitch.
+    tan_roll, cos_roll, cos_pitch, sin_pitch = np.tan(roll), np.cos(roll), np.cos(pitch), np.sin(pitch)
+    r = -q * tan_roll + yaw_rate * cos_pitch / cos_roll
+    roll_rate = p + yaw_rate * sin_pitch
+    pitch_rate = (q - yaw_rate * cos_pitch * np.sin(roll)) / cos_roll
     p_dot = q * r - (_dot(y_B, snap) + 2.0 * thrust_rate * p) / thrust
     q_dot = (_dot(x_B, snap) - 2.0 * thrust_rate * q) / thrust - p * r
-    r_dot = -q_dot * np.tan(roll) - p * q / np.cos(roll) ** 2
+    r_dot = (
+        -q_dot * tan_roll
+        - q * roll_rate / cos_roll**2
+        + (yaw_acceleration * cos_pitch - yaw_rate * sin_pitch * pitch_rate) / cos_roll
+        + yaw_rate * cos_pitch * tan_roll * roll_rate / cos_roll
+    )
 
     i_xx, i_yy, i_zz = parameters.inertia
     wrench = np.array(
@@ -75,7 +85,7 @@ def rotor_demand(
     squares = np.linalg.solve(_wrench_matrix(parameters), wrench)
     return RotorDemand(
         np.sqrt(np.maximum(squares, 0.0)),
-        np.array([roll, pitch, np.full_like(roll, yaw)]),
+        np.array([roll, pitch, heading]),
         np.array([p, q, r]),
         wrench,
     )

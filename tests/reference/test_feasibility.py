@@ -2,10 +2,10 @@ import numpy as np
 import pytest
 
 from drake_quad.errors import InputError
+from drake_quad.planning import plan_route
 from drake_quad.reference.feasibility import first_violation
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.scenario import load_scenario
-from drake_quad.tracking import plan_route
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
 from drake_quad.vehicle.parameters import QuadrotorParameters
 

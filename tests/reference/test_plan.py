@@ -1,7 +1,8 @@
 import numpy as np
 
-from drake_quad.reference.minimum_snap import evaluate, minimum_snap
+from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.plan import Plan
+from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.source import build_reference
 
 PLAN = Plan(minimum_snap([[0, 0, 0], [1, 2, 1], [3, 1, 2]], [0.5, 1.5, 3.0]), yaw=0.3)

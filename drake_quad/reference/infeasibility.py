@@ -1,0 +1,97 @@
+"""Why there is no path: which limit, on which segment, by how much, and what would make it feasible."""
+
+import math
+
+import numpy as np
+
+from drake_quad.reference.minimum_snap_program import InfeasibleError, MinimumSnapProgram, Slack, path_within
+from drake_quad.reference.path_problem import PathProblem
+from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, norm_peaks, turning_points
+
+# Slower flights that are tried where no rule says how much slower is enough.
+_SLOWER = (1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
+_BISECTIONS = 8
+_QUANTITIES = {1: ("speed", "m/s"), 2: ("acceleration", "m/s²")}
+
+
+def explain(problem: PathProblem, durations: np.ndarray) -> str:
+    """Returns a sentence on why no path keeps to a problem's demands at these durations (segments,), s."""
+    try:
+        relaxed = MinimumSnapProgram(problem, durations, slack=Slack.LIMITS)
+        path = relaxed.solve()
+    except InfeasibleError:
+        return _explain_corridors(problem, durations)
+    slower = _slower_factor(problem, durations, 1.0 + relaxed.exceeded)
+    remedy = (
+        f"flown {slower:.3g} times slower it is feasible"
+        if slower is not None
+        else "no slower flight was found that keeps to what is given at the waypoints"
+    )
+    return f"{_broken_limit(problem, path)}; {remedy}"
+
+
+def _broken_limit(problem: PathProblem, path: PolynomialPath) -> str:
+    """Names the limit and the segment that even the path of least excess breaks most."""
+    worst = (0.0, 1, 0, 0.0)
+    for order, limit in problem.limits.by_order.items():
+        peaks = norm_peaks(path, order)
+        i = int(np.argmax(peaks.norm))
+        worst = max(worst, (peaks.norm[i] / limit, order, int(peaks.segment[i]), float(peaks.norm[i])))
+    _, order, segment, value = worst
+    name, unit = _QUANTITIES[order]
+    return (
+        f"the {name} limit of {problem.limits.by_order[order]:g} {unit} cannot be kept on segment {segment}: "
+        f"at these times at least {_rounded_up(value):g} {unit} is needed"
+    )
+
+
+def _slower_factor(problem: PathProblem, durations: np.ndarray, excess: float) -> float | None:
+    """The factor of all durations that makes the problem feasible, rounded up to three digits; None if none does."""
+
+    def feasible(factor: float) -> bool:
+        try:
+            path_within(problem, factor * durations)
+        except InfeasibleError:
+            return False
+        return True
+
+    low = 1.0
+    # Speeds fall with the factor and accelerations with its square, so a stretch by the excess is enough.
+    tried = (1.001 * excess,) if problem.stretchable else _SLOWER
+    for high in tried:
+        if feasible(high):
+            break
+        low = high
+    else:
+        return None
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        low, high = (low, middle) if feasible(middle) else (middle, high)
+    return _rounded_up(high)
+
+
+def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
+    unlimited = problem.without_limits()
+    relaxed = MinimumSnapProgram(unlimited, durations, slack=Slack.CORRIDORS)
+    path = relaxed.solve()
+    segments, axes, places = turning_points(path)
+    positions = evaluate_at(path, segments, places)[np.arange(len(places)), axes]
+    worst, where = 0.0, 0
+    for segment, axis, position in zip(segments, axes, positions, strict=True):
+        corridor = problem.corridors[segment]
+        if corridor is not None:
+            beyond = max(corridor.low[axis] - position, position - corridor.high[axis])
+            if beyond > worst:
+                worst, where = beyond, int(segment)
+    return (
+        f"the corridor of segment {where} cannot be kept with what is given at the waypoints: "
+        f"it would have to be {_rounded_up(max(worst, relaxed.exceeded)):g} m wider"
+    )
+
+
+def _rounded_up(value: float) -> float:
+    """The next larger number with three digits."""
+    if value <= 0.0:
+        return 0.0
+    unit = 10.0 ** (math.floor(math.log10(value)) - 2)
+    return math.ceil(value / unit * (1.0 - 1e-12)) * unit

@@ -1,0 +1,283 @@
+"""From what a path must keep to, and a way to choose its times, to the path."""
+
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+
+from drake_quad.errors import InputError
+from drake_quad.reference.infeasibility import explain
+from drake_quad.reference.minimum_snap_program import InfeasibleError, path_within
+from drake_quad.reference.path_problem import Box, Limits, PathProblem
+from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, turning_points
+from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor, trapezoid_times
+from drake_quad.reference.time_optimization import least_snap_durations, shortest_durations
+
+# Without limits, times are shared out as with these; only their ratios count.
+_ANY_LIMITS = Limits(acceleration=1.0)
+# No segment gets less than this share of the longest one to begin with.
+_LEAST_SHARE = 1e-3
+# Rounds of fitting times to where the path goes, if it may choose; and the gain in time for which one more is worth it.
+_ROUNDS = 4
+_LEAST_GAIN = 1e-3
+# A place where the path touches its corridor counts as a waypoint if it is at least this far from the segment's ends.
+_CONTACT_ROOM = 0.1
+_BISECTIONS = 6
+# A flight that takes more than this share of one with stops everywhere is searched for from another start too.
+_LITTLE_GAINED = 0.95
+
+
+@dataclass(frozen=True)
+class GivenTimes:
+    """The waypoints are passed when they are said to be.
+
+    Attributes:
+        times: (segments + 1,) increasing, s.
+    """
+
+    times: tuple[float, ...]
+
+
+@dataclass(frozen=True)
+class Heuristic:
+    """By rule: the shorter of a ride without stops and a flight with stops everywhere, stretched to the limits."""
+
+
+@dataclass(frozen=True)
+class LeastSnap:
+    """The times with the least snap in a given total.
+
+    Attributes:
+        duration: s.
+    """
+
+    duration: float
+
+
+@dataclass(frozen=True)
+class Shortest:
+    """The least total time for which the minimum-snap path keeps to the limits."""
+
+
+Timing = GivenTimes | Heuristic | LeastSnap | Shortest
+
+
+def plan_path(problem: PathProblem, timing: Timing) -> PolynomialPath:
+    """Returns the minimum-snap path that keeps to a problem's demands, with its times chosen.
+
+    Waypoints that repeat the one before are one waypoint if the times are chosen here; if they are given, the vehicle
+    stays there.
+
+    Args:
+        problem: what the path must keep to.
+        timing: how its times are chosen.
+
+    Raises:
+        InputError: no such path exists; the message says why. Or times do not increase, limits that are needed are
+            missing, or all waypoints are the same.
+        RuntimeError: the solver failed.
+    """
+    match timing:
+        case GivenTimes(times):
+            return _at_given_times(problem, np.asarray(times, dtype=float))
+        case LeastSnap(duration):
+            if not 0.0 < duration < np.inf:
+                raise InputError(f"the total duration is {duration:g} s, but must be positive")
+            return _least_snap(merged(problem), duration)
+    if not problem.limits.by_order:
+        raise InputError("to choose the total time, a limit on the speed or the acceleration is needed")
+    return _heuristic(merged(problem)) if isinstance(timing, Heuristic) else _shortest(merged(problem))
+
+
+def merged(problem: PathProblem) -> PathProblem:
+    """Returns the problem with each run of waypoints that repeat one point as one waypoint.
+
+    Raises:
+        InputError: what is given at repeats contradicts itself, or nothing is left to fly.
+    """
+    keep: list[int] = []
+    derivatives = problem.derivatives.copy()
+    for i, place in enumerate(problem.places):
+        if not (keep and _repeats(problem.places[keep[-1]], place)):
+            keep.append(i)
+            continue
+        here, there = derivatives[keep[-1]], derivatives[i]
+        if ((here != there) & ~np.isnan(here) & ~np.isnan(there)).any():
+            raise InputError(f"waypoint {i} repeats waypoint {i - 1}, but another derivative is given there")
+        derivatives[keep[-1]] = np.where(np.isnan(here), there, here)
+    if len(keep) < 2:
+        raise InputError(f"all waypoints are the same point, {problem.places[0]} m; there is nothing to fly")
+    # The segments that are left are those that lead to the waypoints that are left.
+    corridors = [problem.corridors[i - 1] for i in keep[1:]]
+    return PathProblem(
+        [problem.places[i] for i in keep], derivatives=derivatives[keep], corridors=corridors, limits=problem.limits
+    )
+
+
+def _repeats(one: object, other: object) -> bool:
+    """Whether both are the same point."""
+    if not (isinstance(one, Box) and isinstance(other, Box)):
+        return False
+    return bool((one.low == other.low).all() and (one.high == other.high).all() and (one.low == one.high).all())
+
+
+def _at_given_times(problem: PathProblem, times: np.ndarray) -> PolynomialPath:
+    if times.shape != (len(problem.places),):
+        raise InputError(f"there are {times.size} times for {len(problem.places)} waypoints")
+    late = np.flatnonzero(~(np.diff(times) > 0.0))
+    if late.size or not np.isfinite(times).all():
+        i = int(late[0]) if late.size else 0
+        raise InputError(f"times must be finite and increase, but {times[i]:g} s is followed by {times[i + 1]:g} s")
+    derivatives = problem.derivatives.copy()
+    for i in range(problem.segments):
+        if _repeats(problem.places[i], problem.places[i + 1]):
+            pair = derivatives[i : i + 2]
+            pair[np.isnan(pair)] = 0.0
+    staying = PathProblem(problem.places, derivatives=derivatives, corridors=problem.corridors, limits=problem.limits)
+    return _path_or_reason(staying, np.diff(times))._replace(times=times)
+
+
+def _path_or_reason(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
+    try:
+        return path_within(problem, durations)
+    except InfeasibleError:
+        raise InputError(explain(problem, durations)) from None
+
+
+def _heuristic(problem: PathProblem) -> PolynomialPath:
+    candidates = [_stretched(problem, _fitted(problem, rule)) for rule in (_stops_everywhere, _ride)]
+    return min(candidates, key=_duration)
+
+
+def _stops_everywhere(points: np.ndarray, limits: Limits) -> np.ndarray:
+    return rest_to_rest_durations(points, limits)
+
+
+def _ride(points: np.ndarray, limits: Limits) -> np.ndarray:
+    return np.diff(trapezoid_times(points, speed=limits.speed, acceleration=limits.acceleration))
+
+
+def _fitted(problem: PathProblem, rule: Callable[[np.ndarray, Limits], np.ndarray]) -> PolynomialPath:
+    """The path by a rule for the durations, whatever its peaks; twice, if places leave it a choice of points."""
+    limits = problem.limits if problem.limits.by_order else _ANY_LIMITS
+    unlimited = problem.without_limits()
+    points = problem.representatives()
+    for _ in range(1 if problem.passes_points else 2):
+        durations = rule(points, limits)
+        path = _path_or_reason(unlimited, np.maximum(durations, _LEAST_SHARE * durations.max()))
+        points = _waypoints(path)
+    return path
+
+
+def _stretched(problem: PathProblem, path: PolynomialPath) -> PolynomialPath:
+    """The path brought to the limits: as it is but slower or faster, or, where motion is given, planned anew."""
+    factor = stretch_factor(path, problem.limits)
+    if problem.stretchable:
+        return path.stretched(factor)
+    return _path_or_reason(problem, max(factor, 1.0) * path.durations)
+
+
+def _shortest(problem: PathProblem) -> PolynomialPath:
+    heuristic = _heuristic(problem)
+    best = _shortened(problem, heuristic, smooth=True)
+    if problem.stretchable:
+        # Stopping everywhere always keeps to the limits; a route of very unequal steps may leave little to gain on it.
+        stops = 1.001 * rest_to_rest_durations(_waypoints(best), problem.limits)
+        if _duration(best) > _LITTLE_GAINED * stops.sum():
+            best = min(best, _shortened(problem, heuristic, smooth=False), key=_duration)
+        if _duration(best) > stops.sum():
+            best = _path_or_reason(problem, stops)
+    return best
+
+
+def _shortened(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> PolynomialPath:
+    """The path with times that make it shorter, searched for from its own or from those of least snap."""
+    best = path
+    for _ in range(1 if problem.passes_points else _ROUNDS):
+        points, durations, segment, derivatives = _pinned(problem, path)
+        if smooth:
+            durations = least_snap_durations(points, durations, derivatives)
+        durations = shortest_durations(points, durations, problem.limits, derivatives)
+        unlimited = _path_or_reason(problem.without_limits(), np.bincount(segment, weights=durations))
+        path = _stretched(problem, unlimited)
+        gain = 1.0 - _duration(path) / _duration(best)
+        best = min(best, path, key=_duration)
+        if gain < _LEAST_GAIN:
+            break
+    return best
+
+
+def _least_snap(problem: PathProblem, total: float) -> PolynomialPath:
+    path = _fitted(problem, _stops_everywhere)
+    path = path.stretched(total / _duration(path))
+    unlimited = problem.without_limits()
+    for _ in range(1 if problem.passes_points else _ROUNDS):
+        points, durations, segment, derivatives = _pinned(problem, path)
+        durations = least_snap_durations(points, durations, derivatives)
+        durations = np.bincount(segment, weights=durations)
+        path = _path_or_reason(unlimited, durations)
+    try:
+        return path_within(problem, durations)
+    except InfeasibleError:
+        return _nearest_within_limits(problem, durations)
+
+
+def _nearest_within_limits(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
+    """The path with the durations nearest to those of least snap, on the way to the shortest, that keeps the limits."""
+    total = float(durations.sum())
+    shortest = _shortest(problem)
+    if _duration(shortest) > total:
+        raise InputError(
+            f"the total duration is {total:g} s, but within the limits the shortest flight takes "
+            f"{_duration(shortest):.3f} s"
+        )
+    ends = np.log(durations), np.log(shortest.durations)
+    low, high = 0.0, 1.0
+    best = shortest.stretched(total / _duration(shortest))
+    for _ in range(_BISECTIONS):
+        share = 0.5 * (low + high)
+        between = np.exp((1.0 - share) * ends[0] + share * ends[1])
+        try:
+            best = path_within(problem, between * (total / between.sum()))
+            high = share
+        except InfeasibleError:
+            low = share
+    return best
+
+
+def _pinned(problem: PathProblem, path: PolynomialPath) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """The problem of the fast path that is nearest to one with corridors: through where its path touches them.
+
+    Returns:
+        (n + 1, axes) points, (n,) durations, (n,) the segment that each is part of, (n + 1, 3, axes) derivatives.
+    """
+    contacts = sorted(_contacts(problem, path))
+    places = sorted([*((i, 0.0) for i in range(problem.segments)), *contacts])
+    segment = np.array([i for i, _ in places])
+    s = np.array([s for _, s in places])
+    points = np.vstack([evaluate_at(path, segment, s), _waypoints(path)[-1:]])
+    instants = np.append(path.times[segment] + s * path.durations[segment], path.times[-1])
+    derivatives = np.full((len(points), *problem.derivatives.shape[1:]), np.nan)
+    derivatives[np.append(s == 0.0, True)] = problem.derivatives
+    return points, np.diff(instants), segment, derivatives
+
+
+def _contacts(problem: PathProblem, path: PolynomialPath) -> Iterator[tuple[int, float]]:
+    """Segments and places at which the path touches its corridor."""
+    segments, axes, places = turning_points(path)
+    positions = evaluate_at(path, segments, places)[np.arange(len(places)), axes]
+    for segment, axis, s, position in zip(segments, axes, places, positions, strict=True):
+        corridor = problem.corridors[segment]
+        if corridor is None or not _CONTACT_ROOM < s < 1.0 - _CONTACT_ROOM:
+            continue
+        room = min(position - corridor.low[axis], corridor.high[axis] - position)
+        if room < 1e-3 * float((corridor.high - corridor.low).max()):
+            yield int(segment), float(s)
+
+
+def _waypoints(path: PolynomialPath) -> np.ndarray:
+    return np.vstack([path.coefficients[:, 0], path.coefficients[-1:].sum(axis=1)])
+
+
+def _duration(path: PolynomialPath) -> float:
+    return float(path.times[-1] - path.times[0])

@@ -1,0 +1,153 @@
+"""Paths as piecewise polynomials in segment-local unit time: values, derivatives and where they peak."""
+
+import math
+from collections.abc import Callable
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+
+# Samples of a segment between which a polynomial of low degree has at most one peak worth finding; at a peak the value
+# depends on the square of an error of place, so this many bisections leave only rounding.
+_SAMPLES = np.linspace(0.0, 1.0, 49)
+_BISECTIONS = 24
+
+
+class PolynomialPath(NamedTuple):
+    """A piecewise polynomial in segment-local unit time.
+
+    Attributes:
+        times: (segments + 1,) when the waypoints are passed, s.
+        coefficients: (segments, degree + 1, axes), of s^k with s in [0, 1]; m.
+    """
+
+    times: np.ndarray
+    coefficients: np.ndarray
+
+    @property
+    def durations(self) -> np.ndarray:
+        """(segments,) duration of each segment, s."""
+        return np.diff(self.times)
+
+    def stretched(self, factor: float) -> "PolynomialPath":
+        """The same path flown `factor` times slower."""
+        return PolynomialPath(self.times[0] + factor * (self.times - self.times[0]), self.coefficients)
+
+
+class Peaks(NamedTuple):
+    """Where something is largest, one entry for each peak.
+
+    Attributes:
+        segment: (peaks,) index.
+        s: (peaks,) place on the segment, 0 to 1.
+        value: (peaks, axes) the vector there.
+    """
+
+    segment: np.ndarray
+    s: np.ndarray
+    value: np.ndarray
+
+    @property
+    def norm(self) -> np.ndarray:
+        """(peaks,) the norm of the vector."""
+        return np.asarray(np.linalg.norm(self.value, axis=1))
+
+
+def power_basis(order: int, s: ArrayLike, powers: int) -> np.ndarray:
+    """(..., powers) the derivatives with respect to s, of that order, of 1, s, s², ..."""
+    falling = np.array([math.perm(k, order) for k in range(powers)], dtype=float)
+    exponent = np.maximum(np.arange(powers) - order, 0)
+    return np.asarray(falling * np.asarray(s, dtype=float)[..., np.newaxis] ** exponent)
+
+
+def path_derivative(path: PolynomialPath, order: int) -> PolynomialPath:
+    """Returns the path's derivative in time, of a degree lower by the order."""
+    powers = np.arange(path.coefficients.shape[1])
+    falling = np.array([math.perm(k, order) for k in powers], dtype=float)[order:]
+    scale = falling * path.durations[:, np.newaxis] ** -order
+    return PolynomialPath(path.times, path.coefficients[:, order:] * scale[:, :, np.newaxis])
+
+
+def evaluate(path: PolynomialPath, times: ArrayLike, order: int = 0) -> np.ndarray:
+    """Returns the (axes, samples) derivative of that order in time; outside the path that at its nearer end.
+
+    Args:
+        path: to evaluate.
+        times: (samples,), s.
+        order: 0 for the position.
+    """
+    instants = np.clip(np.asarray(times, dtype=float), path.times[0], path.times[-1])
+    segment = np.clip(np.searchsorted(path.times, instants, side="right") - 1, 0, len(path.coefficients) - 1)
+    s = (instants - path.times[segment]) / path.durations[segment]
+    return evaluate_at(path, segment, s, order).T
+
+
+def evaluate_at(path: PolynomialPath, segment: np.ndarray, s: np.ndarray, order: int = 0) -> np.ndarray:
+    """Returns the (samples, axes) derivative of that order in time at places (samples,) on segments (samples,)."""
+    basis = power_basis(order, s, path.coefficients.shape[1])
+    scale = path.durations[segment] ** -order
+    return np.einsum("nk,nka->na", basis * scale[:, np.newaxis], path.coefficients[segment])
+
+
+def refined(path: PolynomialPath, times: np.ndarray) -> PolynomialPath:
+    """Returns the same path with further times (instants,), s, at which one polynomial ends and the next begins."""
+    distance = np.abs(np.subtract.outer(times, path.times)).min(axis=1)
+    inside = (times > path.times[0]) & (times < path.times[-1])
+    # Times that differ by rounding only are one.
+    joined = np.union1d(path.times, times[inside & (distance > 1e-9 * path.durations.min())])
+    segment = np.searchsorted(path.times, joined[:-1], side="right") - 1
+    duration = path.durations[segment]
+    start, share = (joined[:-1] - path.times[segment]) / duration, np.diff(joined) / duration
+    # p(start + share u) by its Taylor series in u; a piece that is a whole segment keeps its coefficients.
+    powers = path.coefficients.shape[1]
+    taylor = np.stack([power_basis(k, start, powers) / math.factorial(k) for k in range(powers)], axis=1)
+    taylor *= share[:, np.newaxis, np.newaxis] ** np.arange(powers)[:, np.newaxis]
+    return PolynomialPath(joined, taylor @ path.coefficients[segment])
+
+
+def norm_peaks(path: PolynomialPath, order: int) -> Peaks:
+    """Returns the local maxima of the norm of the derivative of that order, and its values at the segments' ends."""
+    components = path_derivative(path, order).coefficients
+    powers = components.shape[1]
+
+    def slope(segment: np.ndarray, s: np.ndarray) -> np.ndarray:
+        value, rate = (np.einsum("nk,nka->na", power_basis(r, s, powers), components[segment]) for r in (0, 1))
+        return np.einsum("na,na->n", value, rate)
+
+    value, rate = (np.einsum("sk,nka->nsa", power_basis(r, _SAMPLES, powers), components) for r in (0, 1))
+    segment, s = _maxima(np.einsum("nsa,nsa->ns", value, rate), slope)
+    every = np.arange(len(components))
+    segment = np.concatenate([segment, every, every])
+    s = np.concatenate([s, np.zeros(len(every)), np.ones(len(every))])
+    return Peaks(segment, s, evaluate_at(path, segment, s, order))
+
+
+def peak_norm(path: PolynomialPath, order: int) -> float:
+    """Returns the largest norm of the path's derivative of that order, over all time and to rounding error."""
+    return float(norm_peaks(path, order).norm.max())
+
+
+def turning_points(path: PolynomialPath) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns segment, axis and s of the inner points at which an axis of the position turns back, each (points,)."""
+    segments, powers, axes = path.coefficients.shape
+    rows = path.coefficients.transpose(0, 2, 1).reshape(segments * axes, powers)
+    # As largest value of the position, and of its mirror image.
+    both = np.concatenate([rows, -rows])
+
+    def slope(row: np.ndarray, s: np.ndarray) -> np.ndarray:
+        return np.einsum("nk,nk->n", power_basis(1, s, powers), both[row])
+
+    row, s = _maxima(both @ power_basis(1, _SAMPLES, powers).T, slope)
+    segment, axis = np.divmod(row % len(rows), axes)
+    return segment, axis, s
+
+
+def _maxima(slopes: np.ndarray, slope: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:
+    """Rows and places at which functions on [0, 1] have maxima, from their (rows, samples) slopes."""
+    row, sample = np.nonzero((slopes[:, :-1] > 0.0) & (slopes[:, 1:] <= 0.0))
+    low, high = _SAMPLES[sample], _SAMPLES[sample + 1]
+    for _ in range(_BISECTIONS):
+        middle = 0.5 * (low + high)
+        rising = slope(row, middle) > 0.0
+        low, high = np.where(rising, middle, low), np.where(rising, high, middle)
+    return row, 0.5 * (low + high)

@@ -1,0 +1,181 @@
+"""When to pass the waypoints, optimised: for the least snap in a given time, or for the least time within limits.
+
+Both follow exact gradients of the fast path (`minimum_snap.MinimumSnap`) with respect to the logarithms of the
+segments' durations, so that a segment of 0.1 s counts as much as one of 100 s.
+"""
+
+import math
+from contextlib import suppress
+from typing import NamedTuple
+
+import numpy as np
+from scipy.optimize import linprog, minimize
+
+from drake_quad.reference.minimum_snap import FROM_BOUNDARY, MinimumSnap
+from drake_quad.reference.path_problem import Limits
+from drake_quad.reference.polynomial_path import norm_peaks, power_basis
+
+# Logarithms of how far durations may move from where they start: far beyond what any optimum was seen to need, and
+# short of where floating point ends.
+_REACH = 5.0
+_FIRST_STEP, _LARGEST_STEP, _SMALLEST_STEP = 0.3, 1.0, 1e-6
+_STEPS = 200
+# A step that promises less than this share of the total duration is not worth taking.
+_LEAST_GAIN = 1e-4
+# What a unit of a limit's logarithmic excess costs where a path cannot be stretched at will, in units of the logarithm
+# of the total duration; a stretch buys one for one.
+_PRICE = 10.0
+
+
+def least_snap_durations(
+    points: np.ndarray, durations: np.ndarray, derivatives: np.ndarray | None = None
+) -> np.ndarray:
+    """Returns the (segments,) durations of the same sum whose minimum-snap path costs least, s.
+
+    It is a local optimum: L-BFGS on the logarithm of the cost.
+
+    Args:
+        points: (segments + 1, axes), m.
+        durations: (segments,) where to start, s.
+        derivatives: given at the waypoints, as for `minimum_snap`.
+    """
+    total = float(durations.sum())
+
+    def shared(logarithms: np.ndarray) -> np.ndarray:
+        weights = np.exp(logarithms - logarithms.max())
+        return np.asarray(total * weights / weights.sum())
+
+    best = math.inf, durations
+
+    def logarithm_of_cost(logarithms: np.ndarray) -> tuple[float, np.ndarray]:
+        nonlocal best
+        durations = shared(logarithms)
+        solution = MinimumSnap(points, durations, derivatives)
+        value = math.log(solution.cost)
+        best = min(best, (value, durations), key=lambda pair: pair[0])
+        slope = durations * solution.cost_gradient() / solution.cost
+        return value, slope - slope.sum() * durations / total
+
+    if len(durations) == 1 or MinimumSnap(points, durations, derivatives).cost == 0.0:
+        return durations
+    start = np.log(durations)
+    bounds = [(x - _REACH, x + _REACH) for x in start]
+    options = {"maxiter": 2000, "maxfun": 4000, "ftol": 1e-14, "gtol": 1e-9}
+    # A step of the search may reach durations so unequal that the form is no longer positive definite in floating
+    # point; what was found before stands.
+    with suppress(np.linalg.LinAlgError):
+        minimize(logarithm_of_cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+    return best[1]
+
+
+def shortest_durations(
+    points: np.ndarray, durations: np.ndarray, limits: Limits, derivatives: np.ndarray | None = None
+) -> np.ndarray:
+    """Returns (segments,) durations of least sum whose minimum-snap path keeps to the limits, s.
+
+    It is a local optimum. Every peak of speed or acceleration says by which factor the path would have to be stretched
+    for that peak's sake; the largest of them times the total duration is minimised, by linear programs over the peaks'
+    exact gradients within a trust region. If derivatives other than zero are given, which no stretch keeps, the excess
+    over the limits is priced instead, and may remain.
+
+    Args:
+        points: (segments + 1, axes), m.
+        durations: (segments,) where to start, s.
+        limits: one at least.
+        derivatives: given at the waypoints, as for `minimum_snap`.
+    """
+    stretchable = derivatives is None or not np.nan_to_num(derivatives).any()
+    price, floor = (1.0, -math.inf) if stretchable else (_PRICE, 0.0)
+
+    def merit(durations: np.ndarray, excess: float) -> float:
+        return math.log(durations.sum()) + price * max(excess, floor)
+
+    radius = _FIRST_STEP
+    peaks = _peaks(MinimumSnap(points, durations, derivatives), limits)
+    for _ in range(_STEPS):
+        value = merit(durations, peaks.worst)
+        gradients = _excess_gradients(peaks)
+        while True:
+            change, gain = _best_change(durations, peaks.excess, gradients, radius=radius, price=price, floor=floor)
+            candidate = durations * np.exp(change)
+            found = _peaks(MinimumSnap(points, candidate, derivatives), limits)
+            share = (value - merit(candidate, found.worst)) / max(gain, 1e-300)
+            if share > 0.1 or radius < _SMALLEST_STEP or gain < _LEAST_GAIN:
+                break
+            radius = float(np.abs(change).max()) / 3.0
+        if share > 0.0:
+            durations, peaks = candidate, found
+        if gain < _LEAST_GAIN or radius < _SMALLEST_STEP:
+            break
+        radius = min(2.0 * radius, _LARGEST_STEP) if share > 0.7 else radius / 2.0 if share < 0.3 else radius
+    return durations * math.exp(peaks.worst) if stretchable else durations
+
+
+class _LimitPeaks(NamedTuple):
+    """The peaks of a path under limits.
+
+    Attributes:
+        solution: the path.
+        order: (peaks,) 1 for a peak of the speed, 2 for one of the acceleration.
+        segment: (peaks,) where it is.
+        s: (peaks,) where on the segment it is.
+        value: (peaks, axes) the vector there, m and s.
+        excess: (peaks,) logarithm of the stretch that would bring it to its limit.
+    """
+
+    solution: MinimumSnap
+    order: np.ndarray
+    segment: np.ndarray
+    s: np.ndarray
+    value: np.ndarray
+    excess: np.ndarray
+
+    @property
+    def worst(self) -> float:
+        return float(self.excess.max())
+
+
+def _peaks(solution: MinimumSnap, limits: Limits) -> _LimitPeaks:
+    path = solution.path()
+    parts = []
+    for order, limit in limits.by_order.items():
+        peaks = norm_peaks(path, order)
+        norm = peaks.norm
+        moving = norm > 0.0
+        excess = np.log(norm[moving] / limit) / order
+        orders = np.full(len(excess), order)
+        parts.append((orders, peaks.segment[moving], peaks.s[moving], peaks.value[moving], excess))
+    return _LimitPeaks(solution, *(np.concatenate(column) for column in zip(*parts, strict=True)))
+
+
+def _excess_gradients(peaks: _LimitPeaks) -> np.ndarray:
+    """(peaks, segments) derivatives of the excess with respect to the logarithms of the durations.
+
+    A peak's place moves too, but to first order its height does not notice.
+    """
+    solution = peaks.solution
+    boundary_gradient = solution.boundary_gradient()
+    basis = np.array([power_basis(order, s, 8) @ FROM_BOUNDARY for order, s in zip(peaks.order, peaks.s, strict=True)])
+    scale = solution.durations[peaks.segment] ** -peaks.order.astype(float)
+    gradient = np.einsum("m,mk,mkaj->maj", scale, basis, boundary_gradient[peaks.segment])
+    gradient[np.arange(len(basis)), :, peaks.segment] -= peaks.order[:, np.newaxis] * peaks.value
+    square = np.einsum("ma,ma->m", peaks.value, peaks.value)
+    return np.asarray(np.einsum("ma,maj->mj", peaks.value, gradient) / (peaks.order * square)[:, np.newaxis])
+
+
+def _best_change(
+    durations: np.ndarray, excess: np.ndarray, gradients: np.ndarray, *, radius: float, price: float, floor: float
+) -> tuple[np.ndarray, float]:
+    """(segments,) change of the logarithms within a radius that the linear model likes best, and what it promises."""
+    worst = max(float(excess.max()), floor)
+    # A peak that stays below what others fall to in the best case cannot matter.
+    swing = radius * np.abs(gradients).sum(axis=1)
+    matters = excess + swing >= max(float((excess - swing).max()), floor)
+    segments = len(durations)
+    slope = np.append(durations / durations.sum(), price)
+    rows = np.column_stack([gradients[matters], np.full(int(matters.sum()), -1.0)])
+    bounds = [(-radius, radius)] * segments + [(floor - worst if floor > -math.inf else None, None)]
+    result = linprog(slope, A_ub=rows, b_ub=worst - excess[matters], bounds=bounds, method="highs")
+    if not result.success:
+        return np.zeros(segments), 0.0
+    return result.x[:segments], -float(result.fun)
