@@ -84,7 +84,7 @@ def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
             if beyond > worst:
                 worst, where = beyond, int(segment)
     return (
-        f"the corridor of segment {where} cannot be kept with what is given at the waypoints: "
+        f"the corridor of segment {where} cannot be kept at these times with what is given at the waypoints: "
         f"it would have to be {_rounded_up(max(worst, relaxed.exceeded)):g} m wider"
     )
 

@@ -27,7 +27,7 @@ from numpy.typing import ArrayLike
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from drake_quad.errors import InputError
-from drake_quad.reference.polynomial_path import PolynomialPath, power_basis
+from drake_quad.reference.polynomial_path import PolynomialPath, hermite_matrix
 
 DEGREE = 7
 FREE = 3  # velocity, acceleration, jerk: what a waypoint leaves free
@@ -44,10 +44,7 @@ def _snap_form() -> np.ndarray:
 
 
 _SNAP_FORM = _snap_form()
-_TO_BOUNDARY = np.array([power_basis(order, s, DEGREE + 1) for s in (0.0, 1.0) for order in range(4)])
-# From boundary derivatives with respect to s to coefficients. The inverse holds sixths of integers only; rounding to
-# them removes the error of the inversion.
-FROM_BOUNDARY = np.round(6.0 * np.linalg.inv(_TO_BOUNDARY)) / 6.0
+FROM_BOUNDARY = hermite_matrix(4)
 BOUNDARY_FORM = np.round(FROM_BOUNDARY.T @ _SNAP_FORM @ FROM_BOUNDARY)
 # (4, 8) matrix whose product with boundary derivatives has the segment's cost as its square. A sum of squares stays
 # exact, and positive, where the form would be the difference of large numbers.

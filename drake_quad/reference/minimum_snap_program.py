@@ -106,7 +106,8 @@ class MinimumSnapProgram:
         self.program = MathematicalProgram()
         self.exceeded = 0.0
         self._slack = slack
-        self._slack_variable = None if slack is None else self.program.NewContinuousVariables(1, "slack")[0]
+        # Empty without a slack.
+        self._slack_variable = self.program.NewContinuousVariables(0 if slack is None else 1, "slack")
         self._seeded: set[tuple[int, int]] = set()
         self._declare_variables()
         self._add_cost()
@@ -139,7 +140,7 @@ class MinimumSnapProgram:
         offset = np.concatenate([[1.0], constant / bound])
         if self._slack is Slack.LIMITS:
             matrix = np.column_stack([matrix, np.eye(len(matrix))[:, 0]])
-            variables = np.append(variables, self._slack_variable)
+            variables = np.concatenate([variables, self._slack_variable])
         if len(variables):
             self.program.AddLorentzConeConstraint(matrix, offset, variables)
         elif np.linalg.norm(offset[1:]) > 1.0:
@@ -155,7 +156,7 @@ class MinimumSnapProgram:
         if self._slack is Slack.CORRIDORS:
             for sign, bound in ((1.0, low), (-1.0, -high)):
                 matrix = np.append(sign * row, 1.0)[np.newaxis] / size
-                both = np.append(variables, self._slack_variable)
+                both = np.concatenate([variables, self._slack_variable])
                 self.program.AddLinearConstraint(matrix, [bound / size], [np.inf], both)
         elif len(variables):
             self.program.AddLinearConstraint(row[np.newaxis] / size, [low / size], [high / size], variables)
@@ -190,8 +191,8 @@ class MinimumSnapProgram:
         weights = self._durations**-7.0 / (total if total > 0.0 else (self._durations**-7.0).max())
         if self._slack is not None:
             weights = _SNAP_BESIDE_SLACK * weights
-            self.program.AddLinearCost(self._slack_variable)
-            self.program.AddBoundingBoxConstraint(0.0, np.inf, self._slack_variable)
+            self.program.AddLinearCost(self._slack_variable[0])
+            self.program.AddBoundingBoxConstraint(0.0, np.inf, self._slack_variable[0])
         for segment, weight in enumerate(weights):
             local, given = self._local(segment)
             for axis in range(local.shape[1]):
@@ -246,16 +247,15 @@ class MinimumSnapProgram:
         result = ClarabelSolver().Solve(self.program, None, options)
         if not result.is_success():
             status = result.get_solution_result()
-            if status == SolutionResult.kInfeasibleErrorConstraints:
+            if status == SolutionResult.kInfeasibleConstraints:
                 raise InfeasibleError
             raise RuntimeError(f"the minimum-snap program was not solved: {status.name}")
         values = self._given.copy()
         free = self.variables != None  # noqa: E711
         values[free] = result.GetSolution(self.variables[free])
-        if self._slack_variable is not None:
-            self.exceeded = float(result.GetSolution(self._slack_variable))
-        boundary = values.reshape(len(values), FREE + 1, -1)
-        boundary = np.concatenate([boundary[:-1], boundary[1:]], axis=1) * self._to_segment[:, :, np.newaxis]
+        if self._slack is not None:
+            self.exceeded = float(result.GetSolution(self._slack_variable[0]))
+        boundary = np.concatenate([values[:-1], values[1:]], axis=1) * self._to_segment[:, :, np.newaxis]
         boundary[:, FREE + 1] += np.diff(self._points, axis=0)
         coefficients = FROM_BOUNDARY @ boundary
         coefficients[:, 0] += self._points[:-1]

@@ -1,6 +1,7 @@
 """From what a path must keep to, and a way to choose its times, to the path."""
 
 from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -25,6 +26,8 @@ _CONTACT_ROOM = 0.1
 _BISECTIONS = 6
 # A flight that takes more than this share of one with stops everywhere is searched for from another start too.
 _LITTLE_GAINED = 0.95
+# Durations of a flight through given velocities that are tried, as factors of one with stops everywhere.
+_TRIED = (0.7, 0.85, 1.0, 1.25, 1.6, 2.5)
 
 
 @dataclass(frozen=True)
@@ -86,7 +89,11 @@ def plan_path(problem: PathProblem, timing: Timing) -> PolynomialPath:
             return _least_snap(merged(problem), duration)
     if not problem.limits.by_order:
         raise InputError("to choose the total time, a limit on the speed or the acceleration is needed")
-    return _heuristic(merged(problem)) if isinstance(timing, Heuristic) else _shortest(merged(problem))
+    shorten = isinstance(timing, Shortest)
+    problem = merged(problem)
+    if not problem.stretchable:
+        return _through_given_motion(problem, shorten=shorten)
+    return _shortest(problem) if shorten else _heuristic(problem)
 
 
 def merged(problem: PathProblem) -> PathProblem:
@@ -145,7 +152,7 @@ def _path_or_reason(problem: PathProblem, durations: np.ndarray) -> PolynomialPa
 
 
 def _heuristic(problem: PathProblem) -> PolynomialPath:
-    candidates = [_stretched(problem, _fitted(problem, rule)) for rule in (_stops_everywhere, _ride)]
+    candidates = [_stretched(_fitted(problem, rule), problem.limits) for rule in (_stops_everywhere, _ride)]
     return min(candidates, key=_duration)
 
 
@@ -169,25 +176,19 @@ def _fitted(problem: PathProblem, rule: Callable[[np.ndarray, Limits], np.ndarra
     return path
 
 
-def _stretched(problem: PathProblem, path: PolynomialPath) -> PolynomialPath:
-    """The path brought to the limits: as it is but slower or faster, or, where motion is given, planned anew."""
-    factor = stretch_factor(path, problem.limits)
-    if problem.stretchable:
-        return path.stretched(factor)
-    return _path_or_reason(problem, max(factor, 1.0) * path.durations)
+def _stretched(path: PolynomialPath, limits: Limits) -> PolynomialPath:
+    """The path as it is, but slower or faster, so that it attains a limit."""
+    return path.stretched(stretch_factor(path, limits))
 
 
 def _shortest(problem: PathProblem) -> PolynomialPath:
     heuristic = _heuristic(problem)
     best = _shortened(problem, heuristic, smooth=True)
-    if problem.stretchable:
-        # Stopping everywhere always keeps to the limits; a route of very unequal steps may leave little to gain on it.
-        stops = 1.001 * rest_to_rest_durations(_waypoints(best), problem.limits)
-        if _duration(best) > _LITTLE_GAINED * stops.sum():
-            best = min(best, _shortened(problem, heuristic, smooth=False), key=_duration)
-        if _duration(best) > stops.sum():
-            best = _path_or_reason(problem, stops)
-    return best
+    # Stopping everywhere always keeps to the limits; a route of very unequal steps may leave little to gain on it.
+    stops = 1.001 * rest_to_rest_durations(_waypoints(best), problem.limits)
+    if _duration(best) > _LITTLE_GAINED * stops.sum():
+        best = min(best, _shortened(problem, heuristic, smooth=False), key=_duration)
+    return best if _duration(best) <= stops.sum() else _path_or_reason(problem, stops)
 
 
 def _shortened(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> PolynomialPath:
@@ -199,12 +200,30 @@ def _shortened(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> P
             durations = least_snap_durations(points, durations, derivatives)
         durations = shortest_durations(points, durations, problem.limits, derivatives)
         unlimited = _path_or_reason(problem.without_limits(), np.bincount(segment, weights=durations))
-        path = _stretched(problem, unlimited)
+        path = _stretched(unlimited, problem.limits)
         gain = 1.0 - _duration(path) / _duration(best)
         best = min(best, path, key=_duration)
         if gain < _LEAST_GAIN:
             break
     return best
+
+
+def _through_given_motion(problem: PathProblem, *, shorten: bool) -> PolynomialPath:
+    """The path where a velocity, say, is given at a waypoint: flying slower need not help then, so times are tried."""
+    points = problem.representatives()
+    stops = rest_to_rest_durations(points, problem.limits)
+    found: list[PolynomialPath] = []
+    for factor in _TRIED:
+        start = factor * np.maximum(stops, _LEAST_SHARE * stops.max())
+        candidates = [least_snap_durations(points, start, problem.derivatives)]
+        if shorten:
+            candidates.append(shortest_durations(points, candidates[0], problem.limits, problem.derivatives))
+        for durations in candidates:
+            with suppress(InfeasibleError):
+                found.append(path_within(problem, durations))
+    if not found:
+        raise InputError(explain(problem, durations))
+    return min(found, key=_duration)
 
 
 def _least_snap(problem: PathProblem, total: float) -> PolynomialPath:
@@ -225,18 +244,13 @@ def _least_snap(problem: PathProblem, total: float) -> PolynomialPath:
 def _nearest_within_limits(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
     """The path with the durations nearest to those of least snap, on the way to the shortest, that keeps the limits."""
     total = float(durations.sum())
-    shortest = _shortest(problem)
-    if _duration(shortest) > total:
-        raise InputError(
-            f"the total duration is {total:g} s, but within the limits the shortest flight takes "
-            f"{_duration(shortest):.3f} s"
-        )
-    ends = np.log(durations), np.log(shortest.durations)
+    shortest = _shortest(problem).durations
+    shortest *= total / shortest.sum()
+    best = _path_or_reason(problem, shortest)
     low, high = 0.0, 1.0
-    best = shortest.stretched(total / _duration(shortest))
     for _ in range(_BISECTIONS):
         share = 0.5 * (low + high)
-        between = np.exp((1.0 - share) * ends[0] + share * ends[1])
+        between = durations ** (1.0 - share) * shortest**share
         try:
             best = path_within(problem, between * (total / between.sum()))
             high = share

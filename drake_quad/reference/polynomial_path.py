@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Callable
+from functools import cache
 from typing import NamedTuple
 
 import numpy as np
@@ -10,7 +11,7 @@ from numpy.typing import ArrayLike
 # Samples of a segment between which a polynomial of low degree has at most one peak worth finding; at a peak the value
 # depends on the square of an error of place, so this many bisections leave only rounding.
 _SAMPLES = np.linspace(0.0, 1.0, 49)
-_BISECTIONS = 24
+_BISECTIONS = 16
 
 
 class PolynomialPath(NamedTuple):
@@ -55,9 +56,53 @@ class Peaks(NamedTuple):
 
 def power_basis(order: int, s: ArrayLike, powers: int) -> np.ndarray:
     """(..., powers) the derivatives with respect to s, of that order, of 1, s, s², ..."""
-    falling = np.array([math.perm(k, order) for k in range(powers)], dtype=float)
-    exponent = np.maximum(np.arange(powers) - order, 0)
+    falling, exponent = _derivative_of_powers(order, powers)
     return np.asarray(falling * np.asarray(s, dtype=float)[..., np.newaxis] ** exponent)
+
+
+@cache
+def _derivative_of_powers(order: int, powers: int) -> tuple[np.ndarray, np.ndarray]:
+    """(powers,) factors and exponents of the derivatives of 1, s, s², ..."""
+    falling = np.array([math.perm(k, order) for k in range(powers)], dtype=float)
+    return falling, np.maximum(np.arange(powers) - order, 0)
+
+
+@cache
+def hermite_matrix(orders: int) -> np.ndarray:
+    """(2 orders, 2 orders) from a segment's boundary derivatives with respect to s to its coefficients.
+
+    The boundary derivatives are the position and its derivatives below that order, at the start and then at the end.
+    """
+    to_boundary = np.array([power_basis(order, s, 2 * orders) for s in (0.0, 1.0) for order in range(orders)])
+    # The inverse holds integers over this factorial; rounding to them removes the error of the inversion.
+    denominator = math.factorial(orders - 1)
+    return np.asarray(np.round(denominator * np.linalg.inv(to_boundary)) / denominator)
+
+
+def hermite_path(times: np.ndarray, derivatives: np.ndarray) -> PolynomialPath:
+    """Returns the path with given derivatives at its knots.
+
+    Args:
+        times: (knots,) increasing, s.
+        derivatives: (knots, orders, axes) position and derivatives below that order, in m and s.
+    """
+    orders = derivatives.shape[1]
+    scale = np.diff(times)[:, np.newaxis, np.newaxis] ** np.arange(orders)[:, np.newaxis]
+    boundary = np.concatenate([derivatives[:-1] * scale, derivatives[1:] * scale], axis=1)
+    # Relative to the start, so that a position far from the origin costs the derivatives no digits.
+    boundary[:, orders] -= boundary[:, 0]
+    start, boundary[:, 0] = boundary[:, 0].copy(), 0.0
+    coefficients = hermite_matrix(orders) @ boundary
+    coefficients[:, 0] = start
+    return PolynomialPath(times, coefficients)
+
+
+def knots(path: PolynomialPath, orders: int) -> np.ndarray:
+    """(knots, orders, axes) position and derivatives below that order at the times of the path: of `hermite_path`."""
+    last = len(path.coefficients) - 1
+    segment = np.append(np.arange(last + 1), last)
+    s = np.append(np.zeros(last + 1), 1.0)
+    return np.stack([evaluate_at(path, segment, s, order) for order in range(orders)], axis=1)
 
 
 def path_derivative(path: PolynomialPath, order: int) -> PolynomialPath:

@@ -1,4 +1,4 @@
-"""When to pass the waypoints, by rule: a ride along the chords, or stops everywhere; and a uniform stretch to limits."""
+"""When to pass the waypoints, by rule: riding along the chords, or stopping everywhere; and a stretch to the limits."""
 
 import math
 

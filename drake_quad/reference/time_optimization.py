@@ -11,7 +11,7 @@ from typing import NamedTuple
 import numpy as np
 from scipy.optimize import linprog, minimize
 
-from drake_quad.reference.minimum_snap import FROM_BOUNDARY, MinimumSnap
+from drake_quad.reference.minimum_snap import DEGREE, FROM_BOUNDARY, MinimumSnap
 from drake_quad.reference.path_problem import Limits
 from drake_quad.reference.polynomial_path import norm_peaks, power_basis
 
@@ -155,7 +155,8 @@ def _excess_gradients(peaks: _LimitPeaks) -> np.ndarray:
     """
     solution = peaks.solution
     boundary_gradient = solution.boundary_gradient()
-    basis = np.array([power_basis(order, s, 8) @ FROM_BOUNDARY for order, s in zip(peaks.order, peaks.s, strict=True)])
+    bases = {order: power_basis(order, peaks.s, DEGREE + 1) for order in (1, 2)}
+    basis = np.where(peaks.order[:, np.newaxis] == 1, bases[1], bases[2]) @ FROM_BOUNDARY
     scale = solution.durations[peaks.segment] ** -peaks.order.astype(float)
     gradient = np.einsum("m,mk,mkaj->maj", scale, basis, boundary_gradient[peaks.segment])
     gradient[np.arange(len(basis)), :, peaks.segment] -= peaks.order[:, np.newaxis] * peaks.value
