@@ -7,18 +7,19 @@ import numpy as np
 from drake_quad.errors import InputError
 from drake_quad.reference.feasibility import first_violation, sample_times
 from drake_quad.reference.minimum_snap import minimum_snap
-from drake_quad.reference.path_problem import Limits
 from drake_quad.reference.plan import Plan
-from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, Timing, passing_times, plan_path
+from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path
 from drake_quad.reference.routes import Route, circle, figure_eight
 from drake_quad.reference.time_allocation import stretch_factor, trapezoid_times
-from drake_quad.scenario import Scenario, distributions_in
-from drake_quad.scenario.models import CircleRoute, FigureEightRoute, HoverRoute, WaypointRoute
+from drake_quad.reference.yaw import constant_yaw, yaw_along, yaw_through
+from drake_quad.scenario import Journey, distributions_in, routes
+from drake_quad.scenario.routes import CircleRoute, FigureEightRoute, HoverRoute, TrajectoryRoute, WaypointRoute
 from drake_quad.vehicle.inverse_dynamics import RotorDemand, rotor_demand
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
-def vehicle_parameters(scenario: Scenario) -> QuadrotorParameters:
+def vehicle_parameters(scenario: Journey) -> QuadrotorParameters:
     """The vehicle of a scenario without distributions."""
     vehicle = scenario.vehicle
     fields = {name: getattr(vehicle, name) for name in QuadrotorParameters._fields}
@@ -26,21 +27,24 @@ def vehicle_parameters(scenario: Scenario) -> QuadrotorParameters:
     return QuadrotorParameters(**fields)
 
 
-def plan_route(scenario: Scenario) -> Plan:
-    """The plan for a scenario's route.
+def plan_route(journey: Journey) -> Plan:
+    """The plan for the route of a scenario.
 
     Raises:
-        InputError: the scenario holds a distribution, or the rotors cannot fly the route.
+        InputError: the scenario holds a distribution, or no path or no rotors can keep to what it asks.
     """
-    random = distributions_in(scenario)
+    random = distributions_in(journey)
     if random:
         raise InputError(f"{random[0]} is a distribution; one flight needs a number there")
-    route = scenario.route
+    route = journey.route
     match route:
         case HoverRoute():
             plan = Plan.hover(route.position, duration=route.duration, yaw=route.yaw)
+        case TrajectoryRoute():
+            plan = _trajectory(route)
         case WaypointRoute():
-            plan = Plan.facing(minimum_snap(route.waypoints, _waypoint_times(route)), route.yaw)
+            path = plan_path(route.problem(), _timing(route))
+            plan = Plan(path, _yaw(route, path))
         case FigureEightRoute():
             eight = figure_eight(
                 lower_height=route.lower_height,
@@ -52,24 +56,49 @@ def plan_route(scenario: Scenario) -> Plan:
         case CircleRoute():
             laps = circle(radius=route.radius, height=route.height, laps=route.laps)
             plan = _within_limits(route, laps, cruise_speed=math.sqrt(route.top_acceleration * route.radius))
-    check_rotors(plan, vehicle_parameters(scenario))
+    _check_rotors(plan, vehicle_parameters(journey))
     return plan
-
-
-def _waypoint_times(route: WaypointRoute) -> np.ndarray:
-    if route.times is not None:
-        return np.array(route.times)
-    # The scenario's validation has seen to it.
-    assert route.speed is not None
-    assert route.acceleration is not None
-    return trapezoid_times(np.array(route.waypoints), speed=route.speed, acceleration=route.acceleration)
 
 
 def _within_limits(route: FigureEightRoute | CircleRoute, geometry: Route, *, cruise_speed: float) -> Plan:
     times = trapezoid_times(geometry.waypoints, speed=cruise_speed, acceleration=route.top_acceleration)
     path = minimum_snap(geometry.waypoints, times)
-    limits = Limits(speed=route.top_speed, acceleration=route.top_acceleration)
-    return Plan.facing(path.stretched(stretch_factor(path, limits)), route.yaw, geometry.legs)
+    path = path.stretched(stretch_factor(path, route.limits()))
+    return Plan(path, _yaw(route, path), geometry.legs)
+
+
+def _timing(route: WaypointRoute) -> Timing:
+    match route.times:
+        case routes.Given(times=times):
+            return GivenTimes(times)
+        case routes.Heuristic():
+            return Heuristic()
+        case routes.LeastSnap(duration=duration):
+            return LeastSnap(duration)
+        case routes.Shortest():
+            return Shortest()
+
+
+def _yaw(route: FigureEightRoute | CircleRoute | WaypointRoute, path: PolynomialPath) -> PolynomialPath:
+    match route.heading:
+        case "along_path":
+            return yaw_along(path)
+        case "waypoints":
+            yaws = [math.nan if waypoint.yaw is None else waypoint.yaw for waypoint in route.waypoints]
+            return yaw_through(passing_times(route.problem(), path), yaws)
+        case _:
+            return constant_yaw(path.times[0], path.times[-1], route.yaw)
+
+
+def _trajectory(route: TrajectoryRoute) -> Plan:
+    times = np.array([knot.time for knot in route.knots])
+    derivatives = [[knot.position, knot.velocity, knot.acceleration, knot.jerk] for knot in route.knots]
+    path = hermite_path(times, np.array(derivatives))
+    if route.yaw_knots is None:
+        return Plan.facing(path)
+    yaw_times = np.array([knot.time for knot in route.yaw_knots])
+    yaws = np.array([[[knot.yaw], [knot.yaw_rate]] for knot in route.yaw_knots])
+    return Plan(path, hermite_path(yaw_times, yaws))
 
 
 def plan_demand(plan: Plan, parameters: QuadrotorParameters, times: np.ndarray) -> RotorDemand:
@@ -79,8 +108,7 @@ def plan_demand(plan: Plan, parameters: QuadrotorParameters, times: np.ndarray) 
     return rotor_demand(acceleration, jerk, snap, parameters, yaw=yaw)
 
 
-def check_rotors(plan: Plan, parameters: QuadrotorParameters) -> None:
-    """Raises InputError if the rotors cannot fly a plan."""
+def _check_rotors(plan: Plan, parameters: QuadrotorParameters) -> None:
     times = sample_times(plan.path)
     violation = first_violation(
         times,

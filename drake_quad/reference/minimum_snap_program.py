@@ -18,6 +18,7 @@ from drake_quad.reference.path_problem import PathProblem, Sphere
 from drake_quad.reference.polynomial_path import (
     PolynomialPath,
     evaluate_at,
+    knots,
     norm_peaks,
     peak_norm,
     power_basis,
@@ -97,12 +98,11 @@ class MinimumSnapProgram:
     def __init__(self, problem: PathProblem, durations: np.ndarray, *, slack: Slack | None = None) -> None:
         self._problem, self._durations = problem, durations
         self._points = problem.representatives()
+        unconstrained = MinimumSnap(self._points, durations, problem.derivatives)
         unit = waypoint_units(durations)
-        length = _lengths(self._points)
-        self.scales = length[:, np.newaxis] / unit[:, np.newaxis] ** np.arange(FREE + 1)
-        self._to_segment = boundary_scales(durations, unit) * np.repeat(
-            np.column_stack([length[:-1], length[1:]]), FREE + 1, axis=1
-        )
+        in_units = _sizes(unconstrained, unit)
+        self.scales = in_units / unit[:, np.newaxis] ** np.arange(FREE + 1)
+        self._to_segment = boundary_scales(durations, unit) * np.hstack([in_units[:-1], in_units[1:]])
         self.program = MathematicalProgram()
         self.exceeded = 0.0
         self._slack = slack
@@ -110,7 +110,7 @@ class MinimumSnapProgram:
         self._slack_variable = self.program.NewContinuousVariables(0 if slack is None else 1, "slack")
         self._seeded: set[tuple[int, int]] = set()
         self._declare_variables()
-        self._add_cost()
+        self._add_cost(unconstrained.cost)
         self._add_places()
 
     def solve(self) -> PolynomialPath:
@@ -185,9 +185,8 @@ class MinimumSnapProgram:
         self.variables = np.full(self._given.shape, None, dtype=object)
         self.variables[free] = self.program.NewContinuousVariables(int(free.sum()), "d")
 
-    def _add_cost(self) -> None:
-        """The snap, relative to that of the path through the representatives, which is of the same order."""
-        total = MinimumSnap(self._points, self._durations, self._problem.derivatives).cost
+    def _add_cost(self, total: float) -> None:
+        """Adds the snap, relative to that of another path of the same order."""
         weights = self._durations**-7.0 / (total if total > 0.0 else (self._durations**-7.0).max())
         if self._slack is not None:
             weights = _SNAP_BESIDE_SLACK * weights
@@ -241,6 +240,18 @@ class MinimumSnapProgram:
         return rows, local.T[free], constant
 
     def _solve_once(self) -> PolynomialPath:
+        values = self._given.copy()
+        # Clarabel does not survive a program without variables.
+        if self.program.num_vars():
+            self._optimise(values)
+        boundary = np.concatenate([values[:-1], values[1:]], axis=1) * self._to_segment[:, :, np.newaxis]
+        boundary[:, FREE + 1] += np.diff(self._points, axis=0)
+        coefficients = FROM_BOUNDARY @ boundary
+        coefficients[:, 0] += self._points[:-1]
+        return PolynomialPath(np.concatenate([[0.0], np.cumsum(self._durations)]), coefficients)
+
+    def _optimise(self, values: np.ndarray) -> None:
+        """Solves the program and fills in the values of its variables."""
         options = SolverOptions()
         for name in ("tol_feas", "tol_gap_abs", "tol_gap_rel"):
             options.SetOption(ClarabelSolver.id(), name, _TOLERANCE)
@@ -250,16 +261,10 @@ class MinimumSnapProgram:
             if status == SolutionResult.kInfeasibleConstraints:
                 raise InfeasibleError
             raise RuntimeError(f"the minimum-snap program was not solved: {status.name}")
-        values = self._given.copy()
         free = self.variables != None  # noqa: E711
         values[free] = result.GetSolution(self.variables[free])
         if self._slack is not None:
             self.exceeded = float(result.GetSolution(self._slack_variable[0]))
-        boundary = np.concatenate([values[:-1], values[1:]], axis=1) * self._to_segment[:, :, np.newaxis]
-        boundary[:, FREE + 1] += np.diff(self._points, axis=0)
-        coefficients = FROM_BOUNDARY @ boundary
-        coefficients[:, 0] += self._points[:-1]
-        return PolynomialPath(np.concatenate([[0.0], np.cumsum(self._durations)]), coefficients)
 
     def _tighten(self, path: PolynomialPath) -> bool:
         """Adds bounds where the path breaks a limit or a corridor; returns whether it does."""
@@ -301,8 +306,17 @@ class MinimumSnapProgram:
         return [s, *_SEEDS[np.abs(_SEEDS - s) > 0.05]]
 
 
-def _lengths(points: np.ndarray) -> np.ndarray:
-    """(waypoints,) the longer step at each waypoint; no less than a millionth of the longest step, m."""
-    steps = np.linalg.norm(np.diff(points, axis=0), axis=1)
+def _sizes(path: MinimumSnap, unit: np.ndarray) -> np.ndarray:
+    """(waypoints, 4) how large position (as a step) to jerk are about, in the waypoints' units of time, m.
+
+    Where symmetry makes one vanish, it is taken as a thousandth of the order below.
+    """
+    steps = np.linalg.norm(np.diff(path.points, axis=0), axis=1)
+    # A path between two places that touch has no length of its own; a millionth of the longest is one.
     steps = np.maximum(steps, max(1e-6 * float(steps.max()), 1e-9))
-    return np.maximum(np.concatenate([steps[:1], steps]), np.concatenate([steps, steps[-1:]]))
+    length = np.maximum(np.concatenate([steps[:1], steps]), np.concatenate([steps, steps[-1:]]))
+    derivatives = np.linalg.norm(knots(path.path(), FREE + 1), axis=2) * unit[:, np.newaxis] ** np.arange(FREE + 1)
+    sizes = np.column_stack([length, derivatives[:, 1:]])
+    for order in range(1, FREE + 1):
+        sizes[:, order] = np.maximum(sizes[:, order], 1e-3 * sizes[:, order - 1])
+    return sizes

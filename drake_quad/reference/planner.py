@@ -1,5 +1,6 @@
 """From what a path must keep to, and a way to choose its times, to the path."""
 
+import itertools
 from collections.abc import Callable, Iterator
 from contextlib import suppress
 from dataclasses import dataclass
@@ -121,6 +122,14 @@ def merged(problem: PathProblem) -> PathProblem:
     )
 
 
+def passing_times(problem: PathProblem, path: PolynomialPath) -> np.ndarray:
+    """Returns the (waypoints,) times at which a path planned for a problem passes its waypoints, s."""
+    if len(path.times) == len(problem.places):
+        return path.times
+    new = [not _repeats(one, other) for one, other in itertools.pairwise(problem.places)]
+    return np.asarray(path.times[np.cumsum([0, *new])])
+
+
 def _repeats(one: object, other: object) -> bool:
     """Whether both are the same point."""
     if not (isinstance(one, Box) and isinstance(other, Box)):
@@ -223,7 +232,21 @@ def _through_given_motion(problem: PathProblem, *, shorten: bool) -> PolynomialP
                 found.append(path_within(problem, durations))
     if not found:
         raise InputError(explain(problem, durations))
-    return min(found, key=_duration)
+    best = min(found, key=_duration)
+    return _squeezed(problem, best) if shorten else best
+
+
+def _squeezed(problem: PathProblem, path: PolynomialPath) -> PolynomialPath:
+    """The path with its durations shortened alike, as far as a path within the limits exists."""
+    low, high = 0.5, 1.0
+    for _ in range(_BISECTIONS):
+        factor = 0.5 * (low + high)
+        try:
+            best = path_within(problem, factor * path.durations)
+            high = factor
+        except InfeasibleError:
+            low = factor
+    return best if high < 1.0 else path
 
 
 def _least_snap(problem: PathProblem, total: float) -> PolynomialPath:

@@ -3,6 +3,8 @@
 A profile is a `PolynomialPath` with one axis, in rad, of degree 3, at rest at both ends.
 """
 
+import itertools
+
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
@@ -30,22 +32,26 @@ def yaw_through(times: ArrayLike, yaws: ArrayLike) -> PolynomialPath:
     after the last that is given it stays there.
 
     Args:
-        times: (waypoints,) increasing, s.
+        times: (waypoints,) increasing, or the same where waypoints are passed at once, s.
         yaws: (waypoints,) rad.
 
     Raises:
-        InputError: no angle is given.
+        InputError: no angle is given, or two at one time.
     """
     instants, angles = np.asarray(times, dtype=float), np.asarray(yaws, dtype=float)
     given = np.flatnonzero(np.isfinite(angles))
     if not given.size:
         raise InputError("yaw through the waypoints needs a yaw at one of them at least")
+    for i, j in itertools.pairwise(given):
+        if instants[i] == instants[j] and angles[i] != angles[j]:
+            raise InputError(f"waypoints {i} and {j} are passed at once, but have different yaws")
+    given = given[np.append(True, np.diff(instants[given]) > 0.0)]
     knots, turned = instants[given], np.unwrap(angles[given])
-    parts = [] if given[0] == 0 else [constant_yaw(instants[0], knots[0], turned[0])]
+    parts = [] if knots[0] == instants[0] else [constant_yaw(instants[0], knots[0], turned[0])]
     if len(given) > 1:
         # The clamped cubic spline is the interpolant of least integrated squared second derivative.
         parts.append(_spline(knots, turned))
-    if given[-1] < len(instants) - 1:
+    if knots[-1] < instants[-1]:
         parts.append(constant_yaw(knots[-1], instants[-1], turned[-1]))
     starts = [part.times[:-1] for part in parts]
     return PolynomialPath(

@@ -1,8 +1,8 @@
-"""YAML files as trees that remember where everything was written, and `extends` between them."""
+"""YAML files as trees, and `extends` between them."""
 
 from collections.abc import Iterator
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import Any
 
 from ruamel.yaml import YAML
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
@@ -10,47 +10,14 @@ from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.distributions import DISTRIBUTIONS
+from drake_quad.scenario.trees import Mark, Tree
+from drake_quad.scenario.waypoint_table import read_waypoint_table
 
 # No scenario is near these; they stop a file whose aliases multiply or contain themselves.
 _MAX_DEPTH = 40
 _MAX_NODES = 20_000
+_SUFFIXES = (".yaml", ".yml", ".csv")
 _SCALARS = ("float", "int", "bool", "null", "str")
-
-
-class Mark(NamedTuple):
-    """Where something was written: a file and a line, or an argument of the command line and 0."""
-
-    source: str
-    line: int
-
-    def __str__(self) -> str:
-        return f"{self.source}:{self.line}" if self.line else self.source
-
-
-class Tree(NamedTuple):
-    """A value of a YAML document with its mark; `value` is a dict or list of trees, or a plain scalar."""
-
-    value: Any
-    mark: Mark
-
-    def plain(self) -> Any:
-        """The value without marks."""
-        if isinstance(self.value, dict):
-            return {key: tree.plain() for key, tree in self.value.items()}
-        if isinstance(self.value, list):
-            return [tree.plain() for tree in self.value]
-        return self.value
-
-    def at(self, path: tuple[Any, ...]) -> tuple["Tree", int]:
-        """The subtree at a path, or the deepest one on the way there, and how far down the path that is."""
-        tree = self
-        for depth, key in enumerate(path):
-            inside = tree.value
-            if (isinstance(inside, dict) and key in inside) or (isinstance(inside, list) and key in range(len(inside))):
-                tree = inside[key]
-            else:
-                return tree, depth
-        return tree, len(path)
 
 
 def read_document(path: Path) -> Tree:
@@ -170,7 +137,7 @@ def find_scenario(spec: str | Path) -> tuple[str, Tree]:
 
 def _split(spec: str) -> tuple[str, str | None]:
     path, separator, name = spec.rpartition(":")
-    if separator and path.endswith((".yaml", ".yml")):
+    if separator and path.endswith(_SUFFIXES):
         return path, name
     return spec, None
 
@@ -178,7 +145,7 @@ def _split(spec: str) -> tuple[str, str | None]:
 def _resolve(path: Path, name: str | None, asked_by: Mark, stack: tuple[str, ...]) -> tuple[str, Tree]:
     if stack and not path.is_file():
         raise InputError(f"{asked_by}: extends {path}, which does not exist")
-    document = read_document(path)
+    document = read_waypoint_table(path) if path.suffix == ".csv" else read_document(path)
     if not isinstance(document.value, dict) or not document.value:
         raise InputError(f"{path}: holds no scenario; the first level of the file must be names of scenarios")
     names = ", ".join(document.value)
@@ -200,7 +167,7 @@ def _resolve(path: Path, name: str | None, asked_by: Mark, stack: tuple[str, ...
     result: Tree | None = None
     for base_spec in _bases(tree.value["extends"]):
         base_file, base_name = _split(base_spec.value)
-        in_this_file = not base_file.endswith((".yaml", ".yml"))
+        in_this_file = not base_file.endswith(_SUFFIXES)
         base_path = path if in_this_file else path.parent / base_file
         _, base = _resolve(
             base_path, base_spec.value if in_this_file else base_name, base_spec.mark, (*stack, identity)

@@ -4,16 +4,18 @@ import difflib
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any
+from typing import Any, TypeVar
 
 from pydantic import ValidationError
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
-from drake_quad.scenario.documents import Mark, Tree, find_scenario, merged, parse_document
-from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.documents import find_scenario, merged, parse_document
+from drake_quad.scenario.models import Journey, Scenario
+from drake_quad.scenario.trees import Mark, Tree
 
 _TAGS = ("number", *DISTRIBUTIONS)
+_Loaded = TypeVar("_Loaded", bound=Journey)
 
 
 def load_scenario(spec: str | Path, overrides: Sequence[str] = ()) -> Scenario:
@@ -27,19 +29,42 @@ def load_scenario(spec: str | Path, overrides: Sequence[str] = ()) -> Scenario:
         InputError: something in the file or in an override is wrong; the message names file, line, field, value and
             what is allowed.
     """
+    return _validated(Scenario, _loaded(spec, overrides))
+
+
+def load_journey(spec: str | Path, overrides: Sequence[str] = ()) -> Journey:
+    """Loads what flies where, from a scenario of which nothing else need be there, or from a table of waypoints.
+
+    Args:
+        spec: FILE, or FILE:NAME where the file holds several scenarios; or a CSV file, see `waypoint_table`.
+        overrides: as for `load_scenario`.
+
+    Raises:
+        InputError: as `load_scenario`.
+    """
+    tree = _loaded(spec, overrides)
+    others = Scenario.model_fields.keys() - Journey.model_fields.keys()
+    return _validated(Journey, Tree({key: value for key, value in tree.value.items() if key not in others}, tree.mark))
+
+
+def _loaded(spec: str | Path, overrides: Sequence[str]) -> Tree:
     name, tree = find_scenario(spec)
     for override in overrides:
         tree = merged(tree, _override(override))
     if "name" not in tree.value:
         tree = Tree({"name": Tree(name, tree.mark), **tree.value}, tree.mark)
+    return tree
+
+
+def _validated(model: type[_Loaded], tree: Tree) -> _Loaded:
     data = tree.plain()
     try:
-        return Scenario.model_validate(data)
+        return model.model_validate(data)
     except ValidationError as error:
         raise InputError(_explain(error, tree, data)) from None
 
 
-def distributions_in(scenario: Scenario) -> list[str]:
+def distributions_in(scenario: Journey) -> list[str]:
     """The paths of the fields of a scenario that hold a distribution."""
     return list(_distributions(scenario, ""))
 
@@ -75,13 +100,16 @@ def _explain(error: ValidationError, tree: Tree, data: Any) -> str:
     context = problem.get("ctx", {})
     path = _real_path(problem["loc"], data)
     if "field" in context:
-        path = (*path, *context["field"].split("."))
+        path = (*path, *(int(key) if key.isdecimal() and key.isascii() else key for key in context["field"].split(".")))
     elif problem["type"] in ("union_tag_invalid", "union_tag_not_found"):
         path = (*path, "kind")
     more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
     place, depth = tree.at(path)
-    value = place.plain() if depth == len(path) else problem["input"]
-    return f"{place.mark}: {_written(path)} {_complaint(problem, value, path)}{more}"
+    if depth < len(path) and problem["type"] in ("heading", "limits"):
+        complaint = problem["msg"]  # of a default, which stands nowhere
+    else:
+        complaint = _complaint(problem, place.plain() if depth == len(path) else problem["input"], path)
+    return f"{place.mark}: {_written(path)} {complaint}{more}"
 
 
 def _complaint(problem: Any, value: Any, path: tuple[Any, ...]) -> str:
@@ -98,8 +126,8 @@ def _complaint(problem: Any, value: Any, path: tuple[Any, ...]) -> str:
             return f"is {_shown(value)}, but must be one of {context['expected_tags']}"
         case "model_type" | "model_attributes_type":
             return f"is {_shown(value)}, but must be a mapping of fields"
-        case "times_or_speed":
-            return str(problem["msg"])
+        case "path":
+            return f"cannot be flown: {problem['msg']}"
     demand = re.sub(r"^(Input|String|Tuple) should", "must", problem["msg"])
     return f"is {_shown(value)}, but {demand}"
 
@@ -114,7 +142,7 @@ def _real_path(location: tuple[Any, ...], data: Any) -> tuple[Any, ...]:
         elif (isinstance(data, dict) and key in data) or (isinstance(data, list) and key in range(len(data))):
             path.append(key)
             data = data[key]
-        elif i == len(location) - 1 and isinstance(data, dict | list) and key not in _TAGS:
+        elif i == len(location) - 1 and key not in _TAGS and isinstance(data, list if isinstance(key, int) else dict):
             path.append(key)
     return tuple(path)
 

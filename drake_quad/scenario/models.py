@@ -4,150 +4,15 @@ Any physical quantity may be a distribution; what fixes the structure of the dia
 not.
 """
 
-import itertools
 import math
 from typing import Annotated, Literal
 
-from pydantic import AfterValidator, Field, ValidationInfo, field_validator, model_validator
+from pydantic import Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from drake_quad.scenario.distributions import Model, NumberOrDistribution
-
-
-def _bounded(*, above: float | None = None, least: float | None = None, below: float | None = None) -> AfterValidator:
-    """A validator that holds a number, or all that a distribution can give, to bounds."""
-    demands = [
-        f"{words} {bound:g}"
-        for words, bound in (("larger than", above), ("at least", least), ("smaller than", below))
-        if bound is not None
-    ]
-
-    def check(value: NumberOrDistribution) -> NumberOrDistribution:
-        lowest, highest = (value, value) if isinstance(value, float) else value.extremes()
-        fits = (
-            (above is None or (lowest is not None and lowest > above))
-            and (least is None or (lowest is not None and lowest >= least))
-            and (below is None or (highest is not None and highest < below))
-        )
-        if not fits:
-            raise PydanticCustomError("bounds", "must be {demands}", {"demands": " and ".join(demands)})
-        return value
-
-    return AfterValidator(check)
-
-
-Number = NumberOrDistribution
-Positive = Annotated[NumberOrDistribution, _bounded(above=0.0)]
-NonNegative = Annotated[NumberOrDistribution, _bounded(least=0.0)]
-Period = Annotated[float, Field(gt=0.0)]
-Position = Annotated[tuple[Number, Number, Number], Field(strict=False)]
-Gains = Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)]
-
-
-class _Moving(Model):
-    """What the routes that move have in common."""
-
-    yaw: Number = Field(default=0.0, description="constant yaw of the reference (rad)")
-    top_speed: Positive = Field(default=2.0, description="limit on the speed (m/s); the paper's 2 m/s")
-    top_acceleration: Positive = Field(
-        default=0.7, description="limit on the acceleration (m/s²); the paper's 0.7 m/s²"
-    )
-
-
-class FigureEightRoute(_Moving):
-    """The paper's figure eight, stretched in time until one of the limits is met exactly."""
-
-    kind: Literal["figure_eight"]
-    lower_height: Positive = Field(default=1.0, description="height of the second circle and of the crossing (m)")
-    upper_height: Positive = Field(default=2.0, description="height of the first circle (m)")
-    radius: Positive = Field(default=1.4, description="radius of both circles (m)")
-    offset: Positive = Field(default=1.9, description="distance of the circles' centres from the start (m)")
-    cruise_speed: Positive = Field(
-        default=1.2, description="speed by which the times are first shared out among the waypoints (m/s)"
-    )
-
-    @field_validator("offset")
-    @classmethod
-    def _beyond_radius(cls, offset: Number, info: ValidationInfo) -> Number:
-        radius = info.data.get("radius")
-        if isinstance(offset, float) and isinstance(radius, float) and not offset > radius:
-            raise PydanticCustomError("offset", "must be larger than the radius, {radius}", {"radius": radius})
-        return offset
-
-
-class CircleRoute(_Moving):
-    """Laps of a level circle about the origin, stretched in time until one of the limits is met exactly."""
-
-    kind: Literal["circle"]
-    radius: Positive = Field(default=1.5, description="radius (m)")
-    height: Number = Field(default=1.0, description="height (m)")
-    laps: Annotated[int, Field(ge=1, le=100)] = Field(default=2, description="number of turns")
-
-
-class HoverRoute(Model):
-    """Staying at a point."""
-
-    kind: Literal["hover"]
-    position: Position = Field(default=(0.0, 0.0, 1.0), description="where to stay, in W (m)")
-    yaw: Number = Field(default=0.0, description="constant yaw of the reference (rad)")
-    duration: Annotated[float, Field(gt=0.0)] = Field(default=10.0, description="how long to stay (s)")
-
-
-class WaypointRoute(Model):
-    """Minimum snap through waypoints, at given times or at a given speed."""
-
-    kind: Literal["waypoints"]
-    waypoints: Annotated[tuple[Position, ...], Field(strict=False, min_length=2)] = Field(
-        description="points to pass, each as [x, y, z] in W (m)"
-    )
-    times: Annotated[tuple[float, ...], Field(strict=False)] | None = Field(
-        default=None, description="when to pass each waypoint, increasing (s); or else give speed and acceleration"
-    )
-    speed: Positive | None = Field(default=None, description="top of a trapezoidal speed profile (m/s)")
-    acceleration: Positive | None = Field(default=None, description="slope of a trapezoidal speed profile (m/s²)")
-    yaw: Number = Field(default=0.0, description="constant yaw of the reference (rad)")
-
-    @field_validator("waypoints")
-    @classmethod
-    def _no_repeats(cls, waypoints: tuple[Position, ...]) -> tuple[Position, ...]:
-        for i, (here, there) in enumerate(itertools.pairwise(waypoints)):
-            if here == there:
-                raise PydanticCustomError(
-                    "repeated", "must not repeat a waypoint, as number {i} does the one before it", {"i": i + 1}
-                )
-        return waypoints
-
-    @field_validator("times")
-    @classmethod
-    def _one_time_each(cls, times: tuple[float, ...] | None, info: ValidationInfo) -> tuple[float, ...] | None:
-        waypoints = info.data.get("waypoints")
-        if times is None or waypoints is None:
-            return times
-        if len(times) != len(waypoints):
-            raise PydanticCustomError(
-                "count", "must hold one time for each of the {count} waypoints", {"count": len(waypoints)}
-            )
-        if times[0] < 0.0:
-            raise PydanticCustomError("order", "must start at 0 or later")
-        for i, (now, then) in enumerate(itertools.pairwise(times)):
-            if not then > now:
-                raise PydanticCustomError("order", "must increase, but time {i} does not", {"i": i + 1})
-        return times
-
-    @model_validator(mode="after")
-    def _times_or_speed(self) -> "WaypointRoute":
-        given = [name for name in ("speed", "acceleration") if getattr(self, name) is not None]
-        if self.times is not None and given:
-            raise PydanticCustomError("times_or_speed", "must not stand beside times", {"field": given[0]})
-        if self.times is None and len(given) < 2:
-            missing = "speed" if "speed" not in given else "acceleration"
-            raise PydanticCustomError(
-                "times_or_speed", "is missing; give times, or speed and acceleration", {"field": missing}
-            )
-        return self
-
-
-Route = Annotated[FigureEightRoute | CircleRoute | HoverRoute | WaypointRoute, Field(discriminator="kind")]
+from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.quantities import Gains, NonNegative, Number, Period, Positive, bounded
+from drake_quad.scenario.routes import Route
 
 
 class Vehicle(Model):
@@ -222,13 +87,13 @@ class PdPosition(Model):
 class ThrustVectoring(Model):
     """Limits of what eq (7) may command."""
 
-    max_tilt: Annotated[Number, _bounded(above=0.0, below=math.pi / 2)] = Field(
+    max_tilt: Annotated[Number, bounded(above=0.0, below=math.pi / 2)] = Field(
         default=0.6, description="largest angle between thrust and vertical (rad)"
     )
-    min_thrust: Annotated[Number, _bounded(above=0.0, below=1.0)] = Field(
+    min_thrust: Annotated[Number, bounded(above=0.0, below=1.0)] = Field(
         default=0.3, description="least vertical thrust, as a share of the weight (1)"
     )
-    max_thrust: Annotated[Number, _bounded(above=1.0)] = Field(
+    max_thrust: Annotated[Number, bounded(above=1.0)] = Field(
         default=1.8, description="largest thrust, as a share of the weight (1)"
     )
 
@@ -275,8 +140,8 @@ class Crash(Model):
     height: float = Field(default=-0.5, description="least height (m)")
 
 
-class Scenario(Model):
-    """A closed loop: what flies where, under which control, for how long."""
+class Journey(Model):
+    """What flies where: all that a plan depends on."""
 
     name: str = Field(
         default="scenario",
@@ -285,6 +150,11 @@ class Scenario(Model):
     )
     route: Route
     vehicle: Vehicle = Vehicle()
+
+
+class Scenario(Journey):
+    """A closed loop: what flies where, under which control, for how long."""
+
     laboratory: Laboratory = Laboratory()
     control: Control
     duration: Annotated[float, Field(gt=0.0, le=86_400.0)] | None = Field(

@@ -2,11 +2,11 @@ import numpy as np
 import pytest
 
 from drake_quad.errors import InputError
-from drake_quad.planning import plan_route
-from drake_quad.reference.feasibility import first_violation
+from drake_quad.planning import plan_demand, plan_route
+from drake_quad.reference.feasibility import first_violation, sample_times
 from drake_quad.reference.minimum_snap import minimum_snap
+from drake_quad.reference.plan import Plan
 from drake_quad.scenario import load_scenario
-from drake_quad.vehicle.inverse_dynamics import rotor_demand
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 TABLE_I = QuadrotorParameters()
@@ -15,7 +15,8 @@ CLIMB = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 2.0])
 
 def check(path, **limits):
     limits = {"min_rotor_speed": 60.0, "max_rotor_speed": 300.0, **limits}
-    return first_violation(path, lambda a, j, s: rotor_demand(a, j, s, TABLE_I, yaw=0.0).rotor_speed, **limits)
+    times = sample_times(path)
+    return first_violation(times, plan_demand(Plan.facing(path), TABLE_I, times).rotor_speed, **limits)
 
 
 def test_a_climb_breaks_the_limit_where_its_acceleration_says():

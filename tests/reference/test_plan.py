@@ -5,7 +5,7 @@ from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.source import build_reference
 
-PLAN = Plan(minimum_snap([[0, 0, 0], [1, 2, 1], [3, 1, 2]], [0.5, 1.5, 3.0]), yaw=0.3)
+PLAN = Plan.facing(minimum_snap([[0, 0, 0], [1, 2, 1], [3, 1, 2]], [0.5, 1.5, 3.0]), 0.3)
 
 
 def test_the_source_shows_position_velocity_acceleration_yaw_and_jerk():

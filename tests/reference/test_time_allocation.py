@@ -1,11 +1,14 @@
+import math
+
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drake_quad.errors import InputError
-from drake_quad.reference.minimum_snap import evaluate, minimum_snap
-from drake_quad.reference.time_allocation import peak_norm, stretch_to_limits, trapezoid_times
+from drake_quad.reference.minimum_snap import minimum_snap
+from drake_quad.reference.path_problem import Limits
+from drake_quad.reference.polynomial_path import peak_norm
+from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor, trapezoid_times
 
 
 def random_path(seed, segments=6):
@@ -14,42 +17,24 @@ def random_path(seed, segments=6):
     return minimum_snap(waypoints, np.cumsum(rng.uniform(0.4, 2.0, segments + 1)))
 
 
-@given(st.integers(0, 2**32 - 1), st.integers(1, 8), st.integers(0, 4))
-@settings(max_examples=60, deadline=None)
-def test_peak_norm_is_never_below_a_dense_sample_and_is_attained(seed, segments, order):
-    path = random_path(seed, segments)
-    times = np.linspace(path.times[0], path.times[-1], 40_001)
-    sampled = np.linalg.norm(evaluate(path, times, order), axis=0).max()
-    peak = peak_norm(path, order)
-    assert peak >= sampled * (1.0 - 1e-12)
-    assert peak == pytest.approx(sampled, rel=1e-5)
-
-
-def test_peak_norm_agrees_with_the_roots_of_the_polynomial():
-    for seed in range(20):
-        path = random_path(seed)
-        best = 0.0
-        for coefficients, duration in zip(path.coefficients, path.durations, strict=True):
-            velocity = [np.polynomial.Polynomial(axis).deriv() / duration for axis in coefficients.T]
-            square = sum(v * v for v in velocity)
-            roots = square.deriv().roots()
-            inside = roots.real[(np.abs(roots.imag) < 1e-7) & (roots.real > 0.0) & (roots.real < 1.0)]
-            best = max(best, *(square(s) for s in [0.0, 1.0, *inside]))
-        assert peak_norm(path, 1) == pytest.approx(np.sqrt(best), rel=1e-11)
-
-
 @given(st.integers(0, 2**32 - 1), st.floats(0.1, 10.0), st.floats(0.1, 10.0))
 @settings(max_examples=40, deadline=None)
 def test_a_stretched_path_attains_one_limit_and_keeps_the_other(seed, top_speed, top_acceleration):
-    path = stretch_to_limits(random_path(seed), top_speed=top_speed, top_acceleration=top_acceleration)
+    path = random_path(seed)
+    path = path.stretched(stretch_factor(path, Limits(top_speed, top_acceleration)))
     shares = peak_norm(path, 1) / top_speed, peak_norm(path, 2) / top_acceleration
     assert max(shares) == pytest.approx(1.0, abs=1e-12)
 
 
-@pytest.mark.parametrize(("limits", "name"), [((0.0, 1.0), "speed"), ((1.0, -1.0), "acceleration")])
-def test_limits_must_be_positive(limits, name):
-    with pytest.raises(InputError, match=f"top {name}"):
-        stretch_to_limits(random_path(0), top_speed=limits[0], top_acceleration=limits[1])
+@given(st.floats(0.01, 100.0), st.floats(0.1, 10.0) | st.just(math.inf), st.floats(0.1, 10.0) | st.just(math.inf))
+def test_a_flight_from_stop_to_stop_just_keeps_to_the_limits(distance, speed, acceleration):
+    if math.isinf(speed) and math.isinf(acceleration):
+        return
+    limits = Limits(speed, acceleration)
+    points = np.array([[0.0], [distance]])
+    path = minimum_snap(points, [0.0, *rest_to_rest_durations(points, limits)])
+    shares = peak_norm(path, 1) / speed, peak_norm(path, 2) / acceleration
+    assert max(shares) == pytest.approx(1.0, abs=1e-12)
 
 
 def test_trapezoid_of_a_long_ride():

@@ -145,24 +145,102 @@ def test_a_wrong_field_gets_one_sentence_with_file_line_and_what_is_allowed(writ
 @pytest.mark.parametrize(
     ("route", "message"),
     [
-        ("{kind: oval}", "2: route.kind is 'oval', but must be one of 'figure_eight', 'circle', 'hover', 'waypoints'"),
+        (
+            "{kind: oval}",
+            "2: route.kind is 'oval', but must be one of 'figure_eight', 'circle', 'hover', 'waypoints'",
+        ),
         ("{radius: 1}", "2: route.kind is missing"),
         ("{kind: figure_eight, radius: 3.0}", "2: route.offset is 1.9, but must be larger than the radius, 3.0"),
         ("{kind: waypoints, waypoints: [[0, 0, 0]]}", "2: route.waypoints is .* at least 2 items"),
-        ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 0]], times: [0, 1]}", "2: route.waypoints is .* repeat"),
-        ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [1, 1]}", "2: route.times is .* must increase"),
-        ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [-1, 1]}", "2: route.times is .*0 or later"),
-        ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [1]}", "2: route.times is .*one time for each"),
-        ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]]}", "2: route.speed is missing; give times, or speed and"),
-        ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], speed: 1}", "2: route.acceleration is missing; give"),
+        ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [1, 1]}", r"2: route.times is .* must increase"),
+        ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [-1, 1]}", r"2: route.times is .*0 or later"),
+        ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [1]}", r"2: route.times is .*one time for each"),
+        ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: []}", r"2: route.times is .*at least 1 item"),
         (
-            "{kind: waypoints, waypoints: [[0, 0], [0, 0, 1]], times: [0, 1]}",
-            r"2: route.waypoints\[0\]\[2\] is missing",
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [0, x]}",
+            r"2: route.times\[1\] is 'x', but must be a valid number",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: 5}",
+            r"2: route.times is 5, but must be a mapping",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: {kind: fastest}}",
+            r"2: route.times.kind is 'fastest', but must be one of 'given', 'heuristic'",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: {kind: least_snap, duration: 0}}",
+            r"2: route.times.duration is 0, but must be greater than 0",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], speed: 1}",
+            r"2: route.speed is unknown; allowed are .*top_speed",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], top_speed: 0}",
+            r"2: route.top_speed is 0, but must be larger than 0",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], top_speed: null, top_acceleration: null}",
+            r"2: route.top_speed is None, but must be a number",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [null, null]}",
+            r"2: route.corridors is .* one box or null for each of the 1 segments",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{min: [0, 0, 2], max: [1, 1, 1]}]}",
+            r"2: route.corridors\[0\].max\[2\] is 1, but must not be less",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{min: [0, 0, 0.5], max: [1, 1, 2]}]}",
+            r"2: route cannot be flown: waypoint 0, .* lies outside the corridor of segment 0, .* 0.5 m apart on z",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], space: {min: [0, 0, 0], max: [1, 1, 0.5]}}",
+            r"2: route cannot be flown: waypoint 1, .* lies outside",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], "
+            "corridors: [{min: [0, 0, 0], max: [1, 1, 1]}], space: {min: [4, 4, 4], max: [5, 5, 5]}}",
+            r"2: route cannot be flown: the corridor of segment 0 lies outside the space",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], heading: waypoints}",
+            r"2: route.heading is 'waypoints', but needs a yaw",
+        ),
+        ("{kind: waypoints, waypoints: [[0, 0], [0, 0, 1]]}", r"2: route.waypoints\[0\]\[2\] is missing"),
+        ("{kind: waypoints, waypoints: [{box: {}}, [0, 0, 1]]}", r"2: route.waypoints\[0\].box.min is missing"),
+        (
+            "{kind: waypoints, waypoints: [{stop: true}, [0, 0, 1]]}",
+            r"2: route.waypoints\[0\] is .*one of point, box and",
+        ),
+        (
+            "{kind: waypoints, waypoints: [{point: [0, 0, 0], sphere: {centre: [0, 0, 0], radius: 1}}, [0, 0, 1]]}",
+            r"2: route.waypoints\[0\] is .*not point and sphere",
+        ),
+        (
+            "{kind: waypoints, waypoints: [{point: [0, 0, 0], stop: true, jerk: [0, 0, 0]}, [0, 0, 1]]}",
+            r"2: route.waypoints\[0\] is .*both stop and given derivatives",
+        ),
+        (
+            "{kind: waypoints, waypoints: [{point: [0, 0, 0], yaw: 1.0}, [0, 0, 1]]}",
+            "2: route.heading must be waypoints if yaws are given",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], {point: [1, 1, 1], velocity: [3, 0, 0]}, [0, 0, 1]]}",
+            "2: route cannot be flown: the velocity at waypoint 1 is given as 3 m/s, beyond the limit of 2 m/s",
         ),
         ("{kind: waypoints, times: [0, 1]}", "2: route.waypoints is missing"),
+        ("{kind: trajectory, knots: [{time: 0, position: [0, 0, 0]}]}", "2: route.knots is .* at least 2 items"),
         (
-            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [0, 1], speed: 1}",
-            "2: route.speed must not stand beside times",
+            "{kind: trajectory, knots: [{time: 1, position: [0, 0, 0]}, {time: 1, position: [0, 0, 1]}]}",
+            r"2: route.knots\[1\].time is 1, but must be later than 1",
+        ),
+        (
+            "{kind: trajectory, knots: [{time: 0, position: [0, 0, 0]}, {time: 1, position: [0, 0, 1]}], "
+            "yaw_knots: [{time: 0, yaw: 0}, {time: 2, yaw: 0}]}",
+            r"2: route.yaw_knots\[1\].time is 2, but must be that of the knot, 1",
         ),
     ],
 )

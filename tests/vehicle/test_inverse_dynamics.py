@@ -1,6 +1,8 @@
 import numpy as np
+import pytest
 
-from drake_quad.reference.minimum_snap import evaluate, minimum_snap
+from drake_quad.reference.minimum_snap import minimum_snap
+from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.vehicle.dynamics import rigid_body_derivative, rigid_kinematics, rotor_residual, rotor_wrench
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -9,10 +11,12 @@ PARAMETERS = QuadrotorParameters(rotor_inertia=0.0)
 PATH = minimum_snap([[0, 0, 0], [1, 2, 1], [3, 1, 2], [2, -1, 0]], [0.0, 1.5, 3.0, 4.2])
 
 
-def test_the_equations_of_motion_under_the_demanded_speeds_give_the_trajectory_back():
+@pytest.mark.parametrize("turning", [False, True])
+def test_the_equations_of_motion_under_the_demanded_speeds_give_the_trajectory_back(turning):
     times = np.linspace(0.0, 4.2, 8001)
     position, velocity, *higher = (evaluate(PATH, times, order) for order in range(5))
-    demand = rotor_demand(*higher, PARAMETERS, yaw=0.7)
+    yaw = np.array([0.7 + 0.4 * np.sin(2.0 * times), 0.8 * np.cos(2.0 * times), -1.6 * np.sin(2.0 * times)])
+    demand = rotor_demand(*higher, PARAMETERS, yaw=yaw if turning else (0.7, 0.0, 0.0))
     state = np.vstack([position, demand.attitude, velocity, demand.body_rates])
     wrench = rotor_wrench(demand.rotor_speed, PARAMETERS)
     np.testing.assert_allclose(wrench, demand.wrench, atol=1e-12)
@@ -26,6 +30,6 @@ def test_the_equations_of_motion_under_the_demanded_speeds_give_the_trajectory_b
 
 def test_hover_demands_hover_speed():
     still = np.zeros((3, 1))
-    demand = rotor_demand(still, still, still, QuadrotorParameters(), yaw=1.0)
+    demand = rotor_demand(still, still, still, QuadrotorParameters(), yaw=(1.0, 0.0, 0.0))
     np.testing.assert_allclose(demand.rotor_speed, QuadrotorParameters().hover_rotor_speed)
     np.testing.assert_allclose(demand.attitude[:, 0], [0.0, 0.0, 1.0], atol=1e-15)

@@ -1,0 +1,331 @@
+"""Routes of the scenario language: where to fly, and when."""
+
+import itertools
+from typing import Annotated, Any, Literal
+
+import numpy as np
+from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic_core import PydanticCustomError
+
+from drake_quad.errors import InputError
+from drake_quad.reference.minimum_snap import rest_at_ends
+from drake_quad.reference.path_problem import Box, Limits, PathProblem, Sphere
+from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.quantities import Number, Position, Positive
+
+Point = Annotated[tuple[float, float, float], Field(strict=False)]
+
+
+class _Moving(Model):
+    """What the routes that move have in common."""
+
+    yaw: Number = Field(default=0.0, description="yaw of the reference where the heading is constant (rad)")
+    heading: Literal["constant", "along_path"] = Field(
+        default="constant", description="what the yaw follows; along_path looks where the path goes"
+    )
+    top_speed: Positive = Field(default=2.0, description="limit on the speed (m/s); the paper's 2 m/s")
+    top_acceleration: Positive = Field(
+        default=0.7, description="limit on the acceleration (m/s²); the paper's 0.7 m/s²"
+    )
+
+    def limits(self) -> Limits:
+        """Those of the path; the route holds no distributions."""
+        return Limits(speed=self.top_speed, acceleration=self.top_acceleration)
+
+
+class FigureEightRoute(_Moving):
+    """The paper's figure eight, stretched in time until one of the limits is met exactly."""
+
+    kind: Literal["figure_eight"]
+    lower_height: Positive = Field(default=1.0, description="height of the second circle and of the crossing (m)")
+    upper_height: Positive = Field(default=2.0, description="height of the first circle (m)")
+    radius: Positive = Field(default=1.4, description="radius of both circles (m)")
+    offset: Positive = Field(default=1.9, description="distance of the circles' centres from the start (m)")
+    cruise_speed: Positive = Field(
+        default=1.2, description="speed by which the times are first shared out among the waypoints (m/s)"
+    )
+
+    @field_validator("offset")
+    @classmethod
+    def _beyond_radius(cls, offset: Number, info: ValidationInfo) -> Number:
+        radius = info.data.get("radius")
+        if isinstance(offset, float) and isinstance(radius, float) and not offset > radius:
+            raise PydanticCustomError("offset", "must be larger than the radius, {radius}", {"radius": radius})
+        return offset
+
+
+class CircleRoute(_Moving):
+    """Laps of a level circle about the origin, stretched in time until one of the limits is met exactly."""
+
+    kind: Literal["circle"]
+    radius: Positive = Field(default=1.5, description="radius (m)")
+    height: Number = Field(default=1.0, description="height (m)")
+    laps: Annotated[int, Field(ge=1, le=100)] = Field(default=2, description="number of turns")
+
+
+class HoverRoute(Model):
+    """Staying at a point."""
+
+    kind: Literal["hover"]
+    position: Position = Field(default=(0.0, 0.0, 1.0), description="where to stay, in W (m)")
+    yaw: Number = Field(default=0.0, description="constant yaw of the reference (rad)")
+    duration: Annotated[float, Field(gt=0.0)] = Field(default=10.0, description="how long to stay (s)")
+
+
+class BoxRegion(Model):
+    """An axis-aligned box."""
+
+    min: Point = Field(description="lowest corner, in W (m)")
+    max: Point = Field(description="highest corner, in W (m)")
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> "BoxRegion":
+        for i, (low, high) in enumerate(zip(self.min, self.max, strict=True)):
+            if low > high:
+                raise PydanticCustomError(
+                    "box", "must not be less than that of min, {low}", {"low": low, "field": f"max.{i}"}
+                )
+        return self
+
+    def box(self) -> Box:
+        """The region as the planner has it."""
+        return Box(self.min, self.max)
+
+
+class SphereRegion(Model):
+    """A ball."""
+
+    centre: Point = Field(description="centre, in W (m)")
+    radius: Annotated[float, Field(gt=0.0)] = Field(description="radius (m)")
+
+
+class Waypoint(Model):
+    """Where to pass, and if need be how; [x, y, z] alone is short for its point."""
+
+    point: Position | None = Field(default=None, description="exactly here, in W (m)")
+    box: BoxRegion | None = Field(default=None, description="somewhere in this box")
+    sphere: SphereRegion | None = Field(default=None, description="somewhere in this sphere")
+    velocity: Point | None = Field(default=None, description="given velocity, in W (m/s); free by default")
+    acceleration: Point | None = Field(default=None, description="given acceleration, in W (m/s²); free by default")
+    jerk: Point | None = Field(default=None, description="given jerk, in W (m/s³); free by default")
+    stop: bool = Field(default=False, description="whether velocity, acceleration and jerk are zero here")
+    yaw: float | None = Field(default=None, description="yaw here (rad), for heading: waypoints; free by default")
+
+    @model_validator(mode="before")
+    @classmethod
+    def _short_form(cls, data: Any) -> Any:
+        return {"point": data} if isinstance(data, list | tuple) else data
+
+    @model_validator(mode="after")
+    def _one_place(self) -> "Waypoint":
+        given = [name for name in ("point", "box", "sphere") if getattr(self, name) is not None]
+        if len(given) != 1:
+            found = " and ".join(given) or "none"
+            raise PydanticCustomError("place", "must have one of point, box and sphere, not {found}", {"found": found})
+        if self.stop and any(value is not None for value in (self.velocity, self.acceleration, self.jerk)):
+            raise PydanticCustomError("place", "must not have both stop and given derivatives", {})
+        return self
+
+    def place(self) -> Box | Sphere:
+        """The place as the planner has it; it holds no distributions."""
+        if self.box is not None:
+            return self.box.box()
+        if self.sphere is not None:
+            return Sphere(self.sphere.centre, self.sphere.radius)
+        return Box.point(np.array(self.point, dtype=float))
+
+
+class Given(Model):
+    """When to pass each waypoint; a list of numbers alone is short for its times."""
+
+    kind: Literal["given"]
+    times: Annotated[tuple[float, ...], Field(strict=False, min_length=1)] = Field(
+        description="one for each waypoint, increasing (s)"
+    )
+
+    @field_validator("times")
+    @classmethod
+    def _increasing(cls, times: tuple[float, ...]) -> tuple[float, ...]:
+        if times[0] < 0.0:
+            raise PydanticCustomError("order", "must start at 0 or later")
+        for i, (now, then) in enumerate(itertools.pairwise(times)):
+            if not then > now:
+                raise PydanticCustomError("order", "must increase, but time {i} does not", {"i": i + 1})
+        return times
+
+
+class Heuristic(Model):
+    """By rule: the shorter of a ride without stops and a flight with stops everywhere, stretched to the limits."""
+
+    kind: Literal["heuristic"]
+
+
+class LeastSnap(Model):
+    """The times with the least snap in a given total."""
+
+    kind: Literal["least_snap"]
+    duration: Annotated[float, Field(gt=0.0, le=86_400.0)] = Field(description="total (s)")
+
+
+class Shortest(Model):
+    """The least total time for which the minimum-snap path keeps to the limits."""
+
+    kind: Literal["shortest"]
+
+
+Times = Annotated[Given | Heuristic | LeastSnap | Shortest, Field(discriminator="kind")]
+
+
+class WaypointRoute(_Moving):
+    """Minimum snap through waypoints, within limits and corridors."""
+
+    kind: Literal["waypoints"]
+    waypoints: Annotated[tuple[Waypoint, ...], Field(strict=False, min_length=2)] = Field(
+        description="places to pass, in order; segment i leads from waypoint i to waypoint i + 1"
+    )
+    times: Times = Field(default=Shortest(kind="shortest"), description="when to pass them, or how to choose that")
+    corridors: Annotated[tuple[BoxRegion | None, ...], Field(strict=False)] | None = Field(
+        default=None, description="for each segment a box that the path must not leave, or null"
+    )
+    space: BoxRegion | None = Field(default=None, description="a box that the whole path must not leave")
+    # Mypy does not allow to widen what a base class has fixed.
+    heading: Literal["constant", "along_path", "waypoints"] = Field(  # type: ignore[assignment]
+        default="constant", description="what the yaw follows; waypoints turns through the yaws given at them"
+    )
+    top_speed: Positive | None = Field(
+        default=2.0, description="limit on the speed (m/s), or null for none; the paper's 2 m/s"
+    )
+    top_acceleration: Positive | None = Field(
+        default=0.7, description="limit on the acceleration (m/s²), or null for none; the paper's 0.7 m/s²"
+    )
+
+    @field_validator("times", mode="before")
+    @classmethod
+    def _short_form(cls, times: Any) -> Any:
+        return {"kind": "given", "times": times} if isinstance(times, list | tuple) else times
+
+    @model_validator(mode="after")
+    def _consistent(self) -> "WaypointRoute":
+        count = len(self.waypoints)
+        if isinstance(self.times, Given) and len(self.times.times) != count:
+            raise PydanticCustomError(
+                "count", "must hold one time for each of the {count} waypoints", {"count": count, "field": "times"}
+            )
+        if self.corridors is not None and len(self.corridors) != count - 1:
+            raise PydanticCustomError(
+                "count",
+                "must hold one box or null for each of the {count} segments",
+                {"count": count - 1, "field": "corridors"},
+            )
+        yaws = [waypoint.yaw for waypoint in self.waypoints]
+        if self.heading == "waypoints" and not any(yaw is not None for yaw in yaws):
+            raise PydanticCustomError("heading", "needs a yaw at one of the waypoints", {"field": "heading"})
+        if self.heading != "waypoints" and any(yaw is not None for yaw in yaws):
+            raise PydanticCustomError("heading", "must be waypoints if yaws are given there", {"field": "heading"})
+        limited = self.top_speed is not None or self.top_acceleration is not None
+        if not limited and isinstance(self.times, Heuristic | Shortest):
+            raise PydanticCustomError(
+                "limits", "must be a number, or else top_acceleration, to choose the total time", {"field": "top_speed"}
+            )
+        if all(isinstance(number, float) for waypoint in self.waypoints for number in waypoint.point or ()):
+            try:
+                self.problem()
+            except InputError as error:
+                raise PydanticCustomError("path", "{reason}", {"reason": str(error)}) from None
+        return self
+
+    def limits(self) -> Limits:
+        """Those of the path; the route holds no distributions."""
+        given = {"speed": self.top_speed, "acceleration": self.top_acceleration}
+        return Limits(**{name: limit for name, limit in given.items() if limit is not None})
+
+    def problem(self) -> PathProblem:
+        """What the path must keep to; the route holds no distributions.
+
+        Raises:
+            InputError: no path can, whatever its times.
+        """
+        derivatives = rest_at_ends(len(self.waypoints), 3)
+        for i, waypoint in enumerate(self.waypoints):
+            if waypoint.stop:
+                derivatives[i] = 0.0
+            for row, value in enumerate((waypoint.velocity, waypoint.acceleration, waypoint.jerk)):
+                if value is not None:
+                    derivatives[i, row] = value
+        return PathProblem(
+            [waypoint.place() for waypoint in self.waypoints],
+            derivatives=derivatives,
+            corridors=self._corridors(),
+            limits=self.limits(),
+        )
+
+    def _corridors(self) -> list[Box | None]:
+        """Each segment's corridor, as much of it as lies in the space."""
+        boxes = [
+            None if region is None else region.box() for region in self.corridors or (None,) * (len(self.waypoints) - 1)
+        ]
+        if self.space is None:
+            return boxes
+        space = self.space.box()
+        inside = [space if box is None else box.intersection(space) for box in boxes]
+        for i, box in enumerate(inside):
+            if box is None:
+                raise InputError(f"the corridor of segment {i} lies outside the space")
+        return inside
+
+
+class Knot(Model):
+    """Where a trajectory is at a time, and how it moves there."""
+
+    time: float = Field(description="when (s)")
+    position: Point = Field(description="in W (m)")
+    velocity: Point = Field(default=(0.0, 0.0, 0.0), description="in W (m/s)")
+    acceleration: Point = Field(default=(0.0, 0.0, 0.0), description="in W (m/s²)")
+    jerk: Point = Field(default=(0.0, 0.0, 0.0), description="in W (m/s³)")
+
+
+class YawKnot(Model):
+    """The yaw of a trajectory at a time."""
+
+    time: float = Field(description="when (s)")
+    yaw: float = Field(description="rad")
+    yaw_rate: float = Field(default=0.0, description="rad/s")
+
+
+class TrajectoryRoute(Model):
+    """A trajectory as scripts/plan.py writes it: of degree 7 between knots, the yaw of degree 3 between its own."""
+
+    kind: Literal["trajectory"]
+    knots: Annotated[tuple[Knot, ...], Field(strict=False, min_length=2)] = Field(
+        description="position to jerk at increasing times, from 0 on"
+    )
+    yaw_knots: Annotated[tuple[YawKnot, ...], Field(strict=False, min_length=2)] | None = Field(
+        default=None, description="yaw and its rate at increasing times, from the first knot to the last"
+    )
+
+    @model_validator(mode="after")
+    def _increasing(self) -> "TrajectoryRoute":
+        times = {"knots": [knot.time for knot in self.knots], "yaw_knots": [knot.time for knot in self.yaw_knots or ()]}
+        for field, instants in times.items():
+            for i, (now, then) in enumerate(itertools.pairwise(instants)):
+                if not then > now:
+                    raise PydanticCustomError(
+                        "order", "must be later than {now}", {"now": now, "field": f"{field}.{i + 1}.time"}
+                    )
+        if self.knots[0].time < 0.0:
+            raise PydanticCustomError("order", "must be 0 or later", {"field": "knots.0.time"})
+        if self.yaw_knots is not None:
+            for end in (0, -1):
+                if self.yaw_knots[end].time != self.knots[end].time:
+                    which = 0 if end == 0 else len(self.yaw_knots) - 1
+                    raise PydanticCustomError(
+                        "order",
+                        "must be that of the knot, {time}",
+                        {"time": self.knots[end].time, "field": f"yaw_knots.{which}.time"},
+                    )
+        return self
+
+
+Route = Annotated[
+    FigureEightRoute | CircleRoute | HoverRoute | WaypointRoute | TrajectoryRoute, Field(discriminator="kind")
+]

@@ -1,0 +1,89 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drake_quad.reference.minimum_snap import minimum_snap
+from drake_quad.reference.polynomial_path import (
+    evaluate,
+    evaluate_at,
+    hermite_path,
+    knots,
+    peak_norm,
+    refined,
+    turning_points,
+)
+
+
+def random_path(seed, segments=6):
+    rng = np.random.default_rng(seed)
+    waypoints = np.cumsum(rng.normal(size=(segments + 1, 3)), axis=0)
+    return minimum_snap(waypoints, np.cumsum(rng.uniform(0.4, 2.0, segments + 1)))
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 8), st.integers(0, 4))
+@settings(max_examples=60, deadline=None)
+def test_peak_norm_is_never_below_a_dense_sample_and_is_attained(seed, segments, order):
+    path = random_path(seed, segments)
+    times = np.linspace(path.times[0], path.times[-1], 40_001)
+    sampled = np.linalg.norm(evaluate(path, times, order), axis=0).max()
+    peak = peak_norm(path, order)
+    assert peak >= sampled * (1.0 - 1e-12)
+    assert peak == pytest.approx(sampled, rel=1e-5)
+
+
+def test_peak_norm_agrees_with_the_roots_of_the_polynomial():
+    for seed in range(20):
+        path = random_path(seed)
+        best = 0.0
+        for coefficients, duration in zip(path.coefficients, path.durations, strict=True):
+            velocity = [np.polynomial.Polynomial(axis).deriv() / duration for axis in coefficients.T]
+            square = sum(v * v for v in velocity)
+            roots = square.deriv().roots()
+            inside = roots.real[(np.abs(roots.imag) < 1e-7) & (roots.real > 0.0) & (roots.real < 1.0)]
+            best = max(best, *(square(s) for s in [0.0, 1.0, *inside]))
+        assert peak_norm(path, 1) == pytest.approx(np.sqrt(best), rel=1e-11)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 8))
+@settings(max_examples=40, deadline=None)
+def test_between_turning_points_an_axis_only_rises_or_falls(seed, segments):
+    path = random_path(seed, segments)
+    segment, axis, s = turning_points(path)
+    dense = np.linspace(0.0, 1.0, 2001)
+    for i in range(segments):
+        values = evaluate_at(path, np.full(len(dense), i), dense)
+        for j in range(3):
+            places = np.sort(s[(segment == i) & (axis == j)])
+            extremes = evaluate_at(path, np.full(len(places) + 2, i), np.array([0.0, *places, 1.0]))[:, j]
+            scale = np.abs(values[:, j]).max() + 1.0
+            assert extremes.max() >= values[:, j].max() - 1e-9 * scale
+            assert extremes.min() <= values[:, j].min() + 1e-9 * scale
+
+
+@given(st.integers(0, 2**32 - 1), st.lists(st.floats(-1.0, 20.0), min_size=1, max_size=12))
+@settings(max_examples=40, deadline=None)
+def test_a_refined_path_is_the_same_path(seed, times):
+    path = random_path(seed)
+    finer = refined(path, np.array(sorted(set(times))))
+    assert set(path.times) <= set(finer.times)
+    samples = np.linspace(path.times[0], path.times[-1], 400)
+    for order in range(5):
+        wanted = evaluate(path, samples, order)
+        np.testing.assert_allclose(evaluate(finer, samples, order), wanted, atol=1e-7 * np.abs(wanted).max())
+
+
+def test_refining_at_its_own_times_changes_nothing():
+    path = random_path(3)
+    finer = refined(path, path.times + 1e-14)
+    np.testing.assert_array_equal(finer.times, path.times)
+    np.testing.assert_array_equal(finer.coefficients, path.coefficients)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 8))
+@settings(max_examples=40, deadline=None)
+def test_a_path_of_degree_7_is_told_by_its_knots(seed, segments):
+    path = random_path(seed, segments)
+    again = hermite_path(path.times, knots(path, 4))
+    scale = np.abs(path.coefficients).max()
+    np.testing.assert_allclose(again.coefficients, path.coefficients, rtol=0.0, atol=1e-11 * scale)
