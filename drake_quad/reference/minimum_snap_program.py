@@ -75,8 +75,10 @@ class Slack(Enum):
 class MinimumSnapProgram:
     """The program whose solution is the path of least integrated squared snap (paper eqs (18)-(21)).
 
-    The variables are what the path is free to choose of position, velocity, acceleration and jerk at the waypoints;
-    both segments that meet there share them, so the path has three continuous derivatives. Without inequalities six
+    The variables are what the path is free to choose of position, velocity, acceleration and jerk at the waypoints, as
+    differences from the fast path through representatives of the places; so they are of one size, and zero wherever
+    nothing stands in the way, however much the durations differ. Both segments that meet at a waypoint share its
+    variables, so the path has three continuous derivatives. Without inequalities six
     are continuous at the optimum; a bound that is met may break the fourth to sixth.
 
     A limit or corridor is infinitely many inequalities, one at every place of a segment. The program starts with none
@@ -90,8 +92,7 @@ class MinimumSnapProgram:
     Attributes:
         program: Drake's MathematicalProgram, to which constraints may be added.
         variables: (segments + 1, 4, axes) decision variables, in units of `scales`; None where a value is given.
-        scales: (segments + 1, 4) what turns a variable into position (relative to a representative of the waypoint's
-            place), velocity, acceleration and jerk, in m and s.
+        scales: (segments + 1, 4) what turns a variable into position, velocity, acceleration and jerk, in m and s.
         exceeded: after `solve`, by how much the slack was used.
     """
 
@@ -109,7 +110,9 @@ class MinimumSnapProgram:
         # Empty without a slack.
         self._slack_variable = self.program.NewContinuousVariables(0 if slack is None else 1, "slack")
         self._seeded: set[tuple[int, int]] = set()
-        self._declare_variables()
+        base = knots(unconstrained.path(), FREE + 1) / self.scales[:, :, np.newaxis]
+        base[:, 0] = 0.0  # positions count from the representatives
+        self._declare_variables(base)
         self._add_cost(unconstrained.cost)
         self._add_places()
 
@@ -163,26 +166,26 @@ class MinimumSnapProgram:
         elif low > 0.0 or high < 0.0:
             raise InfeasibleError
 
-    def _declare_variables(self) -> None:
-        """Sets up the variables, and the values of what is given, in units of the scales."""
+    def _declare_variables(self, unconstrained: np.ndarray) -> None:
+        """Sets up the variables, and what they are added to, in units of the scales."""
         problem = self._problem
         axes = self._points.shape[1]
-        self._given = np.zeros((len(self._points), FREE + 1, axes))
-        self._given[:, 1:] = problem.derivatives / self.scales[:, 1:, np.newaxis]
+        self._base = np.zeros((len(self._points), FREE + 1, axes))
+        self._base[:, 1:] = problem.derivatives / self.scales[:, 1:, np.newaxis]
         for i in range(len(self._points)):
             room = problem.room(i)
             if room is not None:
-                self._given[i, 0, room.low < room.high] = np.nan
+                self._base[i, 0, room.low < room.high] = np.nan
             else:
-                self._given[i, 0] = np.nan
+                self._base[i, 0] = np.nan
         for i, corridor in enumerate(problem.corridors):
             if corridor is not None:
                 # A corridor without extent leaves nothing but to stay where it is.
                 flat = corridor.low == corridor.high
-                self._given[i : i + 2, 1:, flat] = 0.0
-        free = np.isnan(self._given)
-        self._given[free] = 0.0
-        self.variables = np.full(self._given.shape, None, dtype=object)
+                self._base[i : i + 2, 1:, flat] = 0.0
+        free = np.isnan(self._base)
+        self._base[free] = unconstrained[free]
+        self.variables = np.full(self._base.shape, None, dtype=object)
         self.variables[free] = self.program.NewContinuousVariables(int(free.sum()), "d")
 
     def _add_cost(self, total: float) -> None:
@@ -219,9 +222,9 @@ class MinimumSnapProgram:
                     self.program.AddLorentzConeConstraint(matrix, offset, position[free])
 
     def _local(self, segment: int) -> tuple[np.ndarray, np.ndarray]:
-        """(8, axes) variables of a segment, and its boundary derivatives in unit time if all variables were zero."""
+        """(8, axes) variables of a segment, and its boundary derivatives in unit time where they are zero."""
         local = self.variables[segment : segment + 2].reshape(2 * (FREE + 1), -1)
-        given = self._given[segment : segment + 2].reshape(2 * (FREE + 1), -1)
+        given = self._base[segment : segment + 2].reshape(2 * (FREE + 1), -1)
         boundary = given * self._to_segment[segment][:, np.newaxis]
         boundary[FREE + 1] += self._points[segment + 1] - self._points[segment]
         return local, boundary
@@ -240,7 +243,7 @@ class MinimumSnapProgram:
         return rows, local.T[free], constant
 
     def _solve_once(self) -> PolynomialPath:
-        values = self._given.copy()
+        values = self._base.copy()
         # Clarabel does not survive a program without variables.
         if self.program.num_vars():
             self._optimise(values)
@@ -262,7 +265,7 @@ class MinimumSnapProgram:
                 raise InfeasibleError
             raise RuntimeError(f"the minimum-snap program was not solved: {status.name}")
         free = self.variables != None  # noqa: E711
-        values[free] = result.GetSolution(self.variables[free])
+        values[free] += result.GetSolution(self.variables[free])
         if self._slack is not None:
             self.exceeded = float(result.GetSolution(self._slack_variable[0]))
 
