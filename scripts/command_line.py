@@ -10,6 +10,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.scenario import Journey, load_journey
 
 
 def parser(description: str, example: str, *, output: str | None, scenario: str) -> argparse.ArgumentParser:
@@ -40,10 +41,17 @@ def parser(description: str, example: str, *, output: str | None, scenario: str)
 
 def scenario_of(arguments: argparse.Namespace) -> Scenario:
     """Loads the scenario that the arguments name, with their overrides."""
-    overrides = list(arguments.set)
-    if arguments.seed is not None:
-        overrides.append(f"seed={arguments.seed}")
-    return load_scenario(arguments.scenario, overrides)
+    return load_scenario(arguments.scenario, _overrides(arguments))
+
+
+def journey_of(arguments: argparse.Namespace) -> Journey:
+    """Loads the route and the vehicle that the arguments name, with their overrides."""
+    return load_journey(arguments.scenario, _overrides(arguments))
+
+
+def _overrides(arguments: argparse.Namespace) -> list[str]:
+    seed = [] if arguments.seed is None else [f"seed={arguments.seed}"]
+    return [*arguments.set, *seed]
 
 
 @contextmanager

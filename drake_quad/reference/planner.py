@@ -2,7 +2,6 @@
 
 import itertools
 from collections.abc import Callable, Iterator
-from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -219,34 +218,31 @@ def _shortened(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> P
 
 def _through_given_motion(problem: PathProblem, *, shorten: bool) -> PolynomialPath:
     """The path where a velocity, say, is given at a waypoint: flying slower need not help then, so times are tried."""
-    points = problem.representatives()
-    stops = rest_to_rest_durations(points, problem.limits)
+    stops = rest_to_rest_durations(problem.representatives(), problem.limits)
+    stops = np.maximum(stops, _LEAST_SHARE * stops.max())
     found: list[PolynomialPath] = []
+    reason = ""
     for factor in _TRIED:
-        start = factor * np.maximum(stops, _LEAST_SHARE * stops.max())
-        candidates = [least_snap_durations(points, start, problem.derivatives)]
-        if shorten:
-            candidates.append(shortest_durations(points, candidates[0], problem.limits, problem.derivatives))
-        for durations in candidates:
-            with suppress(InfeasibleError):
-                found.append(path_within(problem, durations))
-    if not found:
-        raise InputError(explain(problem, durations))
-    best = min(found, key=_duration)
-    return _squeezed(problem, best) if shorten else best
-
-
-def _squeezed(problem: PathProblem, path: PolynomialPath) -> PolynomialPath:
-    """The path with its durations shortened alike, as far as a path within the limits exists."""
-    low, high = 0.5, 1.0
-    for _ in range(_BISECTIONS):
-        factor = 0.5 * (low + high)
         try:
-            best = path_within(problem, factor * path.durations)
-            high = factor
+            durations = _fitted_to_motion(problem, factor * stops, shorten=shorten)
+            found.append(path_within(problem, durations))
         except InfeasibleError:
-            low = factor
-    return best if high < 1.0 else path
+            reason = reason or explain(problem, factor * stops)
+    if not found:
+        raise InputError(reason)
+    return min(found, key=_duration)
+
+
+def _fitted_to_motion(problem: PathProblem, durations: np.ndarray, *, shorten: bool) -> np.ndarray:
+    """(segments,) durations of least snap in their sum, or then of least sum, for a problem with given motion."""
+    unlimited = problem.without_limits()
+    for _ in range(1 if problem.passes_points else _ROUNDS):
+        points, parts, segment, derivatives = _pinned(problem, path_within(unlimited, durations))
+        parts = least_snap_durations(points, parts, derivatives)
+        if shorten:
+            parts = shortest_durations(points, parts, problem.limits, derivatives)
+        durations = np.bincount(segment, weights=parts)
+    return durations
 
 
 def _least_snap(problem: PathProblem, total: float) -> PolynomialPath:

@@ -8,14 +8,19 @@ import itertools
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.interpolate import CubicSpline
+from scipy.linalg import solveh_banded
 
 from drake_quad.errors import InputError
-from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at
+from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path
 
-# Slower than this share of the path's top horizontal speed, the direction of flight says little, and nothing at rest.
-_SLOW = 0.15
-# Places on a segment at which the yaw is the direction of flight exactly.
+# Slower than this share of the path's top horizontal speed, the direction of flight is no guide.
+_SLOW = 0.02
+# Knots on a segment of the profile that follows a path.
 _PLACES = np.linspace(0.0, 1.0, 16, endpoint=False)
+# ∫₀¹ (d²y/ds²)² ds as a quadratic form in value and slope at the start and at the end.
+_BENDING_FORM = np.array(
+    [[12.0, 6.0, -12.0, 6.0], [6.0, 4.0, -6.0, 2.0], [-12.0, -6.0, 12.0, -6.0], [6.0, 2.0, -6.0, 4.0]]
+)
 
 
 def constant_yaw(start: float, end: float, yaw: float) -> PolynomialPath:
@@ -59,28 +64,58 @@ def yaw_through(times: ArrayLike, yaws: ArrayLike) -> PolynomialPath:
     )
 
 
-def yaw_along(path: PolynomialPath) -> PolynomialPath:
-    """Returns the profile that looks where the path goes.
+def yaw_along(path: PolynomialPath, *, response: float = 0.5) -> PolynomialPath:
+    """Returns the profile that looks where the path goes, as far as that can be done smoothly.
 
-    Where the path is slow, at stops and where it goes straight up or down, the yaw turns from the direction before to
-    the one after, by the shorter way and with the least acceleration. A path that never moves sideways has yaw zero.
+    It minimises ∫ ψ̈² + (ψ - direction)² (v / v_max)² / response⁴ dt, v being the horizontal speed: a spline that
+    follows a direction that turns steadily exactly, and one that turns faster than the response within it. Where the
+    path is slow, at stops and where it goes straight up or down, it turns from the direction before to the one after
+    by the shorter way. A path that never moves sideways has yaw zero.
 
     Args:
         path: of the position, its first two axes horizontal.
+        response: time within which the yaw follows at top speed, s. The default is about that of the shipped yaw loop,
+            k_P = 4 1/s².
     """
-    segments = len(path.coefficients)
-    segment, s = np.repeat(np.arange(segments), len(_PLACES)), np.tile(_PLACES, segments)
-    times = path.times[segment] + s * path.durations[segment]
-    v_x, v_y = evaluate_at(path, segment, s, 1)[:, :2].T
+    segment = np.repeat(np.arange(len(path.coefficients)), len(_PLACES))
+    s = np.tile(_PLACES, len(path.coefficients))
+    times = np.append(path.times[segment] + s * path.durations[segment], path.times[-1])
+    v_x, v_y = evaluate(path, times, 1)[:2]
     speed = np.hypot(v_x, v_y)
     fast = speed > _SLOW * speed.max()
-    start, end = path.times[[0, -1]]
     if not fast.any():
-        return constant_yaw(start, end, 0.0)
-    knots, angles = times[fast], np.unwrap(np.arctan2(v_y[fast], v_x[fast]))
-    if knots[0] > start:
-        knots, angles = np.append(start, knots), np.append(angles[0], angles)
-    return _spline(np.append(knots, end), np.append(angles, angles[-1]))
+        return constant_yaw(path.times[0], path.times[-1], 0.0)
+    direction = np.zeros_like(times)
+    direction[fast] = np.unwrap(np.arctan2(v_y[fast], v_x[fast]))
+    share = np.where(fast, speed / speed.max(), 0.0) ** 2
+    return _smoothing_spline(times, direction, share / response**4)
+
+
+def _smoothing_spline(times: np.ndarray, values: np.ndarray, weights: np.ndarray) -> PolynomialPath:
+    """The cubic spline at rest at both ends that minimises ∫ ÿ² + weight (y - value)² dt."""
+    dt = np.diff(times)
+    # The unknowns are value and slope at the knots, the slope in units of the mean interval.
+    unit = dt.mean()
+    scale = np.ones((len(dt), 4))
+    scale[:, 1::2] = dt[:, np.newaxis] / unit
+    form = _BENDING_FORM * scale[:, :, np.newaxis] * scale[:, np.newaxis, :] * dt[:, np.newaxis, np.newaxis] ** -3.0
+    bands = np.zeros((4, 2 * len(times)))
+    for row in range(4):
+        for column in range(row + 1):
+            bands[row - column, column : column + 2 * len(dt) : 2] += form[:, row, column]
+    share = weights * np.gradient(times)
+    bands[0, ::2] += share
+    right_side = np.zeros(2 * len(times))
+    right_side[::2] = share * values
+    # At rest at both ends: their slopes are zero, and bound to nothing.
+    for end in (1, 2 * len(times) - 1):
+        bands[:, end] = 0.0
+        bands[0, end] = 1.0
+        for distance in range(1, min(end, 3) + 1):
+            bands[distance, end - distance] = 0.0
+    knots = solveh_banded(bands, right_side, lower=True, check_finite=False).reshape(len(times), 2, 1)
+    knots[:, 1] /= unit
+    return hermite_path(times, knots)
 
 
 def _spline(times: np.ndarray, angles: np.ndarray) -> PolynomialPath:

@@ -1,0 +1,95 @@
+"""Plans a route: waypoints from a YAML or CSV file in, a trajectory with a plot out."""
+
+import itertools
+
+import numpy as np
+from command_line import journey_of, parser, print_files, print_table, run
+
+from drake_quad.files import output_folder, write_whole
+from drake_quad.planning import plan_demand, plan_route, vehicle_parameters
+from drake_quad.reference.binding import Binding, bindings
+from drake_quad.reference.feasibility import sample_times
+from drake_quad.reference.minimum_snap import snap_cost
+from drake_quad.reference.path_problem import Limits, PathProblem
+from drake_quad.reference.plan import Plan
+from drake_quad.reference.polynomial_path import evaluate, peak_norm
+from drake_quad.scenario import Journey
+from drake_quad.scenario.routes import CircleRoute, FigureEightRoute, WaypointRoute
+from drake_quad.trajectory_files import save_plan
+from drake_quad.visualization.plan_plots import plot_plan
+
+
+def main() -> None:
+    arguments = parser(
+        description=__doc__,
+        example="python scripts/plan.py diagrams/slalom.yaml --set route.top_speed=1.5",
+        output="out",
+        scenario="slalom.yaml",
+    ).parse_args()
+    journey = journey_of(arguments)
+    folder = output_folder(arguments.output / journey.name)
+    plan = plan_route(journey)
+    route = journey.route
+    problem = route.problem() if isinstance(route, WaypointRoute) else None
+    limits = route.limits() if isinstance(route, WaypointRoute | FigureEightRoute | CircleRoute) else Limits()
+    figure = plot_plan(
+        plan,
+        vehicle_parameters(journey),
+        limits=limits,
+        places=problem.places if problem else (),
+        corridors=problem.corridors if problem else (),
+    )
+    files = [*save_plan(plan, folder, name=journey.name), write_whole(folder / "plan.png", figure.savefig)]
+    print_table(summary(journey, plan, limits, problem))
+    print_files(files)
+
+
+def summary(journey: Journey, plan: Plan, limits: Limits, problem: PathProblem | None) -> list[tuple[str, str, str]]:
+    """The plan in numbers, as rows of name, value and unit."""
+    path, parameters = plan.path, vehicle_parameters(journey)
+    times = sample_times(path)
+    length = np.linalg.norm(np.diff(evaluate(path, times), axis=1), axis=0).sum()
+    rotors = plan_demand(plan, parameters, times).rotor_speed
+    corridors = problem.corridors if problem else None
+    rows = [
+        ("waypoints", f"{len(path.times)}", ""),
+        ("duration", f"{plan.duration:.3f}", "s"),
+        ("length", f"{length:.2f}", "m"),
+        ("top speed", f"{peak_norm(path, 1):.3f}", _of("m/s", limits.speed)),
+        ("top acceleration", f"{peak_norm(path, 2):.3f}", _of("m/s²", limits.acceleration)),
+        ("top snap", f"{peak_norm(path, 4):.2f}", "m/s⁴"),
+        ("snap cost", f"{snap_cost(path).sum():.4g}", "m²/s⁷"),
+        (
+            "rotor speeds",
+            f"{rotors.min():.0f} to {rotors.max():.0f}",
+            f"rad/s of {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g}",
+        ),
+        ("binds", binding_summary(bindings(path, limits, corridors)), ""),
+    ]
+    if problem is not None and len(path.times) < len(problem.places):
+        repeats = len(problem.places) - len(path.times)
+        rows.insert(1, ("repeats", f"{repeats}", "waypoints that repeat the one before, passed once"))
+    return rows
+
+
+def _of(unit: str, limit: float) -> str:
+    return f"{unit} of {limit:g}" if np.isfinite(limit) else unit
+
+
+def binding_summary(found: list[Binding]) -> str:
+    """What binds, each with its segments."""
+    by_what: dict[str, set[int]] = {}
+    for binding in found:
+        by_what.setdefault(f"{binding.what} {binding.where}".strip(), set()).add(binding.segment)
+    return "; ".join(f"{what} on segment {_ranges(segments)}" for what, segments in by_what.items()) or "nothing"
+
+
+def _ranges(numbers: set[int]) -> str:
+    """Numbers as in `0, 2-4`."""
+    runs = itertools.groupby(enumerate(sorted(numbers)), key=lambda pair: pair[1] - pair[0])
+    parts = [[number for _, number in run] for _, run in runs]
+    return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else f"{part[0]}" for part in parts)
+
+
+if __name__ == "__main__":
+    run(main)
