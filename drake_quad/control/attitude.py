@@ -16,12 +16,12 @@ class AttitudeController(FleetSystem):
         input_ports:
         - measurement
         - attitude_command
-        - attitude_rate_command
+        - body_rate_command
         output_ports:
         - torque
 
     e is `attitude_command` (3 rows, rad) minus roll, pitch, yaw of `measurement` (12), the yaw error wrapped to half
-    a turn; ė is `attitude_rate_command` (3, rad/s) minus p, q, r, the small-angle rates of roll, pitch and yaw.
+    a turn; ė is `body_rate_command` (3, rad/s) minus p, q, r.
     `torque` (3, N m) is scaled by the moments of inertia, so that the gains are those of a double integrator.
 
     One numeric parameter of the context: k_P and k_D of the three axes, then I_xx, I_yy, I_zz.
@@ -38,7 +38,7 @@ class AttitudeController(FleetSystem):
         self._gains = self.numeric_parameter([*k_p, *k_d, *inertia])
         self._measurement = self.input("measurement", 12)
         self._attitude = self.input("attitude_command", 3)
-        self._rates = self.input("attitude_rate_command", 3)
+        self._rates = self.input("body_rate_command", 3)
         uses = {self.all_input_ports_ticket(), self.all_parameters_ticket()}
         self.output("torque", 3, self._calc, uses=uses)
 

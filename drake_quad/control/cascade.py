@@ -55,7 +55,7 @@ def build_cascade(*, position: Any, thrust_vectoring: Any, attitude: Any, follow
 
     acceleration_command = position.GetOutputPort("acceleration_command")
     builder.Connect(acceleration_command, thrust_vectoring.GetInputPort("acceleration_command"))
-    for name in ("attitude_command", "attitude_rate_command"):
+    for name in ("attitude_command", "body_rate_command"):
         builder.Connect(commanded[name], attitude.GetInputPort(name))
     for i, part in enumerate(parts):
         builder.Connect(part, wrench.get_input_port(i))

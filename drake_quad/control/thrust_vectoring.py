@@ -74,6 +74,27 @@ def tilt_rates(force: Rows, jerk: Rows, yaw_rate: Row) -> tuple[Row, Row]:
     return roll_rate, (forward_rate * up - forward * up_rate) / sagittal
 
 
+def body_rates(force: Rows, roll_rate: Row, pitch_rate: Row, yaw_rate: Row) -> tuple[Row, Row, Row]:
+    """Eq (2) at the attitude of eq (7): p, q, r (rad/s).
+
+    Args:
+        force: specific thrust forward, left and up, m/s².
+        roll_rate: rad/s.
+        pitch_rate: rad/s.
+        yaw_rate: rad/s.
+    """
+    forward, left, up = force
+    sagittal = sqrt(forward * forward + up * up)
+    thrust = sqrt(sagittal * sagittal + left * left)
+    sin_roll, cos_roll = -left / thrust, sagittal / thrust
+    turning = up / sagittal * yaw_rate
+    return (
+        roll_rate - forward / sagittal * yaw_rate,
+        cos_roll * pitch_rate + sin_roll * turning,
+        cos_roll * turning - sin_roll * pitch_rate,
+    )
+
+
 @fleet_system(float, AutoDiffXd)
 class ThrustVectoring(FleetSystem):
     """Thrust and attitude for a commanded acceleration, eq (7).
@@ -91,8 +112,9 @@ class ThrustVectoring(FleetSystem):
 
     `acceleration_command` (3 rows, m/s²) is turned by minus the measured yaw in `measurement` (12), so that eq (7),
     written for zero yaw, holds at any. The output packs `thrust`, F_z (N); `attitude_command`, φ_r, θ_r, ψ_r (rad);
-    and `attitude_rate_command`, their rates (rad/s). Yaw and its rate are those of `reference` (11); the rates of
-    roll and pitch are those of eq (7) under `reference_jerk` (3, m/s³), or zero if it is not connected.
+    and `body_rate_command`, p, q and r (rad/s) at the rates of these angles, eq (2). Yaw and its rate are those of
+    `reference` (11); the rates of roll and pitch are those of eq (7) under `reference_jerk` (3, m/s³), or zero if it
+    is not connected.
 
     One numeric parameter of the context: mass, gravity and the three rows of the limits.
 
@@ -111,7 +133,7 @@ class ThrustVectoring(FleetSystem):
         self._reference = self.input("reference", 11)
         self._jerk = self.input("reference_jerk", 3)
         uses = {self.all_input_ports_ticket(), self.all_parameters_ticket()}
-        parts = {"thrust": 1, "attitude_command": 3, "attitude_rate_command": 3}
+        parts = {"thrust": 1, "attitude_command": 3, "body_rate_command": 3}
         self.packed_output("thrust_and_attitude", parts, self._calc, uses=uses)
 
     def _calc(self, context: Any, output: Any) -> None:
@@ -125,5 +147,6 @@ class ThrustVectoring(FleetSystem):
             in_heading(command, sin_yaw, cos_yaw), mass=mass, gravity=gravity, limits=ThrustLimits(*limits)
         )
         thrust, roll, pitch = thrust_and_tilt(*force)
-        rates = (0.0, 0.0) if jerk is None else tilt_rates(force, in_heading(jerk, sin_yaw, cos_yaw), yaw_rate)
-        self.write(output, [mass * thrust, roll, pitch, yaw_reference, *rates, yaw_rate])
+        tilting = (0.0, 0.0) if jerk is None else tilt_rates(force, in_heading(jerk, sin_yaw, cos_yaw), yaw_rate)
+        rates = body_rates(force, *tilting, yaw_rate)
+        self.write(output, [mass * thrust, roll, pitch, yaw_reference, *rates])

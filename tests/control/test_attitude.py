@@ -13,7 +13,7 @@ def torque(attitude=(0.0, 0.0, 0.0), rates=(0.0, 0.0, 0.0), command=(0.0, 0.0, 0
     context = controller.CreateDefaultContext()
     controller.GetInputPort("measurement").FixValue(context, [0.0] * 3 + [*attitude] + [0.0] * 3 + [*rates])
     controller.GetInputPort("attitude_command").FixValue(context, command)
-    controller.GetInputPort("attitude_rate_command").FixValue(context, rate_command)
+    controller.GetInputPort("body_rate_command").FixValue(context, rate_command)
     return controller.get_output_port().Eval(context)
 
 

@@ -9,6 +9,7 @@ from pydrake.math import RollPitchYaw
 from drake_quad.control.thrust_vectoring import (
     ThrustLimits,
     ThrustVectoring,
+    body_rates,
     in_heading,
     specific_thrust,
     thrust_and_tilt,
@@ -65,6 +66,15 @@ def test_tilt_rates_are_the_derivative_of_the_tilt(acceleration, jerk, yaw, yaw_
     force = limited(acceleration, yaw)
     rates = tilt_rates(force, in_heading(jerk, math.sin(yaw), math.cos(yaw)), yaw_rate)
     np.testing.assert_allclose(rates, numeric, atol=1e-7)
+
+
+@given(st.tuples(*[st.floats(-3.0, 3.0)] * 3), st.tuples(*[st.floats(-2.0, 2.0)] * 3))
+def test_body_rates_are_those_of_the_turning_frame(acceleration, rates):
+    """Against Drake's kinematics of roll, pitch and yaw."""
+    force = limited(acceleration, 0.0)
+    _, roll, pitch = thrust_and_tilt(*force)
+    expected = RollPitchYaw(roll, pitch, 0.7).CalcAngularVelocityInChildFromRpyDt(rates)
+    np.testing.assert_allclose(body_rates(force, *rates), expected, atol=1e-12)
 
 
 def test_follows_the_reference_s_yaw_and_its_jerk_only_if_that_is_connected():
