@@ -85,6 +85,7 @@ def simulate(
     *,
     position_controller: Any = None,
     control: Any = None,
+    plan: Plan | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> Flight:
     """Flies one vehicle and records every signal.
@@ -93,15 +94,18 @@ def simulate(
         scenario: with numbers only, no distributions.
         position_controller: stands in for the scenario's; see `build_tracking_diagram`.
         control: stands in for the whole cascade; see `build_tracking_diagram`.
+        plan: flown instead of that of the scenario's route.
         progress: called now and then with the time flown and the time to fly, s.
 
     Raises:
         InputError: the scenario holds a distribution, the rotors cannot fly the route, or the metric window lies
             beyond the flight.
     """
-    plan = plan_route(scenario)
+    plan = plan or plan_route(scenario)
     duration = flight_duration(scenario, plan)
-    diagram = build_tracking_diagram(scenario, position_controller=position_controller, control=control, record=True)
+    diagram = build_tracking_diagram(
+        scenario, position_controller=position_controller, control=control, plan=plan, record=True
+    )
     simulator = Simulator(diagram)
     # For a vehicle with a continuous state; a stepping one does not use the integrator.
     ResetIntegratorFromFlags(simulator, "runge_kutta5", _MAX_STEP).set_target_accuracy(_ACCURACY)

@@ -43,6 +43,7 @@ def build_tracking_diagram(
     *,
     position_controller: Any = None,
     control: Any = None,
+    plan: Plan | None = None,
     record: bool = False,
 ) -> Diagram:
     """Builds the closed loop of a scenario.
@@ -58,12 +59,13 @@ def build_tracking_diagram(
             (11 rows) to `acceleration_command` (3 rows, m/s²). The diagram takes it over.
         control: a system that stands in for the whole cascade: from `measurement` and `reference` to `wrench`
             (4 rows: F_z in N; τ_x, τ_y, τ_z in N m). The diagram takes it over.
+        plan: flown instead of that of the scenario's route.
         record: whether to add a recorder of all signals, sampled at every tick of the control.
 
     Raises:
         InputError: the scenario holds a distribution, or the rotors cannot fly the route.
     """
-    plan = plan_route(scenario)
+    plan = plan or plan_route(scenario)
     parameters = vehicle_parameters(scenario)
     own_control = control if control is not None else _control(scenario, num_vehicles, parameters, position_controller)
 

@@ -41,6 +41,7 @@ def main() -> None:
     )
     files = [*save_plan(plan, folder, name=journey.name), write_whole(folder / "plan.png", figure.savefig)]
     print_table(summary(journey, plan, limits, problem))
+    print("binds:", binding_summary(bindings(plan.path, limits, problem.corridors if problem else None)))
     print_files(files)
 
 
@@ -50,7 +51,6 @@ def summary(journey: Journey, plan: Plan, limits: Limits, problem: PathProblem |
     times = sample_times(path)
     length = np.linalg.norm(np.diff(evaluate(path, times), axis=1), axis=0).sum()
     rotors = plan_demand(plan, parameters, times).rotor_speed
-    corridors = problem.corridors if problem else None
     rows = [
         ("waypoints", f"{len(path.times)}", ""),
         ("duration", f"{plan.duration:.3f}", "s"),
@@ -64,7 +64,6 @@ def summary(journey: Journey, plan: Plan, limits: Limits, problem: PathProblem |
             f"{rotors.min():.0f} to {rotors.max():.0f}",
             f"rad/s of {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g}",
         ),
-        ("binds", binding_summary(bindings(path, limits, corridors)), ""),
     ]
     if problem is not None and len(path.times) < len(problem.places):
         repeats = len(problem.places) - len(path.times)
@@ -81,7 +80,8 @@ def binding_summary(found: list[Binding]) -> str:
     by_what: dict[str, set[int]] = {}
     for binding in found:
         by_what.setdefault(f"{binding.what} {binding.where}".strip(), set()).add(binding.segment)
-    return "; ".join(f"{what} on segment {_ranges(segments)}" for what, segments in by_what.items()) or "nothing"
+    parts = [f"{what} on segment{'s' if len(on) > 1 else ''} {_ranges(on)}" for what, on in by_what.items()]
+    return "; ".join(parts) or "nothing"
 
 
 def _ranges(numbers: set[int]) -> str:

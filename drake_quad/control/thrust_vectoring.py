@@ -147,6 +147,8 @@ class ThrustVectoring(FleetSystem):
             in_heading(command, sin_yaw, cos_yaw), mass=mass, gravity=gravity, limits=ThrustLimits(*limits)
         )
         thrust, roll, pitch = thrust_and_tilt(*force)
-        tilting = (0.0, 0.0) if jerk is None else tilt_rates(force, in_heading(jerk, sin_yaw, cos_yaw), yaw_rate)
-        rates = body_rates(force, *tilting, yaw_rate)
+        roll_rate, pitch_rate = 0.0, 0.0
+        if jerk is not None:
+            roll_rate, pitch_rate = tilt_rates(force, in_heading(jerk, sin_yaw, cos_yaw), yaw_rate)
+        rates = body_rates(force, roll_rate, pitch_rate, yaw_rate)
         self.write(output, [mass * thrust, roll, pitch, yaw_reference, *rates])

@@ -4,6 +4,7 @@ from collections.abc import Sequence
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
@@ -58,15 +59,18 @@ def _draw_view(
     corridors: Sequence[Box | None],
 ) -> None:
     i, j = view
+    # The same box for several segments is drawn once.
+    drawn: list[Box] = []
     for corridor in corridors:
-        if corridor is not None:
-            axes.add_patch(_rectangle(corridor, i, j, facecolor="0.93", edgecolor="0.75"))
+        if corridor is not None and not any(_same(corridor, box) for box in drawn):
+            drawn.append(corridor)
+            axes.add_patch(_rectangle(corridor, i, j, facecolor=(0.0, 0.0, 0.0, 0.05), edgecolor="0.7", linewidth=0.8))
     for place in places:
         if isinstance(place, Sphere):
             centre = (place.centre[i], place.centre[j])
-            axes.add_patch(Circle(centre, place.radius, facecolor=ORANGE, edgecolor=ORANGE, alpha=0.3))
+            axes.add_patch(Circle(centre, place.radius, facecolor=to_rgba(ORANGE, 0.3), edgecolor=ORANGE))
         elif (place.low < place.high).any():
-            axes.add_patch(_rectangle(place, i, j, facecolor=ORANGE, edgecolor=ORANGE, alpha=0.3))
+            axes.add_patch(_rectangle(place, i, j, facecolor=to_rgba(ORANGE, 0.3), edgecolor=ORANGE))
     axes.plot(position[i], position[j], color=BLUE)
     waypoints = plan.waypoints
     axes.plot(waypoints[:, i], waypoints[:, j], color="black", marker="o", markersize=3, linestyle="none")
@@ -78,6 +82,10 @@ def _draw_view(
     axes.set(xlabel=f"{names[i]} (m)", ylabel=f"{names[j]} (m)")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.06)
+
+
+def _same(one: Box, other: Box) -> bool:
+    return bool((one.low == other.low).all() and (one.high == other.high).all())
 
 
 def _rectangle(box: Box, i: int, j: int, **style: object) -> Rectangle:

@@ -1,5 +1,6 @@
 import math
 
+import minsnap_trajectories as other
 import numpy as np
 import pytest
 from hypothesis import given, settings
@@ -7,11 +8,12 @@ from hypothesis import strategies as st
 from scipy.interpolate import make_interp_spline
 
 from drake_quad.errors import InputError
-from drake_quad.reference.minimum_snap import minimum_snap, snap_cost
+from drake_quad.reference.minimum_snap import MinimumSnap, minimum_snap, rest_at_ends, snap_cost
 from drake_quad.reference.minimum_snap_program import MinimumSnapProgram
 from drake_quad.reference.path_problem import Box, PathProblem
 from drake_quad.reference.plan import to_piecewise_polynomial
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, evaluate_at
+from drake_quad.reference.time_optimization import least_snap_durations
 
 EXACT_COSTS = [
     ([0, 1.7], [0, 1.3], 100800 * 1.7**2 / 1.3**7),
@@ -155,3 +157,113 @@ def test_becomes_a_trajectory_of_drake():
 def test_bad_waypoints_are_explained(waypoints, times, words):
     with pytest.raises(InputError, match=words):
         minimum_snap(waypoints, times)
+
+
+@given(st.integers(2, 12), st.integers(0, 2**32 - 1), st.booleans())
+@settings(max_examples=30, deadline=None)
+def test_gradients_agree_with_finite_differences(segments, seed, given_motion):
+    """Of the cost, and of the whole path, with respect to the durations."""
+    rng = np.random.default_rng(seed)
+    points, durations = rng.normal(size=(segments + 1, 3)), rng.uniform(0.3, 3.0, segments)
+    derivatives = rest_at_ends(segments + 1, 3)
+    if given_motion:
+        derivatives[segments // 2, 0] = rng.normal(size=3)
+        derivatives[rng.integers(segments + 1)] = 0.0
+    solution = MinimumSnap(points, durations, derivatives)
+    step = 1e-4
+    costs, boundaries = [], []
+    for i in range(segments):
+        factors = np.ones((4, segments))
+        factors[:, i] = np.exp(step * np.array([-2.0, -1.0, 1.0, 2.0]))
+        moved = [MinimumSnap(points, durations * factor, derivatives) for factor in factors]
+        for results, values in ((costs, [m.cost for m in moved]), (boundaries, [m.boundary for m in moved])):
+            results.append((values[0] - 8.0 * values[1] + 8.0 * values[2] - values[3]) / (12.0 * step))
+    gradient = solution.cost_gradient() * durations
+    np.testing.assert_allclose(gradient, costs, rtol=1e-6, atol=1e-6 * np.abs(gradient).max())
+    boundary_gradient = solution.boundary_gradient()
+    scale = np.abs(boundary_gradient).max()
+    np.testing.assert_allclose(boundary_gradient, np.stack(boundaries, axis=-1), rtol=0.0, atol=1e-6 * scale)
+
+
+def test_the_cost_is_that_of_the_coefficients():
+    rng = np.random.default_rng(4)
+    solution = MinimumSnap(rng.normal(size=(9, 3)), rng.uniform(0.3, 3.0, 8))
+    assert solution.cost == pytest.approx(snap_cost(solution.path()).sum(), rel=1e-12)
+
+
+def test_given_derivatives_are_kept_and_the_rest_is_as_smooth_as_it_can_be():
+    rng = np.random.default_rng(2)
+    derivatives = rest_at_ends(6, 3)
+    derivatives[2, 0] = [1.0, -2.0, 0.5]
+    derivatives[5] = [[0.3, 0.0, 0.0], [0.0, 0.1, 0.0], [np.nan] * 3]
+    path = minimum_snap(rng.normal(size=(6, 3)), [0.0, 1.0, 1.5, 3.0, 4.0, 4.7], derivatives)
+    velocity, acceleration = (evaluate(path, path.times, order).T for order in (1, 2))
+    np.testing.assert_allclose(velocity[[0, 2, 5]], [[0, 0, 0], [1, -2, 0.5], [0.3, 0, 0]], atol=1e-12)
+    np.testing.assert_allclose(acceleration[[0, 5]], [[0, 0, 0], [0, 0.1, 0]], atol=1e-12)
+    # A derivative that is free has no force on it: the (7 - k)-th derivative is continuous, or zero at an end.
+    every = np.arange(5)
+    for order, free in ((4, [1, 2, 3, 4]), (5, [1, 2, 3, 4]), (6, [1, 3, 4])):
+        before = evaluate_at(path, every, np.ones(5), order)[:-1]
+        after = evaluate_at(path, every, np.zeros(5), order)[1:]
+        inner = np.array(free) - 1
+        np.testing.assert_allclose(before[inner], after[inner], atol=1e-8 * np.abs(before).max())
+    np.testing.assert_allclose(evaluate_at(path, every[-1:], np.ones(1), 4), 0.0, atol=1e-9)
+
+
+def test_stops_cut_the_path_into_independent_ones():
+    waypoints = np.random.default_rng(8).normal(size=(6, 3))
+    times = np.array([0.0, 1.0, 2.5, 3.0, 4.2, 5.0])
+    derivatives = rest_at_ends(6, 3)
+    derivatives[2] = 0.0
+    whole = minimum_snap(waypoints, times, derivatives)
+    parts = minimum_snap(waypoints[:3], times[:3]), minimum_snap(waypoints[2:], times[2:])
+    expected = np.concatenate([part.coefficients for part in parts])
+    np.testing.assert_allclose(whole.coefficients, expected, atol=1e-11)
+
+
+def test_a_derivative_is_given_on_all_axes_or_on_none():
+    derivatives = rest_at_ends(3, 3)
+    derivatives[1, 0, 0] = 1.0
+    with pytest.raises(InputError, match="on all axes or on none"):
+        minimum_snap(np.eye(3), [0.0, 1.0, 2.0], derivatives)
+
+
+def their_plan(waypoints, times):
+    """minsnap_trajectories, with jerk at rest at the ends as here."""
+    rest = {"velocity": np.zeros(3), "acceleration": np.zeros(3), "jerk": np.zeros(3)}
+    last = len(times) - 1
+    references = [
+        other.Waypoint(time=time, position=point, **(rest if i in (0, last) else {}))
+        for i, (time, point) in enumerate(zip(times, waypoints, strict=True))
+    ]
+    return other.generate_trajectory(references, degree=7, idx_minimized_orders=4, num_continuous_orders=4)
+
+
+def their_cost(trajectory, times):
+    """Gauss-Legendre quadrature, exact for the square of a cubic."""
+    nodes, weights = np.polynomial.legendre.leggauss(4)
+    half = 0.5 * np.diff(times)
+    instants = times[:-1, np.newaxis] + half[:, np.newaxis] * (nodes + 1.0)
+    snap = other.compute_trajectory_derivatives(trajectory, instants.ravel(), 5)[4].reshape(len(half), 4, 3)
+    return np.einsum("n,w,nwa,nwa->", half, weights, snap, snap)
+
+
+def test_another_planner_agrees_at_the_same_times_and_optimised_times_cost_less():
+    for seed in range(100):
+        rng = np.random.default_rng(seed)
+        segments = int(rng.integers(1, 9))
+        waypoints = rng.normal(size=(segments + 1, 3))
+        durations = rng.uniform(0.5, 2.0, segments)
+        times = np.concatenate([[0.0], np.cumsum(durations)])
+        theirs = their_plan(waypoints, times)
+        cost = their_cost(theirs, times)
+        path = minimum_snap(waypoints, times)
+        assert snap_cost(path).sum() == pytest.approx(cost, rel=1e-9)
+        samples = np.linspace(0.0, times[-1], 50)
+        wanted = other.compute_trajectory_derivatives(theirs, samples, 5)
+        for order in range(5):
+            scale = np.abs(wanted[order]).max()
+            np.testing.assert_allclose(evaluate(path, samples, order).T, wanted[order], atol=1e-7 * scale)
+        better = least_snap_durations(waypoints, durations)
+        assert better.sum() == pytest.approx(durations.sum(), rel=1e-12)
+        assert MinimumSnap(waypoints, better).cost <= cost * (1.0 + 1e-9)

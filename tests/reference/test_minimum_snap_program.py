@@ -1,0 +1,156 @@
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
+from drake_quad.reference.minimum_snap_program import InfeasibleError, MinimumSnapProgram, path_within
+from drake_quad.reference.path_problem import Box, Limits, PathProblem, Sphere
+from drake_quad.reference.polynomial_path import evaluate, evaluate_at, peak_norm
+
+
+def points(array):
+    return [Box.point(point) for point in array]
+
+
+def dense(path, order=0, count=400):
+    """(segments, count, axes) samples."""
+    s = np.linspace(0.0, 1.0, count)
+    every = np.repeat(np.arange(len(path.coefficients)), count)
+    return evaluate_at(path, every, np.tile(s, len(path.coefficients)), order).reshape(
+        -1, count, path.coefficients.shape[2]
+    )
+
+
+def jump(path, order):
+    every = np.arange(len(path.coefficients))
+    ends = [evaluate_at(path, every, np.full(len(every), s), order) for s in (1.0, 0.0)]
+    return np.abs(ends[0][:-1] - ends[1][1:]).max()
+
+
+def random_route(seed, segments):
+    rng = np.random.default_rng(seed)
+    return np.cumsum(rng.normal(size=(segments + 1, 3)), axis=0), rng.uniform(1.0, 2.5, segments)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 15), st.floats(0.8, 0.97))
+@settings(max_examples=30, deadline=None)
+def test_limits_are_kept_everywhere_and_attained(seed, segments, share):
+    waypoints, durations = random_route(seed, segments)
+    free = MinimumSnap(waypoints, durations).path()
+    peaks = {order: peak_norm(free, order) for order in (1, 2)}
+    limits = Limits(speed=share * peaks[1], acceleration=share * peaks[2])
+    try:
+        path = path_within(PathProblem(points(waypoints), limits=limits), durations)
+    except InfeasibleError:
+        assume(False)
+    shares = [np.linalg.norm(dense(path, order), axis=2).max() / limit for order, limit in limits.by_order.items()]
+    assert max(shares) <= 1.0 + 1e-6
+    assert max(shares) >= 0.999
+    assert snap_cost(path).sum() >= snap_cost(free).sum()
+    for order in (1, 2, 3):
+        assert jump(path, order) <= 1e-8 * peak_norm(path, order)
+    np.testing.assert_allclose(path.coefficients[:, 0], waypoints[:-1], atol=1e-12)
+
+
+def test_an_independent_optimiser_finds_the_same_constrained_path():
+    """One axis, two segments: SLSQP over velocity, acceleration and jerk at the waypoint, on a dense grid."""
+    waypoints, durations, limit = np.array([[0.0], [1.0], [0.5]]), np.array([1.0, 1.0]), 5.0
+    free = MinimumSnap(waypoints, durations).path()
+    assert peak_norm(free, 2) > 1.05 * limit
+
+    def path_of(x):
+        derivatives = rest_at_ends(3, 1)
+        derivatives[1, :, 0] = x
+        return MinimumSnap(waypoints, durations, derivatives).path()
+
+    def room(x):
+        acceleration = dense(path_of(x), 2, 600).ravel()
+        return np.concatenate([limit - acceleration, limit + acceleration])
+
+    start = np.array([evaluate(free, [1.0], order)[0, 0] for order in (1, 2, 3)])
+    cost = snap_cost(free)[0]
+    found = minimize(
+        lambda x: snap_cost(path_of(x))[0] / cost,
+        start,
+        method="SLSQP",
+        constraints={"type": "ineq", "fun": room},
+        options={"ftol": 1e-10, "maxiter": 300},
+    )
+    assert found.success
+    path = path_within(PathProblem(points(waypoints), limits=Limits(acceleration=limit)), durations)
+    # Ours keeps a margin of 1e-4 below the limit, theirs none.
+    assert snap_cost(path)[0] / cost == pytest.approx(found.fun, rel=1e-3)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 12), st.floats(0.05, 0.3))
+@settings(max_examples=30, deadline=None)
+def test_corridors_are_kept_everywhere(seed, segments, margin):
+    waypoints, durations = random_route(seed, segments)
+    low = np.minimum(waypoints[:-1], waypoints[1:]) - margin
+    high = np.maximum(waypoints[:-1], waypoints[1:]) + margin
+    corridors = [Box(a, b) for a, b in zip(low, high, strict=True)]
+    path = path_within(PathProblem(points(waypoints), corridors=corridors), durations)
+    positions = dense(path)
+    beyond = np.maximum(low[:, np.newaxis] - positions, positions - high[:, np.newaxis]).max(axis=(1, 2))
+    assert (beyond <= 1e-6 * (high - low).max(axis=1)).all()
+    free = MinimumSnap(waypoints, durations).path()
+    positions = dense(free)
+    if np.maximum(low[:, np.newaxis] - positions, positions - high[:, np.newaxis]).max() > 1e-3:
+        assert snap_cost(path).sum() > snap_cost(free).sum()
+    else:
+        np.testing.assert_allclose(snap_cost(path).sum(), snap_cost(free).sum(), rtol=1e-6)
+
+
+def test_a_corridor_without_height_is_flown_level():
+    waypoints = np.array([[0.0, 0.0, 1.0], [2.0, 0.0, 1.0], [2.0, 2.0, 1.0], [0.0, 3.0, 2.0]])
+    corridors = [Box([-1, -1, 1], [4, 4, 1]), Box([-1, -1, 1], [4, 4, 1]), None]
+    path = path_within(PathProblem(points(waypoints), corridors=corridors), np.ones(3))
+    np.testing.assert_allclose(dense(path)[:2, :, 2], 1.0, atol=1e-12)
+
+
+def test_a_waypoint_on_the_wall_is_passed_along_it():
+    waypoints = np.array([[0.0, 0.5], [1.0, 0.0], [2.0, 0.5]])
+    corridor = Box([-1.0, 0.0], [3.0, 1.0])
+    path = path_within(PathProblem(points(waypoints), corridors=[corridor] * 2), np.array([1.0, 0.8]))
+    assert dense(path)[:, :, 1].min() >= -1e-6
+    # A depth of v² / 2a below the wall is within the tolerance.
+    assert evaluate(path, [1.0], 1)[1, 0] == pytest.approx(0.0, abs=5e-3)
+
+
+def test_boxes_and_spheres_are_passed_where_it_costs_least():
+    ends = [Box.point([0.0, 0.0]), Box.point([4.0, 0.0])]
+    sphere = Sphere([2.0, 1.0], 0.5)
+    durations = np.array([2.0, 2.0])
+    path = path_within(PathProblem([ends[0], sphere, ends[1]]), durations)
+    passed = evaluate(path, [2.0])[:, 0]
+    assert np.linalg.norm(passed - sphere.centre) == pytest.approx(sphere.radius, rel=1e-6)
+    # By symmetry the cheapest place is the lowest one.
+    np.testing.assert_allclose(passed, [2.0, 0.5], atol=1e-6)
+    box = Box([1.0, 0.75], [3.0, 2.0])
+    passed = evaluate(path_within(PathProblem([ends[0], box, ends[1]]), durations), [2.0])[:, 0]
+    np.testing.assert_allclose(passed, [2.0, 0.75], atol=1e-6)
+    around = Box([1.0, -1.0], [3.0, 2.0])
+    path = path_within(PathProblem([ends[0], around, ends[1]]), durations)
+    direct = MinimumSnap(np.array([[0.0, 0.0], [4.0, 0.0]]), np.array([4.0])).cost
+    assert snap_cost(path).sum() == pytest.approx(direct, rel=1e-6), "a box in the way of nothing costs nothing"
+
+
+def test_a_user_s_own_constraint_can_be_added():
+    waypoints, durations = np.array([[0.0], [1.0], [2.0]]), np.array([1.0, 1.0])
+    planned = MinimumSnapProgram(PathProblem(points(waypoints)), durations)
+    free = evaluate(planned.solve(), [1.0], 1)[0, 0]
+    planned.program.AddBoundingBoxConstraint(-np.inf, -0.5 * free / planned.scales[1, 1], planned.variables[1, 1, 0])
+    slower = planned.solve()
+    assert evaluate(slower, [1.0], 1)[0, 0] == pytest.approx(0.5 * free, rel=1e-6)
+
+
+def test_what_cannot_be_kept_is_infeasible():
+    single = PathProblem(points([[0.0], [1.0]]), limits=Limits(speed=1.0))
+    assert peak_norm(path_within(single, np.array([2.2])), 1) == pytest.approx(2.1875 / 2.2)
+    with pytest.raises(InfeasibleError):
+        path_within(single, np.array([2.1]))
+    double = PathProblem(points([[0.0], [1.0], [2.0]]), limits=Limits(speed=1.0))
+    with pytest.raises(InfeasibleError):
+        path_within(double, np.array([0.9, 0.9]))

@@ -1,0 +1,95 @@
+import math
+
+import numpy as np
+import pytest
+
+from drake_quad.errors import InputError
+from drake_quad.reference.path_problem import Box, Limits, PathProblem, Sphere
+
+POINTS = [Box.point(point) for point in ([0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0, 2.0, 0.0])]
+
+PUSHED = np.zeros((3, 3, 3))
+PUSHED[1, 1] = [2.0, 0.0, 0.0]
+
+
+def around(low, high):
+    return Box(low, high)
+
+
+def test_a_room_is_what_corridors_and_place_have_in_common():
+    corridors = [around([-1, -1, -1], [2.5, 1, 1]), around([1, -0.5, -1], [3, 3, 1])]
+    problem = PathProblem([POINTS[0], Box([1, -2, 0], [4, 2, 0]), POINTS[2]], corridors=corridors)
+    np.testing.assert_array_equal(problem.room(1).low, [1.0, -0.5, 0.0])
+    np.testing.assert_array_equal(problem.room(1).high, [2.5, 1.0, 0.0])
+    np.testing.assert_array_equal(problem.representatives()[1], [2.5, 0.0, 0.0])
+    free = PathProblem([POINTS[0], Sphere([1, 1, 1], 0.5), POINTS[2]])
+    assert free.room(1) is None
+    np.testing.assert_array_equal(free.representatives()[1], [1.0, 1.0, 1.0])
+
+
+def test_only_points_without_corridors_are_the_fast_path_s():
+    assert PathProblem(POINTS).passes_points
+    assert not PathProblem(POINTS, corridors=[None, around([0, 0, 0], [3, 3, 3])]).passes_points
+    assert not PathProblem([POINTS[0], Sphere([1, 1, 1], 0.5)]).passes_points
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ({"places": POINTS[:1]}, "two or more waypoints"),
+        ({"places": [POINTS[0], Box.point([1.0])]}, "same dimension"),
+        ({"corridors": [None]}, "1 corridors for 2 segments"),
+        ({"derivatives": np.zeros((2, 3, 3))}, "must have"),
+        (
+            {"corridors": [around([-1, -1, -1], [1.5, 1, 1]), None]},
+            r"waypoint 1, \(2, 0, 0\) m, lies outside the corridor of segment 0.*0.5 m apart on x",
+        ),
+        (
+            {"corridors": [around([0.5, -1, -1], [3, 1, 1]), None]},
+            "waypoint 0, .* lies outside the corridor of segment 0",
+        ),
+        (
+            {"corridors": [around([-1, -1, -1], [2, 1, 1]), around([2.25, -1, -1], [3, 3, 1])]},
+            "corridors of segments 0 and 1 do not overlap: they are 0.25 m apart on x",
+        ),
+        (
+            {
+                "places": [POINTS[0], Sphere([2, 0, 0], 0.2), POINTS[2]],
+                "corridors": [around([-1, -1, -1], [3, 3, 1]), around([1, 1, -1], [3, 3, 1])],
+            },
+            "waypoint 1, the sphere of 0.2 m around .* lies outside the corridor of segment 1.*0.8 m apart on y",
+        ),
+        (
+            {
+                "places": [POINTS[0], Sphere([2, 0.5, 0], 0.6), POINTS[2]],
+                "corridors": [around([-1, -1, -1], [1.6, 3, 1]), around([1.6, 0.95, -1], [3, 3, 1])],
+            },
+            "waypoint 1, .* has no point where the corridors of segments 0 and 1 overlap",
+        ),
+        (
+            {"limits": Limits(acceleration=1.0), "derivatives": PUSHED},
+            "the acceleration at waypoint 1 is given as 2 m/s², beyond the limit of 1 m/s²",
+        ),
+    ],
+)
+def test_what_no_path_can_keep_is_refused(arguments, words):
+    with pytest.raises(InputError, match=words):
+        PathProblem(**{"places": POINTS, **arguments})
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Limits(speed=0.0), "the speed limit is 0 m/s, but must be positive"),
+        (lambda: Limits(acceleration=-1.0), "the acceleration limit is -1"),
+        (lambda: Limits(speed=math.nan), "the speed limit is nan"),
+        (lambda: Box([0, 0], [1, -1]), "is empty"),
+        (lambda: Box([0, 0], [1, math.inf]), "not finite"),
+        (lambda: Box([0, 0], [1]), "two corners of one dimension"),
+        (lambda: Sphere([0, 0], 0.0), "radius of a sphere is 0 m"),
+        (lambda: Sphere([0, math.nan], 1.0), "must be finite"),
+    ],
+)
+def test_impossible_parts_are_refused(make, words):
+    with pytest.raises(InputError, match=words):
+        make()

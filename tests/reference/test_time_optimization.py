@@ -1,0 +1,89 @@
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.optimize import minimize
+
+from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends
+from drake_quad.reference.path_problem import Limits
+from drake_quad.reference.polynomial_path import peak_norm
+from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor
+from drake_quad.reference.time_optimization import least_snap_durations, shortest_durations
+
+LIMITS = Limits(speed=2.0, acceleration=0.7)
+
+
+def random_points(seed, segments):
+    return np.cumsum(np.random.default_rng(seed).normal(size=(segments + 1, 3)), axis=0)
+
+
+def total_within_limits(points, durations):
+    return durations.sum() * stretch_factor(MinimumSnap(points, durations).path(), LIMITS)
+
+
+def test_the_known_optimum_of_0_1_3_in_3_seconds():
+    points = np.array([[0.0], [1.0], [3.0]])
+    assert MinimumSnap(points, np.array([1.5, 1.5])).cost == pytest.approx(886.78, abs=5e-3)
+    durations = least_snap_durations(points, np.array([1.0, 2.0]))
+    np.testing.assert_allclose(durations, [1.2658, 3.0 - 1.2658], atol=5e-5)
+    assert MinimumSnap(points, durations).cost == pytest.approx(414.81, abs=5e-3)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(2, 12))
+@settings(max_examples=25, deadline=None)
+def test_no_small_change_of_the_times_costs_less_snap(seed, segments):
+    rng = np.random.default_rng(seed)
+    points = random_points(seed, segments)
+    durations = least_snap_durations(points, rng.uniform(0.5, 2.0, segments))
+    best = MinimumSnap(points, durations).cost
+    for _ in range(10):
+        changed = durations * np.exp(1e-3 * rng.normal(size=segments))
+        changed *= durations.sum() / changed.sum()
+        assert MinimumSnap(points, changed).cost >= best * (1.0 - 1e-9)
+
+
+@given(st.integers(0, 2**32 - 1), st.integers(1, 15))
+@settings(max_examples=25, deadline=None)
+def test_the_shortest_keeps_to_the_limits_and_attains_one(seed, segments):
+    points = random_points(seed, segments)
+    start = rest_to_rest_durations(points, LIMITS)
+    durations = shortest_durations(points, start, LIMITS)
+    assert durations.sum() <= total_within_limits(points, start) * (1.0 + 1e-12)
+    path = MinimumSnap(points, durations).path()
+    shares = peak_norm(path, 1) / LIMITS.speed, peak_norm(path, 2) / LIMITS.acceleration
+    assert max(shares) == pytest.approx(1.0, abs=1e-9)
+
+
+@pytest.mark.parametrize("seed", range(4))
+def test_a_search_without_gradients_finds_nothing_shorter(seed):
+    points = random_points(seed, 4)
+    durations = shortest_durations(points, rest_to_rest_durations(points, LIMITS), LIMITS)
+
+    def logarithm_of_total(logarithms):
+        return np.log(total_within_limits(points, np.exp(logarithms)))
+
+    options = {"maxfev": 800, "xatol": 1e-5, "fatol": 1e-7}
+    found = minimize(logarithm_of_total, np.log(durations), method="Nelder-Mead", options=options)
+    assert durations.sum() <= np.exp(found.fun) * (1.0 + 1e-3)
+
+
+def test_every_start_leads_to_about_the_same_total():
+    points = random_points(11, 10)
+    rng = np.random.default_rng(0)
+    totals = [shortest_durations(points, rng.uniform(0.5, 3.0, 10), LIMITS).sum() for _ in range(4)]
+    assert max(totals) <= 1.01 * min(totals)
+
+
+def test_a_given_velocity_is_kept_within_the_limits():
+    points = np.array([[0.0, 0.0], [2.0, 0.0], [4.0, 0.0]])
+    derivatives = rest_at_ends(3, 2)
+    derivatives[1, 0] = [1.0, 0.0]
+    durations = shortest_durations(points, np.array([3.0, 3.0]), LIMITS, derivatives)
+    path = MinimumSnap(points, durations, derivatives).path()
+    assert peak_norm(path, 2) <= 0.7 * (1.0 + 1e-3)
+    assert durations.sum() < 6.0 * 1.5
+
+
+def test_a_path_that_does_not_move_keeps_its_times():
+    points = np.zeros((4, 3))
+    np.testing.assert_array_equal(least_snap_durations(points, np.array([1.0, 2.0, 3.0])), [1.0, 2.0, 3.0])

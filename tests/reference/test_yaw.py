@@ -1,0 +1,107 @@
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drake_quad.errors import InputError
+from drake_quad.reference.minimum_snap import minimum_snap
+from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.reference.yaw import constant_yaw, yaw_along, yaw_through
+
+
+def acceleration_cost(profile):
+    """∫ ψ̈² dt by quadrature that is exact for cubics."""
+    times = np.concatenate([np.linspace(a, b, 3) for a, b in zip(profile.times[:-1], profile.times[1:], strict=True)])
+    values = evaluate(profile, np.clip(times, None, profile.times[-1]), 2)[0].reshape(-1, 3)
+    # At an inner knot the acceleration is continuous, so which side is meant does not matter.
+    return float(np.sum(profile.durations * (values**2 @ [1.0, 4.0, 1.0]) / 6.0))
+
+
+def rates_at_ends(profile):
+    return evaluate(profile, profile.times[[0, -1]], 1)[0]
+
+
+def test_constant():
+    profile = constant_yaw(1.0, 4.0, 0.3)
+    np.testing.assert_array_equal(evaluate(profile, [1.0, 2.0, 4.0])[0], 0.3)
+    np.testing.assert_array_equal(evaluate(profile, [1.0, 2.0, 4.0], 1)[0], 0.0)
+
+
+def test_a_single_turn_is_the_known_cubic():
+    """From rest to rest the least acceleration is 3s² - 2s³, at a cost of 12 Δψ² / T³."""
+    profile = yaw_through([0.0, 2.0], [0.0, 1.0])
+    s = np.linspace(0.0, 1.0, 9)
+    np.testing.assert_allclose(evaluate(profile, 2.0 * s)[0], 3.0 * s**2 - 2.0 * s**3, atol=1e-14)
+    assert acceleration_cost(profile) == pytest.approx(12.0 / 8.0)
+
+
+@given(st.lists(st.floats(-3.0, 3.0), min_size=3, max_size=8), st.integers(0, 2**32 - 1))
+@settings(max_examples=40, deadline=None)
+def test_it_passes_the_yaws_by_the_shorter_turn_and_no_other_way_accelerates_less(yaws, seed):
+    rng = np.random.default_rng(seed)
+    times = np.cumsum(rng.uniform(0.5, 2.0, len(yaws)))
+    profile = yaw_through(times, yaws)
+    passed = evaluate(profile, times)[0]
+    np.testing.assert_allclose(np.cos(passed - yaws), 1.0, atol=1e-12)
+    assert np.abs(np.diff(passed)).max() <= math.pi + 1e-9
+    np.testing.assert_allclose(rates_at_ends(profile), 0.0, atol=1e-12)
+    finer = np.sort(np.concatenate([times, 0.5 * (times[1:] + times[:-1])]))
+    detour = evaluate(profile, finer)[0]
+    detour[1::2] += 0.01 * rng.normal(size=len(times) - 1)
+    assert acceleration_cost(yaw_through(finer, detour)) >= acceleration_cost(profile) * (1.0 - 1e-9)
+
+
+def test_where_none_is_given_it_is_free_and_stays_at_the_ends():
+    profile = yaw_through([0.0, 1.0, 2.0, 3.0, 4.0], [math.nan, 0.5, math.nan, 1.5, math.nan])
+    np.testing.assert_allclose(evaluate(profile, [0.0, 0.7, 1.0, 3.0, 3.5, 4.0])[0], [0.5] * 3 + [1.5] * 3)
+    assert evaluate(profile, [2.0])[0, 0] == pytest.approx(1.0)
+
+
+def test_wrong_yaws_are_explained():
+    with pytest.raises(InputError, match="needs a yaw at one"):
+        yaw_through([0.0, 1.0], [math.nan, math.nan])
+    with pytest.raises(InputError, match="waypoints 1 and 2 are passed at once, but have different yaws"):
+        yaw_through([0.0, 1.0, 1.0], [0.0, 1.0, 2.0])
+    np.testing.assert_allclose(yaw_through([0.0, 1.0, 1.0], [0.0, 1.0, 1.0]).times, [0.0, 1.0])
+
+
+def test_along_a_circle_it_turns_with_the_path_through_more_than_a_turn():
+    angle = np.linspace(0.0, 3.0 * math.tau, 37)
+    waypoints = np.column_stack([np.cos(angle), np.sin(angle), np.ones_like(angle)])
+    path = minimum_snap(waypoints, np.linspace(0.0, 40.0, 37))
+    profile = yaw_along(path)
+    times = np.linspace(12.0, 28.0, 300)
+    v_x, v_y, _ = evaluate(path, times, 1)
+    direction = np.unwrap(np.arctan2(v_y, v_x))
+    yaw = evaluate(profile, times)[0]
+    np.testing.assert_allclose(yaw - direction, np.round((yaw - direction)[0] / math.tau) * math.tau, atol=2e-3)
+    first, last = evaluate(profile, profile.times[[0, -1]])[0]
+    assert last - first == pytest.approx(3.0 * math.tau, abs=0.2)
+    np.testing.assert_allclose(rates_at_ends(profile), 0.0, atol=1e-12)
+
+
+def test_at_a_stop_where_it_turns_back_it_turns_smoothly():
+    there = minimum_snap([[0.0, 0.0, 1.0], [3.0, 0.2, 1.0], [0.0, 0.0, 1.0]], [0.0, 5.0, 10.0])
+    profile = yaw_along(there)
+    times = np.linspace(0.0, 10.0, 2001)
+    yaw, rate = evaluate(profile, times)[0], evaluate(profile, times, 1)[0]
+    assert abs(yaw[-1] - yaw[0]) == pytest.approx(math.pi, abs=0.3)
+    assert np.abs(np.diff(yaw)).max() < 0.03
+    assert np.abs(rate).max() < 4.0
+    # The acceleration has no impulse either: it is finite, and continuous but at the ends.
+    assert np.abs(np.diff(evaluate(profile, times, 2)[0])).max() < 1.0
+
+
+def test_straight_up_it_keeps_its_yaw():
+    path = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]], [0.0, 4.0])
+    np.testing.assert_array_equal(evaluate(yaw_along(path), [0.0, 1.0, 4.0])[0], 0.0)
+
+
+def test_after_a_climb_it_already_looks_where_it_will_go():
+    waypoints = [[0.0, 0.0, 0.0], [0.0, 0.0, 2.0], [0.0, 3.0, 2.0]]
+    derivatives = np.full((3, 3, 3), np.nan)
+    derivatives[:] = 0.0
+    profile = yaw_along(minimum_snap(waypoints, [0.0, 4.0, 9.0], derivatives))
+    np.testing.assert_allclose(evaluate(profile, [0.0, 2.0, 4.0, 6.0, 9.0])[0], math.pi / 2.0, atol=1e-6)
