@@ -60,6 +60,42 @@ def test_wrong_input_gets_one_sentence_and_status_2(tmp_path, arguments, words):
     assert not output.exists() or not any(path.is_file() for path in output.rglob("*"))
 
 
+def test_plan_prints_what_binds_and_writes_a_trajectory_that_flies(tmp_path):
+    course = tmp_path / "course.csv"
+    course.write_text("x,y,z\n0,0,1\n1,1,1\n1,1,1\n2,0,1.5\n0,0,1\n", encoding="utf-8")
+    result = run("plan.py", course, "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert re.search(r"^repeats +1 ", result.stdout, re.MULTILINE)
+    assert re.search(r"^top acceleration +0\.700 m/s² of 0\.7$", result.stdout, re.MULTILINE)
+    assert re.search(r"^binds: acceleration on segments? \d", result.stdout, re.MULTILINE)
+    written = [Path(line.strip()) for line in result.stdout.split("wrote\n")[1].splitlines()]
+    assert [path.name for path in written] == ["trajectory.csv", "trajectory.yaml", "plan.png"]
+    assert all(path.stat().st_size > 500 for path in written)
+    loop = tmp_path / "loop.yaml"
+    loop.write_text(f"loop:\n  extends: [{ROOT / 'diagrams' / 'figure_eight.yaml'}, course/trajectory.yaml]\n")
+    result = run("simulate.py", loop, "--set", "duration=1", "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["course.csv"], "course.csv: cannot be read"),
+        (["diagrams/slalom.yaml", "--set", "route.top_speed=0"], "route.top_speed is 0, but must be larger than 0"),
+        (["--set", "route.space={min: [1, -2, 0], max: [9, 3, 3]}"], "waypoint 0, .* lies outside the corridor"),
+        (["--set", "route.times=[0, 1, 2, 3, 4, 5, 6]"], "times slower it is feasible|keeps to what is given"),
+        (["diagrams/figure_eight.yaml", "--set", "control.position=5", "--set", "rout=1"], "rout is unknown"),
+    ],
+)
+def test_a_route_that_cannot_be_planned_gets_one_sentence_and_status_2(tmp_path, arguments, words):
+    output = tmp_path / "out"
+    result = run("plan.py", *arguments, "--output", output)
+    assert result.returncode == 2
+    assert re.search(words, result.stderr)
+    assert len(result.stderr.splitlines()) == 1
+    assert not any(path.is_file() for path in output.rglob("*"))
+
+
 def test_an_unwritable_output_folder_is_told_before_flying(tmp_path):
     (tmp_path / "file").write_text("in the way")
     result = run("simulate.py", "--output", tmp_path / "file")

@@ -25,8 +25,8 @@ from drake_quad.reference.polynomial_path import (
     turning_points,
 )
 
-# Clarabel's own is 1e-8.
-_TOLERANCE = 1e-11
+# Tried in turn: near the edge of what is feasible Clarabel may make no progress towards the first. Its own is 1e-8.
+_TOLERANCES = (1e-9, 1e-7, 1e-5)
 # Limits are put this share lower than they are, so that they hold between the places where they are put.
 _MARGIN = 1e-4
 # How far a corridor may be left, as a share of its largest extent.
@@ -255,14 +255,17 @@ class MinimumSnapProgram:
 
     def _optimise(self, values: np.ndarray) -> None:
         """Solves the program and fills in the values of its variables."""
-        options = SolverOptions()
-        for name in ("tol_feas", "tol_gap_abs", "tol_gap_rel"):
-            options.SetOption(ClarabelSolver.id(), name, _TOLERANCE)
-        result = ClarabelSolver().Solve(self.program, None, options)
-        if not result.is_success():
+        for tolerance in _TOLERANCES:
+            options = SolverOptions()
+            for name in ("tol_feas", "tol_gap_abs", "tol_gap_rel"):
+                options.SetOption(ClarabelSolver.id(), name, tolerance)
+            result = ClarabelSolver().Solve(self.program, None, options)
             status = result.get_solution_result()
-            if status == SolutionResult.kInfeasibleConstraints:
-                raise InfeasibleError
+            if status != SolutionResult.kSolverSpecificError:
+                break
+        if status == SolutionResult.kInfeasibleConstraints:
+            raise InfeasibleError
+        if not result.is_success():
             raise RuntimeError(f"the minimum-snap program was not solved: {status.name}")
         free = self.variables != None  # noqa: E711
         values[free] += result.GetSolution(self.variables[free])

@@ -227,7 +227,12 @@ class WaypointRoute(_Moving):
             raise PydanticCustomError(
                 "limits", "must be a number, or else top_acceleration, to choose the total time", {"field": "top_speed"}
             )
-        if all(isinstance(number, float) for waypoint in self.waypoints for number in waypoint.point or ()):
+        quantities = [
+            self.top_speed,
+            self.top_acceleration,
+            *(x for point in self.waypoints for x in point.point or ()),
+        ]
+        if all(quantity is None or isinstance(quantity, float) for quantity in quantities):
             try:
                 self.problem()
             except InputError as error:

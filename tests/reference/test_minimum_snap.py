@@ -181,7 +181,7 @@ def test_gradients_agree_with_finite_differences(segments, seed, given_motion):
     gradient = solution.cost_gradient() * durations
     np.testing.assert_allclose(gradient, costs, rtol=1e-6, atol=1e-6 * np.abs(gradient).max())
     boundary_gradient = solution.boundary_gradient()
-    scale = np.abs(boundary_gradient).max()
+    scale = max(np.abs(boundary_gradient).max(), np.abs(solution.boundary).max())
     np.testing.assert_allclose(boundary_gradient, np.stack(boundaries, axis=-1), rtol=0.0, atol=1e-6 * scale)
 
 

@@ -1,0 +1,207 @@
+import itertools
+import os
+import re
+
+import numpy as np
+import pytest
+
+from drake_quad.errors import InputError
+from drake_quad.reference.binding import bindings
+from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
+from drake_quad.reference.path_problem import Box, Limits, PathProblem, Sphere
+from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, merged, passing_times, plan_path
+from drake_quad.reference.polynomial_path import evaluate, evaluate_at, peak_norm
+from drake_quad.reference.time_allocation import rest_to_rest_durations
+
+LIMITS = Limits(speed=2.0, acceleration=0.7)
+SQUARE = np.array([[0, 0, 0], [2, 0, 0], [2, 2, 0], [0, 2, 0], [0, 0, 1]], dtype=float)
+HALLWAYS = [Box(np.minimum(a, b) - 0.1, np.maximum(a, b) + 0.1) for a, b in itertools.pairwise(SQUARE)]
+# A thousand take some minutes.
+ROUTES = int(os.environ.get("ROUTES", "40"))
+
+
+def problem(points=SQUARE, **more):
+    return PathProblem([Box.point(point) for point in points], **{"limits": LIMITS, **more})
+
+
+def total(path):
+    return path.times[-1] - path.times[0]
+
+
+def shares(path, limits=LIMITS):
+    """Dense, and apart from the code that plans."""
+    every = np.repeat(np.arange(len(path.coefficients)), 500)
+    s = np.tile(np.linspace(0.0, 1.0, 500), len(path.coefficients))
+    return [
+        np.linalg.norm(evaluate_at(path, every, s, order), axis=1).max() / limit
+        for order, limit in limits.by_order.items()
+    ]
+
+
+def random_points(seed):
+    """2 to 60 waypoints, steps from 1 cm to 100 m of one or of all sizes, with sharp turns, repeats and straights."""
+    rng = np.random.default_rng(seed)
+    count, kind = int(rng.integers(1, 60)), int(rng.integers(4))
+    steps = 10.0 ** rng.uniform(-2.0, 2.0, count) if kind < 2 else np.full(count, 10.0 ** rng.uniform(-2.0, 2.0))
+    directions = rng.normal(size=(count, 3))
+    directions /= np.linalg.norm(directions, axis=1)[:, np.newaxis]
+    if kind % 2:
+        for i in range(1, count):
+            chance = rng.random()
+            if chance < 0.2:
+                directions[i] = directions[i - 1]
+            elif chance < 0.3:
+                directions[i] = -directions[i - 1]
+            elif chance < 0.4:
+                steps[i] = 0.0
+    return np.vstack([np.zeros(3), np.cumsum(directions * steps[:, np.newaxis], axis=0)])
+
+
+@pytest.mark.parametrize("seed", range(ROUTES))
+def test_random_routes_are_planned_within_the_limits(seed):
+    points = random_points(seed)
+    asked = problem(points)
+    path = plan_path(asked, Shortest())
+    kept = shares(path)
+    assert max(kept) <= 1.0 + 1e-6
+    assert max(kept) >= 0.999
+    distinct = points[np.append(True, (np.diff(points, axis=0) != 0.0).any(axis=1))]
+    extent = np.abs(points).max()
+    np.testing.assert_allclose(evaluate(path, path.times).T, distinct, atol=1e-9 * extent)
+    np.testing.assert_allclose(evaluate(path, passing_times(asked, path)).T, points, atol=1e-9 * extent)
+    every = np.arange(len(path.coefficients))
+    for order in (1, 2, 3):
+        before, after = (evaluate_at(path, every, np.full(len(every), s), order) for s in (1.0, 0.0))
+        assert np.abs(before[:-1] - after[1:]).max(initial=0.0) <= 1e-6 * peak_norm(path, order)
+        np.testing.assert_allclose([after[0], before[-1]], 0.0, atol=1e-6 * peak_norm(path, order))
+    assert total(path) <= 1.0011 * rest_to_rest_durations(distinct, LIMITS).sum()
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_the_shortest_is_no_longer_than_the_heuristic(seed):
+    asked = problem(np.cumsum(np.random.default_rng(seed).normal(size=(8, 3)), axis=0))
+    heuristic, shortest = (plan_path(asked, timing) for timing in (Heuristic(), Shortest()))
+    assert 0.999 <= max(shares(heuristic)) <= 1.0 + 1e-6
+    assert total(shortest) < total(heuristic)
+
+
+def test_corridors_boxes_and_spheres_are_kept_with_any_timing():
+    places = [
+        Box.point(SQUARE[0]),
+        Box([1.9, -0.1, -0.1], [2.1, 0.1, 0.1]),
+        Sphere([2.0, 2.0, 0.0], 0.1),
+        Box.point(SQUARE[3]),
+        Box.point(SQUARE[4]),
+    ]
+    asked = PathProblem(places, corridors=HALLWAYS, limits=LIMITS)
+    totals = {}
+    for timing in (GivenTimes((0.0, 5.0, 9.0, 13.0, 18.0)), Heuristic(), LeastSnap(17.0), Shortest()):
+        path = plan_path(asked, timing)
+        assert max(shares(path)) <= 1.0 + 1e-6
+        passed = evaluate(path, path.times).T
+        for place, position in zip(places, passed, strict=True):
+            assert np.linalg.norm(place.nearest(position) - position) <= 1e-7
+        for i, corridor in enumerate(HALLWAYS):
+            positions = evaluate(path, np.linspace(path.times[i], path.times[i + 1], 500)).T
+            assert (positions >= corridor.low - 1e-6).all()
+            assert (positions <= corridor.high + 1e-6).all()
+        totals[type(timing)] = total(path)
+    assert totals[GivenTimes] == 18.0
+    assert totals[LeastSnap] == pytest.approx(17.0)
+    assert totals[Shortest] < totals[Heuristic]
+    touched = {binding.what for binding in bindings(plan_path(asked, Shortest()), LIMITS, asked.corridors)}
+    assert touched == {"acceleration", "corridor"}
+
+
+def test_times_for_a_corridor_are_near_the_best_that_a_search_finds():
+    """Nelder-Mead over the durations of the constrained program found 14.930 s, from two starts."""
+    assert total(plan_path(problem(corridors=HALLWAYS), Shortest())) <= 1.01 * 14.930
+
+
+def test_least_snap_gives_way_to_limits():
+    asked = problem()
+    shortest = plan_path(asked, Shortest())
+    free = plan_path(problem(limits=Limits()), LeastSnap(total(shortest)))
+    within = plan_path(asked, LeastSnap(total(shortest)))
+    assert max(shares(free)) > 1.001
+    assert max(shares(within)) <= 1.0 + 1e-6
+    assert snap_cost(free).sum() <= snap_cost(within).sum() <= snap_cost(shortest).sum() * (1.0 + 1e-6)
+    ample = plan_path(asked, LeastSnap(30.0))
+    assert MinimumSnap(SQUARE, ample.durations).cost == pytest.approx(snap_cost(ample).sum())
+
+
+def test_a_given_velocity_is_flown():
+    derivatives = rest_at_ends(5, 3)
+    derivatives[2, 0] = [-1.0, 0.5, 0.0]
+    for timing in (Heuristic(), Shortest(), LeastSnap(18.0), GivenTimes((0.0, 5.0, 10.0, 14.0, 20.0))):
+        path = plan_path(problem(derivatives=derivatives), timing)
+        np.testing.assert_allclose(evaluate(path, path.times[2:3], 1)[:, 0], [-1.0, 0.5, 0.0], atol=1e-9)
+        assert max(shares(path)) <= 1.0 + 1e-6
+
+
+def test_repeats_are_one_waypoint_where_times_are_chosen_and_a_stay_where_they_are_given():
+    points = SQUARE[[0, 1, 1, 1, 2]]
+    chosen = plan_path(problem(points), Shortest())
+    assert len(chosen.times) == 3
+    np.testing.assert_array_equal(passing_times(problem(points), chosen), chosen.times[[0, 1, 1, 1, 2]])
+    given = plan_path(problem(points), GivenTimes((0.0, 5.0, 6.0, 8.0, 13.0)))
+    stay = np.linspace(5.0, 8.0, 50)
+    np.testing.assert_allclose(evaluate(given, stay).T, np.tile(points[1], (50, 1)), atol=1e-12)
+
+
+def test_repeats_keep_what_is_given_there():
+    derivatives = rest_at_ends(3, 3)
+    derivatives[1] = 0.0
+    kept = merged(problem(SQUARE[[0, 0, 1]], derivatives=np.full((3, 3, 3), np.nan)))
+    assert np.isnan(kept.derivatives).all()
+    kept = merged(problem(SQUARE[[0, 1, 1, 2]], derivatives=np.concatenate([derivatives, derivatives[-1:]])))
+    np.testing.assert_array_equal(kept.derivatives[1], 0.0)
+    moving = rest_at_ends(4, 3)
+    moving[1, 0], moving[2, 0] = [1.0, 0.0, 0.0], [0.5, 0.0, 0.0]
+    with pytest.raises(InputError, match="waypoint 2 repeats waypoint 1, but another derivative"):
+        merged(problem(SQUARE[[0, 1, 1, 2]], derivatives=moving))
+
+
+def test_too_short_a_time_is_explained_and_the_remedy_works():
+    times = np.array([0.0, 2.0, 4.0, 6.0, 8.0])
+    with pytest.raises(InputError) as error:
+        plan_path(problem(), GivenTimes(tuple(times)))
+    words = re.fullmatch(
+        r"the acceleration limit of 0.7 m/s² cannot be kept on segment (\d): at these times at least ([\d.]+) m/s² is "
+        r"needed; flown ([\d.]+) times slower it is feasible",
+        str(error.value),
+    )
+    assert 0 <= int(words[1]) <= 3
+    needed, slower = float(words[2]), float(words[3])
+    # Acceleration falls with the square of the time.
+    assert slower == pytest.approx(np.sqrt(needed / 0.7), rel=0.01)
+    path = plan_path(problem(), GivenTimes(tuple(slower * times)))
+    assert max(shares(path)) <= 1.0 + 1e-6
+    with pytest.raises(InputError, match="cannot be kept"):
+        plan_path(problem(), GivenTimes(tuple(0.98 * slower * times)))
+    with pytest.raises(InputError, match=r"the speed limit of 1 m/s .* at least 2.19 m/s is needed; flown 2.19 times"):
+        plan_path(problem(SQUARE[:2], limits=Limits(speed=1.0)), GivenTimes((0.0, 2.0)))
+    with pytest.raises(InputError, match=r"the acceleration limit .* flown 1\.\d+ times slower"):
+        plan_path(problem(), LeastSnap(9.0))
+
+
+def test_a_velocity_that_leads_out_of_its_corridor_is_explained():
+    derivatives = rest_at_ends(5, 3)
+    derivatives[2, 0] = [1.5, 0.0, 0.0]
+    with pytest.raises(InputError, match=r"the corridor of segment \d cannot be kept .* [\d.]+ m wider"):
+        plan_path(problem(derivatives=derivatives, corridors=HALLWAYS), GivenTimes((0.0, 4.0, 8.0, 12.0, 16.0)))
+
+
+@pytest.mark.parametrize(
+    ("asked", "timing", "words"),
+    [
+        (problem(), GivenTimes((0.0, 1.0)), "2 times for 5 waypoints"),
+        (problem(), GivenTimes((0.0, 1.0, 1.0, 2.0, 3.0)), "must be finite and increase, but 1 s is followed by 1 s"),
+        (problem(), LeastSnap(0.0), "total duration is 0 s, but must be positive"),
+        (problem(limits=Limits()), Shortest(), "a limit on the speed or the acceleration is needed"),
+        (problem(SQUARE[[0, 0]]), Shortest(), r"all waypoints are the same point, \(0, 0, 0\) m"),
+    ],
+)
+def test_wrong_input_is_explained(asked, timing, words):
+    with pytest.raises(InputError, match=words):
+        plan_path(asked, timing)

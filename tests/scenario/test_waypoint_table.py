@@ -1,0 +1,74 @@
+import pytest
+
+from drake_quad.errors import InputError
+from drake_quad.scenario import load_journey
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text, name="course.csv"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return write
+
+
+def points(journey):
+    return [waypoint.point for waypoint in journey.route.waypoints]
+
+
+def test_three_columns_need_no_names(write):
+    journey = load_journey(write("0,0,1\n\n# a comment\n 1.5 , -2 ,1e0\n"))
+    assert journey.name == "course"
+    assert points(journey) == [(0.0, 0.0, 1.0), (1.5, -2.0, 1.0)]
+    assert journey.route.times.kind == "shortest"
+
+
+def test_columns_may_come_in_any_order_with_times_and_yaws(write):
+    text = "\ufeffyaw, Z,y,x,time\n,1,2,3,0\n0.5,4,5,6,7\n"
+    journey = load_journey(write(text, "a course.csv"), ["route.top_speed=3"])
+    assert journey.name == "a_course"
+    assert points(journey) == [(3.0, 2.0, 1.0), (6.0, 5.0, 4.0)]
+    assert journey.route.times.times == (0.0, 7.0)
+    assert [waypoint.yaw for waypoint in journey.route.waypoints] == [None, 0.5]
+    assert journey.route.heading == "waypoints"
+    assert journey.route.top_speed == 3.0
+
+
+def test_a_scenario_can_extend_a_table(write, diagrams):
+    write("0,0,1\n1,0,1\n")
+    path = write(f"a:\n  extends: [{diagrams / 'hover.yaml'}, course.csv]\n", "a.yaml")
+    assert points(load_journey(path)) == [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0)]
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "course.csv: holds no waypoints"),
+        ("x,y,z\n", "course.csv:1: route.waypoints is .* at least 2 items"),
+        ("0,0,1\n", "course.csv:1: route.waypoints is .* at least 2 items"),
+        ("0,0\n1,1\n", "course.csv:1: 2 columns need a first row that names them"),
+        ("0,0,1,5\n1,1,1,6\n", "course.csv:1: 4 columns need a first row that names them"),
+        ("x,y,height\n0,0,1\n", "course.csv:1: the column 'height' is unknown; allowed are time, x, y, z, yaw"),
+        ("x,y,time\n0,0,1\n", "course.csv:1: there is no column z"),
+        ("x,y,z,x\n0,0,1,2\n", "course.csv:1: two columns have the same name"),
+        ("x,y,z\n0,0,1\n0,0\n", "course.csv:3: has 2 cells, but there are 3 columns"),
+        ("x,y,z\n0,0,1\n0,zero,1\n", "course.csv:3: y is 'zero', but must be a finite number"),
+        ("x,y,z\n0,0,1\n0,nan,1\n", "course.csv:3: y is 'nan', but must be a finite number"),
+        ("x,y,z,time\n0,0,1,\n1,0,1,2\n", "course.csv:2: time is '', but must be a finite number"),
+        ("x,y,z,time\n0,0,1,1\n1,0,1,1\n", "course.csv:1: route.times is .* must increase"),
+    ],
+)
+def test_wrong_tables_are_explained(write, text, words):
+    with pytest.raises(InputError, match=words):
+        load_journey(write(text))
+
+
+def test_what_is_not_text_is_explained(tmp_path):
+    path = tmp_path / "course.csv"
+    path.write_bytes(b"0,0,1\n\xff\xfe,0,1\n")
+    with pytest.raises(InputError, match="is not a CSV file of UTF-8 text"):
+        load_journey(path)
+    with pytest.raises(InputError, match="cannot be read: no such file"):
+        load_journey(tmp_path / "none.csv")
