@@ -2,6 +2,7 @@
 
 import argparse
 import gc
+import itertools
 import os
 import platform
 import statistics
@@ -18,7 +19,9 @@ from drake_quad import Scenario, build_tracking_diagram, load_scenario
 from drake_quad.flight import flight_duration, fly
 from drake_quad.planning import plan_route
 from drake_quad.reference.minimum_snap import minimum_snap
+from drake_quad.reference.path_problem import Box, Limits, PathProblem
 from drake_quad.reference.plan import to_piecewise_polynomial
+from drake_quad.reference.planner import GivenTimes, LeastSnap, Shortest, plan_path
 
 _FIGURE_EIGHT = Path(__file__).parent.parent / "diagrams" / "figure_eight.yaml"
 
@@ -44,8 +47,9 @@ def main() -> None:
         cheaper = statistics.median(alone) * size / statistics.median(cost)
         print(f"| fleet of {size:,} | {spread(cost, size)} vehicle-seconds per second | 1/{cheaper:.0f} |")
     for count in (10, 50, 200):
-        times = planning_times(count, 9 * repetitions)
-        print(f"| minimum snap through {count} waypoints | {1e3 * statistics.median(times):.2f} ms | |")
+        print(f"| minimum snap through {count} waypoints | {milliseconds(fast_path(count), 9 * repetitions)} | |")
+    for what, work in planning_work().items():
+        print(f"| {what} | {milliseconds(work, repetitions)} | |")
 
 
 def spread(costs: list[float], size: int) -> str:
@@ -74,12 +78,35 @@ def interleaved(steppers: list[Stepper], repetitions: int) -> list[list[float]]:
     return [list(costs) for costs in zip(*rounds, strict=True)]
 
 
-def planning_times(count: int, repetitions: int) -> list[float]:
-    """Seconds from waypoints in space to Drake's trajectory."""
+def fast_path(count: int) -> Callable[[], object]:
+    """From waypoints in space and times to Drake's trajectory."""
     rng = np.random.default_rng(0)
     waypoints = np.cumsum(rng.normal(size=(count, 3)), axis=0)
     times = np.cumsum(rng.uniform(0.5, 2.0, count))
-    return [timed(lambda: to_piecewise_polynomial(minimum_snap(waypoints, times))) for _ in range(repetitions)]
+    return lambda: to_piecewise_polynomial(minimum_snap(waypoints, times))
+
+
+def planning_work() -> dict[str, Callable[[], object]]:
+    """What the planner does beyond the fast path, on random routes of metre steps."""
+    rng = np.random.default_rng(0)
+    limits = Limits(speed=1.2, acceleration=0.7)
+    points = np.cumsum(rng.normal(size=(50, 3)), axis=0)
+    corridors = [Box(np.minimum(a, b) - 0.2, np.maximum(a, b) + 0.2) for a, b in itertools.pairwise(points)]
+    hallways = PathProblem([Box.point(point) for point in points], corridors=corridors, limits=limits)
+    # Faster than its shortest minimum-snap path, so that limits and walls all push.
+    hurried = GivenTimes(tuple(0.97 * plan_path(hallways, Shortest()).times))
+    course = PathProblem([Box.point(point) for point in points[:21]], limits=limits)
+    return {
+        "50 waypoints at given times within speed, acceleration and corridors": lambda: plan_path(hallways, hurried),
+        "times of 20 segments, least snap in 60 s": lambda: plan_path(PathProblem(course.places), LeastSnap(60.0)),
+        "times of 20 segments, shortest within speed and acceleration": lambda: plan_path(course, Shortest()),
+    }
+
+
+def milliseconds(work: Callable[[], object], repetitions: int) -> str:
+    """The median of the times that a work takes, and the best in parentheses."""
+    times = [1e3 * timed(work) for _ in range(repetitions)]
+    return f"{statistics.median(times):.3g} ({min(times):.3g}) ms"
 
 
 def timed(work: Callable[[], object]) -> float:

@@ -230,7 +230,7 @@ class WaypointRoute(_Moving):
         quantities = [
             self.top_speed,
             self.top_acceleration,
-            *(x for point in self.waypoints for x in point.point or ()),
+            *(x for waypoint in self.waypoints for x in waypoint.point or ()),
         ]
         if all(quantity is None or isinstance(quantity, float) for quantity in quantities):
             try:
