@@ -20,14 +20,16 @@ every duration costs one with as many right-hand sides.
 """
 
 import math
+from collections.abc import Sequence
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
 from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from drake_quad.errors import InputError
-from drake_quad.reference.polynomial_path import PolynomialPath, hermite_matrix
+from drake_quad.reference.polynomial_path import PolynomialPath, hermite_matrix, power_basis
 
 DEGREE = 7
 FREE = 3  # velocity, acceleration, jerk: what a waypoint leaves free
@@ -76,6 +78,22 @@ def rest_at_ends(count: int, axes: int) -> np.ndarray:
     return derivatives
 
 
+class Contact(NamedTuple):
+    """A place at which one axis of a path is held, as by a wall that it touches.
+
+    Attributes:
+        segment: index.
+        s: place on the segment, 0 to 1.
+        axis: index.
+        position: of that axis, m.
+    """
+
+    segment: int
+    s: float
+    axis: int
+    position: float
+
+
 class MinimumSnap:
     """The minimum-snap path through points, and how it changes with its durations.
 
@@ -83,14 +101,22 @@ class MinimumSnap:
         points: (segments + 1, axes), m.
         durations: (segments,) positive, s.
         derivatives: as for `minimum_snap`; a derivative is given on all axes or on none.
+        contacts: where the path is held too.
 
     Attributes:
         boundary: (segments, 8, axes) boundary derivatives of each segment with respect to s, position relative to its
             start; m.
     """
 
-    def __init__(self, points: np.ndarray, durations: np.ndarray, derivatives: ArrayLike | None = None) -> None:
-        self.points, self.durations = points, durations
+    def __init__(
+        self,
+        points: np.ndarray,
+        durations: np.ndarray,
+        derivatives: ArrayLike | None = None,
+        *,
+        contacts: Sequence[Contact] = (),
+    ) -> None:
+        self.points, self.durations, self.contacts = points, durations, tuple(contacts)
         axes = points.shape[1]
         given = rest_at_ends(len(points), axes) if derivatives is None else np.asarray(derivatives, dtype=float)
         self._fixed = ~np.isnan(given).any(axis=2)
@@ -104,11 +130,18 @@ class MinimumSnap:
         known *= (unit[:, np.newaxis] ** np.arange(1, FREE + 1))[:, :, np.newaxis]
         self.boundary = self._to_boundary(known)
         self.boundary[:, 4] = np.diff(points, axis=0)
+        # From boundary derivatives to the position at each contact.
+        self._contact_bases = [power_basis(0, contact.s, DEGREE + 1) @ FROM_BOUNDARY for contact in self.contacts]
+        self._forces = np.zeros(len(self.contacts))
         if not self._fixed.all():
             self._factorise()
+            if self.contacts:
+                self._hold()
             # Position enters only through its change over the segment: the rows of the form cancel on constants.
             pull = -self._pull(BOUNDARY_FORM @ self.boundary)
-            self.boundary += self._to_boundary(self._solve(pull))
+            gaps = np.array([contact.position - points[contact.segment, contact.axis] for contact in self.contacts])
+            answer, self._forces = self._answer(pull, gaps - self._at_contacts(self.boundary))
+            self.boundary += self._to_boundary(answer)
 
     def path(self) -> PolynomialPath:
         """The path, beginning at time zero."""
@@ -125,7 +158,13 @@ class MinimumSnap:
     def cost_gradient(self) -> np.ndarray:
         """(segments,) derivatives of the cost with respect to the durations, m²/s⁸."""
         roots, growth = _ROOT @ self.boundary, _ROOT @ (ORDERS[:, np.newaxis] * self.boundary)
-        return np.asarray(np.einsum("n,nka,nka->n", self.durations**-8.0, roots, 2.0 * growth - 7.0 * roots))
+        gradient = np.einsum("n,nka,nka->n", self.durations**-8.0, roots, 2.0 * growth - 7.0 * roots)
+        # The forces are in the units of the form, in which the weight of the shortest segment is one.
+        shortest = self.durations.min()
+        shifts = self._at_contacts(ORDERS[:, np.newaxis] * self.boundary)
+        for contact, force, shift in zip(self.contacts, self._forces, shifts, strict=True):
+            gradient[contact.segment] += 2.0 * force * shift / (shortest**7.0 * self.durations[contact.segment])
+        return np.asarray(gradient)
 
     def boundary_gradient(self) -> np.ndarray:
         """(segments, 8, axes, segments) derivatives of `boundary` with respect to the logarithms of the durations."""
@@ -139,7 +178,13 @@ class MinimumSnap:
             # A duration acts on its own segment's residual only; then everything answers.
             local = np.zeros((segments, 8, axes, segments))
             local[every, :, :, every] = residual
-            answer = self._solve(-self._pull(local.reshape(segments, 8, axes * segments)))
+            gaps = np.zeros((len(self.contacts), segments))
+            for i, (segment, _, axis, _) in enumerate(self.contacts):
+                force = self._forces[i] / self._weight[segment]
+                local[segment, :, axis, segment] += force * ORDERS * self._contact_bases[i]
+                gaps[i, segment] = -self._contact_bases[i] @ growth[segment, :, axis]
+            pull = -self._pull(local.reshape(segments, 8, axes * segments))
+            answer, _ = self._answer(pull, gaps)
             gradient += self._to_boundary(answer).reshape(gradient.shape)
         gradient[every, :, :, every] += growth
         return gradient
@@ -184,6 +229,47 @@ class MinimumSnap:
         bands[0] = 1.0
         self._unit = unit
         self._factor = cholesky_banded(bands, lower=True, check_finite=False)
+
+    def _hold(self) -> None:
+        """Prepares the contacts: how the path answers to a unit force at each."""
+        size = len(self._unit)
+        self._rows = np.zeros((len(self.contacts), size))
+        for row, contact, basis in zip(self._rows, self.contacts, self._contact_bases, strict=True):
+            scaled, at = basis * self._scales[contact.segment], FREE * contact.segment
+            row[at : at + FREE], row[at + FREE : at + 2 * FREE] = scaled[START], scaled[END]
+        self._rows[:, self._fixed.ravel()] = 0.0
+        self._answers = self._solve(self._rows.T.reshape(size // FREE, FREE, -1)).reshape(size, -1)
+
+    def _at_contacts(self, boundary: np.ndarray) -> np.ndarray:
+        """(contacts,) what boundary derivatives (segments, 8, axes) make of the position at each, m."""
+        return np.array(
+            [
+                basis @ boundary[contact.segment, :, contact.axis]
+                for contact, basis in zip(self.contacts, self._contact_bases, strict=True)
+            ]
+        )
+
+    def _answer(self, pull: np.ndarray, gaps: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """The derivatives that answer to a pull and move the contacts by given gaps, and the contacts' forces.
+
+        Args:
+            pull: (waypoints, 3, axes × columns).
+            gaps: (contacts,) + columns, m.
+        """
+        answer, forces = self._solve(pull), np.zeros_like(gaps)
+        if not self.contacts:
+            return answer, forces
+        by_axis = answer.reshape(len(self._unit), self.points.shape[1], -1)
+        for axis in range(self.points.shape[1]):
+            held = [i for i, contact in enumerate(self.contacts) if contact.axis == axis]
+            if held:
+                rows, answers = self._rows[held], self._answers[:, held]
+                missing = rows @ by_axis[:, axis] - gaps[held].reshape(len(held), -1)
+                # Least squares, should two contacts say the same.
+                force = np.linalg.lstsq(rows @ answers, missing, rcond=1e-12)[0]
+                by_axis[:, axis] -= answers @ force
+                forces[held] = force.reshape(forces[held].shape)
+        return by_axis.reshape(answer.shape), forces
 
     def _solve(self, pull: np.ndarray) -> np.ndarray:
         """(waypoints, 3, columns) the derivatives in the waypoints' units that answer to a pull."""

@@ -1,13 +1,14 @@
 """From what a path must keep to, and a way to choose its times, to the path."""
 
 import itertools
-from collections.abc import Callable, Iterator
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
 
 from drake_quad.errors import InputError
 from drake_quad.reference.infeasibility import explain
+from drake_quad.reference.minimum_snap import Contact, snap_cost
 from drake_quad.reference.minimum_snap_program import InfeasibleError, path_within
 from drake_quad.reference.path_problem import Box, Limits, PathProblem
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, turning_points
@@ -19,10 +20,12 @@ _ANY_LIMITS = Limits(acceleration=1.0)
 # No segment gets less than this share of the longest one to begin with.
 _LEAST_SHARE = 1e-3
 # Rounds of fitting times to where the path goes, if it may choose; and the gain in time for which one more is worth it.
-_ROUNDS = 4
+_ROUNDS = 10
 _LEAST_GAIN = 1e-3
-# A place where the path touches its corridor counts as a waypoint if it is at least this far from the segment's ends.
-_CONTACT_ROOM = 0.1
+# A path touches a corridor within this share of its largest extent, at least this far from the segment's ends.
+_TOUCHING, _CONTACT_ROOM = 1e-5, 0.02
+# How far the logarithms of the durations move in a round, at first and at least.
+_FIRST_REACH, _LAST_REACH = 0.3, 0.02
 _BISECTIONS = 6
 # A flight that takes more than this share of one with stops everywhere is searched for from another start too.
 _LITTLE_GAINED = 0.95
@@ -201,19 +204,49 @@ def _shortest(problem: PathProblem) -> PolynomialPath:
 
 def _shortened(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> PolynomialPath:
     """The path with times that make it shorter, searched for from its own or from those of least snap."""
-    best = path
-    for _ in range(1 if problem.passes_points else _ROUNDS):
-        points, durations, segment, derivatives = _pinned(problem, path)
+    unlimited = problem.without_limits()
+    if problem.passes_points:
+        points, durations = _waypoints(path), path.durations
         if smooth:
-            durations = least_snap_durations(points, durations, derivatives)
-        durations = shortest_durations(points, durations, problem.limits, derivatives)
-        unlimited = _path_or_reason(problem.without_limits(), np.bincount(segment, weights=durations))
-        path = _stretched(unlimited, problem.limits)
-        gain = 1.0 - _duration(path) / _duration(best)
-        best = min(best, path, key=_duration)
+            durations = least_snap_durations(points, durations, problem.derivatives)
+        durations = shortest_durations(points, durations, problem.limits, problem.derivatives)
+        return min(path, _stretched(path_within(unlimited, durations), problem.limits), key=_duration)
+
+    def shortened(path: PolynomialPath, reach: float) -> PolynomialPath:
+        durations = shortest_durations(
+            _waypoints(path),
+            path.durations,
+            problem.limits,
+            problem.derivatives,
+            contacts=_contacts(problem, path),
+            reach=reach,
+        )
+        return _stretched(path_within(unlimited, durations), problem.limits)
+
+    return _improved(path, shortened, _duration)
+
+
+def _improved(
+    path: PolynomialPath,
+    change: Callable[[PolynomialPath, float], PolynomialPath],
+    cost: Callable[[PolynomialPath], float],
+) -> PolynomialPath:
+    """The path after changes, each within a reach, for as long as the cost falls.
+
+    A change is made as if the path kept touching its corridors, and passing its places, where it does now; so it is
+    good as far as that holds, and the reach shrinks when it does not.
+    """
+    reach = _FIRST_REACH
+    for _ in range(_ROUNDS):
+        changed = change(path, reach)
+        gain = 1.0 - cost(changed) / cost(path)
+        if gain > 0.0:
+            path = changed
         if gain < _LEAST_GAIN:
-            break
-    return best
+            if reach < _LAST_REACH:
+                break
+            reach /= 3.0
+    return path
 
 
 def _through_given_motion(problem: PathProblem, *, shorten: bool) -> PolynomialPath:
@@ -235,25 +268,36 @@ def _through_given_motion(problem: PathProblem, *, shorten: bool) -> PolynomialP
 
 def _fitted_to_motion(problem: PathProblem, durations: np.ndarray, *, shorten: bool) -> np.ndarray:
     """(segments,) durations of least snap in their sum, or then of least sum, for a problem with given motion."""
-    unlimited = problem.without_limits()
-    for _ in range(1 if problem.passes_points else _ROUNDS):
-        points, parts, segment, derivatives = _pinned(problem, path_within(unlimited, durations))
-        parts = least_snap_durations(points, parts, derivatives)
-        if shorten:
-            parts = shortest_durations(points, parts, problem.limits, derivatives)
-        durations = np.bincount(segment, weights=parts)
-    return durations
+    path = _smoothest(problem.without_limits(), durations)
+    if not shorten:
+        return path.durations
+    return shortest_durations(
+        _waypoints(path), path.durations, problem.limits, problem.derivatives, contacts=_contacts(problem, path)
+    )
+
+
+def _smoothest(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
+    """The path of least snap, with its times free but for their sum; limits are not looked at."""
+    if problem.passes_points:
+        durations = least_snap_durations(problem.representatives(), durations, problem.derivatives)
+        return path_within(problem, durations)
+
+    def smoothed(path: PolynomialPath, reach: float) -> PolynomialPath:
+        points, contacts = _waypoints(path), _contacts(problem, path)
+        return path_within(
+            problem,
+            least_snap_durations(points, path.durations, problem.derivatives, contacts=contacts, reach=reach),
+        )
+
+    return _improved(path_within(problem, durations), smoothed, lambda path: float(snap_cost(path).sum()))
 
 
 def _least_snap(problem: PathProblem, total: float) -> PolynomialPath:
-    path = _fitted(problem, _stops_everywhere)
-    path = path.stretched(total / _duration(path))
-    unlimited = problem.without_limits()
-    for _ in range(1 if problem.passes_points else _ROUNDS):
-        points, durations, segment, derivatives = _pinned(problem, path)
-        durations = least_snap_durations(points, durations, derivatives)
-        durations = np.bincount(segment, weights=durations)
-        path = _path_or_reason(unlimited, durations)
+    start = _fitted(problem, _stops_everywhere).durations
+    try:
+        durations = _smoothest(problem.without_limits(), start * (total / start.sum())).durations
+    except InfeasibleError:
+        raise InputError(explain(problem, start * (total / start.sum()))) from None
     try:
         return path_within(problem, durations)
     except InfeasibleError:
@@ -278,34 +322,20 @@ def _nearest_within_limits(problem: PathProblem, durations: np.ndarray) -> Polyn
     return best
 
 
-def _pinned(problem: PathProblem, path: PolynomialPath) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The problem of the fast path that is nearest to one with corridors: through where its path touches them.
-
-    Returns:
-        (n + 1, axes) points, (n,) durations, (n,) the segment that each is part of, (n + 1, 3, axes) derivatives.
-    """
-    contacts = sorted(_contacts(problem, path))
-    places = sorted([*((i, 0.0) for i in range(problem.segments)), *contacts])
-    segment = np.array([i for i, _ in places])
-    s = np.array([s for _, s in places])
-    points = np.vstack([evaluate_at(path, segment, s), _waypoints(path)[-1:]])
-    instants = np.append(path.times[segment] + s * path.durations[segment], path.times[-1])
-    derivatives = np.full((len(points), *problem.derivatives.shape[1:]), np.nan)
-    derivatives[np.append(s == 0.0, True)] = problem.derivatives
-    return points, np.diff(instants), segment, derivatives
-
-
-def _contacts(problem: PathProblem, path: PolynomialPath) -> Iterator[tuple[int, float]]:
-    """Segments and places at which the path touches its corridor."""
+def _contacts(problem: PathProblem, path: PolynomialPath) -> list[Contact]:
+    """Where the path touches its corridors."""
     segments, axes, places = turning_points(path)
     positions = evaluate_at(path, segments, places)[np.arange(len(places)), axes]
+    contacts = []
     for segment, axis, s, position in zip(segments, axes, places, positions, strict=True):
         corridor = problem.corridors[segment]
         if corridor is None or not _CONTACT_ROOM < s < 1.0 - _CONTACT_ROOM:
             continue
-        room = min(position - corridor.low[axis], corridor.high[axis] - position)
-        if room < 1e-3 * float((corridor.high - corridor.low).max()):
-            yield int(segment), float(s)
+        walls = corridor.low[axis], corridor.high[axis]
+        wall = min(walls, key=lambda wall: abs(position - wall))
+        if abs(position - wall) < _TOUCHING * float((corridor.high - corridor.low).max()):
+            contacts.append(Contact(int(segment), float(s), int(axis), float(wall)))
+    return contacts
 
 
 def _waypoints(path: PolynomialPath) -> np.ndarray:

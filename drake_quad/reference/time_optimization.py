@@ -5,13 +5,14 @@ segments' durations, so that a segment of 0.1 s counts as much as one of 100 s.
 """
 
 import math
+from collections.abc import Sequence
 from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import linprog, minimize
 
-from drake_quad.reference.minimum_snap import DEGREE, FROM_BOUNDARY, MinimumSnap
+from drake_quad.reference.minimum_snap import DEGREE, FROM_BOUNDARY, Contact, MinimumSnap
 from drake_quad.reference.path_problem import Limits
 from drake_quad.reference.polynomial_path import norm_peaks, power_basis
 
@@ -28,7 +29,12 @@ _PRICE = 10.0
 
 
 def least_snap_durations(
-    points: np.ndarray, durations: np.ndarray, derivatives: np.ndarray | None = None
+    points: np.ndarray,
+    durations: np.ndarray,
+    derivatives: np.ndarray | None = None,
+    *,
+    contacts: Sequence[Contact] = (),
+    reach: float = _REACH,
 ) -> np.ndarray:
     """Returns the (segments,) durations of the same sum whose minimum-snap path costs least, s.
 
@@ -38,6 +44,8 @@ def least_snap_durations(
         points: (segments + 1, axes), m.
         durations: (segments,) where to start, s.
         derivatives: given at the waypoints, as for `minimum_snap`.
+        contacts: where the path is held too.
+        reach: how far the logarithms of the durations may move, before they are scaled to their sum.
     """
     total = float(durations.sum())
 
@@ -50,7 +58,7 @@ def least_snap_durations(
     def logarithm_of_cost(logarithms: np.ndarray) -> tuple[float, np.ndarray]:
         nonlocal best
         durations = shared(logarithms)
-        solution = MinimumSnap(points, durations, derivatives)
+        solution = MinimumSnap(points, durations, derivatives, contacts=contacts)
         value = math.log(solution.cost)
         best = min(best, (value, durations), key=lambda pair: pair[0])
         slope = durations * solution.cost_gradient() / solution.cost
@@ -59,7 +67,7 @@ def least_snap_durations(
     if len(durations) == 1 or MinimumSnap(points, durations, derivatives).cost == 0.0:
         return durations
     start = np.log(durations)
-    bounds = [(x - _REACH, x + _REACH) for x in start]
+    bounds = [(x - reach, x + reach) for x in start]
     options = {"maxiter": 2000, "maxfun": 4000, "ftol": 1e-14, "gtol": 1e-9}
     # A step of the search may reach durations so unequal that the form is no longer positive definite in floating
     # point; what was found before stands.
@@ -69,7 +77,13 @@ def least_snap_durations(
 
 
 def shortest_durations(
-    points: np.ndarray, durations: np.ndarray, limits: Limits, derivatives: np.ndarray | None = None
+    points: np.ndarray,
+    durations: np.ndarray,
+    limits: Limits,
+    derivatives: np.ndarray | None = None,
+    *,
+    contacts: Sequence[Contact] = (),
+    reach: float = math.inf,
 ) -> np.ndarray:
     """Returns (segments,) durations of least sum whose minimum-snap path keeps to the limits, s.
 
@@ -83,6 +97,8 @@ def shortest_durations(
         durations: (segments,) where to start, s.
         limits: one at least.
         derivatives: given at the waypoints, as for `minimum_snap`.
+        contacts: where the path is held too.
+        reach: how far the logarithms of the durations may move, before a last stretch.
     """
     stretchable = derivatives is None or not np.nan_to_num(derivatives).any()
     price, floor = (1.0, -math.inf) if stretchable else (_PRICE, 0.0)
@@ -90,15 +106,21 @@ def shortest_durations(
     def merit(durations: np.ndarray, excess: float) -> float:
         return math.log(durations.sum()) + price * max(excess, floor)
 
-    radius = _FIRST_STEP
-    peaks = _peaks(MinimumSnap(points, durations, derivatives), limits)
+    def planned(durations: np.ndarray) -> _LimitPeaks:
+        return _peaks(MinimumSnap(points, durations, derivatives, contacts=contacts), limits)
+
+    start = np.log(durations)
+    radius = min(_FIRST_STEP, reach)
+    peaks = planned(durations)
     for _ in range(_STEPS):
         value = merit(durations, peaks.worst)
         gradients = _excess_gradients(peaks)
         while True:
-            change, gain = _best_change(durations, peaks.excess, gradients, radius=radius, price=price, floor=floor)
+            moved = np.log(durations) - start
+            box = np.maximum(-radius, -reach - moved), np.minimum(radius, reach - moved)
+            change, gain = _best_change(durations, peaks.excess, gradients, box=box, price=price, floor=floor)
             candidate = durations * np.exp(change)
-            found = _peaks(MinimumSnap(points, candidate, derivatives), limits)
+            found = planned(candidate)
             share = (value - merit(candidate, found.worst)) / max(gain, 1e-300)
             if share > 0.1 or radius < _SMALLEST_STEP or gain < _LEAST_GAIN:
                 break
@@ -165,17 +187,24 @@ def _excess_gradients(peaks: _LimitPeaks) -> np.ndarray:
 
 
 def _best_change(
-    durations: np.ndarray, excess: np.ndarray, gradients: np.ndarray, *, radius: float, price: float, floor: float
+    durations: np.ndarray,
+    excess: np.ndarray,
+    gradients: np.ndarray,
+    *,
+    box: tuple[np.ndarray, np.ndarray],
+    price: float,
+    floor: float,
 ) -> tuple[np.ndarray, float]:
-    """(segments,) change of the logarithms within a radius that the linear model likes best, and what it promises."""
+    """(segments,) change of the logarithms within a box that the linear model likes best, and what it promises."""
+    low, high = box
     worst = max(float(excess.max()), floor)
     # A peak that stays below what others fall to in the best case cannot matter.
-    swing = radius * np.abs(gradients).sum(axis=1)
+    swing = np.abs(gradients) @ np.maximum(-low, high)
     matters = excess + swing >= max(float((excess - swing).max()), floor)
     segments = len(durations)
     slope = np.append(durations / durations.sum(), price)
     rows = np.column_stack([gradients[matters], np.full(int(matters.sum()), -1.0)])
-    bounds = [(-radius, radius)] * segments + [(floor - worst if floor > -math.inf else None, None)]
+    bounds = [*zip(low, high, strict=True), (floor - worst if floor > -math.inf else None, None)]
     result = linprog(slope, A_ub=rows, b_ub=worst - excess[matters], bounds=bounds, method="highs")
     if not result.success:
         return np.zeros(segments), 0.0

@@ -8,7 +8,7 @@ from hypothesis import strategies as st
 from scipy.interpolate import make_interp_spline
 
 from drake_quad.errors import InputError
-from drake_quad.reference.minimum_snap import MinimumSnap, minimum_snap, rest_at_ends, snap_cost
+from drake_quad.reference.minimum_snap import Contact, MinimumSnap, minimum_snap, rest_at_ends, snap_cost
 from drake_quad.reference.minimum_snap_program import MinimumSnapProgram
 from drake_quad.reference.path_problem import Box, PathProblem
 from drake_quad.reference.plan import to_piecewise_polynomial
@@ -159,9 +159,9 @@ def test_bad_waypoints_are_explained(waypoints, times, words):
         minimum_snap(waypoints, times)
 
 
-@given(st.integers(2, 12), st.integers(0, 2**32 - 1), st.booleans())
-@settings(max_examples=30, deadline=None)
-def test_gradients_agree_with_finite_differences(segments, seed, given_motion):
+@given(st.integers(2, 12), st.integers(0, 2**32 - 1), st.booleans(), st.integers(0, 3))
+@settings(max_examples=40, deadline=None)
+def test_gradients_agree_with_finite_differences(segments, seed, given_motion, touched):
     """Of the cost, and of the whole path, with respect to the durations."""
     rng = np.random.default_rng(seed)
     points, durations = rng.normal(size=(segments + 1, 3)), rng.uniform(0.3, 3.0, segments)
@@ -169,13 +169,22 @@ def test_gradients_agree_with_finite_differences(segments, seed, given_motion):
     if given_motion:
         derivatives[segments // 2, 0] = rng.normal(size=3)
         derivatives[rng.integers(segments + 1)] = 0.0
-    solution = MinimumSnap(points, durations, derivatives)
+    # One on a segment and axis, so that they cannot contradict each other.
+    places = rng.choice(segments * 3, size=min(touched, segments), replace=False)
+    contacts = [Contact(int(i) // 3, rng.uniform(0.2, 0.8), int(i) % 3, rng.normal()) for i in places]
+    if given_motion:
+        contacts = contacts[:1]
+
+    def planned(durations):
+        return MinimumSnap(points, durations, derivatives, contacts=contacts)
+
+    solution = planned(durations)
     step = 1e-4
     costs, boundaries = [], []
     for i in range(segments):
         factors = np.ones((4, segments))
         factors[:, i] = np.exp(step * np.array([-2.0, -1.0, 1.0, 2.0]))
-        moved = [MinimumSnap(points, durations * factor, derivatives) for factor in factors]
+        moved = [planned(durations * factor) for factor in factors]
         for results, values in ((costs, [m.cost for m in moved]), (boundaries, [m.boundary for m in moved])):
             results.append((values[0] - 8.0 * values[1] + 8.0 * values[2] - values[3]) / (12.0 * step))
     gradient = solution.cost_gradient() * durations
@@ -183,6 +192,24 @@ def test_gradients_agree_with_finite_differences(segments, seed, given_motion):
     boundary_gradient = solution.boundary_gradient()
     scale = max(np.abs(boundary_gradient).max(), np.abs(solution.boundary).max())
     np.testing.assert_allclose(boundary_gradient, np.stack(boundaries, axis=-1), rtol=0.0, atol=1e-6 * scale)
+
+
+def test_contacts_are_where_they_are_held_and_the_rest_costs_least():
+    rng = np.random.default_rng(6)
+    points, durations = rng.normal(size=(6, 3)), rng.uniform(0.5, 2.0, 5)
+    contacts = [Contact(0, 0.5, 0, 0.3), Contact(3, 0.3, 2, -0.4), Contact(3, 0.7, 2, 0.2)]
+    held = MinimumSnap(points, durations, contacts=contacts)
+    for contact in contacts:
+        place = evaluate_at(held.path(), np.array([contact.segment]), np.array([contact.s]))
+        assert place[0, contact.axis] == pytest.approx(contact.position, abs=1e-12)
+    # The same by the program, with the contacts as equalities.
+    planned = MinimumSnapProgram(PathProblem([Box.point(point) for point in points]), durations)
+    for contact in contacts:
+        planned.bound_position(contact.segment, contact.s, contact.axis, contact.position, contact.position)
+    solved = planned.solve()
+    assert snap_cost(solved).sum() == pytest.approx(held.cost, rel=1e-6)
+    scale = np.abs(held.path().coefficients).max()
+    np.testing.assert_allclose(solved.coefficients, held.path().coefficients, atol=1e-5 * scale)
 
 
 def test_the_cost_is_that_of_the_coefficients():

@@ -115,7 +115,13 @@ def test_corridors_boxes_and_spheres_are_kept_with_any_timing():
 
 def test_times_for_a_corridor_are_near_the_best_that_a_search_finds():
     """Nelder-Mead over the durations of the constrained program found 14.930 s, from two starts."""
-    assert total(plan_path(problem(corridors=HALLWAYS), Shortest())) <= 1.01 * 14.930
+    assert total(plan_path(problem(corridors=HALLWAYS), Shortest())) <= 1.002 * 14.930
+
+
+def test_least_snap_in_a_corridor_is_near_the_best_that_a_search_finds():
+    """Nelder-Mead over the durations found a cost of 13.210 m²/s⁷ in 14 s."""
+    path = plan_path(problem(corridors=HALLWAYS, limits=Limits()), LeastSnap(14.0))
+    assert snap_cost(path).sum() <= 1.002 * 13.210
 
 
 def test_least_snap_gives_way_to_limits():
