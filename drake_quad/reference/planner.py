@@ -1,7 +1,8 @@
 """From what a path must keep to, and a way to choose its times, to the path."""
 
 import itertools
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import suppress
 from dataclasses import dataclass
 
 import numpy as np
@@ -254,26 +255,26 @@ def _through_given_motion(problem: PathProblem, *, shorten: bool) -> PolynomialP
     stops = rest_to_rest_durations(problem.representatives(), problem.limits)
     stops = np.maximum(stops, _LEAST_SHARE * stops.max())
     found: list[PolynomialPath] = []
-    reason = ""
-    for factor in _TRIED:
-        try:
-            durations = _fitted_to_motion(problem, factor * stops, shorten=shorten)
+    for durations in _durations_to_try(problem, stops, shorten=shorten):
+        with suppress(InfeasibleError):
             found.append(path_within(problem, durations))
-        except InfeasibleError:
-            reason = reason or explain(problem, factor * stops)
     if not found:
-        raise InputError(reason)
+        raise InputError(explain(problem, stops))
     return min(found, key=_duration)
 
 
-def _fitted_to_motion(problem: PathProblem, durations: np.ndarray, *, shorten: bool) -> np.ndarray:
-    """(segments,) durations of least snap in their sum, or then of least sum, for a problem with given motion."""
-    path = _smoothest(problem.without_limits(), durations)
-    if not shorten:
-        return path.durations
-    return shortest_durations(
-        _waypoints(path), path.durations, problem.limits, problem.derivatives, contacts=_contacts(problem, path)
-    )
+def _durations_to_try(problem: PathProblem, stops: np.ndarray, *, shorten: bool) -> Iterator[np.ndarray]:
+    """(segments,) durations of least snap in several sums, and those of least sum that are near them."""
+    for factor in _TRIED:
+        try:
+            path = _smoothest(problem.without_limits(), factor * stops)
+        except InfeasibleError:
+            continue
+        yield path.durations
+        if shorten:
+            yield shortest_durations(
+                _waypoints(path), path.durations, problem.limits, problem.derivatives, contacts=_contacts(problem, path)
+            )
 
 
 def _smoothest(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
