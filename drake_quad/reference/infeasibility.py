@@ -10,24 +10,26 @@ from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, no
 
 # Slower flights that are tried where no rule says how much slower is enough.
 _SLOWER = (1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
+_SLOWEST = 1e3
 _BISECTIONS = 8
 _QUANTITIES = {1: ("speed", "m/s"), 2: ("acceleration", "m/s²")}
 
 
 def explain(problem: PathProblem, durations: np.ndarray) -> str:
     """Returns a sentence on why no path keeps to a problem's demands at these durations (segments,), s."""
+    relaxed = MinimumSnapProgram(problem, durations, slack=Slack.LIMITS)
     try:
-        relaxed = MinimumSnapProgram(problem, durations, slack=Slack.LIMITS)
-        path = relaxed.solve()
+        complaint = _broken_limit(problem, relaxed.solve())
+        slower = _slower_factor(problem, durations, 1.0 + relaxed.exceeded)
     except InfeasibleError:
         return _explain_corridors(problem, durations)
-    slower = _slower_factor(problem, durations, 1.0 + relaxed.exceeded)
-    remedy = (
-        f"flown {slower:.3g} times slower it is feasible"
-        if slower is not None
-        else "no slower flight was found that keeps to what is given at the waypoints"
-    )
-    return f"{_broken_limit(problem, path)}; {remedy}"
+    except RuntimeError:
+        # The solver knows that there is no path, but not the nearest one.
+        complaint = "no path keeps to all that is asked at these times"
+        slower = _slower_factor(problem, durations, _SLOWEST)
+    if slower is None:
+        return f"{complaint}; no slower flight was found that keeps to what is given at the waypoints"
+    return f"{complaint}; flown {slower:.3g} times slower it is feasible"
 
 
 def _broken_limit(problem: PathProblem, path: PolynomialPath) -> str:
@@ -51,7 +53,7 @@ def _slower_factor(problem: PathProblem, durations: np.ndarray, excess: float) -
     def feasible(factor: float) -> bool:
         try:
             path_within(problem, factor * durations)
-        except InfeasibleError:
+        except (InfeasibleError, RuntimeError):
             return False
         return True
 

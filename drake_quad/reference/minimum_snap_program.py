@@ -1,5 +1,8 @@
 """Minimum snap as a MathematicalProgram: the form that takes inequalities."""
 
+import logging
+from collections.abc import Iterator
+from contextlib import contextmanager
 from enum import Enum
 
 import numpy as np
@@ -27,15 +30,28 @@ from drake_quad.reference.polynomial_path import (
 
 # Tried in turn: near the edge of what is feasible Clarabel may make no progress towards the first. Its own is 1e-8.
 _TOLERANCES = (1e-9, 1e-7, 1e-5)
-# Limits are put this share lower than they are, so that they hold between the places where they are put.
-_MARGIN = 1e-4
-# How far a corridor may be left, as a share of its largest extent.
-_CORRIDOR_TOLERANCE = 1e-7
+# Limits are put this share lower than they are, and walls this share of a corridor's largest extent further in, so
+# that they hold between the places where they are put.
+_MARGIN, _WALL_MARGIN = 1e-4, 1e-5
+# How far a corridor may be left, where a waypoint on its wall leaves no room for a margin; a share likewise.
+_WALL_TOLERANCE = 1e-7
 # Where on a segment a bound is put at first, beside the peaks.
 _SEEDS = np.array([0.15, 0.3, 0.5, 0.7, 0.85])
 _ROUNDS = 25
 # The weight of the snap beside what is exceeded: enough to choose among paths that exceed it equally.
 _SNAP_BESIDE_SLACK = 1e-6
+
+
+@contextmanager
+def _without_solver_remarks() -> Iterator[None]:
+    """Keeps Drake's log from telling of attempts that are made again with another tolerance."""
+    logger = logging.getLogger("drake")
+    level = logger.level
+    logger.setLevel(logging.WARNING)
+    try:
+        yield
+    finally:
+        logger.setLevel(level)
 
 
 class InfeasibleError(Exception):
@@ -259,7 +275,8 @@ class MinimumSnapProgram:
             options = SolverOptions()
             for name in ("tol_feas", "tol_gap_abs", "tol_gap_rel"):
                 options.SetOption(ClarabelSolver.id(), name, tolerance)
-            result = ClarabelSolver().Solve(self.program, None, options)
+            with _without_solver_remarks():
+                result = ClarabelSolver().Solve(self.program, None, options)
             status = result.get_solution_result()
             if status != SolutionResult.kSolverSpecificError:
                 break
@@ -297,9 +314,14 @@ class MinimumSnapProgram:
             if corridor is None or corridor.low[axis] == corridor.high[axis]:
                 continue
             low, high = corridor.low[axis], corridor.high[axis]
-            tolerance = _CORRIDOR_TOLERANCE * float((corridor.high - corridor.low).max()) + beyond
+            size = float((corridor.high - corridor.low).max())
+            tolerance = _WALL_TOLERANCE * size + beyond
             if position[axis] < low - tolerance or position[axis] > high + tolerance:
                 broken = True
+                rooms = [room for i in (segment, segment + 1) if (room := self._problem.room(i)) is not None]
+                # No further in than half way to where the waypoints must be.
+                low += min([_WALL_MARGIN * size, *(0.5 * (room.high[axis] - low) for room in rooms)])
+                high -= min([_WALL_MARGIN * size, *(0.5 * (high - room.low[axis]) for room in rooms)])
                 for place in self._places(int(segment), float(s), -1 - int(axis)):
                     self.bound_position(int(segment), place, int(axis), low, high)
         return broken
@@ -313,16 +335,11 @@ class MinimumSnapProgram:
 
 
 def _sizes(path: MinimumSnap, unit: np.ndarray) -> np.ndarray:
-    """(waypoints, 4) how large position (as a step) to jerk are about, in the waypoints' units of time, m.
-
-    Where symmetry makes one vanish, it is taken as a thousandth of the order below.
-    """
-    steps = np.linalg.norm(np.diff(path.points, axis=0), axis=1)
-    # A path between two places that touch has no length of its own; a millionth of the longest is one.
-    steps = np.maximum(steps, max(1e-6 * float(steps.max()), 1e-9))
-    length = np.maximum(np.concatenate([steps[:1], steps]), np.concatenate([steps, steps[-1:]]))
-    derivatives = np.linalg.norm(knots(path.path(), FREE + 1), axis=2) * unit[:, np.newaxis] ** np.arange(FREE + 1)
-    sizes = np.column_stack([length, derivatives[:, 1:]])
-    for order in range(1, FREE + 1):
-        sizes[:, order] = np.maximum(sizes[:, order], 1e-3 * sizes[:, order - 1])
-    return sizes
+    """(waypoints, 4) sizes of position to jerk, in the waypoints' units of time, that cost about as much as a path."""
+    scales = boundary_scales(path.durations, unit)
+    costs = np.diag(BOUNDARY_FORM) * scales**2 * path.durations[:, np.newaxis] ** -7.0
+    curvature = np.zeros((len(unit), FREE + 1))
+    curvature[:-1] += costs[:, : FREE + 1]
+    curvature[1:] += costs[:, FREE + 1 :]
+    # Any size will do where nothing needs to move.
+    return np.asarray(np.sqrt((path.cost if path.cost > 0.0 else 1.0) / curvature))

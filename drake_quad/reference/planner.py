@@ -18,13 +18,14 @@ from drake_quad.reference.time_optimization import least_snap_durations, shortes
 
 # Without limits, times are shared out as with these; only their ratios count.
 _ANY_LIMITS = Limits(acceleration=1.0)
-# No segment gets less than this share of the longest one to begin with.
-_LEAST_SHARE = 1e-3
+# No segment gets less than this share of the longest one to begin with: less for a route of points, which is planned
+# in closed form, than for one that needs the solver.
+_LEAST_SHARE_OF_POINTS, _LEAST_SHARE = 1e-3, 1e-2
 # Rounds of fitting times to where the path goes, if it may choose; and the gain in time for which one more is worth it.
 _ROUNDS = 10
 _LEAST_GAIN = 1e-3
 # A path touches a corridor within this share of its largest extent, at least this far from the segment's ends.
-_TOUCHING, _CONTACT_ROOM = 1e-5, 0.02
+_TOUCHING, _CONTACT_ROOM = 1e-4, 0.02
 # How far the logarithms of the durations move in a round, at first and at least.
 _FIRST_REACH, _LAST_REACH = 0.3, 0.02
 _BISECTIONS = 6
@@ -168,22 +169,31 @@ def _heuristic(problem: PathProblem) -> PolynomialPath:
     return min(candidates, key=_duration)
 
 
-def _stops_everywhere(points: np.ndarray, limits: Limits) -> np.ndarray:
-    return rest_to_rest_durations(points, limits)
+def _stops_everywhere(problem: PathProblem, points: np.ndarray) -> np.ndarray:
+    """(segments,) durations of a flight through points that stops at each; no stretch of it takes next to no time."""
+    durations = rest_to_rest_durations(points, problem.limits if problem.limits.by_order else _ANY_LIMITS)
+    return _none_too_short(problem, durations)
 
 
-def _ride(points: np.ndarray, limits: Limits) -> np.ndarray:
-    return np.diff(trapezoid_times(points, speed=limits.speed, acceleration=limits.acceleration))
-
-
-def _fitted(problem: PathProblem, rule: Callable[[np.ndarray, Limits], np.ndarray]) -> PolynomialPath:
-    """The path by a rule for the durations, whatever its peaks; twice, if places leave it a choice of points."""
+def _ride(problem: PathProblem, points: np.ndarray) -> np.ndarray:
+    """(segments,) durations of a ride through points along the chords, likewise."""
     limits = problem.limits if problem.limits.by_order else _ANY_LIMITS
+    return _none_too_short(
+        problem, np.diff(trapezoid_times(points, speed=limits.speed, acceleration=limits.acceleration))
+    )
+
+
+def _none_too_short(problem: PathProblem, durations: np.ndarray) -> np.ndarray:
+    share = _LEAST_SHARE_OF_POINTS if problem.passes_points else _LEAST_SHARE
+    return np.maximum(durations, share * durations.max())
+
+
+def _fitted(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray], np.ndarray]) -> PolynomialPath:
+    """The path by a rule for the durations, whatever its peaks; twice, if places leave it a choice of points."""
     unlimited = problem.without_limits()
     points = problem.representatives()
     for _ in range(1 if problem.passes_points else 2):
-        durations = rule(points, limits)
-        path = _path_or_reason(unlimited, np.maximum(durations, _LEAST_SHARE * durations.max()))
+        path = _path_or_reason(unlimited, rule(problem, points))
         points = _waypoints(path)
     return path
 
@@ -197,7 +207,7 @@ def _shortest(problem: PathProblem) -> PolynomialPath:
     heuristic = _heuristic(problem)
     best = _shortened(problem, heuristic, smooth=True)
     # Stopping everywhere always keeps to the limits; a route of very unequal steps may leave little to gain on it.
-    stops = 1.001 * rest_to_rest_durations(_waypoints(best), problem.limits)
+    stops = 1.001 * _stops_everywhere(problem, _waypoints(best))
     if _duration(best) > _LITTLE_GAINED * stops.sum():
         best = min(best, _shortened(problem, heuristic, smooth=False), key=_duration)
     return best if _duration(best) <= stops.sum() else _path_or_reason(problem, stops)
@@ -252,8 +262,7 @@ def _improved(
 
 def _through_given_motion(problem: PathProblem, *, shorten: bool) -> PolynomialPath:
     """The path where a velocity, say, is given at a waypoint: flying slower need not help then, so times are tried."""
-    stops = rest_to_rest_durations(problem.representatives(), problem.limits)
-    stops = np.maximum(stops, _LEAST_SHARE * stops.max())
+    stops = _stops_everywhere(problem, problem.representatives())
     found: list[PolynomialPath] = []
     for durations in _durations_to_try(problem, stops, shorten=shorten):
         with suppress(InfeasibleError):
@@ -332,10 +341,9 @@ def _contacts(problem: PathProblem, path: PolynomialPath) -> list[Contact]:
         corridor = problem.corridors[segment]
         if corridor is None or not _CONTACT_ROOM < s < 1.0 - _CONTACT_ROOM:
             continue
-        walls = corridor.low[axis], corridor.high[axis]
-        wall = min(walls, key=lambda wall: abs(position - wall))
-        if abs(position - wall) < _TOUCHING * float((corridor.high - corridor.low).max()):
-            contacts.append(Contact(int(segment), float(s), int(axis), float(wall)))
+        room = min(position - corridor.low[axis], corridor.high[axis] - position)
+        if room < _TOUCHING * float((corridor.high - corridor.low).max()):
+            contacts.append(Contact(int(segment), float(s), int(axis), float(position)))
     return contacts
 
 
