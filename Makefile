@@ -2,12 +2,13 @@
 # make test  sets it up and runs the tests
 # make lint  checks style and types
 # make benchmark  measures speed
+# make figures  draws again what the docs show
 
 VENV ?= .venv
 PYTHON ?= $(firstword $(shell .ci/pythons))
 PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: fly test lint benchmark
+.PHONY: fly test lint benchmark figures
 
 fly: $(VENV)/.installed
 	$(VENV)/bin/python scripts/simulate.py diagrams/figure_eight.yaml
@@ -22,6 +23,10 @@ lint: $(VENV)/.installed-lint
 
 benchmark: $(VENV)/.installed
 	$(VENV)/bin/python scripts/benchmark.py
+
+figures: $(VENV)/.installed
+	$(VENV)/bin/python scripts/plan.py diagrams/slalom.yaml
+	cp out/slalom/plan.png docs/slalom.png
 
 $(VENV)/bin/python:
 	@test -n "$(PYTHON)" || { echo "no Python from 3.11 on was found on PATH or under pyenv"; exit 2; }

@@ -4,14 +4,21 @@ import math
 
 import numpy as np
 
-from drake_quad.reference.minimum_snap_program import InfeasibleError, MinimumSnapProgram, Slack, path_within
+from drake_quad.reference.minimum_snap_program import (
+    NO_PATH,
+    InfeasibleError,
+    MinimumSnapProgram,
+    Slack,
+    SolverError,
+    path_within,
+)
 from drake_quad.reference.path_problem import PathProblem
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, norm_peaks, turning_points
 
 # Slower flights that are tried where no rule says how much slower is enough.
 _SLOWER = (1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
 _SLOWEST = 1e3
-_BISECTIONS = 8
+_BISECTIONS = 10
 _QUANTITIES = {1: ("speed", "m/s"), 2: ("acceleration", "m/s²")}
 
 
@@ -23,9 +30,8 @@ def explain(problem: PathProblem, durations: np.ndarray) -> str:
         slower = _slower_factor(problem, durations, 1.0 + relaxed.exceeded)
     except InfeasibleError:
         return _explain_corridors(problem, durations)
-    except RuntimeError:
-        # The solver knows that there is no path, but not the nearest one.
-        complaint = "no path keeps to all that is asked at these times"
+    except SolverError:
+        complaint = "no path was found that keeps to all that is asked at these times"
         slower = _slower_factor(problem, durations, _SLOWEST)
     if slower is None:
         return f"{complaint}; no slower flight was found that keeps to what is given at the waypoints"
@@ -53,7 +59,7 @@ def _slower_factor(problem: PathProblem, durations: np.ndarray, excess: float) -
     def feasible(factor: float) -> bool:
         try:
             path_within(problem, factor * durations)
-        except (InfeasibleError, RuntimeError):
+        except NO_PATH:
             return False
         return True
 
@@ -67,7 +73,7 @@ def _slower_factor(problem: PathProblem, durations: np.ndarray, excess: float) -
     else:
         return None
     for _ in range(_BISECTIONS):
-        middle = 0.5 * (low + high)
+        middle = math.sqrt(low * high)
         low, high = (low, middle) if feasible(middle) else (middle, high)
     return _rounded_up(high)
 
@@ -75,7 +81,10 @@ def _slower_factor(problem: PathProblem, durations: np.ndarray, excess: float) -
 def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
     unlimited = problem.without_limits()
     relaxed = MinimumSnapProgram(unlimited, durations, slack=Slack.CORRIDORS)
-    path = relaxed.solve()
+    try:
+        path = relaxed.solve()
+    except NO_PATH:
+        return "no path was found that keeps to the corridors and to what is given at the waypoints at these times"
     segments, axes, places = turning_points(path)
     positions = evaluate_at(path, segments, places)[np.arange(len(places)), axes]
     worst, where = 0.0, 0

@@ -58,6 +58,13 @@ class InfeasibleError(Exception):
     """No path keeps to all that is asked at these times."""
 
 
+class SolverError(RuntimeError):
+    """The solver gave up."""
+
+
+NO_PATH = (InfeasibleError, SolverError)
+
+
 def path_within(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
     """Returns the path of least integrated squared snap that keeps to a problem's demands.
 
@@ -67,7 +74,7 @@ def path_within(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
 
     Raises:
         InfeasibleError: there is no such path.
-        RuntimeError: the solver failed.
+        SolverError: the solver gave up.
     """
     if problem.passes_points:
         path = MinimumSnap(problem.representatives(), durations, problem.derivatives).path()
@@ -137,13 +144,13 @@ class MinimumSnapProgram:
 
         Raises:
             InfeasibleError: there is no such path.
-            RuntimeError: the solver failed.
+            SolverError: the solver gave up.
         """
         for _ in range(_ROUNDS):
             path = self._solve_once()
             if not self._tighten(path):
                 return path
-        raise RuntimeError(f"the path still broke a limit or corridor after {_ROUNDS} rounds of adding bounds")
+        raise SolverError(f"the path still broke a limit or corridor after {_ROUNDS} rounds of adding bounds")
 
     def bound_norm(self, segment: int, s: float, order: int, bound: float) -> None:
         """Bounds the norm of a derivative in time at one place of a segment: a Lorentz cone.
@@ -283,7 +290,7 @@ class MinimumSnapProgram:
         if status == SolutionResult.kInfeasibleConstraints:
             raise InfeasibleError
         if not result.is_success():
-            raise RuntimeError(f"the minimum-snap program was not solved: {status.name}")
+            raise SolverError(f"the minimum-snap program was not solved: {status.name}")
         free = self.variables != None  # noqa: E711
         values[free] += result.GetSolution(self.variables[free])
         if self._slack is not None:

@@ -68,7 +68,7 @@ def least_snap_durations(
         return durations
     start = np.log(durations)
     bounds = [(x - reach, x + reach) for x in start]
-    options = {"maxiter": 2000, "maxfun": 4000, "ftol": 1e-14, "gtol": 1e-9}
+    options = {"maxiter": 300, "maxfun": 600, "ftol": 1e-12, "gtol": 1e-8}
     # A step of the search may reach durations so unequal that the form is no longer positive definite in floating
     # point; what was found before stands.
     with suppress(np.linalg.LinAlgError):
