@@ -9,6 +9,7 @@ from drake_quad.files import output_folder, write_whole
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate, knots
 
+_MOST_SAMPLES = 20_000
 _COLUMNS = (
     "time (s)",
     *(f"{name} (m)" for name in "xyz"),
@@ -31,7 +32,7 @@ def save_plan(plan: Plan, folder: Path | str, *, name: str, period: float = 0.02
         plan: to write.
         folder: to write to.
         name: letters, digits, '_', '.' and '-'.
-        period: between samples, s; the end of the plan is the last one.
+        period: between samples, s, longer for a plan of more than 20,000 of them; the end of the plan is the last one.
 
     Returns:
         The files.
@@ -41,7 +42,7 @@ def save_plan(plan: Plan, folder: Path | str, *, name: str, period: float = 0.02
     """
     target = output_folder(Path(folder))
     start, end = plan.path.times[[0, -1]]
-    times = np.append(np.arange(start, end - 1e-9, period), end)
+    times = np.append(np.arange(start, end - 1e-9, max(period, (end - start) / _MOST_SAMPLES)), end)
     table = [times, *(row for order in range(5) for row in evaluate(plan.path, times, order))]
     table += [evaluate(plan.yaw, times, order)[0] for order in range(2)]
     header = ",".join(_COLUMNS)

@@ -30,7 +30,11 @@ def parser(description: str, example: str, *, output: str | None, scenario: str)
     shipped = os.path.relpath(Path(__file__).parent.parent / "diagrams" / scenario)
     result.add_argument("scenario", nargs="?", default=shipped, help="FILE or FILE:NAME (default: %(default)s)")
     result.add_argument(
-        "--set", metavar="FIELD=VALUE", action="append", default=[], help="override a field, as in vehicle.mass=0.7"
+        "--set",
+        metavar="FIELD=VALUE",
+        action="append",
+        default=[],
+        help="override a field, as in vehicle.mass=0.7 or route.waypoints.2=[1,0,1]",
     )
     result.add_argument("--seed", type=int, help="seed of everything random (default: the scenario's)")
     if output is not None:

@@ -6,33 +6,32 @@ import numpy as np
 
 from drake_quad.reference.minimum_snap_program import (
     NO_PATH,
-    InfeasibleError,
     MinimumSnapProgram,
     Slack,
-    SolverError,
     path_within,
 )
 from drake_quad.reference.path_problem import PathProblem
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, norm_peaks, turning_points
+from drake_quad.reference.time_allocation import stretch_factor
 
 # Slower flights that are tried where no rule says how much slower is enough.
 _SLOWER = (1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
-_SLOWEST = 1e3
 _BISECTIONS = 10
 _QUANTITIES = {1: ("speed", "m/s"), 2: ("acceleration", "m/s²")}
 
 
 def explain(problem: PathProblem, durations: np.ndarray) -> str:
     """Returns a sentence on why no path keeps to a problem's demands at these durations (segments,), s."""
-    relaxed = MinimumSnapProgram(problem, durations, slack=Slack.LIMITS)
     try:
-        complaint = _broken_limit(problem, relaxed.solve())
-        slower = _slower_factor(problem, durations, 1.0 + relaxed.exceeded)
-    except InfeasibleError:
+        unlimited = path_within(problem.without_limits(), durations)
+    except NO_PATH:
         return _explain_corridors(problem, durations)
-    except SolverError:
-        complaint = "no path was found that keeps to all that is asked at these times"
-        slower = _slower_factor(problem, durations, _SLOWEST)
+    try:
+        complaint = _broken_limit(problem, MinimumSnapProgram(problem, durations, slack=Slack.LIMITS).solve())
+    except NO_PATH:
+        # The numbers are beyond the solver; those of the path without limits are not.
+        complaint = _broken_limit(problem, unlimited)
+    slower = _slower_factor(problem, durations, stretch_factor(unlimited, problem.limits))
     if slower is None:
         return f"{complaint}; no slower flight was found that keeps to what is given at the waypoints"
     return f"{complaint}; flown {slower:.3g} times slower it is feasible"
@@ -53,8 +52,11 @@ def _broken_limit(problem: PathProblem, path: PolynomialPath) -> str:
     )
 
 
-def _slower_factor(problem: PathProblem, durations: np.ndarray, excess: float) -> float | None:
-    """The factor of all durations that makes the problem feasible, rounded up to three digits; None if none does."""
+def _slower_factor(problem: PathProblem, durations: np.ndarray, enough: float) -> float | None:
+    """The factor of all durations that makes the problem feasible, rounded up to three digits; None if none does.
+
+    Where no motion is given, `enough` is the factor by which a path without limits would have to be stretched.
+    """
 
     def feasible(factor: float) -> bool:
         try:
@@ -64,8 +66,7 @@ def _slower_factor(problem: PathProblem, durations: np.ndarray, excess: float) -
         return True
 
     low = 1.0
-    # Speeds fall with the factor and accelerations with its square, so a stretch by the excess is enough.
-    tried = (1.001 * excess,) if problem.stretchable else _SLOWER
+    tried = (1.001 * enough,) if problem.stretchable else _SLOWER
     for high in tried:
         if feasible(high):
             break

@@ -205,7 +205,7 @@ class MinimumSnapProgram:
             if corridor is not None:
                 # A corridor without extent leaves nothing but to stay where it is.
                 flat = corridor.low == corridor.high
-                self._base[i : i + 2, 1:, flat] = 0.0
+                self._base[i : i + 2, 1:, flat] = 0.0  # what is given is zero there too, or the problem was refused
         free = np.isnan(self._base)
         self._base[free] = unconstrained[free]
         self.variables = np.full(self._base.shape, None, dtype=object)

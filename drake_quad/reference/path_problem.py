@@ -15,6 +15,8 @@ from drake_quad.errors import InputError
 from drake_quad.reference.minimum_snap import rest_at_ends
 
 AXES = "xyz"
+# What a quadrotor flies, and what floating point can plan, lies between: m.
+_NEAREST, _FARTHEST = 1e-5, 1e5
 
 
 @dataclass(frozen=True)
@@ -131,8 +133,9 @@ class PathProblem:
 
     Attributes:
         places: (segments + 1) where to pass; a point is a box of no extent.
-        derivatives: (segments + 1, 3, axes) velocity (m/s), acceleration (m/s²) and jerk (m/s³) at the waypoints, NaN
-            where the path is free to choose. Rest at both ends and freedom in between by default.
+        derivatives: (segments + 1, 3, axes) velocity (m/s), acceleration (m/s²) and jerk (m/s³) at the waypoints, each
+            on all axes, or NaN on all where the path is free to choose. Rest at both ends and freedom in between by
+            default.
         corridors: (segments) boxes that the path must not leave on a segment, or None; none by default.
         limits: on speed and acceleration; none by default.
 
@@ -153,6 +156,8 @@ class PathProblem:
         corridors: Sequence[Box | None] | None = None,
         limits: Limits | None = None,
     ) -> None:
+        if not all(isinstance(place, Box | Sphere) for place in places):
+            raise InputError("a waypoint must be a Box, of which Box.point is one, or a Sphere")
         axes = len(places[0].centre) if places else 0
         if len(places) < 2 or any(len(place.centre) != axes for place in places):
             raise InputError("two or more waypoints of the same dimension are needed")
@@ -166,6 +171,7 @@ class PathProblem:
         object.__setattr__(self, "derivatives", given)
         object.__setattr__(self, "corridors", boxes)
         object.__setattr__(self, "limits", limits or Limits())
+        self._check_places()
         self._check_overlaps()
         self._check_derivatives()
 
@@ -177,12 +183,11 @@ class PathProblem:
     @property
     def passes_points(self) -> bool:
         """Whether every place is a point and there are no corridors: the fast path's problem, but for the limits."""
-        points = all(isinstance(place, Box) and (place.low == place.high).all() for place in self.places)
-        return points and not any(self.corridors)
+        return all(map(_is_point, self.places)) and not any(self.corridors)
 
     @property
     def stretchable(self) -> bool:
-        """Whether a path that keeps to the corridors also does when it is flown slower: no motion is given."""
+        """Whether no motion is given at the waypoints, so that a path may be flown slower, or faster, as it is."""
         return not np.nan_to_num(self.derivatives).any()
 
     def without_limits(self) -> "PathProblem":
@@ -207,6 +212,17 @@ class PathProblem:
             points.append(place.centre if room is None else room.nearest(place.centre))
         return np.array(points)
 
+    def _check_places(self) -> None:
+        for i, place in enumerate(self.places):
+            if np.abs(place.centre).max() > _FARTHEST:
+                raise InputError(f"waypoint {i}, {place} m, is farther than {_FARTHEST:g} m from the origin")
+        for i, (one, other) in enumerate(itertools.pairwise(self.places)):
+            distance = float(np.linalg.norm(other.centre - one.centre))
+            if _is_point(one) and _is_point(other) and 0.0 < distance < _NEAREST:
+                raise InputError(
+                    f"waypoints {i} and {i + 1} are {distance:g} m apart: repeat one exactly, or keep {_NEAREST:g} m"
+                )
+
     def _check_overlaps(self) -> None:
         for i, (before, after) in enumerate(itertools.pairwise(self.corridors)):
             if before and after and before.intersection(after) is None:
@@ -228,6 +244,19 @@ class PathProblem:
                     )
 
     def _check_derivatives(self) -> None:
+        given = ~np.isnan(self.derivatives)
+        if (given.any(axis=2) != given.all(axis=2)).any() or np.isinf(self.derivatives).any():
+            raise InputError("velocity, acceleration and jerk at a waypoint are finite, on all axes or on none")
+        for segment, corridor in enumerate(self.corridors):
+            if corridor is None:
+                continue
+            flat = corridor.low == corridor.high
+            for waypoint in (segment, segment + 1):
+                if np.nan_to_num(self.derivatives[waypoint][:, flat]).any():
+                    raise InputError(
+                        f"what is given at waypoint {waypoint} leads out of the corridor of segment {segment}, "
+                        f"{corridor} m, which has no extent in that direction"
+                    )
         for order, limit in self.limits.by_order.items():
             sizes = np.linalg.norm(self.derivatives[:, order - 1], axis=1)
             for i in np.flatnonzero(sizes > limit):
@@ -235,6 +264,10 @@ class PathProblem:
                 raise InputError(
                     f"the {name} at waypoint {i} is given as {sizes[i]:g} {unit}, beyond the limit of {limit:g} {unit}"
                 )
+
+
+def _is_point(place: Box | Sphere) -> bool:
+    return isinstance(place, Box) and bool((place.low == place.high).all())
 
 
 def _touch(place: Box | Sphere, box: Box) -> bool:
@@ -252,7 +285,8 @@ def _gap(one: Box, other: Box) -> str:
     """Says on which axis two boxes are apart, and by how much."""
     gaps = np.maximum(one.low - other.high, other.low - one.high)
     axis = int(np.argmax(gaps))
-    return f": they are {gaps[axis]:g} m apart on {AXES[axis]}" if gaps[axis] > 0.0 else ""
+    name = AXES[axis] if len(gaps) <= len(AXES) else f"axis {axis}"
+    return f": they are {gaps[axis]:g} m apart on {name}" if gaps[axis] > 0.0 else ""
 
 
 def _vector(values: ArrayLike) -> str:

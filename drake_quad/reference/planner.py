@@ -8,6 +8,7 @@ import numpy as np
 from drake_quad.errors import InputError
 from drake_quad.reference.path_problem import Box, PathProblem
 from drake_quad.reference.polynomial_path import PolynomialPath
+from drake_quad.reference.time_allocation import rest_to_rest_durations
 from drake_quad.reference.timing_search import (
     heuristic_path,
     least_snap_path,
@@ -15,6 +16,9 @@ from drake_quad.reference.timing_search import (
     path_through_given_motion,
     shortest_path,
 )
+
+# Nothing flies for longer than a day, s.
+_LONGEST = 86_400.0
 
 
 @dataclass(frozen=True)
@@ -30,7 +34,10 @@ class GivenTimes:
 
 @dataclass(frozen=True)
 class Heuristic:
-    """By rule: the shorter of a ride without stops and a flight with stops everywhere, stretched to the limits."""
+    """By rule: the shorter of a ride without stops and a flight with stops everywhere, stretched to the limits.
+
+    Where a velocity, say, is given at a waypoint, no stretch keeps it: then the first feasible one of several totals.
+    """
 
 
 @dataclass(frozen=True)
@@ -46,7 +53,10 @@ class LeastSnap:
 
 @dataclass(frozen=True)
 class Shortest:
-    """The least total time for which the minimum-snap path keeps to the limits."""
+    """The least total time for which the minimum-snap path keeps to the limits, a local optimum.
+
+    Where stopping at every waypoint takes no longer, with the times of that.
+    """
 
 
 Timing = GivenTimes | Heuristic | LeastSnap | Shortest
@@ -70,16 +80,30 @@ def plan_path(problem: PathProblem, timing: Timing) -> PolynomialPath:
         case GivenTimes(times):
             return _at_given_times(problem, np.asarray(times, dtype=float))
         case LeastSnap(duration):
-            if not 0.0 < duration < np.inf:
-                raise InputError(f"the total duration is {duration:g} s, but must be positive")
+            if not 0.0 < duration <= _LONGEST:
+                raise InputError(
+                    f"the total duration is {duration:g} s, but must be positive, and {_LONGEST:g} at most"
+                )
             return least_snap_path(merged(problem), duration)
+    if not isinstance(timing, Heuristic | Shortest):
+        raise TypeError(f"{timing!r} is not a way to choose times")
     if not problem.limits.by_order:
         raise InputError("to choose the total time, a limit on the speed or the acceleration is needed")
     shorten = isinstance(timing, Shortest)
     problem = merged(problem)
+    _check_duration(problem)
     if not problem.stretchable:
         return path_through_given_motion(problem, shorten=shorten)
     return shortest_path(problem) if shorten else heuristic_path(problem)
+
+
+def _check_duration(problem: PathProblem) -> None:
+    """Raises InputError if there is no way to go, or too long a one."""
+    duration = float(rest_to_rest_durations(problem.representatives(), problem.limits).sum())
+    if duration > _LONGEST:
+        raise InputError(f"within the limits the route would take about {duration:g} s, more than {_LONGEST:g} s")
+    if duration == 0.0:
+        raise InputError("one point lies in all the waypoints' places: nothing has to move, so give the times")
 
 
 def merged(problem: PathProblem) -> PathProblem:
@@ -126,6 +150,8 @@ def _at_given_times(problem: PathProblem, times: np.ndarray) -> PolynomialPath:
     if times.shape != (len(problem.places),):
         raise InputError(f"there are {times.size} times for {len(problem.places)} waypoints")
     late = np.flatnonzero(~(np.diff(times) > 0.0))
+    if times[-1] - times[0] > _LONGEST:
+        raise InputError(f"the times span {times[-1] - times[0]:g} s, more than {_LONGEST:g} s")
     if late.size or not np.isfinite(times).all():
         i = int(late[0]) if late.size else 0
         raise InputError(f"times must be finite and increase, but {times[i]:g} s is followed by {times[i + 1]:g} s")

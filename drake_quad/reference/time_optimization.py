@@ -20,7 +20,7 @@ from drake_quad.reference.polynomial_path import norm_peaks, power_basis
 # short of where floating point ends.
 _REACH = 5.0
 _FIRST_STEP, _LARGEST_STEP, _SMALLEST_STEP = 0.3, 1.0, 1e-6
-_STEPS = 200
+_STEPS = 60
 # A step that promises less than this share of the total duration is not worth taking.
 _LEAST_GAIN = 1e-4
 # What a unit of a limit's logarithmic excess costs where a path cannot be stretched at will, in units of the logarithm
@@ -154,7 +154,7 @@ class _LimitPeaks(NamedTuple):
 
     @property
     def worst(self) -> float:
-        return float(self.excess.max())
+        return float(self.excess.max(initial=-math.inf))
 
 
 def _peaks(solution: MinimumSnap, limits: Limits) -> _LimitPeaks:

@@ -27,6 +27,8 @@ _TOUCHING, _CONTACT_ROOM = 1e-4, 0.02
 # How far the logarithms of the durations move in a round, at first and at least.
 _FIRST_REACH, _LAST_REACH = 0.3, 0.02
 _BISECTIONS = 6
+# What takes less is no motion but rounding errors, s.
+_NO_TIME = 1e-3
 # A flight that takes more than this share of one with stops everywhere is searched for from another start too.
 _LITTLE_GAINED = 0.95
 # Durations of a flight through given velocities that are tried, as factors of one with stops everywhere.
@@ -59,6 +61,8 @@ def _stops_everywhere(problem: PathProblem, points: np.ndarray) -> np.ndarray:
 
 def _ride(problem: PathProblem, points: np.ndarray) -> np.ndarray:
     """(segments,) durations of a ride through points along the chords, likewise."""
+    if (points == points[0]).all():
+        return np.ones(problem.segments)
     limits = problem.limits if problem.limits.by_order else _ANY_LIMITS
     return _none_too_short(
         problem, np.diff(trapezoid_times(points, speed=limits.speed, acceleration=limits.acceleration))
@@ -66,6 +70,8 @@ def _ride(problem: PathProblem, points: np.ndarray) -> np.ndarray:
 
 
 def _none_too_short(problem: PathProblem, durations: np.ndarray) -> np.ndarray:
+    if durations.max() < _NO_TIME:
+        return np.ones_like(durations)
     share = _LEAST_SHARE_OF_POINTS if problem.passes_points else _LEAST_SHARE
     return np.maximum(durations, share * durations.max())
 
@@ -82,7 +88,10 @@ def _fitted(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray], np.n
 
 def _stretched(path: PolynomialPath, limits: Limits) -> PolynomialPath:
     """The path as it is, but slower or faster, so that it attains a limit."""
-    return path.stretched(stretch_factor(path, limits))
+    factor = stretch_factor(path, limits)
+    if factor * _duration(path) < _NO_TIME:
+        raise InputError("one point lies in all the waypoints' places: nothing has to move, so give the times")
+    return path.stretched(factor)
 
 
 def shortest_path(problem: PathProblem) -> PolynomialPath:
@@ -169,7 +178,7 @@ def path_through_given_motion(problem: PathProblem, *, shorten: bool) -> Polynom
         if found and not shorten:
             break
     if not found:
-        raise InputError(explain(problem, stops))
+        raise InputError(f"no times were found; if it stopped everywhere, {explain(problem, stops)}")
     return min(found, key=_duration)
 
 

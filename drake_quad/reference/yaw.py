@@ -4,6 +4,7 @@ A profile is a `PolynomialPath` with one axis, in rad, of degree 3, at rest at b
 """
 
 import itertools
+import math
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -15,6 +16,8 @@ from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermi
 
 # Slower than this share of the path's top horizontal speed, the direction of flight is no guide.
 _SLOW = 0.02
+# Nor is it if the whole path is slower sideways than this share of its top speed.
+_DRIFT = 0.1
 # Knots on a segment of the profile that follows a path.
 _PLACES = np.linspace(0.0, 1.0, 16, endpoint=False)
 # ∫₀¹ (d²y/ds²)² ds as a quadratic form in value and slope at the start and at the end.
@@ -48,9 +51,11 @@ def yaw_through(times: ArrayLike, yaws: ArrayLike) -> PolynomialPath:
     if not given.size:
         raise InputError("yaw through the waypoints needs a yaw at one of them at least")
     for i, j in itertools.pairwise(given):
-        if instants[i] == instants[j] and angles[i] != angles[j]:
+        if instants[i] == instants[j] and not math.isclose(math.cos(angles[i] - angles[j]), 1.0):
             raise InputError(f"waypoints {i} and {j} are passed at once, but have different yaws")
     given = given[np.append(True, np.diff(instants[given]) > 0.0)]
+    if instants[0] == instants[-1]:
+        raise InputError("a yaw profile needs times that differ")
     knots, turned = instants[given], np.unwrap(angles[given])
     parts = [] if knots[0] == instants[0] else [constant_yaw(instants[0], knots[0], turned[0])]
     if len(given) > 1:
@@ -67,7 +72,8 @@ def yaw_through(times: ArrayLike, yaws: ArrayLike) -> PolynomialPath:
 def yaw_along(path: PolynomialPath, *, response: float = 0.5) -> PolynomialPath:
     """Returns the profile that looks where the path goes, as far as that can be done smoothly.
 
-    It minimises ∫ ψ̈² + (ψ - direction)² (v / v_max)² / response⁴ dt, v being the horizontal speed: a spline that
+    It minimises ∫ ψ̈² + (ψ - direction)² (v / v_max)² / response⁴ dt, v being the horizontal speed and v_max its
+    largest, or a tenth of the largest speed if that is more: a spline that
     follows a direction that turns steadily exactly, and one that turns faster than the response within it. Where the
     path is slow, at stops and where it goes straight up or down, it turns from the direction before to the one after
     by the shorter way. A path that never moves sideways has yaw zero.
@@ -80,14 +86,17 @@ def yaw_along(path: PolynomialPath, *, response: float = 0.5) -> PolynomialPath:
     segment = np.repeat(np.arange(len(path.coefficients)), len(_PLACES))
     s = np.tile(_PLACES, len(path.coefficients))
     times = np.append(path.times[segment] + s * path.durations[segment], path.times[-1])
-    v_x, v_y = evaluate(path, times, 1)[:2]
+    velocity = evaluate(path, times, 1)
+    v_x, v_y = velocity[:2]
+    # Of a path that goes up and down, what it drifts sideways is no direction.
+    top = max(float(np.hypot(v_x, v_y).max()), _DRIFT * float(np.linalg.norm(velocity, axis=0).max()))
     speed = np.hypot(v_x, v_y)
-    fast = speed > _SLOW * speed.max()
+    fast = speed > _SLOW * top
     if not fast.any():
         return constant_yaw(path.times[0], path.times[-1], 0.0)
     direction = np.zeros_like(times)
     direction[fast] = np.unwrap(np.arctan2(v_y[fast], v_x[fast]))
-    share = np.where(fast, speed / speed.max(), 0.0) ** 2
+    share = np.where(fast, speed / top, 0.0) ** 2
     return _smoothing_spline(times, direction, share / response**4)
 
 

@@ -50,7 +50,7 @@ def load_journey(spec: str | Path, overrides: Sequence[str] = ()) -> Journey:
 def _loaded(spec: str | Path, overrides: Sequence[str]) -> Tree:
     name, tree = find_scenario(spec)
     for override in overrides:
-        tree = merged(tree, _override(override))
+        tree = merged(tree, _within_lists(tree, _override(override)))
     if "name" not in tree.value:
         tree = Tree({"name": Tree(name, tree.mark), **tree.value}, tree.mark)
     return tree
@@ -84,13 +84,28 @@ def _override(assignment: str) -> Tree:
     source = f"--set {assignment}"
     path, equals, text = assignment.partition("=")
     keys = path.strip().split(".")
-    if not equals or not all(keys):
+    if not equals or not all(keys) or not text.strip():
         raise InputError(f"{source}: must be field.path=value, for example vehicle.mass=0.7")
     mark = Mark(source, 0)
     tree = parse_document(text, source, numbered=False)
     for key in reversed(keys):
         tree = Tree({key: tree}, mark)
     return tree
+
+
+def _within_lists(tree: Tree, override: Tree) -> Tree:
+    """The override with whole lists where it names items of lists by their numbers."""
+    old, new = tree.value, override.value
+    if isinstance(old, dict) and isinstance(new, dict):
+        known = {key: _within_lists(old[key], value) if key in old else value for key, value in new.items()}
+        return Tree(known, override.mark)
+    if isinstance(old, list) and isinstance(new, dict) and len(new) == 1:
+        (key, value), *_ = new.items()
+        if key.isascii() and key.isdecimal() and int(key) < len(old):
+            items = list(old)
+            items[int(key)] = merged(old[int(key)], _within_lists(old[int(key)], value))
+            return Tree(items, override.mark)
+    return override
 
 
 def _explain(error: ValidationError, tree: Tree, data: Any) -> str:

@@ -150,7 +150,7 @@ class Given(Model):
             raise PydanticCustomError("order", "must start at 0 or later")
         for i, (now, then) in enumerate(itertools.pairwise(times)):
             if not then > now:
-                raise PydanticCustomError("order", "must increase, but time {i} does not", {"i": i + 1})
+                raise PydanticCustomError("order", "must increase; time {i} does not", {"i": i + 1})
         return times
 
 
@@ -168,7 +168,7 @@ class LeastSnap(Model):
 
 
 class Shortest(Model):
-    """The least total time for which the minimum-snap path keeps to the limits."""
+    """The least total time for which the minimum-snap path keeps to the limits, a local optimum."""
 
     kind: Literal["shortest"]
 
@@ -202,6 +202,8 @@ class WaypointRoute(_Moving):
     @field_validator("times", mode="before")
     @classmethod
     def _short_form(cls, times: Any) -> Any:
+        if isinstance(times, str):
+            return {"kind": times}
         return {"kind": "given", "times": times} if isinstance(times, list | tuple) else times
 
     @model_validator(mode="after")

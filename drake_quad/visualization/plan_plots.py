@@ -14,7 +14,7 @@ from drake_quad.reference.path_problem import Box, Limits, Sphere
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.visualization.style import BLUE, GREEN, LIMIT, ORANGE, ROTORS, new_figure, styled
+from drake_quad.visualization.style import BLUE, GREEN, LIMIT, ORANGE, PLATE, ROTORS, new_figure, styled
 
 # The horizontal plane and the two vertical ones, by the indices of their axes.
 _VIEWS = ((0, 1), (0, 2), (1, 2))
@@ -28,7 +28,7 @@ def plot_plan(
     places: Sequence[Box | Sphere] = (),
     corridors: Sequence[Box | None] = (),
 ) -> Figure:
-    """The path from three sides, and speed, acceleration, snap and rotor speeds over time with their limits.
+    """The path from three sides, and speed, acceleration, snap, yaw and rotor speeds over time with their limits.
 
     Args:
         plan: to draw.
@@ -39,13 +39,13 @@ def plot_plan(
     """
     times = sample_times(plan.path)
     with styled():
-        figure = new_figure(11.0, 7.5)
-        grid = figure.add_gridspec(12, 2, width_ratios=[1.0, 1.25])
-        for rows, view in zip((slice(0, 6), slice(6, 9), slice(9, 12)), _VIEWS, strict=True):
-            axes = figure.add_subplot(grid[rows, 0])
-            _draw_view(axes, view, plan, evaluate(plan.path, times), places, corridors)
-        profiles = [figure.add_subplot(grid[3 * i : 3 * i + 3, 1]) for i in range(4)]
-        _draw_profiles(profiles, plan, parameters, times, limits or Limits())
+        figure = new_figure(11.0, 8.5)
+        sides = figure.add_gridspec(1, 2, width_ratios=[1.0, 1.25])
+        views = sides[0].subgridspec(3, 1, height_ratios=[1.6, 1.0, 1.0])
+        for i, view in enumerate(_VIEWS):
+            _draw_view(figure.add_subplot(views[i]), view, plan, evaluate(plan.path, times), places, corridors)
+        rows = sides[1].subgridspec(5, 1)
+        _draw_profiles([figure.add_subplot(rows[i]) for i in range(5)], plan, parameters, times, limits or Limits())
         figure.axes[0].set_title("Path, from above and from two sides")
         return figure
 
@@ -76,12 +76,25 @@ def _draw_view(
     axes.plot(waypoints[:, i], waypoints[:, j], color="black", marker="o", markersize=3, linestyle="none")
     axes.plot(*waypoints[0, [i, j]], color=GREEN, marker="o", markersize=7, linestyle="none")
     if len(waypoints) <= 30 and j == 1:
-        for number, point in enumerate(waypoints):
-            axes.annotate(str(number), point[[i, j]], (4, 4), textcoords="offset points", fontsize=8, color="0.35")
+        for point, numbers in _numbered(waypoints[:, [i, j]]):
+            axes.annotate(numbers, point, (5, 5), textcoords="offset points", fontsize=8, color="0.35", bbox=PLATE)
     names = "XYZ"
     axes.set(xlabel=f"{names[i]} (m)", ylabel=f"{names[j]} (m)")
     axes.set_aspect("equal", adjustable="datalim")
     axes.margins(0.06)
+
+
+def _numbered(points: np.ndarray) -> list[tuple[tuple[float, float], str]]:
+    """Points (waypoints, 2) with their numbers; those that lie on top of each other have one label."""
+    labels: list[tuple[np.ndarray, list[int]]] = []
+    near = 0.02 * float(np.ptp(points, axis=0).max())
+    for number, point in enumerate(points):
+        beside = next((numbers for other, numbers in labels if np.linalg.norm(point - other) <= near), None)
+        if beside is None:
+            labels.append((point, [number]))
+        else:
+            beside.append(number)
+    return [((float(x), float(y)), ", ".join(map(str, numbers))) for (x, y), numbers in labels]
 
 
 def _same(one: Box, other: Box) -> bool:
@@ -96,7 +109,7 @@ def _rectangle(box: Box, i: int, j: int, **style: object) -> Rectangle:
 def _draw_profiles(
     profiles: Sequence[Axes], plan: Plan, parameters: QuadrotorParameters, times: np.ndarray, limits: Limits
 ) -> None:
-    speed, acceleration, snap, rotors = profiles
+    speed, acceleration, snap, yaw, rotors = profiles
     rows = (
         (speed, 1, "speed (m/s)", limits.speed),
         (acceleration, 2, "acceleration (m/s²)", limits.acceleration),
@@ -110,13 +123,18 @@ def _draw_profiles(
             axes.axhline(limit, **LIMIT)
             top = max(top, limit)
         axes.set(ylabel=label, ylim=(0.0, 1.12 * top))
+    yaw.plot(times, np.degrees(evaluate(plan.yaw, times)[0]), color=BLUE)
+    yaw.set(ylabel="yaw (°)")
+    low, high = yaw.get_ylim()
+    if high - low < 20.0:
+        yaw.set_ylim(0.5 * (low + high) - 10.0, 0.5 * (low + high) + 10.0)
     demand = plan_demand(plan, parameters, times).rotor_speed
     for i, color in enumerate(ROTORS):
         rotors.plot(times, demand[i], color=color, linewidth=1.1, label=f"rotor {i + 1}")
     for limit in (parameters.min_rotor_speed, parameters.max_rotor_speed):
         rotors.axhline(limit, **LIMIT)
-    rotors.set(xlabel="time (s)", ylabel="rotor speed (rad/s)", ylim=(0.0, 1.12 * parameters.max_rotor_speed))
-    rotors.legend(ncols=4, loc="lower right", handlelength=1.2, columnspacing=1.0)
+    rotors.set(xlabel="time (s)", ylabel="rotors (rad/s)", ylim=(0.0, 1.12 * parameters.max_rotor_speed))
+    rotors.legend(ncols=4, loc="center right", bbox_to_anchor=(1.0, 0.4), handlelength=1.2, columnspacing=1.0)
     for axes in profiles:
         axes.set_xlim(times[0], times[-1])
         for time in plan.path.times:

@@ -11,10 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from drake_quad.files import output_folder, write_whole
 from drake_quad.flight import Flight
-from drake_quad.visualization.style import AXES, BLUE, LIMIT, REFERENCE, ROTORS, VERMILION, new_figure, styled
-
-# Keeps text legible where it crosses a line.
-_PLATE = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0}
+from drake_quad.visualization.style import AXES, BLUE, LIMIT, PLATE, REFERENCE, ROTORS, VERMILION, new_figure, styled
 
 
 def plot_path(flight: Flight) -> Figure:
@@ -60,7 +57,7 @@ def plot_errors(flight: Flight) -> Figure:
         if np.isfinite(flight.metrics.rmse):
             rmse = 100.0 * flight.metrics.rmse
             lower.axhline(rmse, **LIMIT)
-            lower.annotate(f"RMSE {rmse:.2f} cm", (flight.time[-1], rmse), ha="right", va="bottom", bbox=_PLATE)
+            lower.annotate(f"RMSE {rmse:.2f} cm", (flight.time[-1], rmse), ha="right", va="bottom", bbox=PLATE)
         lower.set(xlabel="time (s)", ylabel="Euclidean error (cm)", ylim=(0.0, None))
         for axes in (upper, lower):
             _shade_legs(axes, flight)
@@ -171,7 +168,7 @@ def _number_legs(axes: Axes, flight: Flight) -> None:
                 ha="center",
                 va="center",
                 color="0.35",
-                bbox=_PLATE,
+                bbox=PLATE,
             )
 
 

@@ -21,6 +21,8 @@ BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
 )
 REFERENCE: dict[str, Any] = {"color": "0.45", "linestyle": "--", "linewidth": 1.2}
 LIMIT: dict[str, Any] = {"color": "0.3", "linestyle": ":", "linewidth": 1.2}
+# Keeps text legible where it crosses a line.
+PLATE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0}
 AXES = {"x": BLUE, "y": VERMILION, "z": GREEN}
 ROTORS = (BLUE, VERMILION, GREEN, PURPLE)
 

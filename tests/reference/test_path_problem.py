@@ -11,6 +11,9 @@ POINTS = [Box.point(point) for point in ([0.0, 0.0, 0.0], [2.0, 0.0, 0.0], [2.0,
 PUSHED = np.zeros((3, 3, 3))
 PUSHED[1, 1] = [2.0, 0.0, 0.0]
 
+HALF_GIVEN = np.zeros((3, 3, 3))
+HALF_GIVEN[1, 0, 1] = np.nan
+
 
 def around(low, high):
     return Box(low, high)
@@ -38,6 +41,15 @@ def test_only_points_without_corridors_are_the_fast_path_s():
     [
         ({"places": POINTS[:1]}, "two or more waypoints"),
         ({"places": [POINTS[0], Box.point([1.0])]}, "same dimension"),
+        ({"places": [[0.0, 0.0], [1.0, 1.0]]}, "must be a Box, of which Box.point is one, or a Sphere"),
+        ({"places": [POINTS[0], Box.point([1e-7, 0, 0])]}, "waypoints 0 and 1 are 1e-07 m apart: repeat one exactly"),
+        ({"places": [POINTS[0], Box.point([1e150, 0, 0])]}, "waypoint 1, .* is farther than 100000 m from the origin"),
+        ({"derivatives": np.full((3, 3, 3), np.inf)}, "are finite, on all axes or on none"),
+        ({"derivatives": HALF_GIVEN}, "are finite, on all axes or on none"),
+        (
+            {"derivatives": PUSHED, "corridors": [None, around([2, 0, 0], [2, 2, 0])]},
+            "what is given at waypoint 1 leads out of the corridor of segment 1",
+        ),
         ({"corridors": [None]}, "1 corridors for 2 segments"),
         ({"derivatives": np.zeros((2, 3, 3))}, "must have"),
         (

@@ -191,6 +191,28 @@ def test_too_short_a_time_is_explained_and_the_remedy_works():
         plan_path(problem(), LeastSnap(9.0))
 
 
+@pytest.mark.parametrize(
+    "times", [(0.0, 0.01, 3.0, 9.0, 10.0), (0.0, 1e-9, 2e-9, 3e-9, 4e-9), (0.0, 1e-3, 2.0, 3.0, 4.0)]
+)
+def test_far_too_short_a_time_is_explained_by_a_limit_and_a_remedy_that_works(times):
+    with pytest.raises(InputError, match="the (speed|acceleration) limit .* cannot be kept on segment") as error:
+        plan_path(problem(), GivenTimes(times))
+    slower = float(re.search(r"flown ([\d.e+]+) times slower it is feasible", str(error.value))[1])
+    path = plan_path(problem(), GivenTimes(tuple(slower * np.array(times))))
+    assert max(shares(path)) <= 1.0 + 1e-6
+
+
+def test_what_is_no_way_to_choose_times_is_refused():
+    with pytest.raises(TypeError, match="is not a way to choose times"):
+        plan_path(problem(), Shortest)
+
+
+def test_there_and_back_is_no_slower_than_stopping_there():
+    points = np.array([[0.0, 0.0, 1.0], [4.0, 0.0, 1.0], [0.0, 0.0, 1.0]])
+    path = plan_path(problem(points), Shortest())
+    assert total(path) <= 1.0011 * rest_to_rest_durations(points, LIMITS).sum()
+
+
 def test_a_velocity_that_leads_out_of_its_corridor_is_explained():
     derivatives = rest_at_ends(5, 3)
     derivatives[2, 0] = [1.5, 0.0, 0.0]
@@ -203,7 +225,17 @@ def test_a_velocity_that_leads_out_of_its_corridor_is_explained():
     [
         (problem(), GivenTimes((0.0, 1.0)), "2 times for 5 waypoints"),
         (problem(), GivenTimes((0.0, 1.0, 1.0, 2.0, 3.0)), "must be finite and increase, but 1 s is followed by 1 s"),
+        (problem(), GivenTimes((0.0, 1.0, 2.0, 3.0, 1e9)), "the times span 1e\\+09 s, more than 86400 s"),
         (problem(), LeastSnap(0.0), "total duration is 0 s, but must be positive"),
+        (problem(), LeastSnap(1e6), "total duration is 1e\\+06 s, but must be positive, and 86400 at most"),
+        (problem(limits=Limits(speed=1e-9)), Shortest(), "would take about .* s, more than 86400 s"),
+        (problem(limits=Limits(speed=1e-300)), Heuristic(), "would take about .* s, more than 86400 s"),
+        (PathProblem([Box([0, 0], [1, 1])] * 2, limits=LIMITS), Shortest(), "nothing has to move, so give the times"),
+        (
+            PathProblem([Sphere([0, 0], 1.0), Sphere([0.1, 0], 1.0), Sphere([0, 0.1], 1.0)], limits=LIMITS),
+            Shortest(),
+            "nothing has to move, so give the times",
+        ),
         (problem(limits=Limits()), Shortest(), "a limit on the speed or the acceleration is needed"),
         (problem(SQUARE[[0, 0]]), Shortest(), r"all waypoints are the same point, \(0, 0, 0\) m"),
     ],

@@ -64,7 +64,9 @@ def test_wrong_yaws_are_explained():
         yaw_through([0.0, 1.0], [math.nan, math.nan])
     with pytest.raises(InputError, match="waypoints 1 and 2 are passed at once, but have different yaws"):
         yaw_through([0.0, 1.0, 1.0], [0.0, 1.0, 2.0])
-    np.testing.assert_allclose(yaw_through([0.0, 1.0, 1.0], [0.0, 1.0, 1.0]).times, [0.0, 1.0])
+    with pytest.raises(InputError, match="needs times that differ"):
+        yaw_through([1.0, 1.0], [0.0, 0.0])
+    np.testing.assert_allclose(yaw_through([0.0, 1.0, 1.0], [0.0, 1.0, 1.0 + math.tau]).times, [0.0, 1.0])
 
 
 def test_along_a_circle_it_turns_with_the_path_through_more_than_a_turn():
@@ -97,6 +99,11 @@ def test_at_a_stop_where_it_turns_back_it_turns_smoothly():
 def test_straight_up_it_keeps_its_yaw():
     path = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]], [0.0, 4.0])
     np.testing.assert_array_equal(evaluate(yaw_along(path), [0.0, 1.0, 4.0])[0], 0.0)
+
+
+def test_what_a_climb_drifts_sideways_is_no_direction():
+    path = minimum_snap([[0.0, 0.0, 0.0], [1e-4, -2e-4, 2.0], [2e-4, 1e-4, 4.0]], [0.0, 4.0, 8.0])
+    assert np.abs(evaluate(yaw_along(path), np.linspace(0.0, 8.0, 200))).max() == 0.0
 
 
 def test_after_a_climb_it_already_looks_where_it_will_go():

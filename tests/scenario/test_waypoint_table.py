@@ -36,6 +36,22 @@ def test_columns_may_come_in_any_order_with_times_and_yaws(write):
     assert journey.route.top_speed == 3.0
 
 
+def test_an_override_reaches_into_lists(write):
+    path = write("0,0,1\n1,0,1\n2,0,1\n")
+    journey = load_journey(path, ["route.waypoints.1=[5, 5, 5]", "route.waypoints.2.0=7"])
+    assert points(journey) == [(0.0, 0.0, 1.0), (5.0, 5.0, 5.0), (7.0, 0.0, 1.0)]
+    for override in ("route.waypoints.3=[5, 5, 5]", "route.waypoints.x=1"):
+        with pytest.raises(InputError, match=f"--set {override.partition('=')[0]}.*: route.waypoints is"):
+            load_journey(path, [override])
+    with pytest.raises(InputError, match="must be field.path=value"):
+        load_journey(path, ["route.top_speed="])
+
+
+def test_times_may_be_one_word(write):
+    journey = load_journey(write("0,0,1\n1,0,1\n"), ["route.times=heuristic"])
+    assert journey.route.times.kind == "heuristic"
+
+
 def test_a_scenario_can_extend_a_table(write, diagrams):
     write("0,0,1\n1,0,1\n")
     path = write(f"a:\n  extends: [{diagrams / 'hover.yaml'}, course.csv]\n", "a.yaml")
