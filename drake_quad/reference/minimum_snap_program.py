@@ -35,8 +35,6 @@ _TOLERANCES = (1e-9, 1e-7, 1e-5)
 _MARGIN, _WALL_MARGIN = 1e-4, 1e-5
 # How far a corridor may be left, where a waypoint on its wall leaves no room for a margin; a share likewise.
 _WALL_TOLERANCE = 1e-7
-# Where on a segment a bound is put at first, beside the peaks.
-_SEEDS = np.array([0.15, 0.3, 0.5, 0.7, 0.85])
 _ROUNDS = 25
 # The weight of the snap beside what is exceeded: enough to choose among paths that exceed it equally.
 _SNAP_BESIDE_SLACK = 1e-6
@@ -132,7 +130,6 @@ class MinimumSnapProgram:
         self._slack = slack
         # Empty without a slack.
         self._slack_variable = self.program.NewContinuousVariables(0 if slack is None else 1, "slack")
-        self._seeded: set[tuple[int, int]] = set()
         base = knots(unconstrained.path(), FREE + 1) / self.scales[:, :, np.newaxis]
         base[:, 0] = 0.0  # positions count from the representatives
         self._declare_variables(base)
@@ -305,8 +302,7 @@ class MinimumSnapProgram:
             over = peaks.norm > _kept(limit) * share
             for segment, s in zip(peaks.segment[over], peaks.s[over], strict=True):
                 broken = True
-                for place in self._places(int(segment), float(s), order):
-                    self.bound_norm(int(segment), place, order, (1.0 - _MARGIN) * limit)
+                self.bound_norm(int(segment), float(s), order, (1.0 - _MARGIN) * limit)
         if any(self._problem.corridors):
             broken |= self._tighten_corridors(path)
         return broken
@@ -329,16 +325,8 @@ class MinimumSnapProgram:
                 # No further in than half way to where the waypoints must be.
                 low += min([_WALL_MARGIN * size, *(0.5 * (room.high[axis] - low) for room in rooms)])
                 high -= min([_WALL_MARGIN * size, *(0.5 * (high - room.low[axis]) for room in rooms)])
-                for place in self._places(int(segment), float(s), -1 - int(axis)):
-                    self.bound_position(int(segment), place, int(axis), low, high)
+                self.bound_position(int(segment), float(s), int(axis), low, high)
         return broken
-
-    def _places(self, segment: int, s: float, kind: int) -> list[float]:
-        """The place itself, and the first time that a kind of bound is put on a segment places all along it."""
-        if (segment, kind) in self._seeded:
-            return [s]
-        self._seeded.add((segment, kind))
-        return [s, *_SEEDS[np.abs(_SEEDS - s) > 0.05]]
 
 
 def _sizes(path: MinimumSnap, unit: np.ndarray) -> np.ndarray:
