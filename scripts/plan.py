@@ -27,8 +27,8 @@ def main() -> None:
         scenario="slalom.yaml",
     ).parse_args()
     journey = journey_of(arguments)
-    folder = output_folder(arguments.output / journey.name)
     plan = plan_route(journey)
+    folder = output_folder(arguments.output / journey.name)
     route = journey.route
     problem = route.problem() if isinstance(route, WaypointRoute) else None
     limits = route.limits() if isinstance(route, WaypointRoute | FigureEightRoute | CircleRoute) else Limits()
