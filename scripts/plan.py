@@ -41,7 +41,7 @@ def main() -> None:
     )
     files = [*save_plan(plan, folder, name=journey.name), write_whole(folder / "plan.png", figure.savefig)]
     print_table(summary(journey, plan, limits, problem))
-    print("binds:", binding_summary(bindings(plan.path, limits, problem.corridors if problem else None)))
+    print("binds:", binding_summary(bindings(plan.path, limits, problem.corridors if problem else ())))
     print_files(files)
 
 

@@ -1,11 +1,13 @@
 """What binds a path: the limits it attains and the corridors it touches."""
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 
 from drake_quad.reference.path_problem import AXES, Box, Limits
-from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, norm_peaks, turning_points
+from drake_quad.reference.polynomial_path import PolynomialPath, norm_peaks
+from drake_quad.reference.walls import turns
 
 # A limit is attained, and a corridor touched, within this share of the limit or of the corridor's largest extent.
 _ATTAINED = 1e-3
@@ -27,7 +29,7 @@ class Binding(NamedTuple):
     time: float
 
 
-def bindings(path: PolynomialPath, limits: Limits, corridors: tuple[Box | None, ...] | None = None) -> list[Binding]:
+def bindings(path: PolynomialPath, limits: Limits, corridors: Sequence[Box | None] = ()) -> list[Binding]:
     """Returns what binds a path, in order of time.
 
     Args:
@@ -35,7 +37,7 @@ def bindings(path: PolynomialPath, limits: Limits, corridors: tuple[Box | None, 
         limits: on its speed and acceleration.
         corridors: (segments), if it has any.
     """
-    found = [*_attained(path, limits), *(_touched(path, corridors) if corridors else [])]
+    found = [*_attained(path, limits), *_touched(path, corridors)]
     return sorted(found, key=lambda binding: binding.time)
 
 
@@ -49,19 +51,14 @@ def _attained(path: PolynomialPath, limits: Limits) -> list[Binding]:
     return found
 
 
-def _touched(path: PolynomialPath, corridors: tuple[Box | None, ...]) -> list[Binding]:
+def _touched(path: PolynomialPath, corridors: Sequence[Box | None]) -> list[Binding]:
     found = []
-    segments, axes, places = turning_points(path)
-    positions = evaluate_at(path, segments, places)[np.arange(len(places)), axes]
-    for segment, axis, s, position in zip(segments, axes, places, positions, strict=True):
-        corridor = corridors[segment]
-        if corridor is None or corridor.low[axis] == corridor.high[axis]:
-            continue
-        tolerance = _ATTAINED * float((corridor.high - corridor.low).max())
-        for side, room in (("min", position - corridor.low[axis]), ("max", corridor.high[axis] - position)):
-            if room < tolerance:
-                time = _time(path, int(segment), float(s))
-                found.append(Binding("corridor", f"{AXES[axis]} {side}", int(segment), time))
+    for turn in turns(path, corridors):
+        for side, room in (("min", turn.position - turn.low), ("max", turn.high - turn.position)):
+            if room < _ATTAINED * turn.size:
+                found.append(
+                    Binding("corridor", f"{AXES[turn.axis]} {side}", turn.segment, _time(path, turn.segment, turn.s))
+                )
     return found
 
 

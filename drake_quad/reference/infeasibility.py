@@ -11,8 +11,9 @@ from drake_quad.reference.minimum_snap_program import (
     path_within,
 )
 from drake_quad.reference.path_problem import PathProblem
-from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, norm_peaks, turning_points
+from drake_quad.reference.polynomial_path import PolynomialPath, norm_peaks
 from drake_quad.reference.time_allocation import stretch_factor
+from drake_quad.reference.walls import turns
 
 # Slower flights that are tried where no rule says how much slower is enough.
 _SLOWER = (1.05, 1.2, 1.5, 2.0, 3.0, 5.0, 10.0)
@@ -27,18 +28,19 @@ def explain(problem: PathProblem, durations: np.ndarray) -> str:
     except NO_PATH:
         return _explain_corridors(problem, durations)
     try:
-        complaint = _broken_limit(problem, MinimumSnapProgram(problem, durations, slack=Slack.LIMITS).solve())
+        least_excess = MinimumSnapProgram(problem, durations, slack=Slack.LIMITS).solve()
+        complaint = _broken_limit(problem, least_excess, "at least")
     except NO_PATH:
         # The numbers are beyond the solver; those of the path without limits are not.
-        complaint = _broken_limit(problem, unlimited)
+        complaint = _broken_limit(problem, unlimited, "by the smoothest path")
     slower = _slower_factor(problem, durations, stretch_factor(unlimited, problem.limits))
     if slower is None:
         return f"{complaint}; no slower flight was found that keeps to what is given at the waypoints"
     return f"{complaint}; flown {slower:.3g} times slower it is feasible"
 
 
-def _broken_limit(problem: PathProblem, path: PolynomialPath) -> str:
-    """Names the limit and the segment that even the path of least excess breaks most."""
+def _broken_limit(problem: PathProblem, path: PolynomialPath, how: str) -> str:
+    """Names the limit and the segment that a path breaks most, and how much it needs there."""
     worst = (0.0, 1, 0, 0.0)
     for order, limit in problem.limits.by_order.items():
         peaks = norm_peaks(path, order)
@@ -48,7 +50,7 @@ def _broken_limit(problem: PathProblem, path: PolynomialPath) -> str:
     name, unit = _QUANTITIES[order]
     return (
         f"the {name} limit of {problem.limits.by_order[order]:g} {unit} cannot be kept on segment {segment}: "
-        f"at these times at least {_rounded_up(value):g} {unit} is needed"
+        f"at these times {how} {_rounded_up(value):g} {unit} is needed"
     )
 
 
@@ -86,18 +88,10 @@ def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
         path = relaxed.solve()
     except NO_PATH:
         return "no path was found that keeps to the corridors and to what is given at the waypoints at these times"
-    segments, axes, places = turning_points(path)
-    positions = evaluate_at(path, segments, places)[np.arange(len(places)), axes]
-    worst, where = 0.0, 0
-    for segment, axis, position in zip(segments, axes, positions, strict=True):
-        corridor = problem.corridors[segment]
-        if corridor is not None:
-            beyond = max(corridor.low[axis] - position, position - corridor.high[axis])
-            if beyond > worst:
-                worst, where = beyond, int(segment)
+    worst = min(turns(path, problem.corridors), key=lambda turn: turn.room)
     return (
-        f"the corridor of segment {where} cannot be kept at these times with what is given at the waypoints: "
-        f"it would have to be {_rounded_up(max(worst, relaxed.exceeded)):g} m wider"
+        f"the corridor of segment {worst.segment} cannot be kept at these times with what is given at the waypoints: "
+        f"it would have to be {_rounded_up(-worst.room):g} m wider"
     )
 
 

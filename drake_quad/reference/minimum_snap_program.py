@@ -20,13 +20,12 @@ from drake_quad.reference.minimum_snap import (
 from drake_quad.reference.path_problem import PathProblem, Sphere
 from drake_quad.reference.polynomial_path import (
     PolynomialPath,
-    evaluate_at,
     knots,
     norm_peaks,
     peak_norm,
     power_basis,
-    turning_points,
 )
+from drake_quad.reference.walls import turns
 
 # Tried in turn: near the edge of what is feasible Clarabel may make no progress towards the first. Its own is 1e-8.
 _TOLERANCES = (1e-9, 1e-7, 1e-5)
@@ -99,8 +98,8 @@ class MinimumSnapProgram:
     The variables are what the path is free to choose of position, velocity, acceleration and jerk at the waypoints, as
     differences from the fast path through representatives of the places; so they are of one size, and zero wherever
     nothing stands in the way, however much the durations differ. Both segments that meet at a waypoint share its
-    variables, so the path has three continuous derivatives. Without inequalities six
-    are continuous at the optimum; a bound that is met may break the fourth to sixth.
+    variables, so the path has three continuous derivatives. Without inequalities six are continuous at the optimum; a
+    bound that is met may break the fourth to sixth.
 
     A limit or corridor is infinitely many inequalities, one at every place of a segment. The program starts with none
     of them; `solve` adds those that its solution breaks most, at the peaks, until none is broken any more.
@@ -203,10 +202,10 @@ class MinimumSnapProgram:
                 # A corridor without extent leaves nothing but to stay where it is.
                 flat = corridor.low == corridor.high
                 self._base[i : i + 2, 1:, flat] = 0.0  # what is given is zero there too, or the problem was refused
-        free = np.isnan(self._base)
-        self._base[free] = unconstrained[free]
+        self._free = np.isnan(self._base)
+        self._base[self._free] = unconstrained[self._free]
         self.variables = np.full(self._base.shape, None, dtype=object)
-        self.variables[free] = self.program.NewContinuousVariables(int(free.sum()), "d")
+        self.variables[self._free] = self.program.NewContinuousVariables(int(self._free.sum()), "d")
 
     def _add_cost(self, total: float) -> None:
         """Adds the snap, relative to that of another path of the same order."""
@@ -216,14 +215,13 @@ class MinimumSnapProgram:
             self.program.AddLinearCost(self._slack_variable[0])
             self.program.AddBoundingBoxConstraint(0.0, np.inf, self._slack_variable[0])
         for segment, weight in enumerate(weights):
-            local, given = self._local(segment)
-            for axis in range(local.shape[1]):
-                free = local[:, axis] != None  # noqa: E711
-                if free.any():
-                    matrix = np.diag(self._to_segment[segment])[:, free]
+            variables, free, boundary = self._local(segment)
+            for axis, used in enumerate(free.T):
+                if used.any():
+                    matrix = np.diag(self._to_segment[segment])[:, used]
                     form = matrix.T @ BOUNDARY_FORM * weight
                     self.program.AddQuadraticCost(
-                        2.0 * form @ matrix, 2.0 * form @ given[:, axis], local[free, axis], is_convex=True
+                        2.0 * form @ matrix, 2.0 * form @ boundary[:, axis], variables[used, axis], is_convex=True
                     )
 
     def _add_places(self) -> None:
@@ -235,32 +233,34 @@ class MinimumSnapProgram:
                     low, high = room.low[axis] - self._points[i, axis], room.high[axis] - self._points[i, axis]
                     self.program.AddBoundingBoxConstraint(low / length, high / length, variable)
             if isinstance(place, Sphere):
-                free = position != None  # noqa: E711
+                free = self._free[i, 0]
                 matrix = np.vstack([np.zeros(free.sum()), np.eye(len(position))[:, free] * length / place.radius])
                 offset = np.concatenate([[1.0], (self._points[i] - place.centre) / place.radius])
                 if free.any():
                     self.program.AddLorentzConeConstraint(matrix, offset, position[free])
 
-    def _local(self, segment: int) -> tuple[np.ndarray, np.ndarray]:
-        """(8, axes) variables of a segment, and its boundary derivatives in unit time where they are zero."""
-        local = self.variables[segment : segment + 2].reshape(2 * (FREE + 1), -1)
-        given = self._base[segment : segment + 2].reshape(2 * (FREE + 1), -1)
-        boundary = given * self._to_segment[segment][:, np.newaxis]
+    def _local(self, segment: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """A segment's (8, axes) variables, where there are any, and boundary derivatives where these are zero."""
+        local, free, base = (
+            values[segment : segment + 2].reshape(2 * (FREE + 1), -1)
+            for values in (self.variables, self._free, self._base)
+        )
+        boundary = base * self._to_segment[segment][:, np.newaxis]
         boundary[FREE + 1] += self._points[segment + 1] - self._points[segment]
-        return local, boundary
+        return local, free, boundary
 
     def _derivative(self, segment: int, s: float, order: int) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
         """(axes, n) rows, (n,) variables and (axes,) constant of a derivative in time at a place of a segment."""
-        local, given = self._local(segment)
+        variables, free, boundary = self._local(segment)
         basis = power_basis(order, s, DEGREE + 1) @ FROM_BOUNDARY * self._durations[segment] ** -float(order)
-        free = local.T != None  # noqa: E711
+        free = free.T
         rows = np.zeros((len(free), int(free.sum())))
         axis, entry = np.nonzero(free)
         rows[axis, np.arange(len(axis))] = (basis * self._to_segment[segment])[entry]
-        constant = basis @ given
+        constant = basis @ boundary
         if order == 0:
             constant = constant + self._points[segment]
-        return rows, local.T[free], constant
+        return rows, variables.T[free], constant
 
     def _solve_once(self) -> PolynomialPath:
         values = self._base.copy()
@@ -288,8 +288,7 @@ class MinimumSnapProgram:
             raise InfeasibleError
         if not result.is_success():
             raise SolverError(f"the minimum-snap program was not solved: {status.name}")
-        free = self.variables != None  # noqa: E711
-        values[free] += result.GetSolution(self.variables[free])
+        values[self._free] += result.GetSolution(self.variables[self._free])
         if self._slack is not None:
             self.exceeded = float(result.GetSolution(self._slack_variable[0]))
 
@@ -303,29 +302,22 @@ class MinimumSnapProgram:
             for segment, s in zip(peaks.segment[over], peaks.s[over], strict=True):
                 broken = True
                 self.bound_norm(int(segment), float(s), order, (1.0 - _MARGIN) * limit)
-        if any(self._problem.corridors):
-            broken |= self._tighten_corridors(path)
-        return broken
+        return self._tighten_walls(path) or broken
 
-    def _tighten_corridors(self, path: PolynomialPath) -> bool:
+    def _tighten_walls(self, path: PolynomialPath) -> bool:
         broken = False
         beyond = self.exceeded if self._slack is Slack.CORRIDORS else 0.0
-        segments, axes, places = turning_points(path)
-        positions = evaluate_at(path, segments, places)
-        for segment, axis, s, position in zip(segments, axes, places, positions, strict=True):
-            corridor = self._problem.corridors[segment]
-            if corridor is None or corridor.low[axis] == corridor.high[axis]:
+        for turn in turns(path, self._problem.corridors):
+            if turn.room >= -(_WALL_TOLERANCE * turn.size + beyond):
                 continue
-            low, high = corridor.low[axis], corridor.high[axis]
-            size = float((corridor.high - corridor.low).max())
-            tolerance = _WALL_TOLERANCE * size + beyond
-            if position[axis] < low - tolerance or position[axis] > high + tolerance:
-                broken = True
-                rooms = [room for i in (segment, segment + 1) if (room := self._problem.room(i)) is not None]
-                # No further in than half way to where the waypoints must be.
-                low += min([_WALL_MARGIN * size, *(0.5 * (room.high[axis] - low) for room in rooms)])
-                high -= min([_WALL_MARGIN * size, *(0.5 * (high - room.low[axis]) for room in rooms)])
-                self.bound_position(int(segment), float(s), int(axis), low, high)
+            broken = True
+            ends = (turn.segment, turn.segment + 1)
+            rooms = [room for i in ends if (room := self._problem.room(i)) is not None]
+            # No further in than half way to where the waypoints must be.
+            margin = _WALL_MARGIN * turn.size
+            low = turn.low + min([margin, *(0.5 * (room.high[turn.axis] - turn.low) for room in rooms)])
+            high = turn.high - min([margin, *(0.5 * (turn.high - room.low[turn.axis]) for room in rooms)])
+            self.bound_position(turn.segment, turn.s, turn.axis, low, high)
         return broken
 
 

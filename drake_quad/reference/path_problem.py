@@ -52,6 +52,15 @@ class Box:
         """(axes,), m."""
         return 0.5 * (self.low + self.high)
 
+    @property
+    def is_point(self) -> bool:
+        """Whether it has no extent."""
+        return bool((self.low == self.high).all())
+
+    def equals(self, other: "Box") -> bool:
+        """Whether both are the same box."""
+        return bool((self.low == other.low).all() and (self.high == other.high).all())
+
     def intersection(self, other: "Box") -> "Box | None":
         """What both have in common, or None."""
         low, high = np.maximum(self.low, other.low), np.minimum(self.high, other.high)
@@ -62,7 +71,7 @@ class Box:
         return np.clip(position, self.low, self.high)
 
     def __str__(self) -> str:
-        if (self.low == self.high).all():
+        if self.is_point:
             return _vector(self.low)
         return f"the box from {_vector(self.low)} to {_vector(self.high)}"
 
@@ -267,7 +276,7 @@ class PathProblem:
 
 
 def _is_point(place: Box | Sphere) -> bool:
-    return isinstance(place, Box) and bool((place.low == place.high).all())
+    return isinstance(place, Box) and place.is_point
 
 
 def _touch(place: Box | Sphere, box: Box) -> bool:

@@ -44,13 +44,12 @@ class Plan:
     @property
     def duration(self) -> float:
         """Time from the first to the last waypoint, s."""
-        return float(self.path.times[-1] - self.path.times[0])
+        return self.path.duration
 
     @property
     def waypoints(self) -> np.ndarray:
         """(segments + 1, 3) the points that the path passes, m."""
-        coefficients = self.path.coefficients
-        return np.vstack([coefficients[:, 0], coefficients[-1:].sum(axis=1)])
+        return self.path.waypoints
 
     @property
     def initial_yaw(self) -> float:

@@ -6,7 +6,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from drake_quad.errors import InputError
-from drake_quad.reference.path_problem import Box, PathProblem
+from drake_quad.reference.path_problem import Box, PathProblem, Sphere
 from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.reference.time_allocation import rest_to_rest_durations
 from drake_quad.reference.timing_search import (
@@ -98,12 +98,10 @@ def plan_path(problem: PathProblem, timing: Timing) -> PolynomialPath:
 
 
 def _check_duration(problem: PathProblem) -> None:
-    """Raises InputError if there is no way to go, or too long a one."""
+    """Raises InputError if the route is too long."""
     duration = float(rest_to_rest_durations(problem.representatives(), problem.limits).sum())
     if duration > _LONGEST:
         raise InputError(f"within the limits the route would take about {duration:g} s, more than {_LONGEST:g} s")
-    if duration == 0.0:
-        raise InputError("one point lies in all the waypoints' places: nothing has to move, so give the times")
 
 
 def merged(problem: PathProblem) -> PathProblem:
@@ -139,11 +137,9 @@ def passing_times(problem: PathProblem, path: PolynomialPath) -> np.ndarray:
     return np.asarray(path.times[np.cumsum([0, *new])])
 
 
-def _repeats(one: object, other: object) -> bool:
+def _repeats(one: Box | Sphere, other: Box | Sphere) -> bool:
     """Whether both are the same point."""
-    if not (isinstance(one, Box) and isinstance(other, Box)):
-        return False
-    return bool((one.low == other.low).all() and (one.high == other.high).all() and (one.low == one.high).all())
+    return isinstance(one, Box) and isinstance(other, Box) and one.is_point and one.equals(other)
 
 
 def _at_given_times(problem: PathProblem, times: np.ndarray) -> PolynomialPath:

@@ -30,6 +30,16 @@ class PolynomialPath(NamedTuple):
         """(segments,) duration of each segment, s."""
         return np.diff(self.times)
 
+    @property
+    def duration(self) -> float:
+        """From the first to the last waypoint, s."""
+        return float(self.times[-1] - self.times[0])
+
+    @property
+    def waypoints(self) -> np.ndarray:
+        """(segments + 1, axes) where the segments begin and end, m."""
+        return np.vstack([self.coefficients[:, 0], self.coefficients[-1:].sum(axis=1)])
+
     def stretched(self, factor: float) -> "PolynomialPath":
         """The same path flown `factor` times slower."""
         return PolynomialPath(self.times[0] + factor * (self.times - self.times[0]), self.coefficients)

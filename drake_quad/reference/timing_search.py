@@ -2,6 +2,7 @@
 
 from collections.abc import Callable, Iterator
 from contextlib import suppress
+from operator import attrgetter
 
 import numpy as np
 
@@ -10,10 +11,13 @@ from drake_quad.reference.infeasibility import explain
 from drake_quad.reference.minimum_snap import Contact, snap_cost
 from drake_quad.reference.minimum_snap_program import NO_PATH, path_within
 from drake_quad.reference.path_problem import Limits, PathProblem
-from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, turning_points
+from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor, trapezoid_times
 from drake_quad.reference.time_optimization import least_snap_durations, shortest_durations
+from drake_quad.reference.walls import turns
 
+# What the search makes small.
+_DURATION = attrgetter("duration")
 # Without limits, times are shared out as with these; only their ratios count.
 _ANY_LIMITS = Limits(acceleration=1.0)
 # No segment gets less than this share of the longest one to begin with: less for a route of points, which is planned
@@ -50,7 +54,7 @@ def heuristic_path(problem: PathProblem) -> PolynomialPath:
         problem: with a limit, without given motion and without repeats.
     """
     candidates = [_stretched(_fitted(problem, rule), problem.limits) for rule in (_stops_everywhere, _ride)]
-    return min(candidates, key=_duration)
+    return min(candidates, key=_DURATION)
 
 
 def _stops_everywhere(problem: PathProblem, points: np.ndarray) -> np.ndarray:
@@ -82,14 +86,14 @@ def _fitted(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray], np.n
     points = problem.representatives()
     for _ in range(1 if problem.passes_points else 2):
         path = path_or_reason(unlimited, rule(problem, points))
-        points = _waypoints(path)
+        points = path.waypoints
     return path
 
 
 def _stretched(path: PolynomialPath, limits: Limits) -> PolynomialPath:
     """The path as it is, but slower or faster, so that it attains a limit."""
     factor = stretch_factor(path, limits)
-    if factor * _duration(path) < _NO_TIME:
+    if factor * path.duration < _NO_TIME:
         raise InputError("one point lies in all the waypoints' places: nothing has to move, so give the times")
     return path.stretched(factor)
 
@@ -103,11 +107,11 @@ def shortest_path(problem: PathProblem) -> PolynomialPath:
     heuristic = heuristic_path(problem)
     best = _shortened(problem, heuristic, smooth=True)
     # Stopping everywhere always keeps to the limits; a route of very unequal steps may leave little to gain on it.
-    stops = 1.001 * _stops_everywhere(problem, _waypoints(best))
+    stops = 1.001 * _stops_everywhere(problem, best.waypoints)
     # Touching a wall or not makes two optima of one.
-    if not problem.passes_points or _duration(best) > _LITTLE_GAINED * stops.sum():
-        best = min(best, _shortened(problem, heuristic, smooth=False), key=_duration)
-    return best if _duration(best) <= stops.sum() else path_or_reason(problem, stops)
+    if not problem.passes_points or best.duration > _LITTLE_GAINED * stops.sum():
+        best = min(best, _shortened(problem, heuristic, smooth=False), key=_DURATION)
+    return best if best.duration <= stops.sum() else path_or_reason(problem, stops)
 
 
 def _shortened(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> PolynomialPath:
@@ -117,7 +121,7 @@ def _shortened(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> P
 
     def shortened(path: PolynomialPath, reach: float) -> PolynomialPath:
         durations = shortest_durations(
-            _waypoints(path),
+            path.waypoints,
             path.durations,
             problem.limits,
             problem.derivatives,
@@ -127,8 +131,8 @@ def _shortened(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> P
         return _stretched(path_within(unlimited, durations), problem.limits)
 
     if problem.passes_points:
-        return min(path, shortened(start, np.inf), key=_duration)
-    return min(path, _improved(start, shortened, _duration), key=_duration)
+        return min(path, shortened(start, np.inf), key=_DURATION)
+    return min(path, _improved(start, shortened, _DURATION), key=_DURATION)
 
 
 def _improved(
@@ -179,7 +183,7 @@ def path_through_given_motion(problem: PathProblem, *, shorten: bool) -> Polynom
             break
     if not found:
         raise InputError(f"no times were found; if it stopped everywhere, {explain(problem, stops)}")
-    return min(found, key=_duration)
+    return min(found, key=_DURATION)
 
 
 def _durations_to_try(problem: PathProblem, stops: np.ndarray, *, shorten: bool) -> Iterator[np.ndarray]:
@@ -192,7 +196,7 @@ def _durations_to_try(problem: PathProblem, stops: np.ndarray, *, shorten: bool)
         yield path.durations
         if shorten:
             yield shortest_durations(
-                _waypoints(path), path.durations, problem.limits, problem.derivatives, contacts=_contacts(problem, path)
+                path.waypoints, path.durations, problem.limits, problem.derivatives, contacts=_contacts(problem, path)
             )
 
 
@@ -203,7 +207,7 @@ def _smoothest(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
         return path_within(problem, durations)
 
     def smoothed(path: PolynomialPath, reach: float) -> PolynomialPath:
-        points, contacts = _waypoints(path), _contacts(problem, path)
+        points, contacts = path.waypoints, _contacts(problem, path)
         return path_within(
             problem,
             least_snap_durations(points, path.durations, problem.derivatives, contacts=contacts, reach=reach),
@@ -257,22 +261,8 @@ def _nearest_within_limits(problem: PathProblem, durations: np.ndarray) -> Polyn
 
 def _contacts(problem: PathProblem, path: PolynomialPath) -> list[Contact]:
     """Where the path touches its corridors."""
-    segments, axes, places = turning_points(path)
-    positions = evaluate_at(path, segments, places)[np.arange(len(places)), axes]
-    contacts = []
-    for segment, axis, s, position in zip(segments, axes, places, positions, strict=True):
-        corridor = problem.corridors[segment]
-        if corridor is None or not _CONTACT_ROOM < s < 1.0 - _CONTACT_ROOM:
-            continue
-        room = min(position - corridor.low[axis], corridor.high[axis] - position)
-        if room < _TOUCHING * float((corridor.high - corridor.low).max()):
-            contacts.append(Contact(int(segment), float(s), int(axis), float(position)))
-    return contacts
-
-
-def _waypoints(path: PolynomialPath) -> np.ndarray:
-    return np.vstack([path.coefficients[:, 0], path.coefficients[-1:].sum(axis=1)])
-
-
-def _duration(path: PolynomialPath) -> float:
-    return float(path.times[-1] - path.times[0])
+    return [
+        Contact(turn.segment, turn.s, turn.axis, turn.position)
+        for turn in turns(path, problem.corridors)
+        if turn.room < _TOUCHING * turn.size and _CONTACT_ROOM < turn.s < 1.0 - _CONTACT_ROOM
+    ]

@@ -73,10 +73,10 @@ def yaw_along(path: PolynomialPath, *, response: float = 0.5) -> PolynomialPath:
     """Returns the profile that looks where the path goes, as far as that can be done smoothly.
 
     It minimises ∫ ψ̈² + (ψ - direction)² (v / v_max)² / response⁴ dt, v being the horizontal speed and v_max its
-    largest, or a tenth of the largest speed if that is more: a spline that
-    follows a direction that turns steadily exactly, and one that turns faster than the response within it. Where the
-    path is slow, at stops and where it goes straight up or down, it turns from the direction before to the one after
-    by the shorter way. A path that never moves sideways has yaw zero.
+    largest, or a tenth of the largest speed if that is more. Such a spline follows a direction that turns steadily
+    exactly, and smooths one that turns faster than the response. Where the path is slow, at stops and where it goes
+    straight up or down, it turns from the direction before to the one after by the shorter way. A path that never
+    moves sideways has yaw zero.
 
     Args:
         path: of the position, its first two axes horizontal.

@@ -62,14 +62,14 @@ def _draw_view(
     # The same box for several segments is drawn once.
     drawn: list[Box] = []
     for corridor in corridors:
-        if corridor is not None and not any(_same(corridor, box) for box in drawn):
+        if corridor is not None and not any(corridor.equals(box) for box in drawn):
             drawn.append(corridor)
             axes.add_patch(_rectangle(corridor, i, j, facecolor=(0.0, 0.0, 0.0, 0.05), edgecolor="0.7", linewidth=0.8))
     for place in places:
         if isinstance(place, Sphere):
             centre = (place.centre[i], place.centre[j])
             axes.add_patch(Circle(centre, place.radius, facecolor=to_rgba(ORANGE, 0.3), edgecolor=ORANGE))
-        elif (place.low < place.high).any():
+        elif not place.is_point:
             axes.add_patch(_rectangle(place, i, j, facecolor=to_rgba(ORANGE, 0.3), edgecolor=ORANGE))
     axes.plot(position[i], position[j], color=BLUE)
     waypoints = plan.waypoints
@@ -95,10 +95,6 @@ def _numbered(points: np.ndarray) -> list[tuple[tuple[float, float], str]]:
         else:
             beside.append(number)
     return [((float(x), float(y)), ", ".join(map(str, numbers))) for (x, y), numbers in labels]
-
-
-def _same(one: Box, other: Box) -> bool:
-    return bool((one.low == other.low).all() and (one.high == other.high).all())
 
 
 def _rectangle(box: Box, i: int, j: int, **style: object) -> Rectangle:
