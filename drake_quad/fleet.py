@@ -13,8 +13,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.autodiffutils import AutoDiffXd
+from pydrake.common import RandomDistribution
 from pydrake.symbolic import Expression
-from pydrake.systems.framework import BasicVector_, DiagramBuilder, LeafSystem_
+from pydrake.systems.framework import BasicVector_, DiagramBuilder, DiscreteStateIndex, LeafSystem_
 from pydrake.systems.primitives import Demultiplexer
 from pydrake.systems.scalar_conversion import TemplateSystem
 
@@ -41,13 +42,19 @@ class FleetSystem(_Base):
     write: Callable[[Any, Iterable[Row]], None]
     copy: Callable[[Any, Any], None]
     parts: dict[str, int]
+    random_inputs: dict[str, RandomDistribution]
 
     def declare(self, *args: Any, **options: Any) -> None:
         """Declares ports, state, parameters and events; every subclass has its own."""
 
-    def input(self, name: str, rows: int) -> Any:
+    def input(self, name: str, rows: int) -> int:
         """Declares an input port of that many rows and returns its index."""
-        return self.DeclareVectorInputPort(name, self.vector([0.0] * rows)).get_index()
+        return int(self.DeclareVectorInputPort(name, self.vector([0.0] * rows)).get_index())
+
+    def random_input(self, name: str, rows: int, distribution: RandomDistribution) -> int:
+        """Declares an input port for random numbers, as Drake's RandomSource gives them, and returns its index."""
+        self.random_inputs[name] = distribution
+        return int(self.DeclareVectorInputPort(name, self.vector([0.0] * rows), distribution).get_index())
 
     def output(self, name: str, rows: int, calc: Callable[..., None], *, uses: Iterable[Any]) -> Any:
         """Declares and returns an output port of that many rows, computed from what the tickets stand for."""
@@ -60,28 +67,32 @@ class FleetSystem(_Base):
         self.parts = dict(parts)
         self.output(name, sum(parts.values()), calc, uses=uses)
 
-    def discrete_state(self, rows: Iterable[Row]) -> Any:
+    def discrete_state(self, rows: Iterable[Row]) -> int:
         """Declares a discrete-state group with these rows as default and returns its index."""
-        return self.DeclareDiscreteState(self.vector(rows))
+        return int(self.DeclareDiscreteState(self.vector(rows)))
 
-    def numeric_parameter(self, rows: Iterable[Row]) -> Any:
+    def state_output(self, name: str, index: int) -> None:
+        """Declares an output port that shows a discrete-state group."""
+        self.DeclareStateOutputPort(name, DiscreteStateIndex(index))
+
+    def numeric_parameter(self, rows: Iterable[Row]) -> int:
         """Declares a numeric parameter with these rows as default and returns its index."""
-        return self.DeclareNumericParameter(self.vector(rows))
+        return int(self.DeclareNumericParameter(self.vector(rows)))
 
-    def input_rows(self, context: Any, index: Any) -> Any:
+    def input_rows(self, context: Any, index: int) -> Any:
         """The rows of an input port's value."""
         return self.rows(self.EvalVectorInput(context, index))
 
-    def optional_input_rows(self, context: Any, index: Any, *, default: Any) -> Any:
+    def optional_input_rows(self, context: Any, index: int, *, default: Any) -> Any:
         """The rows of an input port's value, or the default where nothing is connected."""
         vector = self.EvalVectorInput(context, index)
         return default if vector is None else self.rows(vector)
 
-    def parameter_rows(self, context: Any, index: Any) -> Any:
+    def parameter_rows(self, context: Any, index: int) -> Any:
         """The rows of a numeric parameter."""
         return self.rows(context.get_numeric_parameter(index))
 
-    def state_rows(self, context: Any, index: Any) -> Any:
+    def state_rows(self, context: Any, index: int) -> Any:
         """The rows of a discrete-state group."""
         return self.rows(context.get_discrete_state(index))
 
@@ -136,6 +147,9 @@ def _writer(scalar: type, num_vehicles: int) -> Callable[[Any, Iterable[Row]], N
 
     def write_arrays(vector: Any, rows: Iterable[Row]) -> None:
         values = vector.get_mutable_value().reshape(-1, num_vehicles)
+        if isinstance(rows, np.ndarray) and rows.ndim == 2:
+            values[:] = rows
+            return
         for i, row in enumerate(rows):
             values[i] = row
 
@@ -185,6 +199,7 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
                     self.rows, self.write = _reader(T, num_vehicles), _writer(T, num_vehicles)
                     self.copy = _copier(T, num_vehicles)
                     self._options = options
+                    self.random_inputs: dict[str, RandomDistribution] = {}
                     self.declare(num_vehicles=num_vehicles, **options)
 
                 def _construct_copy(self, other: Any, converter: Any = None) -> None:

@@ -1,6 +1,5 @@
 """Flying a scenario, and what a flight leaves behind."""
 
-import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -11,13 +10,12 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Diagram
 from ruamel.yaml import YAML
 
-from drake_quad.errors import InputError
 from drake_quad.files import output_folder, write_whole
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.laboratory.recorder import read_recorder
-from drake_quad.planning import plan_route
+from drake_quad.planning import flight_duration, plan_route, refuse_distributions
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Scenario
+from drake_quad.scenario import Scenario, distributions_in, draw_sample
 from drake_quad.signals import SIGNALS
 from drake_quad.tracking import build_tracking_diagram
 
@@ -31,7 +29,7 @@ class Flight:
     """A flown scenario.
 
     Attributes:
-        scenario: what was flown.
+        scenario: what was flown, with its seed and the number of the sample.
         plan: the reference.
         time: (ticks,) the ticks of the control, until the end or the crash, s.
         signals: (ticks, rows) values of each signal at the ticks; `drake_quad.signals` says what the rows are.
@@ -83,6 +81,8 @@ class Flight:
 def simulate(
     scenario: Scenario,
     *,
+    seed: int | None = None,
+    sample: int | None = None,
     position_controller: Any = None,
     control: Any = None,
     plan: Plan | None = None,
@@ -91,16 +91,23 @@ def simulate(
     """Flies one vehicle and records every signal.
 
     Args:
-        scenario: with numbers only, no distributions.
+        scenario: with numbers only, unless a sample is given.
+        seed: of the study, in place of the scenario's.
+        sample: number of the sample of the study to fly, in place of the scenario's: with what is drawn for it, in its
+            wind and with its noise. Without one, these are wind and noise of sample 0.
         position_controller: stands in for the scenario's; see `build_tracking_diagram`.
         control: stands in for the whole cascade; see `build_tracking_diagram`.
         plan: flown instead of that of the scenario's route.
         progress: called now and then with the time flown and the time to fly, s.
 
     Raises:
-        InputError: the scenario holds a distribution, the rotors cannot fly the route, or the metric window lies
-            beyond the flight.
+        InputError: the scenario holds a distribution and no sample is given, the rotors cannot fly the route, or the
+            metric window lies beyond the flight.
     """
+    sample = scenario.sample if sample is None else sample
+    if sample is None:
+        refuse_distributions(distributions_in(scenario))
+    scenario = draw_sample(scenario, sample or 0, seed=seed)
     plan = plan or plan_route(scenario)
     duration = flight_duration(scenario, plan)
     diagram = build_tracking_diagram(
@@ -121,22 +128,6 @@ def simulate(
         {name: values[kept] for name, values in signals.items()},
         Metrics(*(float(value[0]) for value in metrics)),
     )
-
-
-def flight_duration(scenario: Scenario, plan: Plan) -> float:
-    """How long a scenario is flown, s: a whole number of ticks of the control.
-
-    Raises:
-        InputError: the metric window begins only after the flight.
-    """
-    period = scenario.laboratory.command_link.period
-    wanted = scenario.duration if scenario.duration is not None else float(plan.path.times[-1])
-    duration = max(1, math.ceil(wanted / period - 1e-9)) * period
-    if scenario.metrics.start >= duration:
-        raise InputError(
-            f"metrics.start is {scenario.metrics.start:g}, but must be before the end of the flight at {duration:g} s"
-        )
-    return duration
 
 
 def fly(simulator: Simulator, duration: float, *, progress: Callable[[float, float], None] | None = None) -> None:

@@ -1,6 +1,7 @@
 """From a scenario's route to a plan that its vehicle can fly."""
 
 import math
+from collections.abc import Iterable
 
 import numpy as np
 
@@ -13,29 +14,25 @@ from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermi
 from drake_quad.reference.routes import Route, circle, figure_eight
 from drake_quad.reference.time_allocation import stretch_factor, trapezoid_times
 from drake_quad.reference.yaw import constant_yaw, yaw_along, yaw_through
-from drake_quad.scenario import Journey, distributions_in, routes
+from drake_quad.scenario import Journey, Scenario, distributions_in, routes
 from drake_quad.scenario.routes import CircleRoute, FigureEightRoute, HoverRoute, TrajectoryRoute, WaypointRoute
 from drake_quad.vehicle.inverse_dynamics import RotorDemand, rotor_demand
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
-def vehicle_parameters(scenario: Journey) -> QuadrotorParameters:
-    """The vehicle of a scenario without distributions."""
-    vehicle = scenario.vehicle
-    fields = {name: getattr(vehicle, name) for name in QuadrotorParameters._fields}
-    fields["thrust_factor"] = (vehicle.thrust_factor,) * 4
-    return QuadrotorParameters(**fields)
+def nominal_parameters(journey: Journey) -> QuadrotorParameters:
+    """What is believed of the vehicle: no drag, four rotors alike, the centre of mass in their middle."""
+    fields = journey.nominal.model_dump()
+    return QuadrotorParameters(**{**fields, "thrust_factor": (journey.nominal.thrust_factor,) * 4})
 
 
 def plan_route(journey: Journey) -> Plan:
-    """The plan for the route of a scenario.
+    """The plan for the route of a scenario, for the nominal vehicle.
 
     Raises:
-        InputError: the scenario holds a distribution, or no path or no rotors can keep to what it asks.
+        InputError: the route holds a distribution, or no path or no rotors can keep to what it asks.
     """
-    random = distributions_in(journey)
-    if random:
-        raise InputError(f"{random[0]} is a distribution; one flight needs a number there")
+    refuse_distributions(path for path in distributions_in(journey) if path.startswith("route."))
     route = journey.route
     match route:
         case HoverRoute():
@@ -56,8 +53,14 @@ def plan_route(journey: Journey) -> Plan:
         case CircleRoute():
             laps = circle(radius=route.radius, height=route.height, laps=route.laps)
             plan = _within_limits(route, laps, cruise_speed=math.sqrt(route.top_acceleration * route.radius))
-    _check_rotors(plan, vehicle_parameters(journey))
+    _check_rotors(plan, nominal_parameters(journey))
     return plan
+
+
+def refuse_distributions(paths: Iterable[str]) -> None:
+    """Raises InputError if there is any field that holds a distribution, given by their paths."""
+    for path in paths:
+        raise InputError(f"{path} is a distribution; one flight needs a number there, or a sample to draw it for")
 
 
 def _within_limits(route: FigureEightRoute | CircleRoute, geometry: Route, *, cruise_speed: float) -> Plan:
@@ -99,6 +102,22 @@ def _trajectory(route: TrajectoryRoute) -> Plan:
     yaw_times = np.array([knot.time for knot in route.yaw_knots])
     yaws = np.array([[[knot.yaw], [knot.yaw_rate]] for knot in route.yaw_knots])
     return Plan(path, hermite_path(yaw_times, yaws))
+
+
+def flight_duration(scenario: Scenario, plan: Plan) -> float:
+    """How long a scenario is flown, s: a whole number of ticks of the control.
+
+    Raises:
+        InputError: the metric window begins only after the flight.
+    """
+    period = scenario.laboratory.command_link.period
+    wanted = scenario.duration if scenario.duration is not None else float(plan.path.times[-1])
+    duration = max(1, math.ceil(wanted / period - 1e-9)) * period
+    if scenario.metrics.start >= duration:
+        raise InputError(
+            f"metrics.start is {scenario.metrics.start:g}, but must be before the end of the flight at {duration:g} s"
+        )
+    return duration
 
 
 def plan_demand(plan: Plan, parameters: QuadrotorParameters, times: np.ndarray) -> RotorDemand:

@@ -6,27 +6,18 @@ reference ──▶ control ──▶ laboratory
 └──▶ monitor, recorder ◀── (all of them)
 """
 
-import math
+from collections.abc import Sequence
 from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_quad.control.attitude import AttitudeController
-from drake_quad.control.cascade import build_cascade
-from drake_quad.control.position import build_position_controller
-from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring
-from drake_quad.laboratory.command_link import CommandLink
-from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor
-from drake_quad.laboratory.laboratory import build_laboratory
-from drake_quad.laboratory.motion_capture import MotionCapture
+from drake_quad import parts
 from drake_quad.laboratory.recorder import build_recorder
-from drake_quad.planning import plan_route, vehicle_parameters
+from drake_quad.laboratory.tape import Samples
+from drake_quad.planning import flight_duration, plan_route, refuse_distributions
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
-from drake_quad.scenario import Scenario
-from drake_quad.vehicle.allocation import Allocation, RotorModel
-from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Quadrotor
+from drake_quad.scenario import Scenario, distributions_in, draw_samples
 
 # What is exported, and recorded, from each part; a control of the user's own need only have `wrench`.
 _SIGNALS = {
@@ -41,6 +32,7 @@ def build_tracking_diagram(
     scenario: Scenario,
     num_vehicles: int = 1,
     *,
+    samples: Sequence[int] | None = None,
     position_controller: Any = None,
     control: Any = None,
     plan: Plan | None = None,
@@ -53,8 +45,10 @@ def build_tracking_diagram(
     the reference's first point.
 
     Args:
-        scenario: with numbers only, no distributions.
-        num_vehicles: N; all fly the same scenario.
+        scenario: with numbers only, unless `samples` are given.
+        num_vehicles: N.
+        samples: N numbers of samples of the scenario's study: each vehicle flies one, with what is drawn for it. If not
+            given, all fly the same scenario, in the wind and noise of its own sample, of the next one, and so on.
         position_controller: a system that stands in for the scenario's: from `measurement` (12 rows) and `reference`
             (11 rows) to `acceleration_command` (3 rows, m/s²). The diagram takes it over.
         control: a system that stands in for the whole cascade: from `measurement` and `reference` to `wrench`
@@ -63,31 +57,39 @@ def build_tracking_diagram(
         record: whether to add a recorder of all signals, sampled at every tick of the control.
 
     Raises:
-        InputError: the scenario holds a distribution, or the rotors cannot fly the route.
+        InputError: the scenario holds a distribution and no samples are given, or one in its route; or the rotors
+            cannot fly the route.
+        ValueError: there are not N samples.
     """
-    plan = plan or plan_route(scenario)
-    parameters = vehicle_parameters(scenario)
-    own_control = control if control is not None else _control(scenario, num_vehicles, parameters, position_controller)
+    if samples is None:
+        refuse_distributions(distributions_in(scenario))
+        first = scenario.sample or 0
+        samples = range(first, first + num_vehicles)
+    elif len(samples) != num_vehicles:
+        raise ValueError(f"{num_vehicles} vehicles cannot fly {len(samples)} samples, one each")
+    drawn = draw_samples(scenario, samples)
+    plan = plan or plan_route(drawn)
+    duration = flight_duration(drawn, plan)
 
     builder = DiagramBuilder()
-    parts = {
+    systems = {
         "reference": build_reference(plan, num_vehicles=num_vehicles),
-        "control": own_control,
-        "laboratory": _laboratory(scenario, num_vehicles, parameters, plan),
-        "monitor": _monitor(scenario, num_vehicles),
+        "control": control or parts.control(drawn, num_vehicles, position_controller),
+        "laboratory": parts.laboratory(drawn, plan, duration, Samples(drawn.seed, samples)),
+        "monitor": parts.monitor(drawn, num_vehicles),
     }
-    for name, part in parts.items():
+    for name, part in systems.items():
         builder.AddNamedSystem(name, part)
     sources = {
-        name: parts[part].GetOutputPort(name)
+        name: systems[part].GetOutputPort(name)
         for part, names in _SIGNALS.items()
         for name in names
-        if parts[part].HasOutputPort(name)
+        if systems[part].HasOutputPort(name)
     }
-    jerk = parts["reference"].GetOutputPort("reference_jerk")
+    jerk = systems["reference"].GetOutputPort("reference_jerk")
     for part in ("control", "laboratory", "monitor"):
-        for i in range(parts[part].num_input_ports()):
-            port = parts[part].get_input_port(i)
+        for i in range(systems[part].num_input_ports()):
+            port = systems[part].get_input_port(i)
             name = port.get_name()
             if name in sources:
                 builder.Connect(sources[name], port)
@@ -100,69 +102,6 @@ def build_tracking_diagram(
     diagram = builder.Build()
     diagram.set_name(scenario.name)
     return diagram
-
-
-def _control(
-    scenario: Scenario, num_vehicles: int, parameters: QuadrotorParameters, position_controller: Any
-) -> Diagram:
-    position, attitude = scenario.control.position, scenario.control.attitude
-    if position_controller is None:
-        position_controller = build_position_controller(
-            num_vehicles=num_vehicles,
-            k_p=position.k_p,
-            k_d=position.k_d,
-            derivative=position.derivative,
-            feed_forward=position.feed_forward,
-        )
-    limits = scenario.control.thrust_vectoring
-    weight = parameters.mass * parameters.gravity
-    thrust_vectoring = ThrustVectoring(
-        num_vehicles=num_vehicles,
-        mass=parameters.mass,
-        gravity=parameters.gravity,
-        limits=ThrustLimits(math.tan(limits.max_tilt), limits.min_thrust * weight, limits.max_thrust * weight),
-    )
-    attitude_controller = AttitudeController(
-        num_vehicles=num_vehicles, k_p=attitude.k_p, k_d=attitude.k_d, inertia=parameters.inertia
-    )
-    return build_cascade(
-        position=position_controller,
-        thrust_vectoring=thrust_vectoring,
-        attitude=attitude_controller,
-        follow_jerk=position.feed_forward == "jerk",
-    )
-
-
-def _laboratory(scenario: Scenario, num_vehicles: int, parameters: QuadrotorParameters, plan: Plan) -> Diagram:
-    link = scenario.laboratory.command_link
-    return build_laboratory(
-        vehicle=Quadrotor(
-            num_vehicles=num_vehicles,
-            time_step=scenario.vehicle.time_step,
-            kinematics=scenario.vehicle.attitude_kinematics,
-            parameters=parameters,
-            initial_position=plan.waypoints[0],
-            initial_yaw=plan.initial_yaw,
-        ),
-        allocation=Allocation(num_vehicles=num_vehicles, rotors=RotorModel.of(parameters)),
-        motion_capture=MotionCapture(num_vehicles=num_vehicles, period=scenario.laboratory.motion_capture.period),
-        command_link=CommandLink(
-            num_vehicles=num_vehicles,
-            period=link.period,
-            delay_ticks=link.delay_ticks,
-            initial=(parameters.mass * parameters.gravity, 0.0, 0.0, 0.0),
-        ),
-    )
-
-
-def _monitor(scenario: Scenario, num_vehicles: int) -> Any:
-    window, crash = scenario.metrics, scenario.crash
-    return FlightMonitor(
-        num_vehicles=num_vehicles,
-        period=scenario.laboratory.command_link.period,
-        limits=CrashLimits(crash.tilt, crash.position_error, crash.height),
-        window=(window.start, math.inf if window.end is None else window.end),
-    )
 
 
 def _add_recorder(builder: DiagramBuilder, sources: dict[str, Any], period: float) -> None:

@@ -6,7 +6,7 @@ import numpy as np
 from command_line import journey_of, parser, print_files, print_table, run
 
 from drake_quad.files import output_folder, write_whole
-from drake_quad.planning import plan_demand, plan_route, vehicle_parameters
+from drake_quad.planning import nominal_parameters, plan_demand, plan_route
 from drake_quad.reference.binding import Binding, bindings
 from drake_quad.reference.feasibility import sample_times
 from drake_quad.reference.minimum_snap import snap_cost
@@ -34,7 +34,7 @@ def main() -> None:
     limits = route.limits() if isinstance(route, WaypointRoute | FigureEightRoute | CircleRoute) else Limits()
     figure = plot_plan(
         plan,
-        vehicle_parameters(journey),
+        nominal_parameters(journey),
         limits=limits,
         places=problem.places if problem else (),
         corridors=problem.corridors if problem else (),
@@ -47,7 +47,7 @@ def main() -> None:
 
 def summary(journey: Journey, plan: Plan, limits: Limits, problem: PathProblem | None) -> list[tuple[str, str, str]]:
     """The plan in numbers, as rows of name, value and unit."""
-    path, parameters = plan.path, vehicle_parameters(journey)
+    path, parameters = plan.path, nominal_parameters(journey)
     times = sample_times(path)
     length = np.linalg.norm(np.diff(evaluate(path, times), axis=1), axis=0).sum()
     rotors = plan_demand(plan, parameters, times).rotor_speed

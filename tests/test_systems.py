@@ -4,6 +4,7 @@ import re
 
 import pytest
 from pydrake.autodiffutils import AutoDiffXd
+from pydrake.common import RandomDistribution
 
 from drake_quad.control.attitude import AttitudeController
 from drake_quad.control.cascade import build_cascade
@@ -12,10 +13,16 @@ from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring
 from drake_quad.laboratory.command_link import CommandLink
 from drake_quad.laboratory.flight_monitor import FlightMonitor
 from drake_quad.laboratory.laboratory import build_laboratory
-from drake_quad.laboratory.motion_capture import MotionCapture
+from drake_quad.laboratory.motion_capture import CameraErrors, IdealMotionCapture, MotionCapture
+from drake_quad.laboratory.tape import Samples, Tape, TapePlayer
+from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence
+from drake_quad.laboratory.wind.fans import Fans, Jet
+from drake_quad.laboratory.wind.gust import Gust, GustParameters
+from drake_quad.laboratory.wind.wind import build_wind
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import SameForAll, build_reference
 from drake_quad.vehicle.allocation import Allocation
+from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.quadrotor import Quadrotor
 
 GAINS = {"k_p": (1.0, 2.0, 3.0), "k_d": (1.0, 2.0, 3.0)}
@@ -31,29 +38,62 @@ def cascade():
     )
 
 
+SAMPLES = Samples(0, (5, 6))
+TURBULENCE = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=15.0, airspeed=5.0)
+JET = Jet((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), exit_speed=6.0, diameter=0.7, turbulence=0.2)
+
+
+def motion_capture():
+    errors = CameraErrors(1e-3, 4e-3, dropout_rate=0.1, misalignment=(0.1, 0.2, 0.3))
+    return MotionCapture(num_vehicles=2, errors=errors, derivative_bandwidth=100.0, latency_frames=2)
+
+
+def wind():
+    sources = {"dryden_0": DrydenTurbulence(num_vehicles=2, turbulence=TURBULENCE), "fans": fans()}
+    return build_wind(sources, num_vehicles=2, samples=SAMPLES)
+
+
+def fans():
+    return Fans(num_vehicles=2, jets=[JET, JET])
+
+
+def tape_player():
+    tape = Tape(SAMPLES, kind=1, name="here", rows=3, period=0.01, distribution=RandomDistribution.kGaussian)
+    return TapePlayer(num_vehicles=2, tapes={"here": tape})
+
+
 def laboratory():
     return build_laboratory(
-        vehicle=Quadrotor(),
-        allocation=Allocation(),
-        motion_capture=MotionCapture(),
-        command_link=CommandLink(delay_ticks=2),
+        vehicle=Quadrotor(num_vehicles=2),
+        allocation=Allocation(num_vehicles=2),
+        motion_capture=motion_capture(),
+        command_link=CommandLink(num_vehicles=2, delay_ticks=2, loss_rate=0.1),
+        wind=wind(),
+        samples=SAMPLES,
     )
 
 
 SYSTEMS = [
     (Allocation, Allocation),
     (AttitudeController, lambda: AttitudeController(**GAINS, inertia=(1.0, 1.0, 1.0))),
-    (CommandLink, lambda: CommandLink(num_vehicles=2, delay_ticks=3, initial=(1.0, 0.0, 0.0, 0.0))),
+    (CommandLink, lambda: CommandLink(num_vehicles=2, delay_ticks=3, loss_rate=0.1, initial=(1.0, 0.0, 0.0, 0.0))),
+    (DrydenTurbulence, lambda: DrydenTurbulence(num_vehicles=2, turbulence=TURBULENCE)),
+    (Fans, fans),
     (FlightMonitor, FlightMonitor),
-    (MotionCapture, MotionCapture),
+    (Gust, lambda: Gust(gust=GustParameters((1.0, 2.0, 3.0), 1.0, 2.0))),
+    (IdealMotionCapture, IdealMotionCapture),
+    (MotionCapture, motion_capture),
     (ProportionalDerivative, lambda: ProportionalDerivative(**GAINS, feed_forward=True)),
+    (Quadrotor, lambda: Quadrotor(faults=RotorFaults(0.01, 5.0, (1.0, 0.0, 1.0, 1.0)))),
     (Quadrotor, lambda: Quadrotor(num_vehicles=2, initial_position=(1.0, 2.0, 3.0))),
     (Quadrotor, lambda: Quadrotor(time_step=0.0, kinematics="small_angle")),
     (SameForAll, lambda: SameForAll(num_vehicles=3, num_rows=2)),
+    (TapePlayer, tape_player),
     (ThrustVectoring, lambda: ThrustVectoring(**VECTORING)),
     (build_cascade, cascade),
     (build_laboratory, laboratory),
     (build_position_controller, lambda: build_position_controller(**GAINS, feed_forward="jerk")),
+    (build_wind, wind),
     (build_reference, lambda: build_reference(Plan.hover([0.0, 0.0, 1.0], duration=1.0), num_vehicles=2)),
 ]
 systems = pytest.mark.parametrize(("documented", "make"), SYSTEMS, ids=lambda value: getattr(value, "__name__", ""))

@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from drake_quad.elementary import Row, Rows, arcsin, arctan, cos, maximum, minimum, sin, sqrt
+from drake_quad.elementary import Row, Rows, arcsin, arctan, maximum, minimum, sin_cos, sqrt
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 
 # Keeps 0 / 0 away where neither a horizontal force is commanded nor one is allowed.
@@ -142,7 +142,7 @@ class ThrustVectoring(FleetSystem):
         yaw_reference, yaw_rate = self.input_rows(context, self._reference)[9:11]
         command = self.input_rows(context, self._command)
         jerk = self.optional_input_rows(context, self._jerk, default=None)
-        sin_yaw, cos_yaw = sin(yaw), cos(yaw)
+        sin_yaw, cos_yaw = sin_cos(yaw)
         force = specific_thrust(
             in_heading(command, sin_yaw, cos_yaw), mass=mass, gravity=gravity, limits=ThrustLimits(*limits)
         )

@@ -2,8 +2,11 @@
 
 from typing import Any
 
-from drake_quad.elementary import Rows
+from pydrake.common import RandomDistribution
+
+from drake_quad.elementary import Row, Rows, either, is_zero
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.laboratory.delay_line import DelayLine
 
 
 @fleet_system(float, AutoDiffXd)
@@ -15,21 +18,22 @@ class CommandLink(FleetSystem):
         name: CommandLink
         input_ports:
         - wrench
+        - packet_loss
         output_ports:
         - wrench
 
-    Both ports have 4 rows: F_z (N), τ_x, τ_y, τ_z (N m). What is sampled at a tick leaves `delay_ticks` later:
+    Both wrenches have 4 rows: F_z (N), τ_x, τ_y, τ_z (N m). What is sampled at a tick leaves `delay_ticks` later; a
+    packet that is lost leaves the one before it out. `packet_loss` (1 row) is random: a number between 0 and 1 for
+    each packet, which is lost if it is below the loss rate. The port is there if packets can be lost.
 
-        tick            0          1          2
-        sampled         u₀         u₁         u₂
-        1 tick of delay initial    u₀         u₁
-
-    Discrete-state groups, 4 rows each: 0 the wrench that is out, then those under way, the next one first.
+    Discrete-state groups, 4 rows each: those of a `DelayLine`. Numeric parameters of the context: the delay, if there
+    can be any, and the loss rate, if packets can be lost.
 
     Args:
         num_vehicles: N.
         period: of the ticks, s; the paper's controllers run at 50 Hz.
-        delay_ticks: whole number of ticks from sampling to arrival.
+        delay_ticks: whole number of ticks from sampling to arrival; a number or an (N,) array.
+        loss_rate: share of the packets that are lost, 1; likewise.
         initial: 4 rows, the wrench that is out before the first one arrives.
     """
 
@@ -38,19 +42,29 @@ class CommandLink(FleetSystem):
         *,
         num_vehicles: int = 1,
         period: float = 0.02,
-        delay_ticks: int = 0,
+        delay_ticks: Row = 0,
+        loss_rate: Row = 0.0,
         initial: Rows = (0.0, 0.0, 0.0, 0.0),
     ) -> None:
         """Declares the system; see the class for the arguments."""
+        self.period = period
         self._wrench = self.input("wrench", 4)
-        self._arrived = self.discrete_state(initial)
-        self._under_way = [self.discrete_state(initial) for _ in range(delay_ticks)]
+        self._line = DelayLine(self, initial, delay_ticks)
+        self._loss_rate = None
+        if not is_zero(loss_rate):
+            self._loss_rate = self.numeric_parameter([loss_rate])
+            self._packet_loss = self.random_input("packet_loss", 1, RandomDistribution.kUniform)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._tick)
-        self.DeclareStateOutputPort("wrench", self._arrived)
+        self.state_output("wrench", self._line.out)
 
     def _tick(self, context: Any, discrete_state: Any) -> None:
-        place = self._arrived
-        for behind in self._under_way:
-            self.copy(discrete_state.get_mutable_vector(place), context.get_discrete_state(behind))
-            place = behind
-        self.copy(discrete_state.get_mutable_vector(place), self.EvalVectorInput(context, self._wrench))
+        self._line.advance(context, discrete_state, lambda packet: self._send(context, packet))
+
+    def _send(self, context: Any, packet: Any) -> None:
+        if self._loss_rate is None:
+            self.copy(packet, self.EvalVectorInput(context, self._wrench))
+            return
+        (loss_rate,) = self.parameter_rows(context, self._loss_rate)
+        (number,) = self.input_rows(context, self._packet_loss)
+        last, wrench = self._line.newest(context), self.input_rows(context, self._wrench)
+        self.write(packet, either(number < loss_rate, last, wrench))

@@ -1,19 +1,36 @@
-"""The laboratory: everything between a commanded wrench and a measured state."""
+"""The laboratory: everything between a commanded wrench and a measured state.
+
+From a frame to the rotors, with frames every 10 ms, ticks of the control every 20 ms, one tick of delay on the link
+and a motion capture without latency of its own:
+
+    time              0      10     20     30     40     50     60 ms
+    state             ●━━━━━━●━━━━━━●━━━━━━●━━━━━━●━━━━━━●━━━━━━○
+    frame             ●━━━━━━●━━━━━━●━━━━━━●━━━━━━●━━━━━━●━━━━━━○     takes the state at its instant
+    tick, sent                      ●━━━━━━━━━━━━━●━━━━━━━━━━━━━○     reads the frame before: 10 ms old
+    arrived                                       ●━━━━━━━━━━━━━○     a tick later
+    rotor command                                 ●━━━━━━━━━━━━━○
+
+What happens just before 10 ms is in the rotor commands from 40 ms on, what happens just after the frame of 10 ms waits
+for the frame of 20 ms, which no tick reads, and for that of 30 ms: between 30 and 50 ms in all, 40 ms on average, and
+then comes the lag of the rotors. Every frame of latency adds 10 ms, every tick of delay 20 ms.
+"""
 
 from typing import Any
 
-import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource
 
 from drake_quad.fleet import split_output
+from drake_quad.laboratory.tape import Samples, connect_tapes
+from drake_quad.randomness import Kind
 
 
-def build_laboratory(*, vehicle: Any, allocation: Any, motion_capture: Any, command_link: Any) -> Diagram:
+def build_laboratory(
+    *, vehicle: Any, allocation: Any, motion_capture: Any, command_link: Any, wind: Any, samples: Samples
+) -> Diagram:
     """Builds the diagram `laboratory` around a vehicle.
 
-    The wrench goes through the command link to the allocation on board, whose rotor speeds the vehicle follows in
-    still air; motion capture sees its state.
+    The wrench goes through the command link to the allocation on board, whose rotor speeds the vehicle follows in the
+    wind; motion capture sees its state.
 
     .. pydrake_system::
 
@@ -34,18 +51,24 @@ def build_laboratory(*, vehicle: Any, allocation: Any, motion_capture: Any, comm
         allocation: from `wrench` to `rotor_speed_command` and `shortfall`, packed.
         motion_capture: from `state` to `measurement`.
         command_link: from `wrench` to `wrench`.
+        wind: to `wind`, perhaps from `state`.
+        samples: that the vehicles fly; what the random input ports are fed from.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("command_link", command_link)
     allocated = split_output(builder, "allocation", allocation)
     builder.AddNamedSystem("vehicle", vehicle)
     builder.AddNamedSystem("motion_capture", motion_capture)
-    wind = builder.AddNamedSystem("wind", ConstantVectorSource(np.zeros(vehicle.GetInputPort("wind").size())))
+    builder.AddNamedSystem("wind", wind)
 
     builder.Connect(command_link.GetOutputPort("wrench"), allocation.GetInputPort("wrench"))
     builder.Connect(allocated["rotor_speed_command"], vehicle.GetInputPort("rotor_speed_command"))
-    builder.Connect(wind.get_output_port(), vehicle.GetInputPort("wind"))
-    builder.Connect(vehicle.GetOutputPort("state"), motion_capture.GetInputPort("state"))
+    builder.Connect(wind.GetOutputPort("wind"), vehicle.GetInputPort("wind"))
+    for watcher in (motion_capture, wind):
+        if watcher.HasInputPort("state"):
+            builder.Connect(vehicle.GetOutputPort("state"), watcher.GetInputPort("state"))
+    noisy = {"motion_capture": motion_capture, "command_link": command_link}
+    connect_tapes(builder, noisy, samples, Kind.NOISE)
 
     builder.ExportInput(command_link.GetInputPort("wrench"), "wrench")
     builder.ExportInput(vehicle.GetInputPort("crashed"), "crashed")
@@ -54,7 +77,7 @@ def build_laboratory(*, vehicle: Any, allocation: Any, motion_capture: Any, comm
     builder.ExportOutput(vehicle.GetOutputPort("rotor_speed"), "rotor_speed")
     builder.ExportOutput(allocated["rotor_speed_command"], "rotor_speed_command")
     builder.ExportOutput(allocated["shortfall"], "shortfall")
-    builder.ExportOutput(wind.get_output_port(), "wind")
+    builder.ExportOutput(wind.GetOutputPort("wind"), "wind")
     laboratory = builder.Build()
     laboratory.set_name("laboratory")
     return laboratory

@@ -1,30 +1,36 @@
-"""Motion capture: what the ground station sees of the vehicles."""
+"""Motion capture: what the ground station sees of the vehicles.
 
-from typing import Any
+A frame is taken at time zero, by an initialization event, and at every multiple of the period; it can be read from
+then on, but by the other discrete updates of that instant only at the next:
 
+    frame  ●━━━━━━━━━━○●━━━━━━━━━━○
+           0          h            2h
+"""
+
+import math
+import operator
+from typing import Any, NamedTuple
+
+from pydrake.common import RandomDistribution
+
+from drake_quad.elementary import Row, Rows, arcsin, arctan2, each, either, exp, is_zero, scaled, sin_cos, stacked
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.laboratory.delay_line import DelayLine
 
 
 @fleet_system(float, AutoDiffXd)
-class MotionCapture(FleetSystem):
+class IdealMotionCapture(FleetSystem):
     """Samples the state and holds it until the next frame.
 
     .. pydrake_system::
 
-        name: MotionCapture
+        name: IdealMotionCapture
         input_ports:
         - state
         output_ports:
         - measurement
 
-    Both ports have the 12 rows of the vehicle's `state`. A frame is taken at time zero, by an initialization event,
-    and at every multiple of the period; it can be read from then on, but by the other discrete updates of that
-    instant only at the next:
-
-        frame  ●━━━━━━━━━━○●━━━━━━━━━━○●
-               0          h            2h
-
-    The only discrete-state group is the frame. This is an exact camera, for a laboratory without imperfections.
+    Both ports have the 12 rows of the vehicle's `state`. The only discrete-state group is the frame.
 
     Args:
         num_vehicles: N.
@@ -37,7 +43,185 @@ class MotionCapture(FleetSystem):
         self._frame = self.discrete_state([0.0] * 12)
         self.DeclareInitializationDiscreteUpdateEvent(self._take_frame)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._take_frame)
-        self.DeclareStateOutputPort("measurement", self._frame)
+        self.state_output("measurement", self._frame)
 
     def _take_frame(self, context: Any, discrete_state: Any) -> None:
         self.copy(discrete_state.get_mutable_vector(self._frame), self.EvalVectorInput(context, self._state))
+
+
+class CameraErrors(NamedTuple):
+    """By how much cameras are wrong.
+
+    Attributes:
+        position_noise: standard deviation on each axis, m.
+        attitude_noise: standard deviation of roll, pitch and yaw, rad.
+        dropout_rate: share of the frames that are lost, 1.
+        misalignment: roll, pitch and yaw of the frame of the markers in B, 3 rows, rad.
+    """
+
+    position_noise: Row = 0.0
+    attitude_noise: Row = 0.0
+    dropout_rate: Row = 0.0
+    misalignment: Rows = (0.0, 0.0, 0.0)
+
+
+class RotationMatrix(NamedTuple):
+    """R_BM of eq (1), row by row, for the frame M of the markers."""
+
+    xx: Row
+    xy: Row
+    xz: Row
+    yx: Row
+    yy: Row
+    yz: Row
+    zx: Row
+    zy: Row
+    zz: Row
+
+    @classmethod
+    def of(cls, roll: Row, pitch: Row, yaw: Row) -> "RotationMatrix":
+        """Eq (1), of angles in rad."""
+        (s_r, c_r), (s_p, c_p), (s_y, c_y) = sin_cos(roll), sin_cos(pitch), sin_cos(yaw)
+        return cls(
+            c_y * c_p,
+            c_y * s_p * s_r - s_y * c_r,
+            s_y * s_r + c_y * s_p * c_r,
+            s_y * c_p,
+            c_y * c_r + s_y * s_p * s_r,
+            s_y * s_p * c_r - c_y * s_r,
+            -s_p,
+            c_p * s_r,
+            c_p * c_r,
+        )
+
+
+def attitude_of_markers(attitude: Rows, R_BM: RotationMatrix) -> tuple[Row, Row, Row]:
+    """Roll, pitch and yaw (rad) of R_WB R_BM.
+
+    Args:
+        attitude: roll, pitch and yaw of B in W, rad.
+        R_BM: of the markers' frame in B.
+    """
+    roll, pitch, yaw = attitude
+    xx, xy, xz, yx, yy, yz, zx, zy, zz = R_BM
+    (s_r, c_r), (s_p, c_p) = sin_cos(roll), sin_cos(pitch)
+    # Of Ry(θ) Rx(φ) R_BM, the product without the yaw: the first column and the last row.
+    rolled_x, rolled_y, rolled_z = s_r * yx + c_r * zx, s_r * yy + c_r * zy, s_r * yz + c_r * zz
+    return (
+        arctan2(c_p * rolled_y - s_p * xy, c_p * rolled_z - s_p * xz),
+        arcsin(s_p * xx - c_p * rolled_x),
+        yaw + arctan2(c_r * yx - s_r * zx, c_p * xx + s_p * rolled_x),
+    )
+
+
+def body_rates(steps: Rows, roll: Row, pitch: Row) -> tuple[Row, Row, Row]:
+    """Eq (2): small rotations about the axes of B for small steps of roll, pitch and yaw, all in rad."""
+    of_roll, of_pitch, of_yaw = steps
+    (s_r, c_r), (s_p, c_p) = sin_cos(roll), sin_cos(pitch)
+    level = c_p * of_yaw
+    return of_roll - s_p * of_yaw, c_r * of_pitch + s_r * level, c_r * level - s_r * of_pitch
+
+
+@fleet_system(float, AutoDiffXd)
+class MotionCapture(FleetSystem):
+    """Cameras that see position and attitude, with errors, and filters that make velocity and body rates of them.
+
+    .. pydrake_system::
+
+        name: MotionCapture
+        input_ports:
+        - state
+        - camera_noise
+        - dropout
+        output_ports:
+        - measurement
+
+    `state` and `measurement` have the 12 rows of the vehicle's state. A frame is position and attitude of the frame of
+    the markers at an instant, with noise; a frame that is lost is the one before it once more. Of each coordinate x
+    the filter ω s / (s + ω) makes the derivative, for x that goes straight from frame to frame:
+
+        v⁺ = a v + (1 - a) (x⁺ - x) / h,    a = exp(-ω h)
+
+    so that white noise of standard deviation σ in x is one of σ (1 - a) / h √(2 / (1 + a)) in v. Body rates are those
+    of eq (2): it turns differences of roll, pitch and yaw over h, before they are filtered, at the measured attitude.
+    Without a bandwidth velocity and body rates are seen exactly. A frame can be read `latency_frames` periods after it
+    was taken.
+
+    The random ports are there if there is need for them: `camera_noise` (6 rows: position, attitude), normal numbers;
+    `dropout` (1 row), a number between 0 and 1 for each frame, which is lost if it is below the dropout rate.
+
+    Discrete-state groups, 12 rows each: those of a `DelayLine`. Numeric parameters of the context: the latency, if
+    there can be any; then the deviations of the six coordinates, dropout rate, bandwidth (infinite if there is none)
+    and the nine rows of `RotationMatrix`.
+
+    Args:
+        num_vehicles: N.
+        period: h of the frames, s; the paper's cameras run at 100 Hz.
+        errors: each entry a number or an (N,) array.
+        derivative_bandwidth: ω, rad/s; likewise.
+        latency_frames: whole number of periods; likewise.
+    """
+
+    def declare(
+        self,
+        *,
+        num_vehicles: int = 1,
+        period: float = 0.01,
+        errors: CameraErrors = CameraErrors(),
+        derivative_bandwidth: Row | None = None,
+        latency_frames: Row = 0,
+    ) -> None:
+        """Declares the system; see the class for the arguments."""
+        self.period = period
+        self._state = self.input("state", 12)
+        self._line = DelayLine(self, [0.0] * 12, latency_frames)
+        bandwidth = math.inf if derivative_bandwidth is None else derivative_bandwidth
+        deviations = (errors.position_noise,) * 3 + (errors.attitude_noise,) * 3
+        R_BM = RotationMatrix.of(*errors.misalignment)
+        self._parameters = self.numeric_parameter([*deviations, errors.dropout_rate, bandwidth, *R_BM])
+        self._derives = derivative_bandwidth is not None
+        self._aligned = all(is_zero(angle) for angle in errors.misalignment)
+        self._noise = self._dropout = None
+        if not (is_zero(errors.position_noise) and is_zero(errors.attitude_noise)):
+            self._noise = self.random_input("camera_noise", 6, RandomDistribution.kGaussian)
+        if not is_zero(errors.dropout_rate):
+            self._dropout = self.random_input("dropout", 1, RandomDistribution.kUniform)
+        self.DeclareInitializationDiscreteUpdateEvent(self._first_frame)
+        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._next_frame)
+        self.state_output("measurement", self._line.out)
+
+    def _first_frame(self, context: Any, discrete_state: Any) -> None:
+        parameters, state = self.parameter_rows(context, self._parameters), self.input_rows(context, self._state)
+        pose = self._pose(context, parameters, state)
+        motion = scaled(0.0, state[6:12]) if self._derives else state[6:12]
+        self._line.fill(discrete_state, stacked(pose, motion))
+
+    def _next_frame(self, context: Any, discrete_state: Any) -> None:
+        self._line.advance(context, discrete_state, lambda frame: self.write(frame, self._frame(context)))
+
+    def _frame(self, context: Any) -> Rows:
+        """The 12 rows of the frame of this instant."""
+        parameters, state = self.parameter_rows(context, self._parameters), self.input_rows(context, self._state)
+        pose, motion, last = self._pose(context, parameters, state), state[6:12], self._line.newest(context)
+        if self._dropout is not None:
+            lost = self.input_rows(context, self._dropout)[0] < parameters[6]
+            pose = either(lost, last[0:6], pose)
+            motion = motion if self._derives else either(lost, last[6:12], motion)
+        if self._derives:
+            decay = exp(-parameters[7] * self.period)
+            gain = (1.0 - decay) / self.period
+            steps = each(operator.sub, pose, last[0:6])
+            steps[3:6] = body_rates(steps[3:6], pose[3], pose[4])
+            motion = each(lambda old, step: decay * old + gain * step, last[6:12], steps)
+        return stacked(pose, motion)
+
+    def _pose(self, context: Any, parameters: Rows, state: Rows) -> Rows:
+        """Six rows of position and attitude, with misalignment and noise."""
+        pose = state[0:6]
+        if not self._aligned:
+            R_BM = RotationMatrix(*parameters[8:17])
+            pose = stacked(state[0:3], attitude_of_markers(state[3:6], R_BM))
+        if self._noise is None:
+            return pose
+        noise = self.input_rows(context, self._noise)
+        return each(lambda x, deviation, n: x + deviation * n, pose, parameters[0:6], noise)

@@ -2,5 +2,14 @@
 
 from drake_quad.scenario.loading import distributions_in, load_journey, load_scenario
 from drake_quad.scenario.models import Journey, Scenario
+from drake_quad.scenario.sampling import draw_sample, draw_samples
 
-__all__ = ["Journey", "Scenario", "distributions_in", "load_journey", "load_scenario"]
+__all__ = [
+    "Journey",
+    "Scenario",
+    "distributions_in",
+    "draw_sample",
+    "draw_samples",
+    "load_journey",
+    "load_scenario",
+]

@@ -3,8 +3,10 @@
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any
 
+import numpy as np
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
+from scipy.special import ndtr, ndtri
 
 
 class Model(BaseModel):
@@ -77,6 +79,10 @@ class Uniform(Model):
         """Numbers between which all values lie; None where there is no bound."""
         yield from (self.uniform.min, self.uniform.max)
 
+    def quantile(self, probability: Any) -> Any:
+        """The value below which this share of all values lies."""
+        return self.uniform.min + probability * (self.uniform.max - self.uniform.min)
+
 
 class LogUniform(Model):
     """The logarithm is uniform: for scale factors."""
@@ -86,6 +92,10 @@ class LogUniform(Model):
     def extremes(self) -> Iterator[float | None]:
         """Numbers between which all values lie; None where there is no bound."""
         yield from (self.log_uniform.min, self.log_uniform.max)
+
+    def quantile(self, probability: Any) -> Any:
+        """The value below which this share of all values lies."""
+        return self.log_uniform.min * (self.log_uniform.max / self.log_uniform.min) ** probability
 
 
 class Normal(Model):
@@ -97,6 +107,14 @@ class Normal(Model):
         """Numbers between which all values lie; None where there is no bound."""
         yield from (self.normal.min, self.normal.max)
 
+    def quantile(self, probability: Any) -> Any:
+        """The value below which this share of all values lies."""
+        mean, deviation, low, high = (getattr(self.normal, name) for name in type(self.normal).model_fields)
+        below = 0.0 if low is None else ndtr((low - mean) / deviation)
+        above = 1.0 if high is None else ndtr((high - mean) / deviation)
+        value = mean + deviation * ndtri(below + probability * (above - below))
+        return np.clip(value, low, high)
+
 
 class Choice(Model):
     """One of these numbers, all equally likely."""
@@ -107,8 +125,14 @@ class Choice(Model):
         """Numbers between which all values lie; None where there is no bound."""
         yield from (min(self.choice), max(self.choice))
 
+    def quantile(self, probability: Any) -> Any:
+        """The value below which this share of all values lies, in the order given."""
+        return np.array(self.choice)[(np.asarray(probability) * len(self.choice)).astype(int)]
 
-DISTRIBUTIONS: dict[str, type[Model]] = {
+
+Distribution = Uniform | LogUniform | Normal | Choice
+
+DISTRIBUTIONS: dict[str, type[Distribution]] = {
     "uniform": Uniform,
     "log_uniform": LogUniform,
     "normal": Normal,

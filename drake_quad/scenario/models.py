@@ -11,12 +11,58 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.quantities import Gains, NonNegative, Number, Period, Positive, bounded
+from drake_quad.scenario.quantities import (
+    Gains,
+    NonNegative,
+    Number,
+    Period,
+    PlainPositive,
+    Position,
+    Positive,
+    Probability,
+    Share,
+    Ticks,
+    above_idle,
+    bounded,
+    whole,
+)
 from drake_quad.scenario.routes import Route
+from drake_quad.scenario.wind import Wind
+
+
+class Airframe(Model):
+    """What planner and controllers believe of the vehicle; the defaults are the paper's Table I where it has them."""
+
+    mass: PlainPositive = Field(default=0.68, description="m (kg)")
+    inertia: Annotated[tuple[PlainPositive, PlainPositive, PlainPositive], Field(strict=False)] = Field(
+        default=(0.007, 0.007, 0.012), description="I_xx, I_yy, I_zz (kg m²)"
+    )
+    rotor_inertia: Annotated[float, Field(ge=0.0)] = Field(default=6.5e-5, description="J_r (kg m²)")
+    thrust_factor: PlainPositive = Field(default=4.13e-5, description="b (N s²)")
+    drag_factor: PlainPositive = Field(default=8.5e-7, description="d (N m s²)")
+    arm_length: PlainPositive = Field(default=0.17, description="l (m)")
+    gravity: PlainPositive = Field(default=9.81, description="g (m/s²)")
+    min_rotor_speed: Annotated[float, Field(ge=0.0)] = Field(default=60.0, description="idle (rad/s)")
+    max_rotor_speed: PlainPositive = Field(default=300.0, description="top speed of the rotors (rad/s)")
+
+    @field_validator("max_rotor_speed")
+    @classmethod
+    def _above_idle(cls, top: float, info: ValidationInfo) -> float:
+        return above_idle(top, info)
+
+
+class RotorFailure(Model):
+    """One rotor that loses speed at once."""
+
+    rotor: Annotated[Number, whole(least=1, most=4)] = Field(description="number of the rotor (1)")
+    time: NonNegative = Field(description="of the failure (s)")
+    speed_factor: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
+        default=0.0, description="speed from then on over the speed commanded (1)"
+    )
 
 
 class Vehicle(Model):
-    """The aircraft; the defaults are the paper's Table I where it has them."""
+    """The aircraft as it is; what is not given is as in `nominal`, and nobody on the ground knows the difference."""
 
     mass: Positive = Field(default=0.68, description="m (kg)")
     inertia: Annotated[tuple[Positive, Positive, Positive], Field(strict=False)] = Field(
@@ -27,11 +73,21 @@ class Vehicle(Model):
     drag_factor: Positive = Field(default=8.5e-7, description="d (N m s²)")
     arm_length: Positive = Field(default=0.17, description="l (m)")
     gravity: Positive = Field(default=9.81, description="g (m/s²)")
+    min_rotor_speed: NonNegative = Field(default=60.0, description="idle (rad/s)")
+    max_rotor_speed: Positive = Field(default=300.0, description="top speed of the rotors (rad/s)")
+    thrust_factor_error: Annotated[tuple[Share, Share, Share, Share], Field(strict=False)] = Field(
+        default=(0.0, 0.0, 0.0, 0.0), description="by which each rotor's thrust factor is off, as a share of b (1)"
+    )
+    centre_of_mass: Annotated[tuple[Number, Number], Field(strict=False)] = Field(
+        default=(0.0, 0.0), description="x and y in B, seen from the middle of the rotors (m)"
+    )
     linear_drag: NonNegative = Field(default=0.0, description="drag force over airspeed (N s/m)")
     quadratic_drag: NonNegative = Field(default=0.0, description="drag force over squared airspeed (N s²/m²)")
     rotor_time_constant: Positive = Field(default=0.05, description="lag of the rotor speed (s)")
-    min_rotor_speed: NonNegative = Field(default=60.0, description="idle (rad/s)")
-    max_rotor_speed: Positive = Field(default=300.0, description="top speed of the rotors (rad/s)")
+    battery_sag: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
+        default=0.0, description="share of the rotor speed that is lost by the end of the flight, evenly over it (1)"
+    )
+    rotor_failure: RotorFailure | None = Field(default=None, description="of one rotor, if any")
     attitude_kinematics: Literal["exact", "small_angle"] = Field(
         default="exact", description="small_angle takes p, q, r for the rates of roll, pitch and yaw, as eq (3)"
     )
@@ -42,25 +98,32 @@ class Vehicle(Model):
     @field_validator("max_rotor_speed")
     @classmethod
     def _above_idle(cls, top: Number, info: ValidationInfo) -> Number:
-        idle = info.data.get("min_rotor_speed")
-        if isinstance(top, float) and isinstance(idle, float) and not top > idle:
-            raise PydanticCustomError("idle", "must be larger than min_rotor_speed, {idle}", {"idle": idle})
-        return top
+        return above_idle(top, info)
 
 
 class MotionCapture(Model):
-    """Cameras that see position and attitude; exact here."""
+    """Cameras that see position and attitude; without imperfections they see velocity and body rates too."""
 
     period: Period = Field(default=0.01, description="time between frames (s); the paper's 100 Hz")
+    position_noise: NonNegative = Field(default=0.0, description="standard deviation on each axis (m)")
+    attitude_noise: NonNegative = Field(default=0.0, description="standard deviation of roll, pitch and yaw (rad)")
+    misalignment: Position = Field(
+        default=(0.0, 0.0, 0.0), description="roll, pitch and yaw of the frame of the markers in B (rad)"
+    )
+    derivative_bandwidth: Positive | None = Field(
+        default=None,
+        description="of the filters that make velocity and body rates (rad/s); if not given they are seen exactly",
+    )
+    dropout_rate: Probability = Field(default=0.0, description="share of the frames that are lost (1)")
+    latency_frames: Ticks = Field(default=0, description="whole frames from exposure to arrival")
 
 
 class CommandLink(Model):
     """Radio link that carries the wrench to the vehicle."""
 
     period: Period = Field(default=0.02, description="time between ticks of the control (s); the paper's 50 Hz")
-    delay_ticks: Annotated[int, Field(ge=0, le=50)] = Field(
-        default=1, description="whole ticks from sending to arrival"
-    )
+    delay_ticks: Ticks = Field(default=1, description="whole ticks from sending to arrival")
+    loss_rate: Probability = Field(default=0.0, description="share of the packets that are lost (1)")
 
 
 class Laboratory(Model):
@@ -68,6 +131,7 @@ class Laboratory(Model):
 
     motion_capture: MotionCapture = MotionCapture()
     command_link: CommandLink = CommandLink()
+    wind: Annotated[tuple[Wind, ...], Field(strict=False)] = Field(default=(), description="sources; they add up")
 
 
 class PdPosition(Model):
@@ -149,12 +213,13 @@ class Journey(Model):
         description="what plots and folders are called after; letters, digits, '_', '.' and '-'",
     )
     route: Route
-    vehicle: Vehicle = Vehicle()
+    nominal: Airframe = Airframe()
 
 
 class Scenario(Journey):
     """A closed loop: what flies where, under which control, for how long."""
 
+    vehicle: Vehicle = Vehicle()
     laboratory: Laboratory = Laboratory()
     control: Control
     duration: Annotated[float, Field(gt=0.0, le=86_400.0)] | None = Field(
@@ -163,6 +228,19 @@ class Scenario(Journey):
     metrics: Window = Window()
     crash: Crash = Crash()
     seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(default=0, description="of everything random")
+    sample: Annotated[int, Field(ge=0, lt=2**31)] | None = Field(
+        default=None, description="which of the study's samples this is; without distributions it may be left open"
+    )
+
+    @field_validator("vehicle")
+    @classmethod
+    def _as_nominal(cls, vehicle: Vehicle, info: ValidationInfo) -> Vehicle:
+        """The vehicle with what it does not say taken from `nominal`."""
+        nominal = info.data.get("nominal")
+        if nominal is None:
+            return vehicle
+        silent = Airframe.model_fields.keys() - vehicle.model_fields_set
+        return vehicle.model_copy(update={name: getattr(nominal, name) for name in silent})
 
     @model_validator(mode="after")
     def _grids_coincide(self) -> "Scenario":

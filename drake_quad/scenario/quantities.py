@@ -1,27 +1,43 @@
 """Physical quantities of the scenario language: numbers with bounds, or distributions within them."""
 
-from typing import Annotated
+from typing import Annotated, Any
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, Field, ValidationInfo
 from pydantic_core import PydanticCustomError
 
-from drake_quad.scenario.distributions import NumberOrDistribution
+from drake_quad.scenario.distributions import Choice, NumberOrDistribution
 
 
-def bounded(*, above: float | None = None, least: float | None = None, below: float | None = None) -> AfterValidator:
+def extremes(value: NumberOrDistribution) -> tuple[float | None, float | None]:
+    """The least and the largest number that a quantity can be; None where there is no bound."""
+    if isinstance(value, float):
+        return value, value
+    low, high = value.extremes()
+    return low, high
+
+
+def bounded(
+    *, above: float | None = None, least: float | None = None, below: float | None = None, most: float | None = None
+) -> AfterValidator:
     """A validator that holds a number, or all that a distribution can give, to bounds."""
     demands = [
         f"{words} {bound:g}"
-        for words, bound in (("larger than", above), ("at least", least), ("smaller than", below))
+        for words, bound in (
+            ("larger than", above),
+            ("at least", least),
+            ("smaller than", below),
+            ("at most", most),
+        )
         if bound is not None
     ]
 
     def check(value: NumberOrDistribution) -> NumberOrDistribution:
-        lowest, highest = (value, value) if isinstance(value, float) else value.extremes()
+        lowest, highest = extremes(value)
         fits = (
             (above is None or (lowest is not None and lowest > above))
             and (least is None or (lowest is not None and lowest >= least))
             and (below is None or (highest is not None and highest < below))
+            and (most is None or (highest is not None and highest <= most))
         )
         if not fits:
             raise PydanticCustomError("bounds", "must be {demands}", {"demands": " and ".join(demands)})
@@ -30,9 +46,41 @@ def bounded(*, above: float | None = None, least: float | None = None, below: fl
     return AfterValidator(check)
 
 
+def whole(*, least: int, most: int) -> AfterValidator:
+    """A validator that holds a number, or a choice of numbers, to whole ones within bounds."""
+
+    def check(value: NumberOrDistribution) -> NumberOrDistribution:
+        numbers = value.choice if isinstance(value, Choice) else (value,)
+        if not all(isinstance(number, float) and number.is_integer() and least <= number <= most for number in numbers):
+            raise PydanticCustomError(
+                "whole",
+                "must be a whole number from {least} to {most}, or a choice of such",
+                {"least": least, "most": most},
+            )
+        return value
+
+    return AfterValidator(check)
+
+
+def above_idle(top: Any, info: ValidationInfo) -> Any:
+    """Validates a top speed of the rotors: it must be above idle, whatever is drawn."""
+    idle = info.data.get("min_rotor_speed")
+    if idle is not None:
+        lowest, highest = extremes(top)[0], extremes(idle)[1]
+        if lowest is None or highest is None or not lowest > highest:
+            raise PydanticCustomError("idle", "must be larger than min_rotor_speed, {idle}", {"idle": highest})
+    return top
+
+
 Number = NumberOrDistribution
 Positive = Annotated[NumberOrDistribution, bounded(above=0.0)]
 NonNegative = Annotated[NumberOrDistribution, bounded(least=0.0)]
+Probability = Annotated[NumberOrDistribution, bounded(least=0.0, most=1.0)]
+# An error relative to what it is added to, which it cannot turn round.
+Share = Annotated[NumberOrDistribution, bounded(above=-1.0)]
+# Whole periods of delay; fifty are a second of control.
+Ticks = Annotated[NumberOrDistribution, whole(least=0, most=50)]
 Period = Annotated[float, Field(gt=0.0)]
+PlainPositive = Annotated[float, Field(gt=0.0)]
 Position = Annotated[tuple[Number, Number, Number], Field(strict=False)]
 Gains = Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)]

@@ -9,6 +9,9 @@ World frame W: Z up. Body frame B: origin at the centre of mass, x towards rotor
     (4) ω_r = -ω₁ + ω₂ - ω₃ + ω₄
     (5) F_z = Σ b ωᵢ², τ_x = l b (ω₄² - ω₂²), τ_y = l b (ω₃² - ω₁²), τ_z = d (ω₁² - ω₂² + ω₃² - ω₄²)
 
+Where the centre of mass is not in the middle of the rotors but at (x, y) from there, the thrust turns the body besides,
+by (-y F_z, x F_z, 0). Drag acts at the centre of mass.
+
 The rotors' spin enters as the gyroscopic torque of the total angular momentum J_r ω_r along z; the reaction to its
 rate of change is left out, as in the paper.
 
@@ -16,8 +19,9 @@ Every function takes and returns rows: numbers for one vehicle, arrays for a fle
 """
 
 from collections.abc import Callable
+from typing import Any
 
-from drake_quad.elementary import Row, Rows, cos, is_zero, maximum, minimum, sin, sqrt
+from drake_quad.elementary import Row, Rows, is_zero, maximum, minimum, sin_cos, sqrt
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # An airspeed of zero must not make the derivative of the square root infinite; 1e-200 changes no float above 1e-92.
@@ -99,35 +103,34 @@ def angular_acceleration(
     )
 
 
-def rigid_body_derivative(
-    state: Rows,
+def motion_derivative(
+    motion: Rows,
     wrench: Rows,
     rotor_residual: Row,
     wind: Rows,
     parameters: QuadrotorParameters,
     kinematics: AttitudeKinematics,
 ) -> list[Row]:
-    """Time derivative of the 12 rows of the rigid body's state: eq (3).
+    """Time derivative of the 9 rows of the rigid body's state without its position: eq (3).
 
     Args:
-        state: position in W (m); roll, pitch, yaw (rad); velocity in W (m/s); p, q, r (rad/s).
+        motion: roll, pitch, yaw (rad); velocity in W (m/s); p, q, r (rad/s).
         wrench: F_z (N), τ_x, τ_y, τ_z (N m) of the rotors, in B.
         rotor_residual: ω_r of eq (4), rad/s.
         wind: velocity of the air in W, m/s.
         parameters: of the vehicle.
         kinematics: `rigid_kinematics` or `small_angle_kinematics`.
     """
-    roll, pitch, yaw, v_x, v_y, v_z, p, q, r = state[3:]
+    roll, pitch, yaw, v_x, v_y, v_z, p, q, r = motion
     thrust, tau_x, tau_y, tau_z = wrench
-    sin_roll, cos_roll, sin_pitch, cos_pitch = sin(roll), cos(roll), sin(pitch), cos(pitch)
-    sin_yaw, cos_yaw = sin(yaw), cos(yaw)
+    (sin_roll, cos_roll), (sin_pitch, cos_pitch), (sin_yaw, cos_yaw) = sin_cos(roll), sin_cos(pitch), sin_cos(yaw)
     forward = sin_pitch * cos_roll
     drag_x, drag_y, drag_z = drag((v_x, v_y, v_z), wind, parameters)
+    x, y = parameters.centre_of_mass
+    if not (is_zero(x) and is_zero(y)):
+        tau_x, tau_y = tau_x - y * thrust, tau_y + x * thrust
     mass = parameters.mass
     return [
-        v_x,
-        v_y,
-        v_z,
         *kinematics((p, q, r), sin_roll, cos_roll, sin_pitch, cos_pitch),
         ((sin_yaw * sin_roll + cos_yaw * forward) * thrust + drag_x) / mass,
         ((sin_yaw * forward - cos_yaw * sin_roll) * thrust + drag_y) / mass,
@@ -136,15 +139,66 @@ def rigid_body_derivative(
     ]
 
 
+def rigid_body_derivative(
+    state: Rows,
+    wrench: Rows,
+    rotor_residual: Row,
+    wind: Rows,
+    parameters: QuadrotorParameters,
+    kinematics: AttitudeKinematics,
+) -> list[Row]:
+    """Time derivative of the 12 rows of the rigid body's state, its position in W (m) before those of its motion.
+
+    Arguments as for `motion_derivative`.
+    """
+    return [*state[6:9], *motion_derivative(state[3:12], wrench, rotor_residual, wind, parameters, kinematics)]
+
+
 def rotor_residual(rotor_speed: Rows) -> Row:
     """Eq (4): ω_r, rad/s."""
     w_1, w_2, w_3, w_4 = rotor_speed
     return w_2 + w_4 - w_1 - w_3
 
 
-def limited_rotor_speed(speed: Row, low: Row, high: Row) -> Row:
-    """A rotor speed (rad/s) clipped to what the rotor can do; idle for a command that is not a number."""
-    return minimum(maximum(speed, low), high)
+def hover_rotor_speeds(parameters: QuadrotorParameters) -> list[Row]:
+    """The four rotor speeds (rad/s) at which nothing moves in still air: eq (5) balances the weight.
+
+    They differ where thrust factors do or where the centre of mass is not in the middle; zero for a rotor that would
+    have to pull down.
+    """
+    b_1, b_2, b_3, b_4 = parameters.thrust_factor
+    x, y = parameters.centre_of_mass
+    weight = parameters.mass * parameters.gravity
+    # How much more the fourth rotor carries than the second, and the third than the first.
+    left, back = weight * y / parameters.arm_length, -weight * x / parameters.arm_length
+    # The pairs turn against each other: what they carry, over b, must be the same for both.
+    pair_13, pair_24 = 0.5 / b_1 + 0.5 / b_3, 0.5 / b_2 + 0.5 / b_4
+    uneven = left * (0.5 / b_4 - 0.5 / b_2) - back * (0.5 / b_3 - 0.5 / b_1)
+    carried_13 = (weight * pair_24 + uneven) / (pair_13 + pair_24)
+    carried_24 = weight - carried_13
+    forces = carried_13 - back, carried_24 - left, carried_13 + back, carried_24 + left
+    return [sqrt(maximum(0.5 * force / b, 0.0)) for force, b in zip(forces, (b_1, b_2, b_3, b_4), strict=True)]
+
+
+def held_rotor_speed(command: Any, parameters: QuadrotorParameters, speed_factor: Any) -> Any:
+    """Where the rotors go under a held command, rad/s.
+
+    A command is clipped to what the rotors can do, idle if it is not a number; a faulty rotor gets a share of that.
+
+    Args:
+        command: ω₁ to ω₄, rad/s; a list for one vehicle, a (4, N) array for a fleet.
+        parameters: of the vehicle.
+        speed_factor: four rows; None if no rotor is faulty.
+    """
+    low, high = parameters.min_rotor_speed, parameters.max_rotor_speed
+    if isinstance(command, list):
+        targets = [minimum(maximum(speed, low), high) for speed in command]
+    else:
+        targets = minimum(maximum(command, low), high)
+    if speed_factor is not None:
+        for i, factor in enumerate(speed_factor):
+            targets[i] = targets[i] * factor
+    return targets
 
 
 def quadrotor_derivative(
@@ -153,6 +207,7 @@ def quadrotor_derivative(
     wind: Rows,
     parameters: QuadrotorParameters,
     kinematics: AttitudeKinematics,
+    speed_factor: Any = None,
 ) -> list[Row]:
     """Time derivative of the 16 rows of rigid body and rotors together.
 
@@ -162,14 +217,12 @@ def quadrotor_derivative(
         wind: velocity of the air in W, m/s.
         parameters: of the vehicle.
         kinematics: `rigid_kinematics` or `small_angle_kinematics`.
+        speed_factor: of `held_rotor_speed`.
     """
     rotor_speed = state[12:]
     wrench, residual = rotor_wrench(rotor_speed, parameters), rotor_residual(rotor_speed)
-    low, high, lag = parameters.min_rotor_speed, parameters.max_rotor_speed, parameters.rotor_time_constant
+    target = held_rotor_speed(rotor_speed_command, parameters, speed_factor)
     return [
         *rigid_body_derivative(state[:12], wrench, residual, wind, parameters, kinematics),
-        *[
-            (limited_rotor_speed(command, low, high) - speed) / lag
-            for command, speed in zip(rotor_speed_command, rotor_speed, strict=True)
-        ],
+        *[(end - speed) / parameters.rotor_time_constant for end, speed in zip(target, rotor_speed, strict=True)],
     ]

@@ -25,6 +25,7 @@ class QuadrotorParameters(NamedTuple):
             hobby-class motors of this size show in step tests.
         min_rotor_speed: idle, rad/s. Not in the paper; a fifth of the top speed.
         max_rotor_speed: rad/s. Not in the paper; it gives 2.2 times the thrust of hover, a usual ratio.
+        centre_of_mass: x and y in B's axes, seen from the middle of the rotors, m. In the paper it is there: 0.
     """
 
     mass: Row = 0.68
@@ -39,16 +40,17 @@ class QuadrotorParameters(NamedTuple):
     rotor_time_constant: Row = 0.05
     min_rotor_speed: Row = 60.0
     max_rotor_speed: Row = 300.0
+    centre_of_mass: Rows = (0.0, 0.0)
 
     def to_rows(self) -> list[Row]:
-        """The parameters as 17 rows, in the order above."""
-        mass, inertia, rotor_inertia, thrust_factor, *rest = self
-        return [mass, *inertia, rotor_inertia, *thrust_factor, *rest]
+        """The parameters as 19 rows, in the order above."""
+        mass, inertia, rotor_inertia, thrust_factor, *rest, centre_of_mass = self
+        return [mass, *inertia, rotor_inertia, *thrust_factor, *rest, *centre_of_mass]
 
     @classmethod
     def from_rows(cls, rows: Any) -> "QuadrotorParameters":
         """The inverse of `to_rows`."""
-        return cls._make((rows[0], rows[1:4], rows[4], rows[5:9], *rows[9:]))
+        return cls._make((rows[0], rows[1:4], rows[4], rows[5:9], *rows[9:17], rows[17:19]))
 
     @property
     def hover_rotor_speed(self) -> Row:

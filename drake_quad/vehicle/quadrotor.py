@@ -6,7 +6,13 @@ import numpy as np
 
 from drake_quad.elementary import Row, Rows
 from drake_quad.fleet import AutoDiffXd, Expression, FleetSystem, fleet_system
-from drake_quad.vehicle.dynamics import quadrotor_derivative, rigid_kinematics, small_angle_kinematics
+from drake_quad.vehicle.dynamics import (
+    hover_rotor_speeds,
+    quadrotor_derivative,
+    rigid_kinematics,
+    small_angle_kinematics,
+)
+from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.stepping import quadrotor_step
 
@@ -47,14 +53,16 @@ class Quadrotor(FleetSystem):
     The update at time zero does nothing. With `time_step=0` the state is continuous, 16 rows: those of `state`, then
     those of `rotor_speed`.
 
-    The parameters are one numeric parameter of the context, the 17 rows of `QuadrotorParameters.to_rows`.
+    The parameters are one numeric parameter of the context, the 19 rows of `QuadrotorParameters.to_rows`; the faults,
+    if there are any, a second one of 6 rows. A step takes the faults at its middle.
 
     Args:
         num_vehicles: N.
         time_step: h in seconds, 10 ms by default; 0 for a continuous state.
         kinematics: "exact", or "small_angle" for the last three lines of eq (3) as the paper has them.
         parameters: each entry a number or an (N,) array.
-        initial_position: in W, m. The default state is hover here, rotors at hover speed.
+        faults: of the rotors; likewise. Not for Expression.
+        initial_position: in W, m. The default state is hover here, each rotor at the speed that this takes.
         initial_yaw: rad.
     """
 
@@ -65,6 +73,7 @@ class Quadrotor(FleetSystem):
         time_step: float = 0.01,
         kinematics: Literal["exact", "small_angle"] = "exact",
         parameters: QuadrotorParameters = QuadrotorParameters(),
+        faults: RotorFaults | None = None,
         initial_position: Rows = (0.0, 0.0, 0.0),
         initial_yaw: Row = 0.0,
     ) -> None:
@@ -72,6 +81,7 @@ class Quadrotor(FleetSystem):
         self.time_step = time_step
         self._kinematics = _KINEMATICS[kinematics]
         self._parameters = self.numeric_parameter(parameters.to_rows())
+        self._faults = None if faults is None else self.numeric_parameter(faults.to_rows())
         self._command = self.input("rotor_speed_command", 4)
         self._wind = self.input("wind", 3)
         self._crashed = self.input("crashed", 1)
@@ -81,8 +91,8 @@ class Quadrotor(FleetSystem):
             state = self.discrete_state(rigid_body)
             rotors = self.discrete_state(rotor_speed)
             self.DeclarePeriodicUnrestrictedUpdateEvent(time_step, 0.0, self._step)
-            self.DeclareStateOutputPort("state", state)
-            self.DeclareStateOutputPort("rotor_speed", rotors)
+            self.state_output("state", state)
+            self.state_output("rotor_speed", rotors)
         else:
             self.DeclareContinuousState(self.vector([*rigid_body, *rotor_speed]))
             uses = {self.xc_ticket()}
@@ -125,6 +135,7 @@ class Quadrotor(FleetSystem):
                 self.optional_input_rows(context, self._wind, default=_STILL_AIR),
                 self._current_parameters(context),
                 self._kinematics,
+                self._speed_factor(context, context.get_time()),
             )
         crashed = self._crashed_vehicles(context)
         if crashed is not None:
@@ -146,12 +157,20 @@ class Quadrotor(FleetSystem):
             self._current_parameters(context),
             self._kinematics,
             self.time_step,
+            self._speed_factor(context, context.get_time() - 0.5 * self.time_step),
         )
         for vector, old, new in zip(vectors, before, after):
             self.write(vector, new if crashed is None else [np.where(crashed, a, b) for a, b in zip(old, new)])
 
     def _current_parameters(self, context: Any) -> QuadrotorParameters:
         return QuadrotorParameters.from_rows(self.parameter_rows(context, self._parameters))
+
+    def _speed_factor(self, context: Any, time: Row) -> Any:
+        """Four rows, as `held_rotor_speed` takes them: the speed over that commanded; None without faults."""
+        if self._faults is None:
+            return None
+        battery_sag, failure_time, *failure_factor = self.parameter_rows(context, self._faults)
+        return RotorFaults(battery_sag, failure_time, failure_factor).speed_factor(time)
 
     def _crashed_vehicles(self, context: Any) -> np.ndarray | None:
         """The (N,) mask of the vehicles that have crashed, or None where there is none."""
@@ -175,4 +194,4 @@ class Quadrotor(FleetSystem):
 def _hover(parameters: QuadrotorParameters, position: Rows, yaw: Row) -> tuple[list[Row], list[Row]]:
     """Rows of the rigid body and of the rotors of a vehicle at rest."""
     rigid_body = [*position, 0.0, 0.0, yaw, *[0.0] * 6]
-    return rigid_body, [parameters.hover_rotor_speed] * 4
+    return rigid_body, hover_rotor_speeds(parameters)

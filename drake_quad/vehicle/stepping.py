@@ -10,11 +10,11 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.elementary import Row, Rows, exp
+from drake_quad.elementary import Row, Rows, each, exp, stacked
 from drake_quad.vehicle.dynamics import (
     AttitudeKinematics,
-    limited_rotor_speed,
-    rigid_body_derivative,
+    held_rotor_speed,
+    motion_derivative,
     rotor_residual,
     rotor_wrench,
 )
@@ -29,6 +29,7 @@ def quadrotor_step(
     parameters: QuadrotorParameters,
     kinematics: AttitudeKinematics,
     time_step: float,
+    speed_factor: Any = None,
 ) -> tuple[Any, Any]:
     """Returns the rigid body's state and the rotor speeds a time step later.
 
@@ -40,29 +41,38 @@ def quadrotor_step(
         parameters: of the vehicle.
         kinematics: `rigid_kinematics` or `small_angle_kinematics`.
         time_step: s.
+        speed_factor: of `held_rotor_speed`.
     """
     decay = exp(-0.5 * time_step / parameters.rotor_time_constant)
-    low, high = parameters.min_rotor_speed, parameters.max_rotor_speed
+    command = held_rotor_speed(rotor_speed_command, parameters, speed_factor)
     if isinstance(rigid_body, list):
-        command = [limited_rotor_speed(speed, low, high) for speed in rotor_speed_command]
         middle = [lagging(speed, target, decay) for speed, target in zip(rotor_speed, command)]
         end = [lagging(speed, target, decay) for speed, target in zip(middle, command)]
     else:
-        command = limited_rotor_speed(rotor_speed_command, low, high)
         middle = lagging(rotor_speed, command, decay)
         end = lagging(middle, command, decay)
     inputs = [(rotor_wrench(speed, parameters), rotor_residual(speed)) for speed in (rotor_speed, middle, end)]
 
-    def slope(rows: Rows, rotors: Any) -> list[Row]:
+    def slope(motion: Rows, rotors: Any) -> list[Row]:
         wrench, residual = rotors
-        return rigid_body_derivative(rows, wrench, residual, wind, parameters, kinematics)
+        return motion_derivative(motion, wrench, residual, wind, parameters, kinematics)
 
-    def block_slope(block: np.ndarray, rotors: Any) -> np.ndarray:
-        return np.concatenate(slope(block, rotors)).reshape(block.shape)
+    def block_slope(motion: np.ndarray, rotors: Any) -> np.ndarray:
+        return np.concatenate(slope(motion, rotors)).reshape(motion.shape)
 
+    motion = rigid_body[3:12]
     if isinstance(rigid_body, list):
-        return runge_kutta_4(slope, rigid_body, inputs, time_step), end
-    return runge_kutta_4_of_block(block_slope, rigid_body, inputs, time_step), end
+        stages = runge_kutta_4(slope, motion, inputs, time_step)
+    else:
+        stages = runge_kutta_4_of_block(block_slope, motion, inputs, time_step)
+    # Nothing depends on the position: its part of the method is a weighted mean of the stages' velocities.
+    sixth = time_step / 6.0
+    position = each(
+        lambda x, v_1, v_2, v_3, v_4: x + sixth * (v_1 + 2.0 * (v_2 + v_3) + v_4),
+        rigid_body[0:3],
+        *(stage[3:6] for stage in (motion, *stages[:3])),
+    )
+    return stacked(position, stages[3]), end
 
 
 def lagging(speed: Row, target: Row, decay: Row) -> Row:
@@ -72,7 +82,7 @@ def lagging(speed: Row, target: Row, decay: Row) -> Row:
 
 def runge_kutta_4(
     derivative: Callable[[Rows, Any], Rows], state: Rows, inputs: Sequence[Any], step: float
-) -> list[Row]:
+) -> tuple[Rows, Rows, Rows, Rows]:
     """One step of the classical fourth-order Runge–Kutta method.
 
     Args:
@@ -80,19 +90,27 @@ def runge_kutta_4(
         state: rows at the beginning of the step.
         inputs: three, at the beginning, the middle and the end of the step.
         step: its length, s.
+
+    Returns:
+        The states at which the derivative was taken for the second, third and fourth time, and the state after the
+        step.
     """
     start, middle, end = inputs
     half, sixth = 0.5 * step, step / 6.0
     k_1 = derivative(state, start)
-    k_2 = derivative([x + half * k for x, k in zip(state, k_1)], middle)
-    k_3 = derivative([x + half * k for x, k in zip(state, k_2)], middle)
-    k_4 = derivative([x + step * k for x, k in zip(state, k_3)], end)
-    return [x + sixth * (a + 2.0 * (b + c) + d) for x, a, b, c, d in zip(state, k_1, k_2, k_3, k_4)]
+    x_2 = [x + half * k for x, k in zip(state, k_1)]
+    k_2 = derivative(x_2, middle)
+    x_3 = [x + half * k for x, k in zip(state, k_2)]
+    k_3 = derivative(x_3, middle)
+    x_4 = [x + step * k for x, k in zip(state, k_3)]
+    k_4 = derivative(x_4, end)
+    result = [x + sixth * (a + 2.0 * (b + c) + d) for x, a, b, c, d in zip(state, k_1, k_2, k_3, k_4)]
+    return x_2, x_3, x_4, result
 
 
 def runge_kutta_4_of_block(
     derivative: Callable[[np.ndarray, Any], np.ndarray], state: np.ndarray, inputs: Sequence[Any], step: float
-) -> np.ndarray:
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
     """The same for an array, in the memory of its derivatives: fresh memory would take twice the time.
 
     With the stages x₂ = x + h/2 k₁, x₃ = x + h/2 k₂, x₄ = x + h k₃ in place of the slopes, the step becomes
@@ -116,4 +134,4 @@ def runge_kutta_4_of_block(
     result += x_4
     result -= state
     result /= 3.0
-    return result
+    return x_2, x_3, x_4, result

@@ -8,7 +8,7 @@ from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad.laboratory.command_link import CommandLink
-from drake_quad.laboratory.motion_capture import MotionCapture
+from drake_quad.laboratory.motion_capture import IdealMotionCapture
 from drake_quad.laboratory.recorder import build_recorder, read_recorder
 
 
@@ -41,7 +41,7 @@ def held(times, period):
 
 
 def test_motion_capture_holds_its_frames_from_the_first():
-    time, value = recorded(MotionCapture(period=0.01), "measurement", 12, 0.3)
+    time, value = recorded(IdealMotionCapture(period=0.01), "measurement", 12, 0.3)
     np.testing.assert_allclose(value - 1.0, held(time, 0.01), atol=1e-12)
 
 

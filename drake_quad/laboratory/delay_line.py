@@ -1,0 +1,77 @@
+"""Whole ticks of delay for a sampled signal."""
+
+from collections.abc import Callable, Iterable
+from typing import Any
+
+import numpy as np
+
+from drake_quad.elementary import Row, plain, where
+from drake_quad.fleet import FleetSystem
+
+
+class DelayLine:
+    """The discrete-state groups of a system in which a signal waits for its time.
+
+    What is sampled at a tick is out `delay` ticks later, and stays out until the next one is:
+
+        tick            0          1          2
+        sampled         u₀         u₁         u₂
+        1 tick of delay initial    u₀         u₁
+
+    The groups are one for what is out, `out`, then those under way, the newest first. If there can be any delay, it is
+    a numeric parameter of the context, one row.
+
+    Args:
+        system: that the groups are declared in.
+        initial: rows that are out before the first sample is.
+        delay: in whole ticks; a number, or an (N,) array for a fleet.
+    """
+
+    def __init__(self, system: FleetSystem, initial: Iterable[Row], delay: Row) -> None:
+        self._system = system
+        initial = list(initial)
+        self.out = system.discrete_state(initial)
+        self._under_way = [system.discrete_state(initial) for _ in range(int(np.max(delay)))]
+        self._delay = system.numeric_parameter([delay]) if self._under_way else None
+
+    def newest(self, context: Any) -> Any:
+        """The rows that were sampled last."""
+        return self._system.state_rows(context, self._under_way[0] if self._under_way else self.out)
+
+    def fill(self, discrete_state: Any, rows: Iterable[Row]) -> None:
+        """Puts the same rows everywhere on the line."""
+        rows = list(rows)
+        for group in (self.out, *self._under_way):
+            self._system.write(discrete_state.get_mutable_vector(group), rows)
+
+    def advance(self, context: Any, discrete_state: Any, sample: Callable[[Any], None]) -> None:
+        """Moves everything on by a tick.
+
+        Args:
+            context: of the system.
+            discrete_state: of its discrete update.
+            sample: writes the new sample into the vector that it is given.
+        """
+        vector, system = discrete_state.get_mutable_vector, self._system
+        if self._delay is None:
+            sample(vector(self.out))
+            return
+        for ahead, behind in zip(self._under_way[:0:-1], self._under_way[-2::-1], strict=True):
+            system.copy(vector(ahead), context.get_discrete_state(behind))
+        sample(vector(self._under_way[0]))
+        delay = plain(system.parameter_rows(context, self._delay)[0])
+        shortest, longest = (
+            (int(delay), int(delay)) if delay.__class__ is float else (int(delay.min()), int(delay.max()))
+        )
+
+        def aged(ticks: int) -> Any:
+            """What was sampled so many ticks ago."""
+            return context.get_discrete_state(self._under_way[ticks - 1]) if ticks else vector(self._under_way[0])
+
+        if shortest == longest:
+            system.copy(vector(self.out), aged(shortest))
+            return
+        rows = system.rows(aged(shortest))
+        for ticks in range(shortest + 1, longest + 1):
+            rows = where(delay == ticks, system.rows(aged(ticks)), rows)
+        system.write(vector(self.out), rows)

@@ -1,0 +1,69 @@
+"""Wind of the scenario language: sources that add up."""
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+from pydantic_core import PydanticCustomError
+
+from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive
+
+
+class SteadyWind(Model):
+    """The same wind everywhere, always."""
+
+    kind: Literal["steady"]
+    velocity: Position = Field(description="of the air, in W (m/s)")
+
+
+class Gust(Model):
+    """A 1-cosine gust: it comes over the rise time, stays, and goes as it came."""
+
+    kind: Literal["gust"]
+    velocity: Position = Field(description="of the air at its height, in W (m/s)")
+    start: NonNegative = Field(description="when it begins (s)")
+    rise_time: Positive = Field(description="from nothing to full height (s)")
+    hold_time: NonNegative | None = Field(
+        default=None, description="at full height (s); for good if not given, as in MIL-F-8785C"
+    )
+
+
+class Dryden(Model):
+    """Continuous turbulence of MIL-F-8785C at low altitude."""
+
+    kind: Literal["dryden"]
+    level: Literal["light", "moderate", "severe"] = Field(
+        default="moderate", description="a wind of 15, 30 or 45 knots at 20 feet"
+    )
+    intensity: NonNegative = Field(default=1.0, description="factor on the level's standard deviations (1)")
+    height: Positive = Field(default=6.096, description="at which scales and deviations are taken (m); 20 feet")
+    airspeed: Positive | None = Field(
+        default=None, description="with which the turbulence goes by (m/s); that of the steady wind if not given"
+    )
+    heading: Number | None = Field(
+        default=None,
+        description="of the longitudinal axis, from X towards Y (rad); that of the steady wind if not given",
+    )
+
+
+class Fan(Model):
+    """An industrial fan: a free jet in a room."""
+
+    kind: Literal["fan"]
+    position: Position = Field(description="of the middle of its outlet, in W (m)")
+    direction: Position = Field(description="in which it blows, in W; of any length")
+    flow: NonNegative = Field(description="volume flow (m³/s)")
+    diameter: Positive = Field(description="of the outlet (m)")
+    turbulence: NonNegative = Field(
+        default=0.22, description="standard deviation of the air's velocity over its mean, on each axis (1)"
+    )
+
+    @field_validator("direction")
+    @classmethod
+    def _somewhere(cls, direction: tuple[Number, Number, Number]) -> tuple[Number, Number, Number]:
+        if all(part == 0.0 for part in direction):
+            raise PydanticCustomError("direction", "must not be the zero vector")
+        return direction
+
+
+Wind = Annotated[SteadyWind | Gust | Dryden | Fan, Field(discriminator="kind")]
