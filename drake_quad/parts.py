@@ -150,7 +150,7 @@ def _wind(scenario: Scenario, samples: Samples) -> Diagram:
     period = scenario.vehicle.time_step or scenario.laboratory.motion_capture.period
     common: dict[str, Any] = {"num_vehicles": num_vehicles, "period": period}
     sources: dict[str, Any] = {}
-    mean = _mean_wind(scenario)
+    mean = steady_wind(scenario)
     if not all(is_zero(part) for part in mean):
         sources["steady"] = ConstantVectorSource(fleet_rows(mean, num_vehicles))
     for source in scenario.laboratory.wind:
@@ -163,16 +163,30 @@ def _wind(scenario: Scenario, samples: Samples) -> Diagram:
             case wind.Dryden():
                 turbulence, heading = _dryden(source, mean)
                 sources[name] = DrydenTurbulence(turbulence=turbulence, heading=heading, **common)
-    jets = [_jet(source) for source in scenario.laboratory.wind if isinstance(source, wind.Fan)]
-    if jets:
-        sources["fans"] = Fans(jets=jets, **common)
+    if jets(scenario):
+        sources["fans"] = Fans(jets=jets(scenario), **common)
     return build_wind(sources, num_vehicles=num_vehicles, samples=samples)
 
 
-def _mean_wind(scenario: Scenario) -> list[Row]:
+def steady_wind(scenario: Scenario) -> list[Row]:
     """The sum of all steady wind, 3 rows in W, m/s."""
     steady = [source.velocity for source in scenario.laboratory.wind if isinstance(source, wind.SteadyWind)]
     return [sum((velocity[axis] for velocity in steady), start=0.0) for axis in range(3)]
+
+
+def jets(scenario: Scenario) -> list[Jet]:
+    """The jets of all fans."""
+    return [
+        Jet.of_fan(
+            position=fan.position,
+            direction=fan.direction,
+            flow=fan.flow,
+            diameter=fan.diameter,
+            turbulence=fan.turbulence,
+        )
+        for fan in scenario.laboratory.wind
+        if isinstance(fan, wind.Fan)
+    ]
 
 
 def _dryden(source: wind.Dryden, mean: Rows) -> tuple[Turbulence, Row]:
@@ -182,13 +196,3 @@ def _dryden(source: wind.Dryden, mean: Rows) -> tuple[Turbulence, Row]:
     heading = np.arctan2(y, x) if source.heading is None else source.heading
     level = WIND_AT_20_FEET[source.level] * source.intensity
     return Turbulence.at_low_altitude(height=source.height, wind_at_20_feet=level, airspeed=airspeed), heading
-
-
-def _jet(source: wind.Fan) -> Jet:
-    return Jet.of_fan(
-        position=source.position,
-        direction=source.direction,
-        flow=source.flow,
-        diameter=source.diameter,
-        turbulence=source.turbulence,
-    )

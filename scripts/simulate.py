@@ -10,16 +10,18 @@ from drake_quad.visualization.plots import save_plots
 
 
 def main() -> None:
-    arguments = parser(
+    options = parser(
         description=__doc__,
         example="python scripts/simulate.py diagrams/figure_eight.yaml --set vehicle.mass=0.7",
         output="out",
         scenario="figure_eight.yaml",
-    ).parse_args()
+    )
+    options.add_argument("--sample", type=int, help="which sample of the scenario's study to fly, from 0 on")
+    arguments = options.parse_args()
     scenario = scenario_of(arguments)
     folder = output_folder(arguments.output / scenario.name)
     with flight_progress() as progress:
-        flight = simulate(scenario, progress=progress)
+        flight = simulate(scenario, sample=arguments.sample, progress=progress)
     files = [*flight.save(folder), *save_plots(flight, folder)]
     print_table(summary(flight))
     print_files(files)
@@ -33,7 +35,9 @@ def summary(flight: Flight) -> list[tuple[str, str, str]]:
         return f"{value:.{digits}f}" if math.isfinite(value) else "–"
 
     end = f"crashed at {metrics.crash_time:.2f}" if metrics.crashed else f"{flight.time[-1]:.2f}"
+    sample = flight.scenario.sample
     return [
+        *([("sample", str(sample), f"of seed {flight.scenario.seed}")] if sample else []),
         ("flown", end, "s"),
         ("RMSE", number(100.0 * metrics.rmse, 2), "cm"),
         *((f"RMSE on {axis.upper()}", number(100.0 * getattr(metrics, f"rmse_{axis}"), 2), "cm") for axis in "xyz"),

@@ -12,6 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from drake_quad.files import output_folder, write_whole
 from drake_quad.flight import Flight
 from drake_quad.visualization.style import AXES, BLUE, LIMIT, PLATE, REFERENCE, ROTORS, VERMILION, new_figure, styled
+from drake_quad.visualization.wind_plots import plot_wind
 
 
 def plot_path(flight: Flight) -> Figure:
@@ -119,13 +120,14 @@ PLOTS: dict[str, Callable[[Flight], Figure]] = {
 
 
 def save_plots(flight: Flight, folder: Path | str) -> list[Path]:
-    """Draws all plots of a flight into a folder as PNG and returns the files.
+    """Draws all plots of a flight into a folder as PNG and returns the files; that of the wind only if there is any.
 
     Raises:
         InputError: the folder cannot be written.
     """
     target = output_folder(Path(folder))
-    return [write_whole(target / f"{name}.png", plot(flight).savefig) for name, plot in PLOTS.items()]
+    plots = PLOTS if not flight.scenario.laboratory.wind else {**PLOTS, "wind": plot_wind}
+    return [write_whole(target / f"{name}.png", plot(flight).savefig) for name, plot in plots.items()]
 
 
 def _leg_starts(flight: Flight) -> list[float]:

@@ -4,12 +4,14 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import TrajectorySource
+from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad.laboratory.command_link import CommandLink
 from drake_quad.laboratory.motion_capture import IdealMotionCapture
 from drake_quad.laboratory.recorder import build_recorder, read_recorder
+from drake_quad.laboratory.tape import Samples, connect_tapes
+from drake_quad.randomness import Kind
 
 
 def clock(size):
@@ -18,7 +20,7 @@ def clock(size):
     return TrajectorySource(line)
 
 
-def recorded(system, output, size, duration, period=0.005):
+def recorded(system, output, size, duration, period=0.005, column=0):
     """The times and values of a system's output, sampled as a discrete update samples, under a ramp."""
     builder = DiagramBuilder()
     source = builder.AddNamedSystem("clock", clock(size))
@@ -31,7 +33,7 @@ def recorded(system, output, size, duration, period=0.005):
     simulator.AdvanceTo(duration)
     simulator.AdvancePendingEvents()
     time, signals = read_recorder(recorder, simulator.get_context())
-    return time, signals["out"][:, 0]
+    return time, signals["out"][:, column]
 
 
 def held(times, period):
@@ -53,6 +55,42 @@ def test_the_command_link_delays_by_whole_ticks(delay):
     tick = np.ceil(np.round(time / 0.02, 6)) - 1 - delay
     expected = np.where(tick < 0, 7.0, 1.0 + 0.02 * tick)
     np.testing.assert_allclose(value, expected, atol=1e-12)
+
+
+def test_each_vehicle_of_a_fleet_has_its_own_delay():
+    delays = np.array([2, 0, 1])
+    link = CommandLink(num_vehicles=3, period=0.02, delay_ticks=delays, initial=(7.0, 7.0, 7.0, 7.0))
+    for i, delay in enumerate(delays):
+        time, value = recorded(link, "wrench", 12, 0.3, column=i)
+        tick = np.ceil(np.round(time / 0.02, 6)) - 1 - delay
+        np.testing.assert_allclose(value, np.where(tick < 0, 7.0, 1.0 + 0.02 * tick), atol=1e-12)
+        link = CommandLink(num_vehicles=3, period=0.02, delay_ticks=delays, initial=(7.0, 7.0, 7.0, 7.0))
+
+
+@pytest.mark.parametrize("delay", [0, 2])
+def test_lost_packets_leave_the_last_one_out(delay):
+    rate, n = 0.3, 20
+    link = CommandLink(num_vehicles=n, period=0.02, delay_ticks=delay, loss_rate=rate)
+    builder = DiagramBuilder()
+    source = builder.AddNamedSystem("clock", clock(4 * n))
+    builder.AddNamedSystem("link", link)
+    builder.Connect(source.get_output_port(), link.GetInputPort("wrench"))
+    connect_tapes(builder, {"link": link}, Samples(2, range(n)), Kind.NOISE)
+    log = LogVectorOutput(link.GetOutputPort("wrench"), builder, publish_period=0.02)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(20.0)
+    found = log.FindLog(simulator.get_context())
+    out = found.data().reshape(4, n, -1)[0, :, delay + 2 :]
+    time = found.sample_times()[delay + 2 :]
+    ages = np.round((time - (out - 1.0)) / 0.02)
+    # Out is the packet that was sent `delay` ticks before the last tick, or an older one if that was lost.
+    late = ages - (delay + 1)
+    assert late.min() == 0.0
+    for ticks in (0, 1, 2):
+        share = (1.0 - rate) * rate**ticks
+        assert (late == ticks).mean() == pytest.approx(share, abs=0.02)
+    fresh = late[:, 1:] == 0
+    np.testing.assert_array_equal(fresh | (late[:, 1:] == late[:, :-1] + 1), True)
 
 
 def test_the_recorder_keeps_what_a_discrete_update_sees_at_each_tick_to_the_last():

@@ -74,7 +74,7 @@ class Jet(NamedTuple):
             place: 3 rows in W, m.
         """
         position, direction, exit_speed, diameter, _ = self
-        from_fan = each(operator.sub, place, position)
+        from_fan = [here - start for here, start in zip(place, position)]
         along = dot(from_fan, direction)
         across = sqrt(maximum(dot(from_fan, from_fan) - along * along, _TINY))
         reach = CORE_LENGTH * diameter

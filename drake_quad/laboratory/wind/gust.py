@@ -49,8 +49,8 @@ class Gust(FleetSystem):
         output_ports:
         - wind
 
-    `wind` (3 rows, m/s in W) is zero before the gust, its velocity times `gust_share` then. The only discrete-state
-    group is what is held; the parameters are one numeric parameter of the context, the 6 rows of `GustParameters`.
+    `wind` (3 rows, m/s in W) is the gust's velocity times `gust_share`; what is held over a period is that of its
+    middle. The only discrete-state group is what is held; the parameters are one numeric parameter of the context, the 6 rows of `GustParameters`.
 
     Args:
         num_vehicles: N.
@@ -60,6 +60,7 @@ class Gust(FleetSystem):
 
     def declare(self, *, num_vehicles: int = 1, period: float = 0.01, gust: GustParameters) -> None:
         """Declares the system; see the class for the arguments."""
+        self._period = period
         self._gust = self.numeric_parameter(gust.to_rows())
         self._wind = self.discrete_state([0.0, 0.0, 0.0])
         self.DeclareInitializationDiscreteUpdateEvent(self._sample)
@@ -68,5 +69,5 @@ class Gust(FleetSystem):
 
     def _sample(self, context: Any, discrete_state: Any) -> None:
         v_x, v_y, v_z, *times = self.parameter_rows(context, self._gust)
-        share = gust_share(context.get_time(), *times)
+        share = gust_share(context.get_time() + 0.5 * self._period, *times)
         self.write(discrete_state.get_mutable_vector(self._wind), [share * v_x, share * v_y, share * v_z])

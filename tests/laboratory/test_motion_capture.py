@@ -1,0 +1,139 @@
+"""The cameras and their filters against theory."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.math import RollPitchYaw
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+from scipy.signal import welch
+
+from drake_quad.laboratory.motion_capture import CameraErrors, IdealMotionCapture, MotionCapture, attitude_of_markers
+from drake_quad.laboratory.motion_capture import RotationMatrix as Rotation
+from drake_quad.laboratory.tape import Samples, connect_tapes
+from drake_quad.randomness import Kind
+
+H = 0.01
+
+
+def seen(state, camera, *, duration, n=1):
+    """Times and (12, n, ticks) measurements of a trajectory of the state, as they are just before a frame."""
+    builder = DiagramBuilder()
+    source = builder.AddNamedSystem("state", TrajectorySource(state))
+    cameras = builder.AddNamedSystem("cameras", camera)
+    builder.Connect(source.get_output_port(), cameras.GetInputPort("state"))
+    if hasattr(camera, "random_inputs"):
+        connect_tapes(builder, {"cameras": cameras}, Samples(1, range(n)), Kind.NOISE)
+    log = LogVectorOutput(cameras.GetOutputPort("measurement"), builder, publish_period=H)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(duration)
+    found = log.FindLog(simulator.get_context())
+    return found.sample_times(), found.data().reshape(12, n, -1)
+
+
+def still(n=1):
+    state = np.tile(np.array([1.0, 2.0, 3.0, 0.1, -0.2, 0.3] + [0.0] * 6)[:, None], n)
+    return PiecewisePolynomial(state.reshape(-1, 1))
+
+
+def ramp(rates):
+    """A state whose six coordinates grow evenly from zero."""
+    rows = np.zeros((12, 2))
+    rows[:6, 1] = 100.0 * np.array(rates)
+    return PiecewisePolynomial.FirstOrderHold([0.0, 100.0], rows)
+
+
+def test_noise_has_the_stated_deviation_and_nothing_else():
+    n = 40
+    errors = CameraErrors(position_noise=1e-3, attitude_noise=4e-3)
+    _, frames = seen(still(n), MotionCapture(num_vehicles=n, errors=errors), duration=5.0, n=n)
+    np.testing.assert_allclose(frames[:3].std(axis=(1, 2)), 1e-3, rtol=0.03)
+    np.testing.assert_allclose(frames[3:6].std(axis=(1, 2)), 4e-3, rtol=0.03)
+    np.testing.assert_allclose(frames[:6].mean(axis=(1, 2)), [1.0, 2.0, 3.0, 0.1, -0.2, 0.3], atol=1e-4)
+    np.testing.assert_array_equal(frames[6:], 0.0)
+
+
+@pytest.mark.parametrize("bandwidth", [20.0, 100.0])
+def test_spectrum_of_the_velocity_noise(bandwidth):
+    """White noise through (1 - a) / h (1 - z⁻¹) / (1 - a z⁻¹), and its variance σ² (1 - a)² / h² · 2 / (1 + a)."""
+    n, sigma = 60, 1e-3
+    camera = MotionCapture(num_vehicles=n, errors=CameraErrors(sigma), derivative_bandwidth=bandwidth)
+    _, frames = seen(still(n), camera, duration=40.0, n=n)
+    velocity = frames[6, :, 200:]
+    decay = math.exp(-bandwidth * H)
+    gain = (1.0 - decay) / H
+    assert velocity.std() == pytest.approx(sigma * gain * math.sqrt(2.0 / (1.0 + decay)), rel=0.01)
+    frequency, density = welch(velocity, fs=1.0 / H, nperseg=512, axis=1, detrend=False)
+    z = np.exp(-2j * np.pi * frequency * H)
+    theory = 2.0 * sigma**2 * H * np.abs(gain * (1.0 - z) / (1.0 - decay * z)) ** 2
+    for low in range(4, 240, 20):
+        band = slice(low, low + 20)
+        assert density.mean(axis=0)[band].mean() == pytest.approx(theory[band].mean(), rel=0.05)
+
+
+def test_the_filter_lags_behind_a_velocity_as_a_first_order_lag_does():
+    rates = [0.5, -1.0, 2.0, 0.0, 0.0, 0.0]
+    time, frames = seen(ramp(rates), MotionCapture(derivative_bandwidth=25.0), duration=1.0)
+    # What is logged at a tick is the frame before it.
+    share = 1.0 - np.exp(-25.0 * np.maximum(time - H, 0.0))
+    np.testing.assert_allclose(frames[6:9, 0], np.outer(rates[:3], share), atol=1e-12)
+
+
+def test_body_rates_are_those_of_the_turning_body():
+    """Roll, pitch and yaw that change together, against Drake's angular velocity."""
+    rates = np.array([0.3, -0.2, 0.5])
+    time, frames = seen(ramp([0.0, 0.0, 0.0, *rates]), MotionCapture(derivative_bandwidth=400.0), duration=2.0)
+    for tick in (60, 120, 199):
+        # A difference over a period is the rate in its middle; the filter lags by a few milliseconds more.
+        attitude = RollPitchYaw(rates * (time[tick] - H))
+        w_WB_W = attitude.CalcAngularVelocityInParentFromRpyDt(rates)
+        expected = attitude.ToRotationMatrix().inverse() @ w_WB_W
+        np.testing.assert_allclose(frames[9:12, 0, tick], expected, atol=2e-3)
+
+
+def test_without_errors_it_is_the_ideal_camera():
+    rng = np.random.default_rng(0)
+    state = PiecewisePolynomial.FirstOrderHold([0.0, 1.0], rng.normal(size=(12, 2)))
+    _, ideal = seen(state, IdealMotionCapture(), duration=1.0)
+    _, real = seen(state, MotionCapture(), duration=1.0)
+    np.testing.assert_array_equal(real, ideal)
+
+
+def test_latency_is_a_whole_number_of_frames():
+    rates = [1.0] * 6
+    latency = np.array([0, 3, 1])
+    line = ramp(rates).vector_values([0.0, 100.0])
+    state = PiecewisePolynomial.FirstOrderHold([0.0, 100.0], np.repeat(line, 3, axis=0))
+    camera = MotionCapture(num_vehicles=3, latency_frames=latency)
+    time, frames = seen(state, camera, duration=0.2, n=3)
+    expected = np.maximum(time[None] - H * (1 + latency[:, None]), 0.0)
+    np.testing.assert_allclose(frames[0], expected, atol=1e-12)
+
+
+def test_lost_frames_repeat_the_one_before():
+    n, rate = 30, 0.2
+    state = PiecewisePolynomial.FirstOrderHold([0.0, 100.0], np.outer(np.ones(12 * n), [0.0, 100.0]))
+    camera = MotionCapture(num_vehicles=n, errors=CameraErrors(dropout_rate=rate))
+    time, frames = seen(state, camera, duration=10.0, n=n)
+    steps = np.diff(frames[0, :, 2:], axis=1)
+    lost = np.abs(steps) < 1e-9
+    assert lost.mean() == pytest.approx(rate, abs=4.0 * math.sqrt(rate * (1.0 - rate) / lost.size))
+    # Nothing is lost for good: the frame after is up to date.
+    fresh = np.abs(frames[0] - (time - H)) < 1e-9
+    np.testing.assert_array_equal(fresh[:, 3:], ~lost)
+    # The filter sees no motion while frames are lost, and all of it afterwards.
+    filtered = MotionCapture(num_vehicles=n, errors=CameraErrors(dropout_rate=rate), derivative_bandwidth=30.0)
+    _, frames = seen(state, filtered, duration=10.0, n=n)
+    assert frames[6, :, 100:].mean() == pytest.approx(1.0, abs=0.02)
+
+
+@pytest.mark.parametrize("attitude", [(0.0, 0.0, 0.0), (0.3, -0.7, 2.5), (-1.2, 1.1, -3.0)])
+def test_misaligned_markers_turn_with_the_body(attitude):
+    """R_WB R_BM, by Drake's rotation matrices."""
+    misalignment = (0.05, -0.08, 0.2)
+    turned = RollPitchYaw(attitude).ToRotationMatrix() @ RollPitchYaw(misalignment).ToRotationMatrix()
+    found = RollPitchYaw(attitude_of_markers(attitude, Rotation.of(*misalignment))).ToRotationMatrix()
+    np.testing.assert_allclose(found.matrix(), turned.matrix(), atol=1e-14)

@@ -1,0 +1,50 @@
+import numpy as np
+import pytest
+from pydrake.common import RandomDistribution
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput
+
+from drake_quad.laboratory.tape import Samples, Tape, TapePlayer
+from drake_quad.randomness import Kind
+
+GAUSSIAN, UNIFORM = RandomDistribution.kGaussian, RandomDistribution.kUniform
+
+
+def tape(samples, rows=3, distribution=GAUSSIAN, period=0.01):
+    return Tape(Samples(5, samples), kind=Kind.NOISE, name="n", rows=rows, period=period, distribution=distribution)
+
+
+@pytest.mark.parametrize("distribution", [GAUSSIAN, UNIFORM])
+@pytest.mark.parametrize("rows", [1, 2, 5, 6])
+def test_what_stands_at_a_tick_depends_on_the_tick_and_the_sample_alone(distribution, rows):
+    times = [0.01 * tick for tick in (0, 1, 2, 3, 700, 701, 5000, 4)]
+    crowd = tape(range(3000), rows, distribution)
+    one = tape([2999], rows, distribution)
+    few = tape([2999, 12], rows, distribution)
+    for time in times:
+        alone = one.at(time)
+        np.testing.assert_array_equal(crowd.at(time).reshape(rows, -1)[:, 2999], alone)
+        np.testing.assert_array_equal(few.at(time).reshape(rows, -1)[:, 0], alone)
+        np.testing.assert_array_equal(tape([2999], rows, distribution).at(time), alone)
+
+
+def test_no_number_stands_twice():
+    played = tape([0, 1], rows=3)
+    numbers = np.concatenate([played.at(0.01 * tick) for tick in range(3000)])
+    assert np.unique(numbers).size == numbers.size
+    assert numbers.std() == pytest.approx(1.0, abs=0.02)
+
+
+def test_a_player_plays_tapes_of_several_periods():
+    fast, slow = tape([0], 2), tape([0], 1, UNIFORM, period=0.02)
+    builder = DiagramBuilder()
+    player = builder.AddNamedSystem("tapes", TapePlayer(tapes={"fast": fast, "slow": slow}))
+    log = LogVectorOutput(player.get_output_port(), builder, publish_period=0.01)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(1.0)
+    found = log.FindLog(simulator.get_context()).data()
+    for tick in range(100):
+        np.testing.assert_array_equal(found[:2, tick], fast.at(0.01 * tick))
+    # Between two ticks of the slower tape the nearest one counts.
+    np.testing.assert_array_equal(found[2, 0:100:4], [slow.at(0.04 * i)[0] for i in range(25)])

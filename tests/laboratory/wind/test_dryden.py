@@ -1,0 +1,124 @@
+"""Dryden's turbulence against the specification's spectra."""
+
+import itertools
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput
+from scipy.linalg import solve_discrete_lyapunov
+from scipy.signal import welch
+
+from drake_quad.laboratory.tape import Samples, connect_tapes
+from drake_quad.laboratory.wind.dryden import (
+    FOOT,
+    WIND_AT_20_FEET,
+    DrydenTurbulence,
+    SampledFilter,
+    Turbulence,
+    filtered_velocity,
+    stationary_state,
+)
+from drake_quad.randomness import Kind
+
+# Ten feet up: scales of 3 m and 23 m.
+NEAR_GROUND = Turbulence.at_low_altitude(height=3.048, wind_at_20_feet=15.4, airspeed=5.0)
+
+
+def matrices(turbulence, period):
+    """A, B and C of the whole filter, column by column from its step and its output."""
+    sampled = SampledFilter.of(turbulence, period)
+    unit = np.eye(5)
+    none = np.zeros(5)
+    A = np.column_stack([sampled.step(list(column), none) for column in unit])
+    B = np.column_stack([sampled.step(list(none), column) for column in unit])
+    C = np.column_stack([filtered_velocity(list(column), turbulence.deviation) for column in unit])
+    return A, B, C
+
+
+@pytest.mark.parametrize("period", [0.002, 0.01, 0.05])
+@pytest.mark.parametrize("airspeed", [1.0, 5.0, 30.0])
+def test_stationary_variance_is_that_of_the_specification(period, airspeed):
+    turbulence = NEAR_GROUND._replace(airspeed=airspeed)
+    A, B, C = matrices(turbulence, period)
+    covariance = solve_discrete_lyapunov(A, B @ B.T)
+    np.testing.assert_allclose(C @ covariance @ C.T, np.diag(np.square(turbulence.deviation)), rtol=1e-9, atol=1e-9)
+
+
+def test_it_starts_in_the_stationary_distribution():
+    A, B, _ = matrices(NEAR_GROUND, 0.01)
+    S = np.column_stack([stationary_state(list(column)) for column in np.eye(5)])
+    np.testing.assert_allclose(S @ S.T, solve_discrete_lyapunov(A, B @ B.T), atol=1e-9)
+
+
+@pytest.mark.parametrize("period", [0.002, 0.01, 0.05])
+def test_sampled_covariances_are_those_of_the_continuous_process(period):
+    """u has σ² exp(-t / T), v and w have σ² (1 - t / 2T) exp(-t / T): the transforms of Dryden's spectra."""
+    A, B, C = matrices(NEAR_GROUND, period)
+    covariance = solve_discrete_lyapunov(A, B @ B.T)
+    for steps in (1, 7, 100):
+        expected = []
+        for axis, (deviation, length) in enumerate(zip(NEAR_GROUND.deviation, NEAR_GROUND.length, strict=True)):
+            lag = steps * period * NEAR_GROUND.airspeed / length
+            expected.append(deviation**2 * np.exp(-lag) * (1.0 if axis == 0 else 1.0 - 0.5 * lag))
+        lagged = C @ np.linalg.matrix_power(A, steps) @ covariance @ C.T
+        np.testing.assert_allclose(np.diag(lagged), expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("period", "duration"), [(0.002, 2.0), (0.01, 10.0), (0.05, 50.0)])
+def test_standard_deviation_of_a_long_record(period, duration):
+    """Of 3,000 vehicles at once, as the system gives it."""
+    n = 3000
+    builder = DiagramBuilder()
+    system = builder.AddNamedSystem("dryden", DrydenTurbulence(num_vehicles=n, period=period, turbulence=NEAR_GROUND))
+    connect_tapes(builder, {"dryden": system}, Samples(4, range(n)), Kind.WIND)
+    log = LogVectorOutput(system.get_output_port(), builder, publish_period=20 * period)
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(duration)
+    record = log.FindLog(simulator.get_context()).data().reshape(3, n, -1)
+    np.testing.assert_allclose(record.std(axis=(1, 2)), NEAR_GROUND.deviation, rtol=0.03)
+    # From the first sample on, and every vehicle in its own.
+    np.testing.assert_allclose(record[:, :, 0].std(axis=1), NEAR_GROUND.deviation, rtol=0.06)
+    assert abs(np.corrcoef(record[:, :-1, 0].ravel(), record[:, 1:, 0].ravel())[0, 1]) < 0.04
+
+
+def test_power_spectral_density_over_two_decades():
+    turbulence = Turbulence((1.0, 2.0, 3.0), (6.0, 6.0, 4.0), 10.0)
+    period, count, ticks = 0.01, 200, 2**15
+    sampled = SampledFilter.of(turbulence, period)
+    rng = np.random.default_rng(0)
+    state = np.array(stationary_state(rng.standard_normal((5, count))))
+    record = np.empty((ticks, 3, count))
+    for tick in range(ticks):
+        record[tick] = filtered_velocity(state, turbulence.deviation)
+        state = np.array(sampled.step(state, rng.standard_normal((5, count))))
+    frequency, density = welch(record, fs=1.0 / period, nperseg=2**14, axis=0, detrend=False)
+    density = density.mean(axis=2)
+    bands = np.geomspace(0.05, 5.0, 13)
+    for low, high in itertools.pairwise(bands):
+        band = (frequency >= low) & (frequency < high)
+        omega = 2.0 * np.pi * frequency[band]
+        for axis, (deviation, length) in enumerate(zip(turbulence.deviation, turbulence.length, strict=True)):
+            T = length / turbulence.airspeed
+            x = (T * omega) ** 2
+            shape = 2.0 / (1.0 + x) if axis == 0 else (1.0 + 3.0 * x) / (1.0 + x) ** 2
+            # One-sided per Hz is 2π times one-sided per rad/s.
+            analytic = 2.0 * np.pi * deviation**2 * T / np.pi * shape
+            assert density[band, axis].mean() == pytest.approx(analytic.mean(), rel=0.06)
+
+
+def test_scales_and_deviations_of_the_specification():
+    """At 1000 feet all lengths are 1000 feet and all deviations a tenth of the wind; below 10 feet nothing changes."""
+    high = Turbulence.at_low_altitude(height=1000.0 * FOOT, wind_at_20_feet=WIND_AT_20_FEET["moderate"], airspeed=20.0)
+    np.testing.assert_allclose(high.length, 304.8, rtol=1e-12)
+    np.testing.assert_allclose(high.deviation, 0.1 * 15.4333, rtol=1e-5)
+    # 100 feet: 0.177 + 0.0823 = 0.2593; 100 / 0.2593^1.2 = 505.2 feet; 0.2593^-0.4 = 1.7160.
+    middle = Turbulence.at_low_altitude(height=100.0 * FOOT, wind_at_20_feet=10.0, airspeed=20.0)
+    np.testing.assert_allclose(np.array(middle.length) / FOOT, [505.2, 505.2, 100.0], rtol=1e-4)
+    np.testing.assert_allclose(middle.deviation, [1.7160, 1.7160, 1.0], rtol=1e-4)
+    for height in (0.5, 2.0):
+        assert Turbulence.at_low_altitude(height=height, wind_at_20_feet=10.0, airspeed=0.0) == (
+            Turbulence.at_low_altitude(height=3.048, wind_at_20_feet=10.0, airspeed=1.0)
+        )

@@ -1,0 +1,113 @@
+"""Jets against the formulas of free round jets, and what a vehicle meets in them."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
+from scipy.integrate import quad
+
+from drake_quad.laboratory.tape import Samples, connect_tapes
+from drake_quad.laboratory.wind.fans import Fans, Jet
+from drake_quad.randomness import Kind
+
+D, Q = 0.75, 2.5
+AXIS = (0.0, 0.6, 0.8)
+JET = Jet.of_fan(position=(1.0, 2.0, 3.0), direction=(0.0, 3.0, 4.0), flow=Q, diameter=D, turbulence=0.22)
+
+
+def at(along, across):
+    """A place in terms of the jet."""
+    return [1.0 + across, 2.0 + 0.6 * along, 3.0 + 0.8 * along]
+
+
+def speed(along, across=0.0):
+    return JET.speed(at(along, across))[0]
+
+
+def integral(along, power):
+    """Of a power of the speed over the cross section."""
+    reach = 0.5 * D + 8.0 * 0.094 * along
+    parts = [
+        quad(lambda r: 2.0 * math.pi * r * speed(along, r) ** power, a, b)[0] for a, b in ((0, D / 2), (D / 2, reach))
+    ]
+    return sum(parts)
+
+
+def test_exit_speed_and_flow():
+    assert JET.exit_speed == pytest.approx(5.66, abs=0.005)
+    assert integral(1e-6, 1) == pytest.approx(Q, rel=1e-4)
+    np.testing.assert_allclose(JET.direction, AXIS)
+
+
+@pytest.mark.parametrize("diameters", [6.0, 10.0, 25.0])
+def test_centreline_and_half_width_far_from_the_fan(diameters):
+    along = diameters * D
+    assert speed(along) == pytest.approx(5.9 * JET.exit_speed * D / along, rel=1e-12)
+    assert speed(along, 0.094 * along) == pytest.approx(0.5 * speed(along), rel=1e-12)
+    # Gaussian: a sixteenth at twice the half-width.
+    assert speed(along, 0.188 * along) == pytest.approx(speed(along) / 16.0, rel=1e-12)
+
+
+def test_momentum_flux_is_constant_beyond_six_diameters_and_near_that_of_the_exit():
+    exit_flux = JET.exit_speed**2 * math.pi * D**2 / 4.0
+    far = [integral(diameters * D, 2) for diameters in (6.0, 9.0, 15.0, 30.0)]
+    np.testing.assert_allclose(far, far[0], rtol=1e-9)
+    assert far[0] / exit_flux == pytest.approx(0.89, abs=0.01)
+    near = [integral(diameters * D, 2) / exit_flux for diameters in (0.1, 1.0, 2.0, 3.0, 4.0, 5.0)]
+    assert min(near) > 0.86
+    assert max(near) < 1.01
+
+
+def test_the_core_keeps_the_exit_speed_and_joins_the_far_jet_smoothly():
+    for diameters in (0.5, 3.0, 5.8):
+        assert speed(diameters * D) == JET.exit_speed
+    for across in (0.1, 0.3, 0.6):
+        assert speed(5.9 * D - 1e-9, across) == pytest.approx(speed(5.9 * D + 1e-9, across), rel=1e-6)
+    assert speed(-0.01) == 0.0
+    assert speed(0.5 * D, 0.51 * D + 0.3 * D) < 1e-6 * JET.exit_speed
+
+
+def wind_at(place, jets, *, n, duration, seed=0):
+    """(3, n, ticks) winds of n vehicles that stay at a place."""
+    state = np.zeros((12, n))
+    state[:3] = np.reshape(place, (3, 1))
+    builder = DiagramBuilder()
+    source = builder.AddNamedSystem("state", ConstantVectorSource(state.ravel()))
+    fans = builder.AddNamedSystem("fans", Fans(num_vehicles=n, period=0.01, jets=jets))
+    builder.Connect(source.get_output_port(), fans.GetInputPort("state"))
+    connect_tapes(builder, {"fans": fans}, Samples(seed, range(n)), Kind.WIND)
+    log = LogVectorOutput(fans.get_output_port(), builder, publish_period=0.01)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(duration)
+    return log.FindLog(simulator.get_context()).data().reshape(3, n, -1)
+
+
+def test_mean_and_turbulence_at_a_place():
+    place = at(5.0, 0.2)
+    wind = wind_at(place, [JET], n=2000, duration=3.0)
+    mean = JET.speed(place)[0]
+    np.testing.assert_allclose(wind.mean(axis=(1, 2)), mean * np.array(AXIS), atol=0.02 * mean)
+    np.testing.assert_allclose(wind.std(axis=(1, 2)), 0.22 * mean, rtol=0.03)
+    np.testing.assert_allclose(wind[:, :, 0].std(axis=1), 0.22 * mean, rtol=0.06)
+
+
+def test_turbulence_forgets_over_a_half_width():
+    place = at(5.0, 0.0)
+    mean, half_width = JET.speed(place)
+    wind = wind_at(place, [JET], n=3000, duration=1.0)[0]
+    for ticks in (5, 20):
+        correlation = np.corrcoef(wind[:, 40], wind[:, 40 + ticks])[0, 1]
+        assert correlation == pytest.approx(math.exp(-0.01 * ticks * mean / half_width), abs=0.06)
+
+
+def test_jets_add_up():
+    other = JET._replace(direction=(1.0, 0.0, 0.0), position=(-2.0, 5.0, 7.0), turbulence=0.0)
+    calm = JET._replace(turbulence=0.0)
+    place = at(5.0, 0.0)
+    both = wind_at(place, [calm, other], n=1, duration=0.1)
+    expected = calm.speed(place)[0] * np.array(AXIS) + other.speed(place)[0] * np.array([1.0, 0.0, 0.0])
+    assert other.speed(place)[0] > 1.0
+    np.testing.assert_allclose(both[:, 0, -1], expected, rtol=1e-12)

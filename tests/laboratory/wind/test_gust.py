@@ -1,0 +1,46 @@
+import math
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import LogVectorOutput
+
+from drake_quad.laboratory.wind.gust import Gust, GustParameters, gust_share
+
+
+def test_shape_of_the_specification():
+    """(1 - cos(π x / d)) / 2 within, nothing before, all after."""
+    times = [1.0, 2.0, 2.75, 3.5, 4.25, 5.0, 50.0]
+    expected = [0.0, 0.0, 0.5 - 0.5 * math.cos(math.pi / 4), 0.5, 0.5 + 0.5 * math.cos(math.pi / 4), 1.0, 1.0]
+    shares = [gust_share(time, 2.0, 3.0, math.inf) for time in times]
+    np.testing.assert_allclose(shares, expected, atol=1e-15)
+
+
+@pytest.mark.parametrize("hold_time", [0.0, 1.5])
+def test_a_gust_that_ends_is_symmetric_in_time(hold_time):
+    times = np.linspace(0.0, 10.0, 201)
+    middle = 2.0 + 1.0 + 0.5 * hold_time
+    shares = [gust_share(time, 2.0, 1.0, hold_time) for time in times]
+    mirrored = [gust_share(2.0 * middle - time, 2.0, 1.0, hold_time) for time in times]
+    np.testing.assert_allclose(shares, mirrored, atol=1e-12)
+    assert max(shares) == pytest.approx(1.0, abs=1e-12)
+    assert shares[-1] == 0.0
+
+
+def test_every_vehicle_has_a_gust_of_its_own():
+    gust = GustParameters((1.0, np.array([2.0, -4.0]), 0.0), np.array([1.0, 2.0]), 0.5)
+    builder = DiagramBuilder()
+    system = builder.AddNamedSystem("gust", Gust(num_vehicles=2, period=0.01, gust=gust))
+    log = LogVectorOutput(system.get_output_port(), builder, publish_period=0.01)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(3.0)
+    found = log.FindLog(simulator.get_context())
+    time, wind = found.sample_times(), found.data().reshape(3, 2, -1)
+    np.testing.assert_array_equal(wind[1, :, time < 0.99], 0.0)
+    # What is logged at a tick was held over the period before.
+    at = np.searchsorted(time, 1.2501)
+    middle = 0.5 - 0.5 * math.cos(math.pi * (time[at] - 0.005 - 1.0) / 0.5)
+    assert 0.4 < middle < 0.6
+    np.testing.assert_allclose(wind[:, :, at], [[middle, 0.0], [2.0 * middle, 0.0], [0.0, 0.0]], atol=1e-12)
+    np.testing.assert_allclose(wind[:, :, -1], [[1.0, 1.0], [2.0, -4.0], [0.0, 0.0]], atol=1e-12)

@@ -1,0 +1,84 @@
+"""Vehicles that are not as they should be: rotors, battery, centre of mass."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from drake_quad.vehicle.dynamics import hover_rotor_speeds, quadrotor_derivative, rigid_kinematics, rotor_wrench
+from drake_quad.vehicle.faults import RotorFaults
+from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.quadrotor import Quadrotor
+
+FLAWED = QuadrotorParameters(
+    mass=0.73, thrust_factor=(4.3e-5, 4.0e-5, 4.2e-5, 3.9e-5), centre_of_mass=(0.012, -0.007), linear_drag=0.2
+)
+
+
+def flown(vehicle, command, duration):
+    """The vehicle's state and rotor speeds after some time under a constant command."""
+    simulator = Simulator(vehicle)
+    context = simulator.get_mutable_context()
+    vehicle.GetInputPort("rotor_speed_command").FixValue(context, np.asarray(command, dtype=float))
+    simulator.AdvanceTo(duration)
+    simulator.AdvancePendingEvents()
+    return (vehicle.GetOutputPort(name).Eval(context) for name in ("state", "rotor_speed"))
+
+
+def test_hover_is_trimmed_for_any_rotors_and_any_centre_of_mass():
+    speeds = hover_rotor_speeds(FLAWED)
+    assert np.ptp(speeds) > 5.0
+    state = np.array([0.0] * 12 + speeds)
+    slope = quadrotor_derivative(state, speeds, (0.0, 0.0, 0.0), FLAWED, rigid_kinematics)
+    np.testing.assert_allclose(slope, 0.0, atol=1e-12)
+
+
+def test_thrust_beside_the_centre_of_mass_turns_the_body():
+    """With the centre of mass towards rotor 1, rotor 3 has the longer lever: the nose drops, and the same for roll."""
+    parameters = QuadrotorParameters(centre_of_mass=(0.01, 0.02))
+    speeds = [210.0, 190.0, 205.0, 195.0]
+    thrusts = 4.13e-5 * np.square(speeds)
+    x, y = np.array([0.17, 0.0, -0.17, 0.0]) - 0.01, np.array([0.0, -0.17, 0.0, 0.17]) - 0.02
+    slope = quadrotor_derivative(np.array([0.0] * 12 + speeds), speeds, (0.0, 0.0, 0.0), parameters, rigid_kinematics)
+    np.testing.assert_allclose(slope[9:11], [y @ thrusts / 0.007, -x @ thrusts / 0.007], rtol=1e-12)
+
+
+def test_each_rotor_has_its_own_thrust_factor():
+    thrust, tau_x, tau_y, _ = rotor_wrench((100.0, 100.0, 100.0, 100.0), FLAWED)
+    assert thrust == pytest.approx(1e4 * sum(FLAWED.thrust_factor))
+    assert tau_x == pytest.approx(0.17 * 1e4 * (3.9e-5 - 4.0e-5))
+    assert tau_y == pytest.approx(0.17 * 1e4 * (4.2e-5 - 4.3e-5))
+
+
+@pytest.mark.parametrize("time_step", [0.01, 0.0])
+def test_battery_sag_takes_speed_from_all_rotors_evenly_over_time(time_step):
+    vehicle = Quadrotor(time_step=time_step, faults=RotorFaults(battery_sag=0.02))
+    _, speeds = flown(vehicle, [200.0] * 4, 5.0)
+    # The rotors lag behind what falls by 4 rad/s in a second.
+    np.testing.assert_allclose(speeds, 200.0 * (1.0 - 0.02 * 5.0) + 4.0 * 0.05, atol=0.03)
+
+
+@pytest.mark.parametrize("time_step", [0.01, 0.0])
+def test_a_rotor_fails_at_its_time(time_step):
+    faults = RotorFaults(failure_time=0.5, failure_factor=(1.0, 1.0, 0.25, 1.0))
+    vehicle = Quadrotor(time_step=time_step, faults=faults)
+    _, before = flown(vehicle, [200.0] * 4, 0.5)
+    np.testing.assert_allclose(before, 200.0, atol=0.9)
+    state, after = flown(vehicle, [200.0] * 4, 0.55)
+    expected = 50.0 + 150.0 * np.exp(-0.05 / 0.05)
+    np.testing.assert_allclose(after, [200.0, 200.0, expected, 200.0], atol=0.5)
+    # Rotor 3 is at -x: the tail drops.
+    assert state[4] < -0.01
+
+
+def test_vehicles_of_a_fleet_fail_each_in_its_own_way():
+    faults = RotorFaults(
+        battery_sag=np.array([0.0, 0.1]),
+        failure_time=np.array([0.2, np.inf]),
+        failure_factor=(1.0, np.array([0.0, 1.0]), 1.0, 1.0),
+    )
+    fleet = Quadrotor(num_vehicles=2, faults=faults)
+    _, speeds = flown(fleet, [200.0] * 8, 1.0)
+    for i in range(2):
+        alone = RotorFaults(faults.battery_sag[i], faults.failure_time[i], (1.0, faults.failure_factor[1][i], 1.0, 1.0))
+        _, expected = flown(Quadrotor(faults=alone), [200.0] * 4, 1.0)
+        np.testing.assert_allclose(speeds.reshape(4, 2)[:, i], expected, rtol=1e-12)
