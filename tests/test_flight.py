@@ -1,18 +1,21 @@
 import csv
+from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.systems.analysis import Simulator
 
-from drake_quad import InputError, load_scenario, simulate
+from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
+from drake_quad.flight import fly
+from drake_quad.scenario import draw_sample
 from drake_quad.visualization.plots import PLOTS, save_plots
+
+ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture(scope="module")
 def flight():
-    from pathlib import Path
-
-    path = Path(__file__).parent.parent / "diagrams" / "figure_eight.yaml"
-    return simulate(load_scenario(path, ["duration=3.0"]))
+    return simulate(load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=3.0"]))
 
 
 def test_saved_files_hold_the_flight(flight, tmp_path):
@@ -60,3 +63,118 @@ def test_path_plot_shows_the_flown_path_and_the_reference(flight):
     drawn = {line.get_label(): line.get_xydata() for line in plane.get_lines()}
     np.testing.assert_array_equal(drawn["flown"], flight["state"][:, :2])
     np.testing.assert_array_equal(drawn["reference"], flight["reference"][:, :2])
+
+
+EVERYTHING = [
+    "duration=6",
+    "vehicle.mass={normal: {mean: 0.7, standard_deviation: 0.03, min: 0.6}}",
+    "vehicle.inertia=[{uniform: {min: 0.0065, max: 0.0075}}, 0.007, 0.012]",
+    "vehicle.thrust_factor_error=[{normal: {mean: 0, standard_deviation: 0.02, min: -0.1}}, 0.01, 0, -0.01]",
+    "vehicle.centre_of_mass=[{uniform: {min: -0.005, max: 0.005}}, 0.002]",
+    "vehicle.battery_sag=0.03",
+    "laboratory.motion_capture.misalignment=[0.01, {uniform: {min: -0.02, max: 0.02}}, 0.02]",
+    "laboratory.motion_capture.dropout_rate=0.02",
+    "laboratory.motion_capture.latency_frames={choice: [0, 1]}",
+    "laboratory.command_link.delay_ticks={choice: [0, 1, 2]}",
+    "control.position.k_p=[{uniform: {min: 0.6, max: 0.8}}, 0.8, 4]",
+]
+STEADY = "{kind: steady, velocity: [{uniform: {min: -1, max: 1}}, 0.5, 0]}"
+FANS = (
+    "{kind: fan, position: [-1.2, -5.5, 1.5], direction: [0, 1, 0], flow: {uniform: {min: 2, max: 3}}, diameter: 0.75}"
+)
+DRYDEN, GUST = "{kind: dryden, level: light}", "{kind: gust, velocity: [1, 0, 0], start: 2, rise_time: 0.5}"
+ALL_WIND = f"laboratory.wind=[{STEADY}, {FANS}, {DRYDEN}, {GUST}]"
+
+
+@pytest.fixture(scope="module")
+def everything():
+    return load_scenario(ROOT / "diagrams" / "laboratory.yaml:high_wind", [*EVERYTHING, ALL_WIND])
+
+
+def final_positions(scenario, samples, seed):
+    """(3, N) where the vehicles of a fleet are at the end."""
+    diagram = build_tracking_diagram(scenario.model_copy(update={"seed": seed}), len(samples), samples=samples)
+    simulator = Simulator(diagram)
+    fly(simulator, 6.0)
+    return diagram.GetOutputPort("state").Eval(simulator.get_context()).reshape(12, -1)[:3]
+
+
+def test_the_same_sample_is_the_same_flight_bit_for_bit(everything):
+    first, again = (simulate(everything, seed=3, sample=7) for _ in range(2))
+    for name in first.signals:
+        np.testing.assert_array_equal(first[name], again[name])
+    other = simulate(everything, seed=3, sample=8)
+    assert np.abs(other["state"] - first["state"])[-1, :3].max() > 0.01
+    assert np.abs(simulate(everything, seed=4, sample=7)["state"] - first["state"])[-1, :3].max() > 0.01
+
+
+def test_a_sample_flies_the_same_in_any_fleet_and_at_any_place(everything):
+    """1e-9 m at the end."""
+    alone = simulate(everything, seed=3, sample=7)["state"][-1, :3]
+    for samples, place in (([7, 2], 0), (range(12), 7), ([40, 7, 1], 1)):
+        found = final_positions(everything, samples, seed=3)[:, place]
+        np.testing.assert_allclose(found, alone, rtol=0.0, atol=1e-9)
+
+
+def test_another_distribution_leaves_wind_and_noise_as_they_are(everything, diagrams):
+    fixed = draw_sample(everything, 5)
+    other = fixed.model_copy(update={"vehicle": fixed.vehicle.model_copy(update={"mass": 0.75})})
+    a, b = simulate(fixed), simulate(other)
+    assert np.abs(a["state"] - b["state"]).max() > 1e-3
+    # The noise is what the cameras add to the state; without filters and dropouts it can be told.
+    overrides = ["duration=2", f"laboratory.wind=[{DRYDEN}]", "laboratory.motion_capture.derivative_bandwidth=null"]
+    masses = ("0.68", "{uniform: {min: 0.6, max: 0.8}}")
+    scenarios = [
+        load_scenario(diagrams / "laboratory.yaml:nominal", [*overrides, f"vehicle.mass={mass}"]) for mass in masses
+    ]
+    a, b = (simulate(scenario, sample=2) for scenario in scenarios)
+    assert a.scenario.vehicle.mass != b.scenario.vehicle.mass
+    np.testing.assert_array_equal(a["wind"], b["wind"])
+    noise = [flight["measurement"][0, :6] - flight["state"][0, :6] for flight in (a, b)]
+    np.testing.assert_allclose(noise[0], noise[1], atol=1e-12)
+    assert np.abs(noise[0]).min() > 1e-6
+
+
+def test_more_wind_leaves_the_turbulence_as_it_is(diagrams):
+    winds = []
+    for sources in (f"[{DRYDEN}]", f"[{GUST}, {DRYDEN}]"):
+        winds.append(
+            simulate(load_scenario(diagrams / "hover.yaml", ["duration=2", f"laboratory.wind={sources}"]))["wind"]
+        )
+    np.testing.assert_allclose(winds[1][:90], winds[0][:90], atol=1e-12)
+
+
+def test_distributions_need_a_sample(everything):
+    with pytest.raises(InputError, match="is a distribution; one flight needs a number there, or a sample"):
+        simulate(everything)
+
+
+def test_a_flown_sample_is_saved_so_that_it_flies_again(everything, tmp_path):
+    flight = simulate(everything, seed=3, sample=7)
+    again = simulate(load_scenario(flight.save(tmp_path)[2]))
+    np.testing.assert_array_equal(again["state"], flight["state"])
+
+
+@pytest.mark.parametrize(
+    "trouble",
+    [
+        "vehicle.rotor_failure={rotor: 2, time: 3.0}",
+        "laboratory.wind=[{kind: gust, velocity: [60, 0, 0], start: 3, rise_time: 0.2}]",
+    ],
+)
+def test_trouble_ends_in_a_crash_with_finite_metrics(diagrams, trouble):
+    flight = simulate(load_scenario(diagrams / "laboratory.yaml:nominal", [trouble]))
+    assert 3.0 < flight.metrics.crash_time < 8.0
+    assert all(np.isfinite(value) for value in flight.metrics[:-1])
+    assert np.isfinite(flight["state"]).all()
+
+
+def test_the_controller_believes_the_nominal_numbers(diagrams):
+    """A heavier vehicle hangs Δm g / (m k_P) lower: nobody has told the controller."""
+    scenario = load_scenario(diagrams / "hover.yaml", ["route.duration=20", "vehicle.mass=0.75"])
+    height = simulate(scenario)["state"][-1, 2]
+    believed = load_scenario(diagrams / "hover.yaml", ["route.duration=20", "nominal.mass=0.75"])
+    assert believed.vehicle.mass == 0.75
+    assert simulate(believed)["state"][-1, 2] == pytest.approx(1.0, abs=1e-9)
+    # The commanded vertical thrust is 0.68 (9.81 + 4 e), and it must be 0.75 · 9.81.
+    assert 1.0 - height == pytest.approx((0.75 / 0.68 - 1.0) * 9.81 / 4.0, rel=0.01)

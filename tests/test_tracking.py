@@ -161,6 +161,38 @@ def test_delay_from_state_to_rotor_command(figure_eight):
         np.testing.assert_allclose(thrust[: ticks + 1], 0.68 * 9.81, rtol=1e-9)
 
 
+@pytest.mark.parametrize(("ticks", "frames"), [(0, 0), (1, 0), (2, 0), (1, 1), (1, 3)])
+def test_delay_from_a_jump_of_the_state_to_the_rotor_command(figure_eight, ticks, frames):
+    """The timing drawing of the laboratory: 10 to 30 ms on the ground, and every frame and tick of delay besides."""
+    scenario = figure_eight(
+        "route={kind: hover}",
+        f"laboratory.command_link.delay_ticks={ticks}",
+        f"laboratory.motion_capture.latency_frames={frames}",
+    )
+    diagram = build_tracking_diagram(scenario)
+    vehicle = diagram.GetSubsystemByName("laboratory").GetSubsystemByName("vehicle")
+    delays = []
+    for step in range(20, 60):
+        simulator = Simulator(diagram)
+        context = simulator.get_mutable_context()
+        # The vehicle tilts just before the frame of this instant.
+        start = 0.01 * step
+        simulator.AdvanceTo(start - 0.005)
+        state = vehicle.GetMyMutableContextFromRoot(context).get_mutable_discrete_state(0)
+        state.SetAtIndex(3, 0.1)
+        time = start
+        while np.ptp(diagram.GetOutputPort("rotor_speed_command").Eval(context)) < 1e-3:
+            simulator.AdvanceTo(time)
+            simulator.AdvancePendingEvents()
+            time += 0.01
+        delays.append(context.get_time() - start)
+    # The frame of the jump is read a period later by the next tick, or by the one after if that is its own period.
+    least = 0.01 * (1 + frames) + 0.02 * ticks
+    assert min(delays) == pytest.approx(least, abs=1e-9)
+    assert max(delays) == pytest.approx(least + 0.01, abs=1e-9)
+    assert np.mean(delays) == pytest.approx(least + 0.005, abs=1e-9)
+
+
 def test_the_whole_loop_differentiates(figure_eight):
     """Derivative of the state after a second of flight with respect to the position gains, against differences."""
     scenario = figure_eight("duration=1.0", "control.position.k_p=[1.0, 1.0, 4.0]")

@@ -70,7 +70,8 @@ def _replaced(value: Any, path: str, draw: Callable[[Any, str], Any]) -> Any:
     if isinstance(value, Model):
         parts = {name: getattr(value, name) for name in type(value).model_fields}
         drawn = {name: _replaced(part, f"{path}.{name}".lstrip("."), draw) for name, part in parts.items()}
-        return value.model_copy(update={name: part for name, part in drawn.items() if part is not parts[name]})
+        changed = {name: part for name, part in drawn.items() if part is not parts[name]}
+        return value.model_copy(update=changed) if changed else value
     if isinstance(value, tuple):
         items = tuple(_replaced(item, f"{path}[{i}]", draw) for i, item in enumerate(value))
         return value if all(a is b for a, b in zip(items, value, strict=True)) else items

@@ -50,7 +50,8 @@ class Gust(FleetSystem):
         - wind
 
     `wind` (3 rows, m/s in W) is the gust's velocity times `gust_share`; what is held over a period is that of its
-    middle. The only discrete-state group is what is held; the parameters are one numeric parameter of the context, the 6 rows of `GustParameters`.
+    middle. The only discrete-state group is what is held; the parameters are one numeric parameter of the context, the
+    6 rows of `GustParameters`.
 
     Args:
         num_vehicles: N.
