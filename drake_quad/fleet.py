@@ -9,6 +9,7 @@ All the boilerplate of Drake's scalar conversion in Python is here.
 
 import sys
 from collections.abc import Callable, Iterable, Mapping
+from types import MethodType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -71,9 +72,18 @@ class FleetSystem(_Base):
         """Declares a discrete-state group with these rows as default and returns its index."""
         return int(self.DeclareDiscreteState(self.vector(rows)))
 
-    def state_output(self, name: str, index: int) -> None:
-        """Declares an output port that shows a discrete-state group."""
-        self.DeclareStateOutputPort(name, DiscreteStateIndex(index))
+    def state_output(self, name: str, rows: int, index: int) -> None:
+        """Declares an output port that shows a discrete-state group of that many rows."""
+        group = DiscreteStateIndex(index)
+        if self.num_vehicles == 1:
+            self.DeclareStateOutputPort(name, group)
+            return
+
+        # Drake would make a virtual call for every element.
+        def show(system: FleetSystem, context: Any, output: Any) -> None:
+            system.copy(output, context.get_discrete_state(index))
+
+        self.output(name, rows, MethodType(show, self), uses={self.discrete_state_ticket(group)})
 
     def numeric_parameter(self, rows: Iterable[Row]) -> int:
         """Declares a numeric parameter with these rows as default and returns its index."""

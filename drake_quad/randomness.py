@@ -17,11 +17,10 @@ from enum import IntEnum
 
 import numpy as np
 
-from drake_quad.elementary import sin_cos
-
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _FACTORS = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
-_HALF, _LOW, _FRACTION = np.uint64(32), np.uint64(0xFFFFFFFF), np.uint64(11)
+# How far 53 bits of a number are from its end.
+_FRACTION = np.uint64(11)
 
 
 class Kind(IntEnum):
@@ -70,30 +69,31 @@ def words(states: np.ndarray, first: int, count: int) -> np.ndarray:
 
 def uniform_numbers(states: np.ndarray, first: int, count: int) -> np.ndarray:
     """The (count, N) uniform numbers in (0, 1) of N streams, from number `first` on."""
-    return _fractions(words(states, first, count) >> _FRACTION, 2.0**-53)
+    numbers = (words(states, first, count) >> _FRACTION).astype(float)
+    numbers += 0.5
+    numbers *= 2.0**-53
+    return numbers
 
 
 def normal_pairs(states: np.ndarray, first: int, count: int) -> np.ndarray:
     """The (2, count, N) standard normal numbers that `count` numbers of N streams make, from number `first` on.
 
-    By Box and Muller: √(-2 ln u) times sine and cosine of 2π v, with u and v from 32 bits each.
+    By Box and Muller: √(-2 ln u) times sine and cosine of 2π v, with u and v from 32 bits each, in single precision.
     """
-    bits = words(states, first, count)
-    radius = _fractions(bits >> _HALF, 2.0**-32)
+    halves = words(states, first, count).astype("<u8", copy=False).view("<u4").reshape(count, -1, 2)
+    radius = halves[:, :, 0].astype(np.float32)
+    radius += np.float32(0.5)
+    radius *= np.float32(2.0**-32)
     np.log(radius, out=radius)
-    radius *= -2.0
+    radius *= np.float32(-2.0)
     np.sqrt(radius, out=radius)
-    pairs = np.array(sin_cos(_fractions(bits & _LOW, 2.0 * np.pi * 2.0**-32)))
+    angle = halves[:, :, 1].astype(np.float32)
+    angle *= np.float32(2.0 * np.pi * 2.0**-32)
+    pairs = np.empty((2, *angle.shape), np.float32)
+    np.sin(angle, out=pairs[0])
+    np.cos(angle, out=pairs[1])
     pairs *= radius
     return pairs
-
-
-def _fractions(bits: np.ndarray, scale: float) -> np.ndarray:
-    """Numbers in the middle of the intervals that integers begin, times a scale."""
-    numbers = bits.astype(float)
-    numbers += 0.5
-    numbers *= scale
-    return numbers
 
 
 def parameter_numbers(seed: int, samples: Sequence[int], path: str) -> np.ndarray:

@@ -138,11 +138,10 @@ class ThrustVectoring(FleetSystem):
 
     def _calc(self, context: Any, output: Any) -> None:
         mass, gravity, *limits = self.parameter_rows(context, self._parameters)
-        yaw = self.input_rows(context, self._measurement)[5]
+        (sin_yaw,), (cos_yaw,) = sin_cos(self.input_rows(context, self._measurement)[5:6])
         yaw_reference, yaw_rate = self.input_rows(context, self._reference)[9:11]
         command = self.input_rows(context, self._command)
         jerk = self.optional_input_rows(context, self._jerk, default=None)
-        sin_yaw, cos_yaw = sin_cos(yaw)
         force = specific_thrust(
             in_heading(command, sin_yaw, cos_yaw), mass=mass, gravity=gravity, limits=ThrustLimits(*limits)
         )

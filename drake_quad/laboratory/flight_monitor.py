@@ -77,8 +77,8 @@ class FlightMonitor(FleetSystem):
         self._crash_time = self.discrete_state([math.inf])
         self._sums = self.discrete_state([0.0] * NUM_SUMS)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._watch)
-        self.state_output("crashed", self._crashed)
-        self.state_output("crash_time", self._crash_time)
+        self.state_output("crashed", 1, self._crashed)
+        self.state_output("crash_time", 1, self._crash_time)
 
     def metrics(self, context: Any) -> Metrics:
         """The metrics so far, (N,) arrays; those of what is not connected are NaN."""

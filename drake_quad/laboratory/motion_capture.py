@@ -43,7 +43,7 @@ class IdealMotionCapture(FleetSystem):
         self._frame = self.discrete_state([0.0] * 12)
         self.DeclareInitializationDiscreteUpdateEvent(self._take_frame)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._take_frame)
-        self.state_output("measurement", self._frame)
+        self.state_output("measurement", 12, self._frame)
 
     def _take_frame(self, context: Any, discrete_state: Any) -> None:
         self.copy(discrete_state.get_mutable_vector(self._frame), self.EvalVectorInput(context, self._state))
@@ -81,7 +81,7 @@ class RotationMatrix(NamedTuple):
     @classmethod
     def of(cls, roll: Row, pitch: Row, yaw: Row) -> "RotationMatrix":
         """Eq (1), of angles in rad."""
-        (s_r, c_r), (s_p, c_p), (s_y, c_y) = sin_cos(roll), sin_cos(pitch), sin_cos(yaw)
+        (s_r, s_p, s_y), (c_r, c_p, c_y) = sin_cos([roll, pitch, yaw])
         return cls(
             c_y * c_p,
             c_y * s_p * s_r - s_y * c_r,
@@ -102,22 +102,21 @@ def attitude_of_markers(attitude: Rows, R_BM: RotationMatrix) -> tuple[Row, Row,
         attitude: roll, pitch and yaw of B in W, rad.
         R_BM: of the markers' frame in B.
     """
-    roll, pitch, yaw = attitude
     xx, xy, xz, yx, yy, yz, zx, zy, zz = R_BM
-    (s_r, c_r), (s_p, c_p) = sin_cos(roll), sin_cos(pitch)
+    (s_r, s_p), (c_r, c_p) = sin_cos(attitude[:2])
     # Of Ry(θ) Rx(φ) R_BM, the product without the yaw: the first column and the last row.
     rolled_x, rolled_y, rolled_z = s_r * yx + c_r * zx, s_r * yy + c_r * zy, s_r * yz + c_r * zz
     return (
         arctan2(c_p * rolled_y - s_p * xy, c_p * rolled_z - s_p * xz),
         arcsin(s_p * xx - c_p * rolled_x),
-        yaw + arctan2(c_r * yx - s_r * zx, c_p * xx + s_p * rolled_x),
+        attitude[2] + arctan2(c_r * yx - s_r * zx, c_p * xx + s_p * rolled_x),
     )
 
 
-def body_rates(steps: Rows, roll: Row, pitch: Row) -> tuple[Row, Row, Row]:
-    """Eq (2): small rotations about the axes of B for small steps of roll, pitch and yaw, all in rad."""
+def body_rates(steps: Rows, attitude: Rows) -> tuple[Row, Row, Row]:
+    """Eq (2): small rotations about the axes of B for small steps of roll, pitch and yaw at an attitude, all in rad."""
     of_roll, of_pitch, of_yaw = steps
-    (s_r, c_r), (s_p, c_p) = sin_cos(roll), sin_cos(pitch)
+    (s_r, s_p), (c_r, c_p) = sin_cos(attitude[:2])
     level = c_p * of_yaw
     return of_roll - s_p * of_yaw, c_r * of_pitch + s_r * level, c_r * level - s_r * of_pitch
 
@@ -188,7 +187,7 @@ class MotionCapture(FleetSystem):
             self._dropout = self.random_input("dropout", 1, RandomDistribution.kUniform)
         self.DeclareInitializationDiscreteUpdateEvent(self._first_frame)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._next_frame)
-        self.state_output("measurement", self._line.out)
+        self.state_output("measurement", 12, self._line.out)
 
     def _first_frame(self, context: Any, discrete_state: Any) -> None:
         parameters, state = self.parameter_rows(context, self._parameters), self.input_rows(context, self._state)
@@ -211,7 +210,7 @@ class MotionCapture(FleetSystem):
             decay = exp(-parameters[7] * self.period)
             gain = (1.0 - decay) / self.period
             steps = each(operator.sub, pose, last[0:6])
-            steps[3:6] = body_rates(steps[3:6], pose[3], pose[4])
+            steps[3:6] = body_rates(steps[3:6], pose[3:6])
             motion = each(lambda old, step: decay * old + gain * step, last[6:12], steps)
         return stacked(pose, motion)
 

@@ -121,9 +121,9 @@ def motion_derivative(
         parameters: of the vehicle.
         kinematics: `rigid_kinematics` or `small_angle_kinematics`.
     """
-    roll, pitch, yaw, v_x, v_y, v_z, p, q, r = motion
+    v_x, v_y, v_z, p, q, r = motion[3:]
     thrust, tau_x, tau_y, tau_z = wrench
-    (sin_roll, cos_roll), (sin_pitch, cos_pitch), (sin_yaw, cos_yaw) = sin_cos(roll), sin_cos(pitch), sin_cos(yaw)
+    (sin_roll, sin_pitch, sin_yaw), (cos_roll, cos_pitch, cos_yaw) = sin_cos(motion[:3])
     forward = sin_pitch * cos_roll
     drag_x, drag_y, drag_z = drag((v_x, v_y, v_z), wind, parameters)
     x, y = parameters.centre_of_mass

@@ -91,8 +91,8 @@ class Quadrotor(FleetSystem):
             state = self.discrete_state(rigid_body)
             rotors = self.discrete_state(rotor_speed)
             self.DeclarePeriodicUnrestrictedUpdateEvent(time_step, 0.0, self._step)
-            self.state_output("state", state)
-            self.state_output("rotor_speed", rotors)
+            self.state_output("state", 12, state)
+            self.state_output("rotor_speed", 4, rotors)
         else:
             self.DeclareContinuousState(self.vector([*rigid_body, *rotor_speed]))
             uses = {self.xc_ticket()}

@@ -176,7 +176,7 @@ class DrydenTurbulence(FleetSystem):
         self._state = self.discrete_state([0.0] * 5)
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
-        self.state_output("wind", self._wind)
+        self.state_output("wind", 3, self._wind)
 
     def _start(self, context: Any, discrete_state: Any) -> None:
         state = stationary_state(self.input_rows(context, self._noise))

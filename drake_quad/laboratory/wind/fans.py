@@ -123,7 +123,7 @@ class Fans(FleetSystem):
         self._eddies = self.discrete_state([0.0] * 3)
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
-        self.state_output("wind", self._wind)
+        self.state_output("wind", 3, self._wind)
 
     def _start(self, context: Any, discrete_state: Any) -> None:
         mean, deviation, _ = self._air(context)

@@ -66,7 +66,7 @@ class Gust(FleetSystem):
         self._wind = self.discrete_state([0.0, 0.0, 0.0])
         self.DeclareInitializationDiscreteUpdateEvent(self._sample)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
-        self.state_output("wind", self._wind)
+        self.state_output("wind", 3, self._wind)
 
     def _sample(self, context: Any, discrete_state: Any) -> None:
         v_x, v_y, v_z, *times = self.parameter_rows(context, self._gust)
