@@ -112,11 +112,6 @@ def scaled(factor: Row, rows: Rows) -> Rows:
     return [factor * row for row in rows] if isinstance(rows, list) else factor * rows
 
 
-def dot(x: Rows, y: Rows) -> Row:
-    """The scalar product of two vectors of three rows."""
-    return x[0] * y[0] + x[1] * y[1] + x[2] * y[2]
-
-
 def stacked(*parts: Rows) -> Rows:
     """Rows under each other: a list for one vehicle, a (rows, N) array for a fleet."""
     return [row for part in parts for row in part] if isinstance(parts[0], list) else np.vstack(parts)

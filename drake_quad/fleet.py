@@ -42,6 +42,7 @@ class FleetSystem(_Base):
     rows: Callable[[Any], Any]
     write: Callable[[Any, Iterable[Row]], None]
     copy: Callable[[Any, Any], None]
+    plain: bool
     parts: dict[str, int]
     random_inputs: dict[str, RandomDistribution]
 
@@ -91,7 +92,8 @@ class FleetSystem(_Base):
 
     def input_rows(self, context: Any, index: int) -> Any:
         """The rows of an input port's value."""
-        return self.rows(self.EvalVectorInput(context, index))
+        vector = self.EvalVectorInput(context, index)
+        return vector.value().tolist() if self.plain else self.rows(vector)
 
     def optional_input_rows(self, context: Any, index: int, *, default: Any) -> Any:
         """The rows of an input port's value, or the default where nothing is connected."""
@@ -100,11 +102,13 @@ class FleetSystem(_Base):
 
     def parameter_rows(self, context: Any, index: int) -> Any:
         """The rows of a numeric parameter."""
-        return self.rows(context.get_numeric_parameter(index))
+        vector = context.get_numeric_parameter(index)
+        return vector.value().tolist() if self.plain else self.rows(vector)
 
     def state_rows(self, context: Any, index: int) -> Any:
         """The rows of a discrete-state group."""
-        return self.rows(context.get_discrete_state(index))
+        vector = context.get_discrete_state(index)
+        return vector.value().tolist() if self.plain else self.rows(vector)
 
     def values(self, vector: Any) -> np.ndarray:
         """The elements of a BasicVector: a view for float, a copy for the other scalar types."""
@@ -208,6 +212,8 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
                     # Called thousands of times a second: what they depend on is decided here.
                     self.rows, self.write = _reader(T, num_vehicles), _writer(T, num_vehicles)
                     self.copy = _copier(T, num_vehicles)
+                    # One vehicle of plain numbers is worth a short cut past `rows`.
+                    self.plain = T is float and num_vehicles == 1
                     self._options = options
                     self.random_inputs: dict[str, RandomDistribution] = {}
                     self.declare(num_vehicles=num_vehicles, **options)

@@ -9,14 +9,13 @@ Behind the outlet the air is at rest, and what the jet draws in from the sides i
 """
 
 import math
-import operator
 from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.common import RandomDistribution
 
-from drake_quad.elementary import Row, Rows, dot, each, exp, maximum, scaled, sqrt, where
+from drake_quad.elementary import Row, Rows, exp, maximum, sqrt, where
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 
 CORE_LENGTH, SPREAD = 5.9, 0.094
@@ -71,12 +70,12 @@ class Jet(NamedTuple):
         """The mean speed at a place (m/s) and the half-width there (m).
 
         Args:
-            place: 3 rows in W, m.
+            place: in W, in the first 3 rows, m.
         """
-        position, direction, exit_speed, diameter, _ = self
-        from_fan = [here - start for here, start in zip(place, position)]
-        along = dot(from_fan, direction)
-        across = sqrt(maximum(dot(from_fan, from_fan) - along * along, _TINY))
+        (x_0, y_0, z_0), (d_x, d_y, d_z), exit_speed, diameter, _ = self
+        x, y, z = place[0] - x_0, place[1] - y_0, place[2] - z_0
+        along = x * d_x + y * d_y + z * d_z
+        across = sqrt(maximum(x * x + y * y + z * z - along * along, _TINY))
         reach = CORE_LENGTH * diameter
         core = 0.5 * diameter * maximum(1.0 - along / reach, 0.0)
         half_width = SPREAD * maximum(along, _LEAST_LENGTH)
@@ -135,24 +134,27 @@ class Fans(FleetSystem):
         mean, deviation, rate = self._air(context)
         decay = exp(-self.period * rate)
         fresh = sqrt(1.0 - decay * decay)
-        eddies, noise = self.state_rows(context, self._eddies), self.input_rows(context, self._noise)
-        eddies = each(lambda old, new: decay * old + fresh * new, eddies, noise)
+        e_x, e_y, e_z = self.state_rows(context, self._eddies)
+        n_x, n_y, n_z = self.input_rows(context, self._noise)
+        eddies = decay * e_x + fresh * n_x, decay * e_y + fresh * n_y, decay * e_z + fresh * n_z
         self._hold(discrete_state, mean, deviation, eddies)
 
     def _air(self, context: Any) -> tuple[Rows, Row, Row]:
         """The mean wind at the vehicle, 3 rows (m/s), the deviation (m/s) and the rate (1/s) of its turbulence."""
-        place = self.input_rows(context, self._vehicle)[0:3]
+        place = self.input_rows(context, self._vehicle)
         rows = self.parameter_rows(context, self._jets)
-        mean, variance, rate = scaled(0.0, place), 0.0, 0.0
+        x, y, z, variance, rate = 0.0, 0.0, 0.0, 0.0, 0.0
         for first in range(0, 9 * self._num_jets, 9):
             jet = Jet.from_rows(rows[first : first + 9])
             speed, half_width = jet.speed(place)
-            mean = each(operator.add, mean, scaled(speed, jet.direction))
+            d_x, d_y, d_z = jet.direction
+            x, y, z = x + speed * d_x, y + speed * d_y, z + speed * d_z
             swing = jet.turbulence * speed
             variance, rate = variance + swing * swing, rate + speed / half_width
-        return mean, sqrt(variance), rate
+        return (x, y, z), sqrt(variance), rate
 
     def _hold(self, discrete_state: Any, mean: Rows, deviation: Row, eddies: Rows) -> None:
+        (x, y, z), (e_x, e_y, e_z) = mean, eddies
         self.write(discrete_state.get_mutable_vector(self._eddies), eddies)
-        wind = each(lambda here, eddy: here + deviation * eddy, mean, eddies)
+        wind = x + deviation * e_x, y + deviation * e_y, z + deviation * e_z
         self.write(discrete_state.get_mutable_vector(self._wind), wind)
