@@ -27,6 +27,8 @@ benchmark: $(VENV)/.installed
 figures: $(VENV)/.installed
 	$(VENV)/bin/python scripts/plan.py diagrams/slalom.yaml
 	cp out/slalom/plan.png docs/slalom.png
+	$(VENV)/bin/python scripts/simulate.py diagrams/laboratory.yaml:low_wind
+	cp out/low_wind/wind.png docs/wind.png
 
 $(VENV)/bin/python:
 	@test -n "$(PYTHON)" || { echo "no Python from 3.11 on was found on PATH or under pyenv"; exit 2; }

@@ -33,6 +33,14 @@ def test_simulate_prints_a_table_and_the_files_it_wrote(tmp_path):
     assert all(path.stat().st_size > 500 for path in written)
 
 
+def test_simulate_flies_one_sample_of_a_study_in_the_wind(tmp_path):
+    study = ["diagrams/laboratory.yaml:low_wind", "--set", "vehicle.mass={choice: [0.6, 0.7]}", "--set", "duration=2"]
+    result = run("simulate.py", *study, "--seed", 5, "--sample", 3, "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert re.search(r"^sample +3 of seed 5$", result.stdout, re.MULTILINE)
+    assert (tmp_path / "low_wind" / "wind.png").stat().st_size > 500
+
+
 def test_a_crash_is_reported_and_is_no_failure(tmp_path):
     result = run("simulate.py", "--set", "control.position.k_p=[20,20,20]", "--output", tmp_path)
     assert result.returncode == 0
@@ -48,6 +56,8 @@ def test_a_crash_is_reported_and_is_no_failure(tmp_path):
         (["--set", "route.top_acceleration=50", "--set", "route.top_speed=50"], "the rotors cannot fly this route"),
         (["--seed", "-1"], "seed is -1, but must be"),
         (["--set", "vehicle.mass={choice: [0.6, 0.7]}"], "vehicle.mass is a distribution"),
+        (["--sample", "-2"], "sample is -2, but must be at least 0"),
+        (["diagrams/laboratory.yaml"], "holds several scenarios; choose one as diagrams/laboratory.yaml:NAME"),
     ],
 )
 def test_wrong_input_gets_one_sentence_and_status_2(tmp_path, arguments, words):

@@ -1,18 +1,16 @@
 """The laboratory: everything between a commanded wrench and a measured state.
 
-From a frame to the rotors, with frames every 10 ms, ticks of the control every 20 ms, one tick of delay on the link
-and a motion capture without latency of its own:
+The way of a change (◆) from the state to the rotors, with frames every 10 ms, ticks of the control every 20 ms and one
+tick of delay on the link:
 
-    time              0      10     20     30     40     50     60 ms
-    state             ●━━━━━━●━━━━━━●━━━━━━●━━━━━━●━━━━━━●━━━━━━○
-    frame             ●━━━━━━●━━━━━━●━━━━━━●━━━━━━●━━━━━━●━━━━━━○     takes the state at its instant
-    tick, sent                      ●━━━━━━━━━━━━━●━━━━━━━━━━━━━○     reads the frame before: 10 ms old
-    arrived                                       ●━━━━━━━━━━━━━○     a tick later
-    rotor command                                 ●━━━━━━━━━━━━━○
+    time             0      10     20     30     40     50     60 ms
+    frame            ●━━━━━━◆━━━━━━●━━━━━━●━━━━━━●━━━━━━●━━━━━━○     takes the state of its instant
+    tick, sent       ●━━━━━━━━━━━━━◆━━━━━━━━━━━━━●━━━━━━━━━━━━━○     reads the frame before, 10 ms old
+    rotor command    ●━━━━━━━━━━━━━●━━━━━━━━━━━━━◆━━━━━━━━━━━━━○     a tick later
 
-What happens just before 10 ms is in the rotor commands from 40 ms on, what happens just after the frame of 10 ms waits
-for the frame of 20 ms, which no tick reads, and for that of 30 ms: between 30 and 50 ms in all, 40 ms on average, and
-then comes the lag of the rotors. Every frame of latency adds 10 ms, every tick of delay 20 ms.
+What happens just before the frame of 10 ms is in the rotor commands 30 ms later. What happens just after it waits for
+the frame of 20 ms, which no tick reads, and for that of 30 ms: it takes 50 ms. Every frame of latency adds 10 ms, every
+tick of delay 20 ms; then comes the lag of the rotors.
 """
 
 from typing import Any

@@ -2,6 +2,7 @@
 
 import copy
 import math
+import re
 from io import StringIO
 
 import pytest
@@ -140,6 +141,87 @@ def test_overrides_win_and_are_named(write):
 def test_a_wrong_field_gets_one_sentence_with_file_line_and_what_is_allowed(write, line, message):
     with pytest.raises(InputError, match=message):
         load_scenario(write(f"a:\n{BODY}{line}\n"))
+
+
+FAN = "kind: fan, position: [0, 0, 1]"
+
+
+@pytest.mark.parametrize(
+    ("field", "message"),
+    [
+        ("motion_capture: {position_noise: -0.001}", "motion_capture.position_noise is -0.001, but must be at least 0"),
+        (
+            "motion_capture: {attitude_noise: {normal: {mean: 0.004, standard_deviation: -1}}}",
+            "attitude_noise.normal.standard_deviation is -1, but must be greater than 0",
+        ),
+        (
+            "motion_capture: {attitude_noise: {uniform: {min: 0.004, max: 0.001}}}",
+            "attitude_noise.uniform.max is 0.001, but must be larger than min, 0.004",
+        ),
+        ("motion_capture: {dropout_rate: 1.2}", "dropout_rate is 1.2, but must be at least 0 and at most 1"),
+        ("motion_capture: {derivative_bandwidth: 0}", "derivative_bandwidth is 0, but must be larger than 0"),
+        ("motion_capture: {latency_frames: 0.5}", "latency_frames is 0.5, but must be a whole number from 0 to 50"),
+        (
+            "command_link: {delay_ticks: {uniform: {min: 0, max: 2}}}",
+            "delay_ticks is .*, but must be a whole number from 0 to 50, or a choice of such",
+        ),
+        ("command_link: {delay_ticks: {choice: [1, 2.5]}}", "delay_ticks is .*, but must be a whole number"),
+        ("command_link: {loss_rate: -0.1}", "loss_rate is -0.1, but must be at least 0 and at most 1"),
+        (
+            f"wind: [{{{FAN}, direction: [1, 0, 0], flow: 2, diameter: 0}}]",
+            r"wind\[0\].diameter is 0, but must be larger",
+        ),
+        (
+            f"wind: [{{{FAN}, direction: [0, 0, 0], flow: 2, diameter: 1}}]",
+            r"wind\[0\].direction is .* the zero vector",
+        ),
+        (f"wind: [{{{FAN}, direction: [1, 0, 0], diameter: 1}}]", r"wind\[0\].flow is missing"),
+        ("wind: [{kind: breeze}]", r"wind\[0\].kind is 'breeze', but must be one of 'steady', 'gust', 'dryden', 'fan'"),
+        (
+            "wind: [{kind: dryden, level: mild}]",
+            r"wind\[0\].level is 'mild', but must be 'light', 'moderate' or 'severe'",
+        ),
+        ("wind: [{kind: steady, velocity: [1, 2]}]", r"wind\[0\].velocity\[2\] is missing"),
+        (
+            "wind: [{kind: gust, velocity: [1, 0, 0], start: 1, rise_time: 0}]",
+            r"wind\[0\].rise_time is 0, but must be larger than 0",
+        ),
+    ],
+)
+def test_a_wrong_laboratory_gets_one_sentence(write, field, message):
+    assert re.search(f"loop.yaml:6: laboratory.*{message}", refusal(write, f"a:\n{BODY}  laboratory: {{{field}}}\n"))
+
+
+@pytest.mark.parametrize(
+    ("field", "message"),
+    [
+        (
+            "rotor_failure: {rotor: 5, time: 1}",
+            "vehicle.rotor_failure.rotor is 5, but must be a whole number from 1 to 4",
+        ),
+        (
+            "rotor_failure: {rotor: 1, time: 1, speed_factor: 1}",
+            "speed_factor is 1, but must be at least 0 and smaller",
+        ),
+        ("thrust_factor_error: [0, 0, 0]", r"vehicle.thrust_factor_error\[3\] is missing"),
+        ("thrust_factor_error: [0, 0, 0, -1]", r"vehicle.thrust_factor_error\[3\] is -1, but must be larger than -1"),
+        ("centre_of_mass: [0, 0, 0]", r"vehicle.centre_of_mass is \[0, 0, 0\], but must have at most 2 items, not 3"),
+        ("battery_sag: 1", "vehicle.battery_sag is 1, but must be at least 0 and smaller than 1"),
+        (
+            "max_rotor_speed: {uniform: {min: 50, max: 300}}",
+            "vehicle.max_rotor_speed is .*, but must be larger than min_rotor_speed, 60",
+        ),
+    ],
+)
+def test_a_wrong_vehicle_gets_one_sentence(write, field, message):
+    assert re.search(f"loop.yaml:6: .*{message}", refusal(write, f"a:\n{BODY}  vehicle: {{{field}}}\n"))
+
+
+def test_a_vehicle_is_as_nominal_where_it_does_not_say_otherwise(write):
+    text = f"a:\n{BODY}  nominal: {{mass: 1.2, arm_length: 0.25}}\n  vehicle: {{mass: 1.3}}\n"
+    scenario = load_scenario(write(text))
+    assert (scenario.vehicle.mass, scenario.vehicle.arm_length, scenario.vehicle.gravity) == (1.3, 0.25, 9.81)
+    assert refusal(write, text, "nominal.mass={choice: [1, 2]}").endswith("but must be a valid number")
 
 
 @pytest.mark.parametrize(
