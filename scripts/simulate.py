@@ -23,7 +23,8 @@ def main() -> None:
     with flight_progress() as progress:
         flight = simulate(scenario, sample=arguments.sample, progress=progress)
     files = [*flight.save(folder), *save_plots(flight, folder)]
-    print_table(summary(flight))
+    drawn = [("sample", str(arguments.sample), f"of seed {scenario.seed}")] if arguments.sample is not None else []
+    print_table([*drawn, *summary(flight)])
     print_files(files)
 
 
@@ -35,9 +36,7 @@ def summary(flight: Flight) -> list[tuple[str, str, str]]:
         return f"{value:.{digits}f}" if math.isfinite(value) else "–"
 
     end = f"crashed at {metrics.crash_time:.2f}" if metrics.crashed else f"{flight.time[-1]:.2f}"
-    sample = flight.scenario.sample
     return [
-        *([("sample", str(sample), f"of seed {flight.scenario.seed}")] if sample else []),
         ("flown", end, "s"),
         ("RMSE", number(100.0 * metrics.rmse, 2), "cm"),
         *((f"RMSE on {axis.upper()}", number(100.0 * getattr(metrics, f"rmse_{axis}"), 2), "cm") for axis in "xyz"),
