@@ -82,24 +82,24 @@ def maximum(x: Row, y: Row) -> Row:
     """The larger of the two; y where x is NaN."""
     if x.__class__ is float and y.__class__ is float:
         return x if x > y else y
-    return _maximum_of_objects(x, y) if _is_symbolic(x) or _is_symbolic(y) else np.fmax(x, y)
+    return _maximum_of_objects(x, y) if _is_symbolic(x) or _is_symbolic(y) else _of_one_type(np.fmax(x, y))
 
 
 def minimum(x: Row, y: Row) -> Row:
     """The smaller of the two; y where x is NaN."""
     if x.__class__ is float and y.__class__ is float:
         return x if x < y else y
-    return _minimum_of_objects(x, y) if _is_symbolic(x) or _is_symbolic(y) else np.fmin(x, y)
+    return _minimum_of_objects(x, y) if _is_symbolic(x) or _is_symbolic(y) else _of_one_type(np.fmin(x, y))
 
 
 def where(mask: Row, x: Row, y: Row) -> Row:
     """X where the mask, of truth values, is true, else y. Not for Expression."""
-    return (x if mask else y) if isinstance(mask, bool | np.bool) else np.where(mask, x, y)
+    return (x if mask else y) if isinstance(mask, bool | np.bool) else _of_one_type(np.where(mask, x, y))
 
 
 def either(mask: Row, x: Rows, y: Rows) -> Rows:
     """The rows x for those vehicles for which the mask is true, y for the others. Not for Expression."""
-    return (x if mask else y) if isinstance(mask, bool | np.bool) else np.where(mask, x, y)
+    return (x if mask else y) if isinstance(mask, bool | np.bool) else _of_one_type(np.where(mask, x, y))
 
 
 def each(formula: Callable[..., Any], *rows: Rows) -> Rows:
@@ -141,6 +141,15 @@ def plain(x: Row) -> Row:
     if isinstance(x, np.ndarray):
         return np.array([value.value() for value in x]) if x.dtype == object else x
     return x if x.__class__ is float else x.value()
+
+
+def _of_one_type(x: Row) -> Row:
+    """The same without floats among objects: NumPy's functions take no mixture."""
+    if not (isinstance(x, np.ndarray) and x.dtype == object):
+        return x
+    kind = next((element.__class__ for element in x.flat if element.__class__ is not float), float)
+    alike = [kind(element) if element.__class__ is float else element for element in x.flat]
+    return np.array(alike).reshape(x.shape)
 
 
 def _is_symbolic(x: Row) -> bool:

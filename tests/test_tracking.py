@@ -193,10 +193,25 @@ def test_delay_from_a_jump_of_the_state_to_the_rotor_command(figure_eight, ticks
     assert np.mean(delays) == pytest.approx(least + 0.005, abs=1e-9)
 
 
-def test_the_whole_loop_differentiates(figure_eight):
-    """Derivative of the state after a second of flight with respect to the position gains, against differences."""
-    scenario = figure_eight("duration=1.0", "control.position.k_p=[1.0, 1.0, 4.0]")
-    diagram = build_tracking_diagram(scenario)
+LABORATORY = [
+    "vehicle.linear_drag=0.1",
+    "vehicle.centre_of_mass=[0.002, 0.0]",
+    "vehicle.battery_sag=0.02",
+    "vehicle.rotor_failure={rotor: 2, time: 1.0, speed_factor: 0.95}",
+    "laboratory.motion_capture={position_noise: 0.001, attitude_noise: 0.004, misalignment: [0.01, 0.01, 0.0],"
+    " derivative_bandwidth: 40, dropout_rate: 0.05, latency_frames: 1}",
+    "laboratory.command_link.loss_rate=0.05",
+    "laboratory.wind=[{kind: steady, velocity: [0.5, 0, 0]}, {kind: dryden, level: light},"
+    " {kind: gust, velocity: [0, 1, 0], start: 0.5, rise_time: 1},"
+    " {kind: fan, position: [0, -3, 0.5], direction: [0, 1, 0], flow: 3, diameter: 0.75}]",
+]
+
+
+@pytest.mark.parametrize(("overrides", "n"), [([], 1), (LABORATORY, 1), (LABORATORY, 2)])
+def test_the_whole_loop_differentiates(figure_eight, overrides, n):
+    """Derivative of the state after two seconds with respect to the gains of the first vehicle, against differences."""
+    scenario = figure_eight("duration=2.0", "control.position.k_p=[1.0, 1.0, 4.0]", *overrides)
+    diagram = build_tracking_diagram(scenario, n)
 
     def law_context(system, context):
         for name in ("control", "position", "pd"):
