@@ -93,12 +93,7 @@ def minimum(x: Row, y: Row) -> Row:
 
 
 def where(mask: Row, x: Row, y: Row) -> Row:
-    """X where the mask, of truth values, is true, else y. Not for Expression."""
-    return (x if mask else y) if isinstance(mask, bool | np.bool) else _of_one_type(np.where(mask, x, y))
-
-
-def either(mask: Row, x: Rows, y: Rows) -> Rows:
-    """The rows x for those vehicles for which the mask is true, y for the others. Not for Expression."""
+    """X, one row or several, for the vehicles for which the mask is true, y for the others. Not for Expression."""
     return (x if mask else y) if isinstance(mask, bool | np.bool) else _of_one_type(np.where(mask, x, y))
 
 

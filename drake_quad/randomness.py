@@ -19,8 +19,8 @@ import numpy as np
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _FACTORS = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
-# How far 53 bits of a number are from its end.
-_FRACTION = np.uint64(11)
+# Of a number's 64 bits the first 52 make a uniform number: with half a bit more it is a float still, and below 1.
+_FRACTION = np.uint64(12)
 
 
 class Kind(IntEnum):
@@ -71,7 +71,7 @@ def uniform_numbers(states: np.ndarray, first: int, count: int) -> np.ndarray:
     """The (count, N) uniform numbers in (0, 1) of N streams, from number `first` on."""
     numbers = (words(states, first, count) >> _FRACTION).astype(float)
     numbers += 0.5
-    numbers *= 2.0**-53
+    numbers *= 2.0**-52
     return numbers
 
 

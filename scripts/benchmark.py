@@ -31,8 +31,10 @@ _EVERYTHING = [
     "vehicle.thrust_factor_error=[0.02, -0.01, 0.01, 0.0]",
     "vehicle.centre_of_mass=[0.002, -0.001]",
     "vehicle.battery_sag=0.02",
+    "vehicle.rotor_failure={rotor: 1, time: 20.0, speed_factor: 0.98}",
     "laboratory.motion_capture.misalignment=[0.01, 0.01, 0.0]",
     "laboratory.motion_capture.dropout_rate=0.01",
+    "laboratory.motion_capture.latency_frames=1",
     "laboratory.wind=[{kind: steady, velocity: [0.5, 0.0, 0.0]}, {kind: dryden, level: light, intensity: 0.3},"
     " {kind: gust, velocity: [0.0, 1.0, 0.0], start: 5.0, rise_time: 1.0},"
     " {kind: fan, position: [-1.2, -5.5, 1.5], direction: [0, 1, 0], flow: 3.0, diameter: 0.75},"

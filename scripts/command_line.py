@@ -34,7 +34,7 @@ def parser(description: str, example: str, *, output: str | None, scenario: str)
         metavar="FIELD=VALUE",
         action="append",
         default=[],
-        help="override a field, as in vehicle.mass=0.7 or route.waypoints.2=[1,0,1]",
+        help="override a field, as in nominal.mass=0.7 or route.waypoints.2=[1,0,1]",
     )
     result.add_argument("--seed", type=int, help="seed of everything random (default: the scenario's)")
     if output is not None:
@@ -45,17 +45,13 @@ def parser(description: str, example: str, *, output: str | None, scenario: str)
 
 def scenario_of(arguments: argparse.Namespace) -> Scenario:
     """Loads the scenario that the arguments name, with their overrides."""
-    return load_scenario(arguments.scenario, _overrides(arguments))
+    seed = [] if arguments.seed is None else [f"seed={arguments.seed}"]
+    return load_scenario(arguments.scenario, [*arguments.set, *seed])
 
 
 def journey_of(arguments: argparse.Namespace) -> Journey:
-    """Loads the route and the vehicle that the arguments name, with their overrides."""
-    return load_journey(arguments.scenario, _overrides(arguments))
-
-
-def _overrides(arguments: argparse.Namespace) -> list[str]:
-    seed = [] if arguments.seed is None else [f"seed={arguments.seed}"]
-    return [*arguments.set, *seed]
+    """Loads the route and the nominal vehicle that the arguments name, with their overrides."""
+    return load_journey(arguments.scenario, arguments.set)
 
 
 @contextmanager

@@ -169,6 +169,12 @@ def test_trouble_ends_in_a_crash_with_finite_metrics(diagrams, trouble):
     assert np.isfinite(flight["state"]).all()
 
 
+def test_a_vehicle_that_diverged_is_still_drawn(diagrams, tmp_path):
+    flight = simulate(load_scenario(diagrams / "outdoor.yaml", ["duration=1"]))
+    flight["state"][-1] = np.nan
+    assert (tmp_path / "wind.png") in save_plots(flight, tmp_path)
+
+
 def test_the_controller_believes_the_nominal_numbers(diagrams):
     """A heavier vehicle hangs Δm g / (m k_P) lower: nobody has told the controller."""
     scenario = load_scenario(diagrams / "hover.yaml", ["route.duration=20", "vehicle.mass=0.75"])

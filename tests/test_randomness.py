@@ -46,6 +46,12 @@ def test_uniform_numbers_are_uniform(states):
     assert stats.kstest(numbers[::10].ravel(), "uniform").pvalue > 1e-3
 
 
+def test_uniform_numbers_are_never_zero_or_one(monkeypatch):
+    for word in (0, 2**64 - 1):
+        monkeypatch.setattr("drake_quad.randomness.words", lambda *_, word=word: np.array([[word]], dtype=np.uint64))
+        assert 0.0 < uniform_numbers(np.zeros(1, np.uint64), 0, 1)[0, 0] < 1.0
+
+
 def test_neighbours_in_time_in_the_fleet_and_in_a_pair_are_independent(states):
     numbers = normal_pairs(states, 0, 2000)
     limit = 4.5 / np.sqrt(numbers[0].size)

@@ -94,7 +94,9 @@ def test_plan_prints_what_binds_and_writes_a_trajectory_that_flies(tmp_path):
         (["diagrams/slalom.yaml", "--set", "route.top_speed=0"], "route.top_speed is 0, but must be larger than 0"),
         (["--set", "route.space={min: [1, -2, 0], max: [9, 3, 3]}"], "waypoint 0, .* lies outside the corridor"),
         (["--set", "route.times=[0, 1, 2, 3, 4, 5, 6]"], "times slower it is feasible|keeps to what is given"),
-        (["diagrams/figure_eight.yaml", "--set", "control.position=5", "--set", "rout=1"], "rout is unknown"),
+        (["diagrams/figure_eight.yaml", "--set", "rout=1"], "rout is unknown"),
+        (["--set", "vehicle.mass=1.4"], "a plan does not depend on vehicle, only on name, route, nominal"),
+        (["--set", "nominal.mass=3"], "the rotors cannot fly this route"),
     ],
 )
 def test_a_route_that_cannot_be_planned_gets_one_sentence_and_status_2(tmp_path, arguments, words):

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient
-from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator, Simulator_
+from pydrake.systems.analysis import InitializeParams, ResetIntegratorFromFlags, Simulator, Simulator_
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
@@ -193,6 +193,10 @@ def test_delay_from_a_jump_of_the_state_to_the_rotor_command(figure_eight, ticks
     assert np.mean(delays) == pytest.approx(least + 0.005, abs=1e-9)
 
 
+FANS = (
+    "{kind: fan, position: [0, -3, 0.5], direction: [0, 1, 0], flow: 3, diameter: 0.75}",
+    "{kind: fan, position: [0, 3, 0.5], direction: [0, 1, 0], flow: 3, diameter: 0.75, turbulence: 0}",
+)
 LABORATORY = [
     "vehicle.linear_drag=0.1",
     "vehicle.centre_of_mass=[0.002, 0.0]",
@@ -203,11 +207,13 @@ LABORATORY = [
     "laboratory.command_link.loss_rate=0.05",
     "laboratory.wind=[{kind: steady, velocity: [0.5, 0, 0]}, {kind: dryden, level: light},"
     " {kind: gust, velocity: [0, 1, 0], start: 0.5, rise_time: 1},"
-    " {kind: fan, position: [0, -3, 0.5], direction: [0, 1, 0], flow: 3, diameter: 0.75}]",
+    f" {FANS[0]}, {FANS[1]}]",
 ]
+# Not a breath at the vehicle, and no turbulence in it.
+CALM = [f"laboratory.wind=[{FANS[1]}]"]
 
 
-@pytest.mark.parametrize(("overrides", "n"), [([], 1), (LABORATORY, 1), (LABORATORY, 2)])
+@pytest.mark.parametrize(("overrides", "n"), [([], 1), (LABORATORY, 1), (LABORATORY, 2), (CALM, 1), (CALM, 2)])
 def test_the_whole_loop_differentiates(figure_eight, overrides, n):
     """Derivative of the state after two seconds with respect to the gains of the first vehicle, against differences."""
     scenario = figure_eight("duration=2.0", "control.position.k_p=[1.0, 1.0, 4.0]", *overrides)
@@ -237,6 +243,23 @@ def test_the_whole_loop_differentiates(figure_eight, overrides, n):
     numeric = (final_state(1.0 + step) - final_state(1.0 - step)) / (2.0 * step)
     assert np.abs(numeric).max() > 1e-4
     np.testing.assert_allclose(gradient, numeric, atol=1e-8)
+
+
+def test_a_flight_goes_on_in_another_simulator(figure_eight):
+    """With initialization events suppressed, as for a period map: or turbulence and filters would begin anew."""
+    scenario = figure_eight("duration=4.0", *LABORATORY)
+    diagram = build_tracking_diagram(scenario)
+    whole = Simulator(diagram)
+    whole.AdvanceTo(2.0)
+    context = whole.get_context().Clone()
+    whole.AdvanceTo(4.0)
+    continued = Simulator(diagram, context)
+    parameters = InitializeParams()
+    parameters.suppress_initialization_events = True
+    continued.Initialize(parameters)
+    continued.AdvanceTo(4.0)
+    states = [diagram.GetOutputPort("state").Eval(simulator.get_context()) for simulator in (whole, continued)]
+    np.testing.assert_array_equal(*states)
 
 
 def test_a_distribution_is_refused_where_a_number_is_needed(figure_eight):

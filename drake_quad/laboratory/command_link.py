@@ -4,7 +4,7 @@ from typing import Any
 
 from pydrake.common import RandomDistribution
 
-from drake_quad.elementary import Row, Rows, either, is_zero
+from drake_quad.elementary import Row, Rows, is_zero, where
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.laboratory.delay_line import DelayLine
 
@@ -67,4 +67,4 @@ class CommandLink(FleetSystem):
         (loss_rate,) = self.parameter_rows(context, self._loss_rate)
         (number,) = self.input_rows(context, self._packet_loss)
         last, wrench = self._line.newest(context), self.input_rows(context, self._wrench)
-        self.write(packet, either(number < loss_rate, last, wrench))
+        self.write(packet, where(number < loss_rate, last, wrench))

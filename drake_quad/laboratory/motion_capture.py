@@ -1,7 +1,8 @@
 """Motion capture: what the ground station sees of the vehicles.
 
-A frame is taken at time zero, by an initialization event, and at every multiple of the period; it can be read from
-then on, but by the other discrete updates of that instant only at the next:
+A frame is taken at the beginning, by an initialization event, and at every multiple of the period; it can be read from
+then on, but by the other discrete updates of that instant only at the next. A simulator that goes on with a flight must
+suppress initialization events, or filters begin anew:
 
     frame  ●━━━━━━━━━━○●━━━━━━━━━━○
            0          h            2h
@@ -13,7 +14,7 @@ from typing import Any, NamedTuple
 
 from pydrake.common import RandomDistribution
 
-from drake_quad.elementary import Row, Rows, arcsin, arctan2, each, either, exp, is_zero, scaled, sin_cos, stacked
+from drake_quad.elementary import Row, Rows, arcsin, arctan2, each, exp, is_zero, scaled, sin_cos, stacked, where
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.laboratory.delay_line import DelayLine
 
@@ -151,7 +152,7 @@ class MotionCapture(FleetSystem):
 
     Discrete-state groups, 12 rows each: those of a `DelayLine`. Numeric parameters of the context: the latency, if
     there can be any; then the deviations of the six coordinates, dropout rate, bandwidth (infinite if there is none)
-    and the nine rows of `RotationMatrix`.
+    and the nine rows of `RotationMatrix`. What was zero or not given at construction is left out for good.
 
     Args:
         num_vehicles: N.
@@ -204,8 +205,8 @@ class MotionCapture(FleetSystem):
         pose, motion, last = self._pose(context, parameters, state), state[6:12], self._line.newest(context)
         if self._dropout is not None:
             lost = self.input_rows(context, self._dropout)[0] < parameters[6]
-            pose = either(lost, last[0:6], pose)
-            motion = motion if self._derives else either(lost, last[6:12], motion)
+            pose = where(lost, last[0:6], pose)
+            motion = motion if self._derives else where(lost, last[6:12], motion)
         if self._derives:
             decay = exp(-parameters[7] * self.period)
             gain = (1.0 - decay) / self.period

@@ -79,8 +79,8 @@ class TapePlayer(FleetSystem):
         output_ports:
         - random
 
-    The output packs the rows of all tapes, under their names. What is at a tick stays until the next one. The only
-    abstract parameter of the context is the tuple of tapes.
+    The output packs the rows of all tapes, under their names. What is out at a time stands at the nearest tick;
+    systems read at ticks. The only abstract parameter of the context is the tuple of tapes.
 
     Args:
         num_vehicles: N.

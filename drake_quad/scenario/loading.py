@@ -40,10 +40,15 @@ def load_journey(spec: str | Path, overrides: Sequence[str] = ()) -> Journey:
         overrides: as for `load_scenario`.
 
     Raises:
-        InputError: as `load_scenario`.
+        InputError: as `load_scenario`, or an override is of something else in a scenario.
     """
-    tree = _loaded(spec, overrides)
     others = Scenario.model_fields.keys() - Journey.model_fields.keys()
+    for override in overrides:
+        field = override.partition("=")[0].partition(".")[0].strip()
+        if field in others:
+            allowed = ", ".join(Journey.model_fields)
+            raise InputError(f"--set {override}: a plan does not depend on {field}, only on {allowed}")
+    tree = _loaded(spec, overrides)
     return _validated(Journey, Tree({key: value for key, value in tree.value.items() if key not in others}, tree.mark))
 
 

@@ -1,7 +1,7 @@
 """The scenario language: what a YAML file may say, with units and bounds.
 
-Any physical quantity may be a distribution; what fixes the structure of the diagram (periods, counts, choices) may
-not.
+Any physical quantity of the vehicle, the laboratory, the control and most routes may be a distribution. What fixes the
+structure of the diagram (periods, counts, choices), what the ground believes, and what a flight is judged by may not.
 """
 
 import math
@@ -22,8 +22,8 @@ from drake_quad.scenario.quantities import (
     Probability,
     Share,
     Ticks,
-    above_idle,
     bounded,
+    extremes,
     whole,
 )
 from drake_quad.scenario.routes import Route
@@ -48,7 +48,10 @@ class Airframe(Model):
     @field_validator("max_rotor_speed")
     @classmethod
     def _above_idle(cls, top: float, info: ValidationInfo) -> float:
-        return above_idle(top, info)
+        idle = info.data.get("min_rotor_speed")
+        if idle is not None and not top > idle:
+            raise PydanticCustomError("idle", "must be larger than min_rotor_speed, {idle}", {"idle": idle})
+        return top
 
 
 class RotorFailure(Model):
@@ -94,11 +97,6 @@ class Vehicle(Model):
     time_step: Annotated[float, Field(ge=0.0)] = Field(
         default=0.01, description="step of the built-in integration (s); 0 for a continuous state"
     )
-
-    @field_validator("max_rotor_speed")
-    @classmethod
-    def _above_idle(cls, top: Number, info: ValidationInfo) -> Number:
-        return above_idle(top, info)
 
 
 class MotionCapture(Model):
@@ -240,7 +238,17 @@ class Scenario(Journey):
         if nominal is None:
             return vehicle
         silent = Airframe.model_fields.keys() - vehicle.model_fields_set
-        return vehicle.model_copy(update={name: getattr(nominal, name) for name in silent})
+        whole_vehicle = vehicle.model_copy(update={name: getattr(nominal, name) for name in silent})
+        idle, top = extremes(whole_vehicle.min_rotor_speed)[1], extremes(whole_vehicle.max_rotor_speed)[0]
+        if idle is None or top is None or not top > idle:
+            if "max_rotor_speed" not in silent:
+                raise PydanticCustomError(
+                    "idle", "must be larger than min_rotor_speed, {idle}", {"idle": idle, "field": "max_rotor_speed"}
+                )
+            raise PydanticCustomError(
+                "idle", "must be smaller than max_rotor_speed, {top}", {"top": top, "field": "min_rotor_speed"}
+            )
+        return whole_vehicle
 
     @model_validator(mode="after")
     def _grids_coincide(self) -> "Scenario":

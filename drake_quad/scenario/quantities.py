@@ -1,8 +1,8 @@
 """Physical quantities of the scenario language: numbers with bounds, or distributions within them."""
 
-from typing import Annotated, Any
+from typing import Annotated
 
-from pydantic import AfterValidator, Field, ValidationInfo
+from pydantic import AfterValidator, Field
 from pydantic_core import PydanticCustomError
 
 from drake_quad.scenario.distributions import Choice, NumberOrDistribution
@@ -62,14 +62,12 @@ def whole(*, least: int, most: int) -> AfterValidator:
     return AfterValidator(check)
 
 
-def above_idle(top: Any, info: ValidationInfo) -> Any:
-    """Validates a top speed of the rotors: it must be above idle, whatever is drawn."""
-    idle = info.data.get("min_rotor_speed")
-    if idle is not None:
-        lowest, highest = extremes(top)[0], extremes(idle)[1]
-        if lowest is None or highest is None or not lowest > highest:
-            raise PydanticCustomError("idle", "must be larger than min_rotor_speed, {idle}", {"idle": highest})
-    return top
+def excludes_zero(value: NumberOrDistribution) -> bool:
+    """Whether a quantity cannot be zero, whatever is drawn."""
+    if isinstance(value, Choice):
+        return 0.0 not in value.choice
+    lowest, highest = extremes(value)
+    return (lowest is not None and lowest > 0.0) or (highest is not None and highest < 0.0)
 
 
 Number = NumberOrDistribution

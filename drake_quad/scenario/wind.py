@@ -6,7 +6,7 @@ from pydantic import Field, field_validator
 from pydantic_core import PydanticCustomError
 
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive
+from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, bounded, excludes_zero
 
 
 class SteadyWind(Model):
@@ -36,9 +36,12 @@ class Dryden(Model):
         default="moderate", description="a wind of 15, 30 or 45 knots at 20 feet"
     )
     intensity: NonNegative = Field(default=1.0, description="factor on the level's standard deviations (1)")
-    height: Positive = Field(default=6.096, description="at which scales and deviations are taken (m); 20 feet")
-    airspeed: Positive | None = Field(
-        default=None, description="with which the turbulence goes by (m/s); that of the steady wind if not given"
+    height: Annotated[Number, bounded(least=3.048, most=304.8)] = Field(
+        default=6.096, description="at which scales and deviations are taken (m); from 10 to 1000 feet"
+    )
+    airspeed: Annotated[Number, bounded(least=1.0)] | None = Field(
+        default=None,
+        description="with which the turbulence goes by (m/s); that of the steady wind, or 1 m/s, if not given",
     )
     heading: Number | None = Field(
         default=None,
@@ -61,8 +64,8 @@ class Fan(Model):
     @field_validator("direction")
     @classmethod
     def _somewhere(cls, direction: tuple[Number, Number, Number]) -> tuple[Number, Number, Number]:
-        if all(part == 0.0 for part in direction):
-            raise PydanticCustomError("direction", "must not be the zero vector")
+        if not any(excludes_zero(part) for part in direction):
+            raise PydanticCustomError("direction", "must have a part that cannot be zero")
         return direction
 
 

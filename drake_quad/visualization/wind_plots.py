@@ -37,6 +37,7 @@ def plot_wind(flight: Flight) -> Figure:
     """
     fans = jets(flight.scenario)
     places = np.vstack([flight["state"][:, 0:3], flight["reference"][:, 0:3], *[jet.position for jet in fans]])
+    places = places[np.isfinite(places).all(axis=1)]  # a vehicle may have diverged
     low, high = places.min(axis=0) - _MARGIN, places.max(axis=0) + _MARGIN
     low[2] = max(low[2], 0.0)
     # Through the first fan, or through the middle of the path; the longer side lies across the page.

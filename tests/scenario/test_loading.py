@@ -173,7 +173,7 @@ FAN = "kind: fan, position: [0, 0, 1]"
         ),
         (
             f"wind: [{{{FAN}, direction: [0, 0, 0], flow: 2, diameter: 1}}]",
-            r"wind\[0\].direction is .* the zero vector",
+            r"wind\[0\].direction is .* a part that cannot be zero",
         ),
         (f"wind: [{{{FAN}, direction: [1, 0, 0], diameter: 1}}]", r"wind\[0\].flow is missing"),
         ("wind: [{kind: breeze}]", r"wind\[0\].kind is 'breeze', but must be one of 'steady', 'gust', 'dryden', 'fan'"),
@@ -181,6 +181,12 @@ FAN = "kind: fan, position: [0, 0, 1]"
             "wind: [{kind: dryden, level: mild}]",
             r"wind\[0\].level is 'mild', but must be 'light', 'moderate' or 'severe'",
         ),
+        (
+            f"wind: [{{{FAN}, direction: [{{choice: [0, 1]}}, 0, 0], flow: 2, diameter: 1}}]",
+            r"wind\[0\].direction is .* must have a part that cannot be zero",
+        ),
+        ("wind: [{kind: dryden, height: 2}]", r"wind\[0\].height is 2, but must be at least 3.048 and at most 304.8"),
+        ("wind: [{kind: dryden, airspeed: 0.3}]", r"wind\[0\].airspeed is 0.3, but must be at least 1"),
         ("wind: [{kind: steady, velocity: [1, 2]}]", r"wind\[0\].velocity\[2\] is missing"),
         (
             "wind: [{kind: gust, velocity: [1, 0, 0], start: 1, rise_time: 0}]",
@@ -222,6 +228,22 @@ def test_a_vehicle_is_as_nominal_where_it_does_not_say_otherwise(write):
     scenario = load_scenario(write(text))
     assert (scenario.vehicle.mass, scenario.vehicle.arm_length, scenario.vehicle.gravity) == (1.3, 0.25, 9.81)
     assert refusal(write, text, "nominal.mass={choice: [1, 2]}").endswith("but must be a valid number")
+
+
+@pytest.mark.parametrize(
+    ("nominal", "vehicle", "message"),
+    [
+        ("min_rotor_speed: 190", "max_rotor_speed: 150", "max_rotor_speed is 150, but must be larger than .*, 190"),
+        ("max_rotor_speed: 250", "min_rotor_speed: 280", "min_rotor_speed is 280, but must be smaller than .*, 250"),
+        ("min_rotor_speed: 10", "max_rotor_speed: 55", None),
+    ],
+)
+def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehicle, message):
+    text = f"a:\n{BODY}  nominal: {{{nominal}}}\n  vehicle: {{{vehicle}}}\n"
+    if message is None:
+        assert load_scenario(write(text)).vehicle.min_rotor_speed == 10.0
+    else:
+        assert re.search(f"loop.yaml:7: vehicle.{message}", refusal(write, text))
 
 
 @pytest.mark.parametrize(

@@ -152,7 +152,8 @@ class DrydenTurbulence(FleetSystem):
         - wind
 
     `turbulence_noise` (5 rows) is random: normal numbers, new ones at every sample. `wind` (3 rows, m/s in W) has
-    their spectra along and across the heading and upwards. It is stationary from the first sample on.
+    their spectra along and across the heading and upwards. It is stationary from the first sample on,
+    which a simulator takes when it initializes: one that goes on with a flight must suppress initialization events.
 
     Discrete-state groups: 0 what is held, 1 the five rows of the filter. One numeric parameter of the context: the 12
     rows of `SampledFilter`, the three deviations, cosine and sine of the heading.

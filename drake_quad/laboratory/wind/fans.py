@@ -20,7 +20,7 @@ from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 
 CORE_LENGTH, SPREAD = 5.9, 0.094
 _LN_2 = math.log(2.0)
-# Keeps 0 / 0 away at the outlet (m), and an infinite derivative of the square root on the centreline (m²).
+# Keeps 0 / 0 away at the outlet (m), and infinite derivatives of square roots on the centreline and in calm air.
 _LEAST_LENGTH, _TINY = 1e-9, 1e-200
 
 
@@ -100,7 +100,8 @@ class Fans(FleetSystem):
     `wind` (3 rows, m/s in W) is the sum of the jets at the position in the vehicle's `state` (12 rows), and their
     turbulence: alike in all directions, a first-order Gauss–Markov process in time, with the root of the jets' summed
     variances for deviation and a half-width over the speed of the air, which is about what an eddy takes to go by, for
-    time scale. `jet_noise` (3 rows) is random: normal numbers, new ones at every sample.
+    time scale. `jet_noise` (3 rows) is random: normal numbers, new ones at every sample. A simulator that goes on with
+    a flight must suppress initialization events, which begin the turbulence anew.
 
     Discrete-state groups: 0 what is held, 1 the turbulence over its deviation, 3 rows. One numeric parameter of the
     context: the 9 rows of each `Jet`.
@@ -133,7 +134,7 @@ class Fans(FleetSystem):
             return  # the start has used up the numbers of this instant
         mean, deviation, rate = self._air(context)
         decay = exp(-self.period * rate)
-        fresh = sqrt(1.0 - decay * decay)
+        fresh = sqrt(maximum(1.0 - decay * decay, _TINY))
         e_x, e_y, e_z = self.state_rows(context, self._eddies)
         n_x, n_y, n_z = self.input_rows(context, self._noise)
         eddies = decay * e_x + fresh * n_x, decay * e_y + fresh * n_y, decay * e_z + fresh * n_z
@@ -151,7 +152,7 @@ class Fans(FleetSystem):
             x, y, z = x + speed * d_x, y + speed * d_y, z + speed * d_z
             swing = jet.turbulence * speed
             variance, rate = variance + swing * swing, rate + speed / half_width
-        return (x, y, z), sqrt(variance), rate
+        return (x, y, z), sqrt(maximum(variance, _TINY)), rate
 
     def _hold(self, discrete_state: Any, mean: Rows, deviation: Row, eddies: Rows) -> None:
         (x, y, z), (e_x, e_y, e_z) = mean, eddies
