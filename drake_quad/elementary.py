@@ -6,7 +6,6 @@ refuse an Expression.
 """
 
 import math
-from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -16,11 +15,6 @@ from pydrake import symbolic
 Row = Any
 # Several rows: a sequence of them for one vehicle, a (rows, N) array for a fleet.
 Rows = Any
-
-
-def sin(x: Row) -> Row:
-    """Sine of an angle in radians."""
-    return math.sin(x) if x.__class__ is float else np.sin(x)
 
 
 def cos(x: Row) -> Row:
@@ -33,8 +27,11 @@ def sin_cos(angles: Rows) -> tuple[Rows, Rows]:
 
     NumPy has a fast tangent: from that of half the angle both follow, within 3e-16, in half the time.
     """
-    if isinstance(angles, list | tuple):
-        return [sin(x) for x in angles], [cos(x) for x in angles]
+    if not isinstance(angles, np.ndarray):
+        if angles[0].__class__ is float:
+            return [math.sin(x) for x in angles], [math.cos(x) for x in angles]
+        pairs = [sin_cos(x) if isinstance(x, np.ndarray) else (np.sin(x), np.cos(x)) for x in angles]
+        return [sine for sine, _ in pairs], [cosine for _, cosine in pairs]
     if angles.dtype != float:
         return np.sin(angles), np.cos(angles)
     sines = 0.5 * angles
@@ -95,21 +92,6 @@ def minimum(x: Row, y: Row) -> Row:
 def where(mask: Row, x: Row, y: Row) -> Row:
     """X, one row or several, for the vehicles for which the mask is true, y for the others. Not for Expression."""
     return (x if mask else y) if isinstance(mask, bool | np.bool) else _of_one_type(np.where(mask, x, y))
-
-
-def each(formula: Callable[..., Any], *rows: Rows) -> Rows:
-    """A formula of single rows, on as many: row by row for one vehicle, on all at once for a fleet."""
-    return list(map(formula, *rows)) if isinstance(rows[0], list) else formula(*rows)
-
-
-def scaled(factor: Row, rows: Rows) -> Rows:
-    """All rows times a factor."""
-    return [factor * row for row in rows] if isinstance(rows, list) else factor * rows
-
-
-def stacked(*parts: Rows) -> Rows:
-    """Rows under each other: a list for one vehicle, a (rows, N) array for a fleet."""
-    return [row for part in parts for row in part] if isinstance(parts[0], list) else np.vstack(parts)
 
 
 def every(mask: Row) -> bool:

@@ -10,7 +10,7 @@ from drake_quad import elementary
 # Arithmetic on Expression leaves floating-point flags behind that mean nothing.
 pytestmark = pytest.mark.filterwarnings("ignore:invalid value encountered")
 
-FUNCTIONS = [elementary.sin, elementary.cos, elementary.sqrt, elementary.arcsin, elementary.arctan, elementary.exp]
+FUNCTIONS = [elementary.cos, elementary.sqrt, elementary.arcsin, elementary.arctan, elementary.exp]
 
 
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda f: f.__name__)
@@ -64,3 +64,15 @@ def test_a_float_outside_the_domain_is_nan_and_no_error():
     assert math.isnan(elementary.sqrt(-1.0))
     assert math.isnan(elementary.arcsin(1.1))
     assert math.isnan(elementary.sqrt(math.nan))
+
+
+@pytest.mark.parametrize("angle", [0.0, 1e-300, 0.3, -1.5, math.pi / 2, math.pi, -math.pi, 7.0, -1e5])
+def test_sine_and_cosine_together(angle):
+    expected = [math.sin(angle)], [math.cos(angle)]
+    assert elementary.sin_cos([angle]) == expected
+    array = np.full((1, 3), angle)
+    for angles in (array, list(array)):
+        np.testing.assert_allclose(np.array(elementary.sin_cos(angles))[:, :, 0], expected, rtol=0.0, atol=4e-16)
+    (sine,), (cosine,) = elementary.sin_cos([AutoDiffXd(angle, [1.0])])
+    assert (sine.value(), cosine.value()) == pytest.approx((expected[0][0], expected[1][0]), abs=1e-15)
+    assert (sine.derivatives()[0], cosine.derivatives()[0]) == pytest.approx((cosine.value(), -sine.value()), abs=1e-15)

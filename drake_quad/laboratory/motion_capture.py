@@ -9,12 +9,12 @@ suppress initialization events, or filters begin anew:
 """
 
 import math
-import operator
 from typing import Any, NamedTuple
 
+import numpy as np
 from pydrake.common import RandomDistribution
 
-from drake_quad.elementary import Row, Rows, arcsin, arctan2, each, exp, is_zero, scaled, sin_cos, stacked, where
+from drake_quad.elementary import Row, Rows, arcsin, arctan2, exp, is_zero, sin_cos, where
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.laboratory.delay_line import DelayLine
 
@@ -82,7 +82,7 @@ class RotationMatrix(NamedTuple):
     @classmethod
     def of(cls, roll: Row, pitch: Row, yaw: Row) -> "RotationMatrix":
         """Eq (1), of angles in rad."""
-        (s_r, s_p, s_y), (c_r, c_p, c_y) = sin_cos([roll, pitch, yaw])
+        (s_r, s_p, s_y), (c_r, c_p, c_y) = ([f(x) for x in (roll, pitch, yaw)] for f in (np.sin, np.cos))
         return cls(
             c_y * c_p,
             c_y * s_p * s_r - s_y * c_r,
@@ -193,13 +193,13 @@ class MotionCapture(FleetSystem):
     def _first_frame(self, context: Any, discrete_state: Any) -> None:
         parameters, state = self.parameter_rows(context, self._parameters), self.input_rows(context, self._state)
         pose = self._pose(context, parameters, state)
-        motion = scaled(0.0, state[6:12]) if self._derives else state[6:12]
-        self._line.fill(discrete_state, stacked(pose, motion))
+        motion = [0.0] * 6 if self._derives else state[6:12]
+        self._line.fill(discrete_state, [*pose, *motion])
 
     def _next_frame(self, context: Any, discrete_state: Any) -> None:
         self._line.advance(context, discrete_state, lambda frame: self.write(frame, self._frame(context)))
 
-    def _frame(self, context: Any) -> Rows:
+    def _frame(self, context: Any) -> list[Row]:
         """The 12 rows of the frame of this instant."""
         parameters, state = self.parameter_rows(context, self._parameters), self.input_rows(context, self._state)
         pose, motion, last = self._pose(context, parameters, state), state[6:12], self._line.newest(context)
@@ -210,18 +210,17 @@ class MotionCapture(FleetSystem):
         if self._derives:
             decay = exp(-parameters[7] * self.period)
             gain = (1.0 - decay) / self.period
-            steps = each(operator.sub, pose, last[0:6])
+            steps = [new - old for new, old in zip(pose, last)]
             steps[3:6] = body_rates(steps[3:6], pose[3:6])
-            motion = each(lambda old, step: decay * old + gain * step, last[6:12], steps)
-        return stacked(pose, motion)
+            motion = [decay * old + gain * step for old, step in zip(last[6:12], steps)]
+        return [*pose, *motion]
 
     def _pose(self, context: Any, parameters: Rows, state: Rows) -> Rows:
         """Six rows of position and attitude, with misalignment and noise."""
         pose = state[0:6]
         if not self._aligned:
-            R_BM = RotationMatrix(*parameters[8:17])
-            pose = stacked(state[0:3], attitude_of_markers(state[3:6], R_BM))
+            pose = [*state[0:3], *attitude_of_markers(state[3:6], RotationMatrix(*parameters[8:17]))]
         if self._noise is None:
             return pose
         noise = self.input_rows(context, self._noise)
-        return each(lambda x, deviation, n: x + deviation * n, pose, parameters[0:6], noise)
+        return [x + deviation * n for x, deviation, n in zip(pose, parameters, noise)]

@@ -29,6 +29,8 @@ from drake_quad.reference.walls import turns
 
 # Tried in turn: near the edge of what is feasible Clarabel may make no progress towards the first. Its own is 1e-8.
 _TOLERANCES = (1e-9, 1e-7, 1e-5)
+# What limits must be exceeded by, as a share, for there to be no path.
+_BREACH = 1e-4
 # Limits are put this share lower than they are, and walls this share of a corridor's largest extent further in, so
 # that they hold between the places where they are put.
 _MARGIN, _WALL_MARGIN = 1e-4, 1e-5
@@ -77,7 +79,15 @@ def path_within(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
         path = MinimumSnap(problem.representatives(), durations, problem.derivatives).path()
         if all(peak_norm(path, order) <= _kept(limit) for order, limit in problem.limits.by_order.items()):
             return path
-    return MinimumSnapProgram(problem, durations).solve()
+    try:
+        return MinimumSnapProgram(problem, durations).solve()
+    except SolverError:
+        # Just beyond what is feasible the solver may find neither a path nor a proof that there is none.
+        relaxed = MinimumSnapProgram(problem, durations, slack=Slack.LIMITS)
+        relaxed.solve()
+        if relaxed.exceeded > _BREACH:
+            raise InfeasibleError from None
+        raise
 
 
 def _kept(limit: float) -> float:

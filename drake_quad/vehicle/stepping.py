@@ -10,7 +10,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.elementary import Row, Rows, each, exp, stacked
+from drake_quad.elementary import Row, Rows, exp
 from drake_quad.vehicle.dynamics import (
     AttitudeKinematics,
     held_rotor_speed,
@@ -67,12 +67,9 @@ def quadrotor_step(
         stages = runge_kutta_4_of_block(block_slope, motion, inputs, time_step)
     # Nothing depends on the position: its part of the method is a weighted mean of the stages' velocities.
     sixth = time_step / 6.0
-    position = each(
-        lambda x, v_1, v_2, v_3, v_4: x + sixth * (v_1 + 2.0 * (v_2 + v_3) + v_4),
-        rigid_body[0:3],
-        *(stage[3:6] for stage in (motion, *stages[:3])),
-    )
-    return stacked(position, stages[3]), end
+    velocities = [stage[3:6] for stage in (motion, *stages[:3])]
+    position = [x + sixth * (v_1 + 2.0 * (v_2 + v_3) + v_4) for x, v_1, v_2, v_3, v_4 in zip(rigid_body, *velocities)]
+    return [*position, *stages[3]], end
 
 
 def lagging(speed: Row, target: Row, decay: Row) -> Row:
