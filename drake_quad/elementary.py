@@ -103,7 +103,7 @@ def is_zero(x: Row) -> bool:
     """Whether a row is zero for every vehicle and, being of plain numbers, has no derivatives."""
     if x.__class__ is float:
         return x == 0.0
-    return isinstance(x, np.ndarray) and x.dtype == float and not x.any()
+    return isinstance(x, np.ndarray) and x.dtype == float and x[0] == 0.0 and not x.any()
 
 
 def wrapped(angle: Row) -> Row:

@@ -31,7 +31,7 @@ AttitudeKinematics = Callable[[Rows, Row, Row, Row, Row], tuple[Row, Row, Row]]
 
 
 def rotor_wrench(rotor_speed: Rows, parameters: QuadrotorParameters) -> tuple[Row, Row, Row, Row]:
-    """Eq (5): thrust (N) and torques (N m) of the rotors, in B.
+    """Eq (5): thrust (N) of the rotors and their torques about the centre of mass (N m), in B.
 
     Args:
         rotor_speed: ω₁ to ω₄, rad/s.
@@ -41,12 +41,11 @@ def rotor_wrench(rotor_speed: Rows, parameters: QuadrotorParameters) -> tuple[Ro
     b_1, b_2, b_3, b_4 = parameters.thrust_factor
     f_1, f_2, f_3, f_4 = b_1 * w_1, b_2 * w_2, b_3 * w_3, b_4 * w_4
     length = parameters.arm_length
-    return (
-        f_1 + f_2 + f_3 + f_4,
-        length * (f_4 - f_2),
-        length * (f_3 - f_1),
-        parameters.drag_factor * (w_1 - w_2 + w_3 - w_4),
-    )
+    thrust, tau_x, tau_y = f_1 + f_2 + f_3 + f_4, length * (f_4 - f_2), length * (f_3 - f_1)
+    x, y = parameters.centre_of_mass
+    if not (is_zero(x) and is_zero(y)):
+        tau_x, tau_y = tau_x - y * thrust, tau_y + x * thrust
+    return thrust, tau_x, tau_y, parameters.drag_factor * (w_1 - w_2 + w_3 - w_4)
 
 
 def drag(velocity: Rows, wind: Rows, parameters: QuadrotorParameters) -> tuple[Row, Row, Row]:
@@ -126,9 +125,6 @@ def motion_derivative(
     (sin_roll, sin_pitch, sin_yaw), (cos_roll, cos_pitch, cos_yaw) = sin_cos(motion[:3])
     forward = sin_pitch * cos_roll
     drag_x, drag_y, drag_z = drag((v_x, v_y, v_z), wind, parameters)
-    x, y = parameters.centre_of_mass
-    if not (is_zero(x) and is_zero(y)):
-        tau_x, tau_y = tau_x - y * thrust, tau_y + x * thrust
     mass = parameters.mass
     return [
         *kinematics((p, q, r), sin_roll, cos_roll, sin_pitch, cos_pitch),

@@ -43,7 +43,7 @@ def test_thrust_beside_the_centre_of_mass_turns_the_body():
 
 
 def test_each_rotor_has_its_own_thrust_factor():
-    thrust, tau_x, tau_y, _ = rotor_wrench((100.0, 100.0, 100.0, 100.0), FLAWED)
+    thrust, tau_x, tau_y, _ = rotor_wrench((100.0,) * 4, FLAWED._replace(centre_of_mass=(0.0, 0.0)))
     assert thrust == pytest.approx(1e4 * sum(FLAWED.thrust_factor))
     assert tau_x == pytest.approx(0.17 * 1e4 * (3.9e-5 - 4.0e-5))
     assert tau_y == pytest.approx(0.17 * 1e4 * (4.2e-5 - 4.3e-5))
