@@ -98,7 +98,9 @@ class FleetSystem(_Base):
     def optional_input_rows(self, context: Any, index: int, *, default: Any) -> Any:
         """The rows of an input port's value, or the default where nothing is connected."""
         vector = self.EvalVectorInput(context, index)
-        return default if vector is None else self.rows(vector)
+        if vector is None:
+            return default
+        return vector.value().tolist() if self.plain else self.rows(vector)
 
     def parameter_rows(self, context: Any, index: int) -> Any:
         """The rows of a numeric parameter."""

@@ -2,7 +2,7 @@
 
 from typing import Any, NamedTuple
 
-from drake_quad.elementary import Row, Rows, sqrt
+from drake_quad.elementary import Row, Rows
 
 
 class QuadrotorParameters(NamedTuple):
@@ -51,8 +51,3 @@ class QuadrotorParameters(NamedTuple):
     def from_rows(cls, rows: Any) -> "QuadrotorParameters":
         """The inverse of `to_rows`."""
         return cls._make((rows[0], rows[1:4], rows[4], rows[5:9], *rows[9:17], rows[17:19]))
-
-    @property
-    def hover_rotor_speed(self) -> Row:
-        """Speed at which four equal rotors carry the weight, rad/s."""
-        return sqrt(self.mass * self.gravity / sum(self.thrust_factor))

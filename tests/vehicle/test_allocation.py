@@ -7,7 +7,7 @@ from scipy.optimize import linprog
 
 from drake_quad.fleet import split_output
 from drake_quad.vehicle.allocation import Allocation, RotorModel, allocate
-from drake_quad.vehicle.dynamics import rotor_wrench
+from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_wrench
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 TABLE_I = QuadrotorParameters()
@@ -82,5 +82,5 @@ def test_its_parts_come_out_under_their_names():
     context = diagram.CreateDefaultContext()
     diagram.GetInputPort("wrench").FixValue(context, [0.68 * 9.81, 0.0, 0.0, 0.0])
     speeds = diagram.GetOutputPort("rotor_speed_command").Eval(context)
-    np.testing.assert_allclose(speeds, TABLE_I.hover_rotor_speed)
+    np.testing.assert_allclose(speeds, hover_rotor_speeds(TABLE_I)[0])
     np.testing.assert_array_equal(diagram.GetOutputPort("shortfall").Eval(context), 0.0)

@@ -11,6 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from drake_quad.vehicle.dynamics import (
     drag,
+    hover_rotor_speeds,
     quadrotor_derivative,
     rigid_body_derivative,
     rigid_kinematics,
@@ -161,8 +162,8 @@ def test_small_angles_agree_with_the_exact_form_to_second_order():
 
 
 def test_hover():
-    assert TABLE_I.hover_rotor_speed == pytest.approx(200.9, abs=0.05)
-    state = np.array([0.0] * 12 + [TABLE_I.hover_rotor_speed] * 4)
+    assert hover_rotor_speeds(TABLE_I) == pytest.approx([200.9] * 4, abs=0.05)
+    state = np.array([0.0] * 12 + hover_rotor_speeds(TABLE_I))
     slope = quadrotor_derivative(state, state[12:], STILL, TABLE_I, rigid_kinematics)
     np.testing.assert_allclose(slope, 0.0, atol=1e-14)
 

@@ -3,7 +3,13 @@ import pytest
 
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.vehicle.dynamics import rigid_body_derivative, rigid_kinematics, rotor_residual, rotor_wrench
+from drake_quad.vehicle.dynamics import (
+    hover_rotor_speeds,
+    rigid_body_derivative,
+    rigid_kinematics,
+    rotor_residual,
+    rotor_wrench,
+)
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
@@ -31,5 +37,5 @@ def test_the_equations_of_motion_under_the_demanded_speeds_give_the_trajectory_b
 def test_hover_demands_hover_speed():
     still = np.zeros((3, 1))
     demand = rotor_demand(still, still, still, QuadrotorParameters(), yaw=(1.0, 0.0, 0.0))
-    np.testing.assert_allclose(demand.rotor_speed, QuadrotorParameters().hover_rotor_speed)
+    np.testing.assert_allclose(demand.rotor_speed, hover_rotor_speeds(QuadrotorParameters())[0])
     np.testing.assert_allclose(demand.attitude[:, 0], [0.0, 0.0, 1.0], atol=1e-15)

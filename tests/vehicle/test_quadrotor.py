@@ -4,6 +4,7 @@ from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDif
 from pydrake.symbolic import Evaluate, MakeVectorVariable
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator, Simulator_
 
+from drake_quad.vehicle.dynamics import hover_rotor_speeds
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor
 
@@ -38,14 +39,14 @@ def test_stepping_converges_to_the_continuous_vehicle_with_fourth_order():
 
 def test_rotors_of_a_stepping_vehicle_lag_exactly():
     final = flown(Quadrotor(), 0.1)[12:, 0]
-    hover = QuadrotorParameters().hover_rotor_speed
+    hover = hover_rotor_speeds(QuadrotorParameters())[0]
     np.testing.assert_allclose(final, COMMAND + (hover - COMMAND) * np.exp(-0.1 / 0.05), rtol=1e-13)
 
 
 @pytest.mark.parametrize("time_step", [0.0, 0.01])
 def test_commands_beyond_the_limits_are_clipped(time_step):
     final = flown(Quadrotor(time_step=time_step), 0.1, command=np.array([1e4, -1e4, np.nan, 250.0]), accuracy=1e-7)
-    limited, hover = np.array([300.0, 60.0, 60.0, 250.0]), QuadrotorParameters().hover_rotor_speed
+    limited, hover = np.array([300.0, 60.0, 60.0, 250.0]), hover_rotor_speeds(QuadrotorParameters())[0]
     np.testing.assert_allclose(final[12:, 0], limited + (hover - limited) * np.exp(-2.0), rtol=1e-6)
 
 
@@ -63,7 +64,7 @@ def test_a_crashed_vehicle_stays_and_touches_no_other(time_step):
     vehicle = Quadrotor(num_vehicles=2, time_step=time_step, initial_position=(1.0, 2.0, 3.0))
     both = flown(vehicle, 0.2, accuracy=1e-8)
     one = flown(vehicle, 0.2, crashed=[1.0, 0.0], accuracy=1e-8)
-    start = np.array([1.0, 2.0, 3.0] + [0.0] * 9 + [QuadrotorParameters().hover_rotor_speed] * 4)
+    start = np.array([1.0, 2.0, 3.0] + [0.0] * 9 + [hover_rotor_speeds(QuadrotorParameters())[0]] * 4)
     np.testing.assert_allclose(one[:, 0], start, rtol=1e-15)
     np.testing.assert_allclose(one[:, 1], both[:, 1], rtol=0.0, atol=1e-6 if time_step == 0.0 else 1e-14)
 
