@@ -16,6 +16,8 @@ Row = Any
 # Several rows: a sequence of them for one vehicle, a (rows, N) array for a fleet.
 Rows = Any
 
+_TRUTH = (bool, np.bool)
+
 
 def cos(x: Row) -> Row:
     """Cosine of an angle in radians."""
@@ -91,12 +93,12 @@ def minimum(x: Row, y: Row) -> Row:
 
 def where(mask: Row, x: Row, y: Row) -> Row:
     """X, one row or several, for the vehicles for which the mask is true, y for the others. Not for Expression."""
-    return (x if mask else y) if isinstance(mask, bool | np.bool) else _of_one_type(np.where(mask, x, y))
+    return (x if mask else y) if isinstance(mask, _TRUTH) else _of_one_type(np.where(mask, x, y))
 
 
 def every(mask: Row) -> bool:
     """Whether a mask of truth values is true for all vehicles."""
-    return bool(mask) if isinstance(mask, bool | np.bool) else bool(mask.all())
+    return bool(mask) if isinstance(mask, _TRUTH) else bool(mask.all())
 
 
 def is_zero(x: Row) -> bool:

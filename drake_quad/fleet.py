@@ -4,6 +4,9 @@ A port with k rows has k·N elements, row after row (C order, shape (k, N)); for
 k-vector. `FleetSystem.rows` unpacks such a vector into k rows and `FleetSystem.write` packs rows into one, so that
 the formulas in between are written once: a row is a Python number for one vehicle and an array for a fleet.
 
+A row of a numeric parameter that is the same for all vehicles is a single number, in the context as in the formulas:
+what does not differ is neither stored nor read N times.
+
 All the boilerplate of Drake's scalar conversion in Python is here.
 """
 
@@ -45,6 +48,7 @@ class FleetSystem(_Base):
     plain: bool
     parts: dict[str, int]
     random_inputs: dict[str, RandomDistribution]
+    _layouts: dict[int, list[int | slice] | None]
 
     def declare(self, *args: Any, **options: Any) -> None:
         """Declares ports, state, parameters and events; every subclass has its own."""
@@ -87,8 +91,22 @@ class FleetSystem(_Base):
         self.output(name, rows, MethodType(show, self), uses={self.discrete_state_ticket(group)})
 
     def numeric_parameter(self, rows: Iterable[Row]) -> int:
-        """Declares a numeric parameter with these rows as default and returns its index."""
-        return int(self.DeclareNumericParameter(self.vector(rows)))
+        """Declares a numeric parameter with these rows as default and returns its index.
+
+        It has one element for a number, which stands for all vehicles, and N for an (N,) array.
+        """
+        parts = [np.atleast_1d(row) for row in rows]
+        for part in parts:
+            if part.shape not in ((1,), (self.num_vehicles,)):
+                raise ValueError(f"a parameter must be a number or an array of {self.num_vehicles}, not {part.shape}")
+        vector = BasicVector_[self.scalar](np.concatenate(parts).astype(self.scalar))
+        index = int(self.DeclareNumericParameter(vector))
+        ends = np.cumsum([len(part) for part in parts]).tolist()
+        places: list[int | slice] = [
+            first if end - first == 1 else slice(first, end) for first, end in zip([0, *ends], ends, strict=False)
+        ]
+        self._layouts[index] = None if vector.size() == len(parts) else places
+        return index
 
     def input_rows(self, context: Any, index: int) -> Any:
         """The rows of an input port's value."""
@@ -103,9 +121,23 @@ class FleetSystem(_Base):
         return vector.value().tolist() if self.plain else self.rows(vector)
 
     def parameter_rows(self, context: Any, index: int) -> Any:
-        """The rows of a numeric parameter."""
-        vector = context.get_numeric_parameter(index)
-        return vector.value().tolist() if self.plain else self.rows(vector)
+        """The rows of a numeric parameter: a number for all vehicles, or a view of an array for a float."""
+        vector, layout = context.get_numeric_parameter(index), self._layouts[index]
+        values = vector.value() if self.scalar is float else vector.CopyToVector()
+        if layout is None:
+            return values.tolist()
+        return [values.item(place) if place.__class__ is int else values[place] for place in layout]
+
+    def write_parameter(self, context: Any, index: int, rows: Iterable[Row]) -> None:
+        """Writes rows into a numeric parameter: a number for what is one for all vehicles, else also (N,) arrays."""
+        layout = self._layouts[index]
+        vector = context.get_mutable_numeric_parameter(index)
+        values = self.values(vector).copy()
+        for place, row in zip(layout or range(len(values)), rows, strict=True):
+            if np.ndim(row) and not isinstance(place, slice):
+                raise ValueError("a parameter that was one number for all vehicles at construction must stay one")
+            values[place] = row
+        vector.SetFromVector(values)
 
     def state_rows(self, context: Any, index: int) -> Any:
         """The rows of a discrete-state group."""
@@ -217,6 +249,7 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
                     # One vehicle of plain numbers is worth a short cut past `rows`.
                     self.plain = T is float and num_vehicles == 1
                     self._options = options
+                    self._layouts: dict[int, list[int | slice] | None] = {}
                     self.random_inputs: dict[str, RandomDistribution] = {}
                     self.declare(num_vehicles=num_vehicles, **options)
 

@@ -9,6 +9,7 @@ from pydrake.systems.analysis import InitializeParams, ResetIntegratorFromFlags,
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
+from drake_quad.control.position import build_position_controller
 from drake_quad.flight import flight_duration, fly, read_metrics
 from drake_quad.laboratory.recorder import read_recorder
 from drake_quad.planning import plan_route
@@ -73,12 +74,13 @@ def test_each_vehicle_of_a_fleet_flies_as_it_would_alone(figure_eight):
     """1e-9 m at the end of a flight, also beside a vehicle with other gains that crashes."""
     scenario = figure_eight("crash.position_error=0.5")
     n = 3
-    fleet = build_tracking_diagram(scenario, n)
+    law = scenario.control.position
+    k_p, k_d = ([np.array([gain, 20.0, gain]) for gain in gains] for gains in (law.k_p, law.k_d))
+    position = build_position_controller(
+        num_vehicles=n, k_p=k_p, k_d=k_d, derivative=law.derivative, feed_forward=law.feed_forward
+    )
+    fleet = build_tracking_diagram(scenario, n, position_controller=position)
     simulator = Simulator(fleet)
-    law = fleet.GetSubsystemByName("control").GetSubsystemByName("position").GetSubsystemByName("pd")
-    gains = law.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-    rows = gains.get_mutable_numeric_parameter(0).get_mutable_value().reshape(6, n)
-    rows[:, 1] = 20.0
     duration = flight_duration(scenario, plan_route(scenario))
     fly(simulator, duration)
     context = simulator.get_context()

@@ -102,11 +102,11 @@ class Quadrotor(FleetSystem):
     def get_parameters(self, context: Any) -> QuadrotorParameters:
         """A copy of the parameters in the context."""
         rows = self.parameter_rows(context, self._parameters)
-        return QuadrotorParameters.from_rows(rows if self.num_vehicles == 1 else rows.copy())
+        return QuadrotorParameters.from_rows([row.copy() if isinstance(row, np.ndarray) else row for row in rows])
 
     def set_parameters(self, context: Any, parameters: QuadrotorParameters) -> None:
-        """Puts parameters into the context; each entry a number or an (N,) array."""
-        self.write(context.get_mutable_numeric_parameter(self._parameters), parameters.to_rows())
+        """Puts parameters into the context; what was a number at construction must be one, else also an (N,) array."""
+        self.write_parameter(context, self._parameters, parameters.to_rows())
 
     def set_hover(self, context: Any, position: Rows, yaw: Row) -> None:
         """Puts the vehicles into hover with the context's parameters.

@@ -115,18 +115,27 @@ def test_symbolic_derivative_has_the_values_of_the_numeric_one(num_vehicles):
 
 
 def test_parameters_live_in_the_context():
-    vehicle = Quadrotor(num_vehicles=2)
+    vehicle = Quadrotor(num_vehicles=2, parameters=QuadrotorParameters(mass=np.array([0.68, 0.7])))
     context = vehicle.CreateDefaultContext()
     heavy = QuadrotorParameters(mass=np.array([0.68, 0.9]))
     vehicle.set_parameters(context, heavy)
     np.testing.assert_array_equal(vehicle.get_parameters(context).mass, [0.68, 0.9])
+    # What is the same for all vehicles is one number, and stays one.
+    assert context.get_numeric_parameter(0).size() == 18 + 2
+    assert vehicle.get_parameters(context).arm_length == 0.17
+    with pytest.raises(ValueError, match="one number for all vehicles at construction"):
+        vehicle.set_parameters(context, QuadrotorParameters(arm_length=np.array([0.17, 0.2])))
+    np.testing.assert_array_equal(vehicle.get_parameters(context).mass, [0.68, 0.9])
+    with pytest.raises(ValueError, match=r"a number or an array of 2, not \(3,\)"):
+        Quadrotor(num_vehicles=2, parameters=QuadrotorParameters(mass=np.array([0.68, 0.7, 0.8])))
     # What is read can be changed and written back.
     before = vehicle.get_parameters(context)
     vehicle.set_parameters(context, before._replace(quadratic_drag=0.1))
     after = vehicle.get_parameters(context)
     np.testing.assert_array_equal(before.quadratic_drag, 0.0)
     np.testing.assert_array_equal(after.quadratic_drag, 0.1)
-    np.testing.assert_array_equal(after.to_rows()[:11], before.to_rows()[:11])
+    for i, (row, old) in enumerate(zip(after.to_rows(), before.to_rows(), strict=True)):
+        assert i == 13 or np.array_equal(row, old)
     vehicle.set_hover(context, (0.0, 0.0, 1.0), 0.5)
     speeds = vehicle.GetOutputPort("rotor_speed").Eval(context).reshape(4, 2)
     np.testing.assert_allclose(speeds[0], [200.9, np.sqrt(0.9 * 9.81 / (4 * 4.13e-5))], rtol=1e-3)
