@@ -61,7 +61,7 @@ def control(scenario: Scenario, num_vehicles: int, position_controller: Any = No
         position=position_controller,
         thrust_vectoring=thrust_vectoring,
         attitude=attitude_controller,
-        follow_jerk=position.feed_forward == "jerk",
+        feed_forward=position.feed_forward,
     )
 
 

@@ -86,15 +86,14 @@ def build_tracking_diagram(
         for name in names
         if systems[part].HasOutputPort(name)
     }
-    jerk = systems["reference"].GetOutputPort("reference_jerk")
+    derivatives = {name: systems["reference"].GetOutputPort(name) for name in ("reference_jerk", "reference_snap")}
     for part in ("control", "laboratory", "monitor"):
         for i in range(systems[part].num_input_ports()):
             port = systems[part].get_input_port(i)
             name = port.get_name()
-            if name in sources:
-                builder.Connect(sources[name], port)
-            elif name == "reference_jerk":
-                builder.Connect(jerk, port)
+            source = sources.get(name) or derivatives.get(name)
+            if source is not None:
+                builder.Connect(source, port)
     for name, port in sources.items():
         builder.ExportOutput(port, name)
     if record:

@@ -34,7 +34,7 @@ def cascade():
         position=build_position_controller(**GAINS),
         thrust_vectoring=ThrustVectoring(**VECTORING),
         attitude=AttitudeController(**GAINS, inertia=(1.0, 1.0, 1.0)),
-        follow_jerk=True,
+        feed_forward="snap",
     )
 
 

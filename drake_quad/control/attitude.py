@@ -8,7 +8,7 @@ from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 
 @fleet_system(float, AutoDiffXd)
 class AttitudeController(FleetSystem):
-    """PD on roll, pitch and yaw: τ = I (k_P e + k_D ė) for each axis of B.
+    """PD on roll, pitch and yaw with feed-forward: τ = I (k_P e + k_D ė + ω̇_r) for each axis of B.
 
     .. pydrake_system::
 
@@ -17,11 +17,13 @@ class AttitudeController(FleetSystem):
         - measurement
         - attitude_command
         - body_rate_command
+        - angular_acceleration_command
         output_ports:
         - torque
 
     e is `attitude_command` (3 rows, rad) minus roll, pitch, yaw of `measurement` (12), the yaw error wrapped to half
-    a turn; ė is `body_rate_command` (3, rad/s) minus p, q, r.
+    a turn; ė is `body_rate_command` (3, rad/s) minus p, q, r; ω̇_r is `angular_acceleration_command` (3, rad/s²),
+    zero if not connected.
     `torque` (3, N m) is scaled by the moments of inertia, so that the gains are those of a double integrator.
 
     One numeric parameter of the context: k_P and k_D of the three axes, then I_xx, I_yy, I_zz.
@@ -39,6 +41,7 @@ class AttitudeController(FleetSystem):
         self._measurement = self.input("measurement", 12)
         self._attitude = self.input("attitude_command", 3)
         self._rates = self.input("body_rate_command", 3)
+        self._acceleration = self.input("angular_acceleration_command", 3)
         uses = {self.all_input_ports_ticket(), self.all_parameters_ticket()}
         self.output("torque", 3, self._calc, uses=uses)
 
@@ -49,9 +52,10 @@ class AttitudeController(FleetSystem):
         p, q, r = measurement[9:12]
         roll_r, pitch_r, yaw_r = self.input_rows(context, self._attitude)
         p_r, q_r, r_r = self.input_rows(context, self._rates)
+        a_x, a_y, a_z = self.optional_input_rows(context, self._acceleration, default=(0.0, 0.0, 0.0))
         torque = [
-            i_xx * (p_roll * (roll_r - roll) + d_roll * (p_r - p)),
-            i_yy * (p_pitch * (pitch_r - pitch) + d_pitch * (q_r - q)),
-            i_zz * (p_yaw * wrapped(yaw_r - yaw) + d_yaw * (r_r - r)),
+            i_xx * (p_roll * (roll_r - roll) + d_roll * (p_r - p) + a_x),
+            i_yy * (p_pitch * (pitch_r - pitch) + d_pitch * (q_r - q) + a_y),
+            i_zz * (p_yaw * wrapped(yaw_r - yaw) + d_yaw * (r_r - r) + a_z),
         ]
         self.write(output, torque)

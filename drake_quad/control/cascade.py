@@ -5,13 +5,14 @@ from typing import Any
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Multiplexer
 
+from drake_quad.control.position import FeedForward
 from drake_quad.fleet import split_output
 
 # What a position controller may show of its inside, beside its `acceleration_command`.
 POSITION_SIGNALS = ("error", "error_rate", "pd", "correction")
 
 
-def build_cascade(*, position: Any, thrust_vectoring: Any, attitude: Any, follow_jerk: bool) -> Diagram:
+def build_cascade(*, position: Any, thrust_vectoring: Any, attitude: Any, feed_forward: FeedForward) -> Diagram:
     """Builds the diagram `control`.
 
     .. pydrake_system::
@@ -21,6 +22,7 @@ def build_cascade(*, position: Any, thrust_vectoring: Any, attitude: Any, follow
         - measurement
         - reference
         - reference_jerk
+        - reference_snap
         output_ports:
         - wrench
         - acceleration_command
@@ -30,13 +32,14 @@ def build_cascade(*, position: Any, thrust_vectoring: Any, attitude: Any, follow
         - pd
         - correction
 
-    The last four are there if the position controller has them, `reference_jerk` if it is followed.
+    The last four are there if the position controller has them, `reference_jerk` and `reference_snap` if they are fed
+    forward.
 
     Args:
         position: from `measurement` and `reference` to `acceleration_command`.
         thrust_vectoring: a `ThrustVectoring`.
         attitude: an `AttitudeController`.
-        follow_jerk: whether the attitude's rates follow the reference's jerk.
+        feed_forward: with "jerk" the body rates follow the reference's jerk; with "snap" the torques its snap, too.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("position", position)
@@ -50,12 +53,14 @@ def build_cascade(*, position: Any, thrust_vectoring: Any, attitude: Any, follow
     for system in (thrust_vectoring, attitude):
         builder.ConnectInput("measurement", system.GetInputPort("measurement"))
     builder.ConnectInput("reference", thrust_vectoring.GetInputPort("reference"))
-    if follow_jerk:
+    if feed_forward in ("jerk", "snap"):
         builder.ExportInput(thrust_vectoring.GetInputPort("reference_jerk"), "reference_jerk")
+    if feed_forward == "snap":
+        builder.ExportInput(thrust_vectoring.GetInputPort("reference_snap"), "reference_snap")
 
     acceleration_command = position.GetOutputPort("acceleration_command")
     builder.Connect(acceleration_command, thrust_vectoring.GetInputPort("acceleration_command"))
-    for name in ("attitude_command", "body_rate_command"):
+    for name in ("attitude_command", "body_rate_command", "angular_acceleration_command"):
         builder.Connect(commanded[name], attitude.GetInputPort(name))
     for i, part in enumerate(parts):
         builder.Connect(part, wrench.get_input_port(i))

@@ -10,7 +10,8 @@ from drake_quad.elementary import Rows
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system, split_output
 
 Derivative = Literal["tracking_error", "measurement"]
-FeedForward = Literal["none", "acceleration", "jerk"]
+# Up to which derivative of the reference is fed forward.
+FeedForward = Literal["none", "acceleration", "jerk", "snap"]
 
 
 @fleet_system(float, AutoDiffXd)
@@ -109,8 +110,8 @@ def build_position_controller(
         k_p: 3 rows, 1/s².
         k_d: 3 rows, 1/s.
         derivative: "tracking_error" or "measurement".
-        feed_forward: unless "none", the reference's acceleration is added to the command. What "jerk" means beyond
-            that is done by thrust vectoring.
+        feed_forward: unless "none", the reference's acceleration is added to the command. What "jerk" and "snap" mean
+            beyond that is done by thrust vectoring.
     """
     builder = DiagramBuilder()
     pd = ProportionalDerivative(

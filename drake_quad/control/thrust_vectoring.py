@@ -2,11 +2,13 @@
 
 from typing import Any, NamedTuple
 
-from drake_quad.elementary import Row, Rows, arcsin, arctan, maximum, minimum, sin_cos, sqrt
+from drake_quad.elementary import Row, Rows, maximum, minimum, sin_cos, sqrt
+from drake_quad.flatness import Tilt, in_heading
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 
 # Keeps 0 / 0 away where neither a horizontal force is commanded nor one is allowed.
 _TINY = 1e-100
+_STEADY = (0.0, 0.0, 0.0)
 
 
 class ThrustLimits(NamedTuple):
@@ -21,12 +23,6 @@ class ThrustLimits(NamedTuple):
     slope: Row
     min_thrust: Row
     max_thrust: Row
-
-
-def in_heading(vector: Rows, sin_yaw: Row, cos_yaw: Row) -> tuple[Row, Row, Row]:
-    """Turns a vector in W by minus the yaw: its parts forward, left (both level) and up."""
-    x, y, z = vector
-    return x * cos_yaw + y * sin_yaw, y * cos_yaw - x * sin_yaw, z
 
 
 def specific_thrust(acceleration: Rows, *, mass: Row, gravity: Row, limits: ThrustLimits) -> tuple[Row, Row, Row]:
@@ -50,51 +46,6 @@ def specific_thrust(acceleration: Rows, *, mass: Row, gravity: Row, limits: Thru
     return share * forward, share * left, up
 
 
-def thrust_and_tilt(forward: Row, left: Row, up: Row) -> tuple[Row, Row, Row]:
-    """Eq (7) per unit of mass: thrust (m/s²), roll and pitch (rad) that make a specific thrust (m/s²)."""
-    thrust = sqrt(forward * forward + left * left + up * up)
-    return thrust, arcsin(-left / thrust), arctan(forward / up)
-
-
-def tilt_rates(force: Rows, jerk: Rows, yaw_rate: Row) -> tuple[Row, Row]:
-    """The time derivative of roll and pitch in eq (7), rad/s.
-
-    Args:
-        force: specific thrust forward, left and up, m/s².
-        jerk: rate of the commanded acceleration, its parts forward, left and up, m/s³.
-        yaw_rate: at which the heading turns, rad/s.
-    """
-    forward, left, up = force
-    forward_rate = jerk[0] + yaw_rate * left
-    left_rate = jerk[1] - yaw_rate * forward
-    up_rate = jerk[2]
-    sagittal = forward * forward + up * up
-    along = forward * forward_rate + up * up_rate
-    roll_rate = (left * along - left_rate * sagittal) / (sqrt(sagittal) * (sagittal + left * left))
-    return roll_rate, (forward_rate * up - forward * up_rate) / sagittal
-
-
-def body_rates(force: Rows, roll_rate: Row, pitch_rate: Row, yaw_rate: Row) -> tuple[Row, Row, Row]:
-    """Eq (2) at the attitude of eq (7): p, q, r (rad/s).
-
-    Args:
-        force: specific thrust forward, left and up, m/s².
-        roll_rate: rad/s.
-        pitch_rate: rad/s.
-        yaw_rate: rad/s.
-    """
-    forward, left, up = force
-    sagittal = sqrt(forward * forward + up * up)
-    thrust = sqrt(sagittal * sagittal + left * left)
-    sin_roll, cos_roll = -left / thrust, sagittal / thrust
-    turning = up / sagittal * yaw_rate
-    return (
-        roll_rate - forward / sagittal * yaw_rate,
-        cos_roll * pitch_rate + sin_roll * turning,
-        cos_roll * turning - sin_roll * pitch_rate,
-    )
-
-
 @fleet_system(float, AutoDiffXd)
 class ThrustVectoring(FleetSystem):
     """Thrust and attitude for a commanded acceleration, eq (7).
@@ -107,14 +58,16 @@ class ThrustVectoring(FleetSystem):
         - measurement
         - reference
         - reference_jerk
+        - reference_snap
         output_ports:
         - thrust_and_attitude
 
     `acceleration_command` (3 rows, m/s²) is turned by minus the measured yaw in `measurement` (12), so that eq (7),
     written for zero yaw, holds at any. The output packs `thrust`, F_z (N); `attitude_command`, φ_r, θ_r, ψ_r (rad);
-    and `body_rate_command`, p, q and r (rad/s) at the rates of these angles, eq (2). Yaw and its rate are those of
-    `reference` (11); the rates of roll and pitch are those of eq (7) under `reference_jerk` (3, m/s³), or zero if it
-    is not connected.
+    `body_rate_command` (rad/s) and `angular_acceleration_command` (rad/s²), p, q, r and their rates. These are what
+    keeps the thrust on its way (`drake_quad.flatness`) under `reference_jerk` (3, m/s³) and `reference_snap` (4: snap,
+    m/s⁴, and the yaw's acceleration, rad/s²), with yaw and its rate as in `reference` (11). Without a jerk the thrust
+    is taken to stay as it is; without a snap there is no angular acceleration.
 
     One numeric parameter of the context: mass, gravity and the three rows of the limits.
 
@@ -132,8 +85,9 @@ class ThrustVectoring(FleetSystem):
         self._measurement = self.input("measurement", 12)
         self._reference = self.input("reference", 11)
         self._jerk = self.input("reference_jerk", 3)
+        self._snap = self.input("reference_snap", 4)
         uses = {self.all_input_ports_ticket(), self.all_parameters_ticket()}
-        parts = {"thrust": 1, "attitude_command": 3, "body_rate_command": 3}
+        parts = {"thrust": 1, "attitude_command": 3, "body_rate_command": 3, "angular_acceleration_command": 3}
         self.packed_output("thrust_and_attitude", parts, self._calc, uses=uses)
 
     def _calc(self, context: Any, output: Any) -> None:
@@ -141,13 +95,15 @@ class ThrustVectoring(FleetSystem):
         (sin_yaw,), (cos_yaw,) = sin_cos(self.input_rows(context, self._measurement)[5:6])
         yaw_reference, yaw_rate = self.input_rows(context, self._reference)[9:11]
         command = self.input_rows(context, self._command)
-        jerk = self.optional_input_rows(context, self._jerk, default=None)
+        jerk = self.optional_input_rows(context, self._jerk, default=_STEADY)
+        snap = self.optional_input_rows(context, self._snap, default=None)
         force = specific_thrust(
             in_heading(command, sin_yaw, cos_yaw), mass=mass, gravity=gravity, limits=ThrustLimits(*limits)
         )
-        thrust, roll, pitch = thrust_and_tilt(*force)
-        roll_rate, pitch_rate = 0.0, 0.0
-        if jerk is not None:
-            roll_rate, pitch_rate = tilt_rates(force, in_heading(jerk, sin_yaw, cos_yaw), yaw_rate)
-        rates = body_rates(force, roll_rate, pitch_rate, yaw_rate)
-        self.write(output, [mass * thrust, roll, pitch, yaw_reference, *rates])
+        tilt, jerk = Tilt.of(force), in_heading(jerk, sin_yaw, cos_yaw)
+        rates, accelerations = tilt.body_rates(jerk, yaw_rate), _STEADY
+        if snap is not None:
+            accelerations = tilt.angular_accelerations(
+                rates, jerk, in_heading(snap[0:3], sin_yaw, cos_yaw), yaw_rate=yaw_rate, yaw_acceleration=snap[3]
+            )
+        self.write(output, [mass * tilt.thrust, *tilt.attitude(), yaw_reference, *rates, *accelerations])

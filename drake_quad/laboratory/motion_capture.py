@@ -138,19 +138,21 @@ class MotionCapture(FleetSystem):
 
     `state` and `measurement` have the 12 rows of the vehicle's state. A frame is position and attitude of the frame of
     the markers at an instant, with noise; a frame that is lost is the one before it once more. Of each coordinate x
-    the filter ω s / (s + ω) makes the derivative, for x that goes straight from frame to frame:
+    the filter ω s / (s + ω) makes the derivative, from differences over two frames:
 
-        v⁺ = a v + (1 - a) (x⁺ - x) / h,    a = exp(-ω h)
+        v⁺ = a v + (1 - a) (x⁺ - x⁻) / 2h,    a = exp(-ω h)
 
-    so that white noise of standard deviation σ in x is one of σ (1 - a) / h √(2 / (1 + a)) in v. Body rates are those
-    of eq (2): it turns differences of roll, pitch and yaw over h, before they are filtered, at the measured attitude.
-    Without a bandwidth velocity and body rates are seen exactly. A frame can be read `latency_frames` periods after it
-    was taken.
+    where x⁻, x, x⁺ follow each other, so that white noise of standard deviation σ in x is one of σ (1 - a) / (√2 h) in
+    v. Differences over a single frame would have their most noise where control that reads every second frame folds it
+    down to standstill, and make a vehicle wander; these have none there, for half a frame more of delay. Body rates are
+    those of eq (2): it turns the differences of roll, pitch and yaw at the attitude in their middle. Without a
+    bandwidth velocity and body rates are seen exactly. A frame can be read `latency_frames` periods after it was taken.
 
     The random ports are there if there is need for them: `camera_noise` (6 rows: position, attitude), normal numbers;
     `dropout` (1 row), a number between 0 and 1 for each frame, which is lost if it is below the dropout rate.
 
-    Discrete-state groups, 12 rows each: those of a `DelayLine`. Numeric parameters of the context: the latency, if
+    Discrete-state groups: those of a `DelayLine`, 12 rows each; with a bandwidth, a last one of 6 rows, position and
+    attitude a frame before the newest. Numeric parameters of the context: the latency, if
     there can be any; then the deviations of the six coordinates, dropout rate, bandwidth (infinite if there is none)
     and the nine rows of `RotationMatrix`. What was zero or not given at construction is left out for good.
 
@@ -180,6 +182,8 @@ class MotionCapture(FleetSystem):
         R_BM = RotationMatrix.of(*errors.misalignment)
         self._parameters = self.numeric_parameter([*deviations, errors.dropout_rate, bandwidth, *R_BM])
         self._derives = derivative_bandwidth is not None
+        if self._derives:
+            self._before = self.discrete_state([0.0] * 6)
         self._aligned = all(is_zero(angle) for angle in errors.misalignment)
         self._noise = self._dropout = None
         if not (is_zero(errors.position_noise) and is_zero(errors.attitude_noise)):
@@ -195,23 +199,28 @@ class MotionCapture(FleetSystem):
         pose = self._pose(context, parameters, state)
         motion = [0.0] * 6 if self._derives else state[6:12]
         self._line.fill(discrete_state, [*pose, *motion])
+        if self._derives:
+            self.write(discrete_state.get_mutable_vector(self._before), pose)
 
     def _next_frame(self, context: Any, discrete_state: Any) -> None:
-        self._line.advance(context, discrete_state, lambda frame: self.write(frame, self._frame(context)))
+        last = self._line.newest(context)
+        self._line.advance(context, discrete_state, lambda frame: self.write(frame, self._frame(context, last)))
+        if self._derives:
+            self.write(discrete_state.get_mutable_vector(self._before), last[0:6])
 
-    def _frame(self, context: Any) -> list[Row]:
-        """The 12 rows of the frame of this instant."""
+    def _frame(self, context: Any, last: Rows) -> list[Row]:
+        """The 12 rows of the frame of this instant, given those of the one before."""
         parameters, state = self.parameter_rows(context, self._parameters), self.input_rows(context, self._state)
-        pose, motion, last = self._pose(context, parameters, state), state[6:12], self._line.newest(context)
+        pose, motion = self._pose(context, parameters, state), state[6:12]
         if self._dropout is not None:
             lost = self.input_rows(context, self._dropout)[0] < parameters[6]
             pose = where(lost, last[0:6], pose)
             motion = motion if self._derives else where(lost, last[6:12], motion)
         if self._derives:
             decay = exp(-parameters[7] * self.period)
-            gain = (1.0 - decay) / self.period
-            steps = [new - old for new, old in zip(pose, last)]
-            steps[3:6] = body_rates(steps[3:6], pose[3:6])
+            gain = (1.0 - decay) / (2.0 * self.period)
+            steps = [new - old for new, old in zip(pose, self.state_rows(context, self._before))]
+            steps[3:6] = body_rates(steps[3:6], last[3:6])
             motion = [decay * old + gain * step for old, step in zip(last[6:12], steps)]
         return [*pose, *motion]
 

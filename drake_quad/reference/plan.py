@@ -61,15 +61,15 @@ class Plan:
         return to_piecewise_polynomial(path_derivative(self.path, order))
 
     def reference(self) -> PiecewisePolynomial:
-        """The (14, 1) trajectory of what the reference shows.
+        """The (18, 1) trajectory of what the reference shows.
 
-        Its rows are those of the `reference` port, position, velocity, acceleration, yaw and yaw rate, and then the
-        jerk.
+        Its rows are those of the `reference` port, position, velocity, acceleration, yaw and yaw rate, then the jerk,
+        then the snap and the yaw's acceleration.
         """
         path, yaw = refined(self.path, self.yaw.times), refined(self.yaw, self.path.times)
-        position, velocity, acceleration, jerk = (_axes(path_derivative(path, order)) for order in range(4))
-        angle, rate = (_axes(path_derivative(yaw, order)) for order in range(2))
-        rows = [*position, *velocity, *acceleration, *angle, *rate, *jerk]
+        position, velocity, acceleration, jerk, snap = (_axes(path_derivative(path, order)) for order in range(5))
+        angle, rate, angular_acceleration = (_axes(path_derivative(yaw, order)) for order in range(3))
+        rows = [*position, *velocity, *acceleration, *angle, *rate, *jerk, *snap, *angular_acceleration]
         return _piecewise_polynomial(path.times, rows)
 
 

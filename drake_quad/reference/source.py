@@ -44,9 +44,10 @@ def build_reference(plan: Plan, *, num_vehicles: int = 1) -> Diagram:
         output_ports:
         - reference
         - reference_jerk
+        - reference_snap
 
     `reference` has 11 rows: position (m), velocity (m/s) and acceleration (m/s²) in W, yaw (rad), yaw rate (rad/s);
-    `reference_jerk` has 3 (m/s³).
+    `reference_jerk` has 3 (m/s³); `reference_snap` 4: the snap (m/s⁴) and the acceleration of the yaw (rad/s²).
 
     Args:
         plan: flown by every vehicle.
@@ -54,7 +55,7 @@ def build_reference(plan: Plan, *, num_vehicles: int = 1) -> Diagram:
     """
     builder = DiagramBuilder()
     source = builder.AddNamedSystem("trajectory", TrajectorySource(plan.reference()))
-    names = {"reference": 11, "reference_jerk": 3}
+    names = {"reference": 11, "reference_jerk": 3, "reference_snap": 4}
     parts = builder.AddNamedSystem("parts", Demultiplexer(list(names.values())))
     builder.Connect(source.get_output_port(), parts.get_input_port())
     for i, (name, num_rows) in enumerate(names.items()):

@@ -141,7 +141,7 @@ class PdPosition(Model):
     derivative: Literal["tracking_error", "measurement"] = Field(
         default="tracking_error", description="what k_D multiplies: v_r - v, or -v"
     )
-    feed_forward: Literal["none", "acceleration", "jerk"] = Field(
+    feed_forward: Literal["none", "acceleration", "jerk", "snap"] = Field(
         default="none", description="up to which derivative of the reference is fed forward"
     )
 

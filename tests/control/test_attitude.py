@@ -17,6 +17,16 @@ def torque(attitude=(0.0, 0.0, 0.0), rates=(0.0, 0.0, 0.0), command=(0.0, 0.0, 0
     return controller.get_output_port().Eval(context)
 
 
+def test_commanded_angular_accelerations_are_added():
+    controller = AttitudeController(k_p=(10.0, 20.0, 30.0), k_d=(1.0, 2.0, 3.0), inertia=INERTIA)
+    context = controller.CreateDefaultContext()
+    for name, size in (("measurement", 12), ("attitude_command", 3), ("body_rate_command", 3)):
+        controller.GetInputPort(name).FixValue(context, [0.0] * size)
+    np.testing.assert_array_equal(controller.get_output_port().Eval(context), 0.0)
+    controller.GetInputPort("angular_acceleration_command").FixValue(context, [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(controller.get_output_port().Eval(context), np.array(INERTIA) * [1.0, 2.0, 3.0])
+
+
 def test_gains_act_on_each_axis_as_on_a_double_integrator():
     result = torque((0.1, 0.2, 0.3), (0.4, 0.5, 0.6), (0.3, 0.1, 0.0), (1.0, 1.0, 1.0))
     acceleration = [10.0 * 0.2 + 0.6, 20.0 * -0.1 + 2.0 * 0.5, 30.0 * -0.3 + 3.0 * 0.4]

@@ -4,17 +4,9 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
-from pydrake.math import RollPitchYaw
 
-from drake_quad.control.thrust_vectoring import (
-    ThrustLimits,
-    ThrustVectoring,
-    body_rates,
-    in_heading,
-    specific_thrust,
-    thrust_and_tilt,
-    tilt_rates,
-)
+from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, specific_thrust
+from drake_quad.flatness import in_heading
 
 G, MASS = 9.81, 0.68
 LIMITS = ThrustLimits(math.tan(0.6), 0.3 * MASS * G, 1.8 * MASS * G)
@@ -28,19 +20,9 @@ def limited(acceleration, yaw):
 
 
 @given(st.tuples(*[st.floats(-3.0, 3.0)] * 3), angles)
-def test_thrust_along_the_commanded_body_axis_gives_the_commanded_acceleration(acceleration, yaw):
-    """At any yaw: R_WB (0, 0, F_z) / m - (0, 0, g) = u, with Drake's rotation matrix."""
-    thrust, roll, pitch = thrust_and_tilt(*limited(acceleration, yaw))
-    z_B = RollPitchYaw(roll, pitch, yaw).ToRotationMatrix().matrix()[:, 2]
-    np.testing.assert_allclose(thrust * z_B - [0.0, 0.0, G], acceleration, atol=1e-12)
-
-
-def test_is_eq_7_at_zero_yaw():
-    u_x, u_y, u_z = 1.2, -0.7, 0.5
-    thrust, roll, pitch = thrust_and_tilt(*limited((u_x, u_y, u_z), 0.0))
-    assert MASS * thrust == pytest.approx(MASS * math.sqrt((u_z + G) ** 2 + u_x**2 + u_y**2))
-    assert pitch == pytest.approx(math.atan(u_x / (u_z + G)))
-    assert roll == pytest.approx(math.asin(-MASS * u_y / (MASS * thrust)))
+def test_within_the_limits_gives_the_commanded_acceleration(acceleration, yaw):
+    forward_left_up = in_heading(acceleration, math.sin(yaw), math.cos(yaw))
+    np.testing.assert_allclose(limited(acceleration, yaw), forward_left_up + np.array([0.0, 0.0, G]), atol=1e-12)
 
 
 @given(accelerations, angles)
@@ -55,44 +37,28 @@ def test_the_limits_hold_whatever_is_commanded(acceleration, yaw):
     assert forward * wanted_left == pytest.approx(left * wanted_forward, abs=1e-9)
 
 
-@given(st.tuples(*[st.floats(-3.0, 3.0)] * 3), st.tuples(*[st.floats(-5.0, 5.0)] * 3), angles, st.floats(-1.0, 1.0))
-def test_tilt_rates_are_the_derivative_of_the_tilt(acceleration, jerk, yaw, yaw_rate):
-    def tilt(time):
-        moved = [a + j * time for a, j in zip(acceleration, jerk, strict=True)]
-        return np.array(thrust_and_tilt(*limited(moved, yaw + yaw_rate * time))[1:])
-
-    step = 1e-5
-    numeric = (tilt(step) - tilt(-step)) / (2.0 * step)
-    force = limited(acceleration, yaw)
-    rates = tilt_rates(force, in_heading(jerk, math.sin(yaw), math.cos(yaw)), yaw_rate)
-    np.testing.assert_allclose(rates, numeric, atol=1e-7)
-
-
-@given(st.tuples(*[st.floats(-3.0, 3.0)] * 3), st.tuples(*[st.floats(-2.0, 2.0)] * 3))
-def test_body_rates_are_those_of_the_turning_frame(acceleration, rates):
-    """Against Drake's kinematics of roll, pitch and yaw."""
-    force = limited(acceleration, 0.0)
-    _, roll, pitch = thrust_and_tilt(*force)
-    expected = RollPitchYaw(roll, pitch, 0.7).CalcAngularVelocityInChildFromRpyDt(rates)
-    np.testing.assert_allclose(body_rates(force, *rates), expected, atol=1e-12)
-
-
-def test_follows_the_reference_s_yaw_and_its_jerk_only_if_that_is_connected():
+def test_follows_the_reference_as_far_as_it_is_connected():
     law = ThrustVectoring(mass=MASS, gravity=G, limits=LIMITS)
     context = law.CreateDefaultContext()
     law.GetInputPort("acceleration_command").FixValue(context, [0.0, 0.0, 1.0])
     law.GetInputPort("measurement").FixValue(context, [0.0] * 12)
     law.GetInputPort("reference").FixValue(context, [0.0] * 9 + [0.4, 0.1])
-    expected = [MASS * (G + 1.0), 0.0, 0.0, 0.4]
-    np.testing.assert_allclose(law.get_output_port().Eval(context), [*expected, 0.0, 0.0, 0.1])
+    steady = [MASS * (G + 1.0), 0.0, 0.0, 0.4]
+    np.testing.assert_allclose(law.get_output_port().Eval(context), [*steady, 0.0, 0.0, 0.1, 0.0, 0.0, 0.0])
     law.GetInputPort("reference_jerk").FixValue(context, [1.0, 2.0, 0.0])
-    rates = [-2.0 / (G + 1.0), 1.0 / (G + 1.0), 0.1]
-    np.testing.assert_allclose(law.get_output_port().Eval(context), [*expected, *rates])
+    p, q = -2.0 / (G + 1.0), 1.0 / (G + 1.0)
+    np.testing.assert_allclose(law.get_output_port().Eval(context), [*steady, p, q, 0.1, 0.0, 0.0, 0.0])
+    law.GetInputPort("reference_snap").FixValue(context, [3.0, 4.0, 0.0, 0.2])
+    accelerations = [q * 0.1 - 4.0 / (G + 1.0), 3.0 / (G + 1.0) - p * 0.1, 0.2 - q * p]
+    np.testing.assert_allclose(law.get_output_port().Eval(context), [*steady, p, q, 0.1, *accelerations])
 
 
 def test_fleet_and_single_vehicle_agree():
     rng = np.random.default_rng(0)
-    n, sizes = 20, {"acceleration_command": 3, "measurement": 12, "reference": 11, "reference_jerk": 3}
+    n, sizes = (
+        20,
+        {"acceleration_command": 3, "measurement": 12, "reference": 11, "reference_jerk": 3, "reference_snap": 4},
+    )
     values = {name: 4.0 * rng.normal(size=(size, n)) for name, size in sizes.items()}
 
     def output(num_vehicles, columns):
@@ -100,7 +66,7 @@ def test_fleet_and_single_vehicle_agree():
         context = law.CreateDefaultContext()
         for name, rows in values.items():
             law.GetInputPort(name).FixValue(context, rows[:, columns].ravel())
-        return law.get_output_port().Eval(context).reshape(7, num_vehicles)
+        return law.get_output_port().Eval(context).reshape(10, num_vehicles)
 
     fleet = output(n, slice(None))
     for i in range(n):

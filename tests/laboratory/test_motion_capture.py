@@ -58,28 +58,40 @@ def test_noise_has_the_stated_deviation_and_nothing_else():
 
 @pytest.mark.parametrize("bandwidth", [20.0, 100.0])
 def test_spectrum_of_the_velocity_noise(bandwidth):
-    """White noise through (1 - a) / h (1 - z⁻¹) / (1 - a z⁻¹), and its variance σ² (1 - a)² / h² · 2 / (1 + a)."""
+    """White noise through (1 - a) / 2h (1 - z⁻²) / (1 - a z⁻¹), and its variance σ² (1 - a)² / 2h²."""
     n, sigma = 60, 1e-3
     camera = MotionCapture(num_vehicles=n, errors=CameraErrors(sigma), derivative_bandwidth=bandwidth)
     _, frames = seen(still(n), camera, duration=40.0, n=n)
     velocity = frames[6, :, 200:]
     decay = math.exp(-bandwidth * H)
-    gain = (1.0 - decay) / H
-    assert velocity.std() == pytest.approx(sigma * gain * math.sqrt(2.0 / (1.0 + decay)), rel=0.01)
+    gain = (1.0 - decay) / (2.0 * H)
+    assert velocity.std() == pytest.approx(sigma * gain * math.sqrt(2.0), rel=0.01)
     frequency, density = welch(velocity, fs=1.0 / H, nperseg=512, axis=1, detrend=False)
     z = np.exp(-2j * np.pi * frequency * H)
-    theory = 2.0 * sigma**2 * H * np.abs(gain * (1.0 - z) / (1.0 - decay * z)) ** 2
+    theory = 2.0 * sigma**2 * H * np.abs(gain * (1.0 - z**2) / (1.0 - decay * z)) ** 2
     for low in range(4, 240, 20):
         band = slice(low, low + 20)
         assert density.mean(axis=0)[band].mean() == pytest.approx(theory[band].mean(), rel=0.05)
 
 
+def test_who_reads_every_second_frame_sees_no_noise_folded_down():
+    """A velocity that hardly wanders: its mean over 4 s is position noise over 4 s, not rate noise over √200."""
+    n, sigma = 200, 1e-3
+    camera = MotionCapture(num_vehicles=n, errors=CameraErrors(sigma), derivative_bandwidth=100.0)
+    _, frames = seen(still(n), camera, duration=5.0, n=n)
+    mean = frames[6, :, -400::2].mean(axis=1)
+    # The sum telescopes: (x_end - x_begin) / 2h through the filter, over 200 readings.
+    assert mean.std() < 2.0 * sigma / 4.0
+    assert mean.std() < 0.1 * frames[6, :, 100:].std() / math.sqrt(200)
+
+
 def test_the_filter_lags_behind_a_velocity_as_a_first_order_lag_does():
     rates = [0.5, -1.0, 2.0, 0.0, 0.0, 0.0]
     time, frames = seen(ramp(rates), MotionCapture(derivative_bandwidth=25.0), duration=1.0)
-    # What is logged at a tick is the frame before it.
-    share = 1.0 - np.exp(-25.0 * np.maximum(time - H, 0.0))
-    np.testing.assert_allclose(frames[6:9, 0], np.outer(rates[:3], share), atol=1e-12)
+    # What is logged at a tick is the frame before it. The difference over two frames is half a frame late: after a
+    # start, the mean of the lag now and a frame ago.
+    now, before = (1.0 - np.exp(-25.0 * np.maximum(time - late, 0.0)) for late in (H, 2.0 * H))
+    np.testing.assert_allclose(frames[6:9, 0], np.outer(rates[:3], 0.5 * (now + before)), atol=1e-12)
 
 
 def test_body_rates_are_those_of_the_turning_body():

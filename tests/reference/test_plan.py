@@ -2,22 +2,26 @@ import numpy as np
 
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.plan import Plan
-from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.reference.polynomial_path import evaluate, hermite_path
 from drake_quad.reference.source import build_reference
 
 PLAN = Plan.facing(minimum_snap([[0, 0, 0], [1, 2, 1], [3, 1, 2]], [0.5, 1.5, 3.0]), 0.3)
 
 
-def test_the_source_shows_position_velocity_acceleration_yaw_and_jerk():
-    source = build_reference(PLAN)
+def test_the_source_shows_the_derivatives_of_the_plan():
+    times = [0.5, 3.0]
+    turning = hermite_path(np.array(times), np.array([[[0.3], [0.0], [0.4]], [[0.8], [0.2], [-0.1]]]))
+    plan = Plan(PLAN.path, turning)
+    source = build_reference(plan)
     context = source.CreateDefaultContext()
     for time in (0.5, 1.0, 1.5, 2.9):
         context.SetTime(time)
-        expected = np.concatenate([evaluate(PLAN.path, [time], order)[:, 0] for order in range(3)])
+        position, velocity, acceleration, jerk, snap = (evaluate(PLAN.path, [time], k)[:, 0] for k in range(5))
+        yaw = [evaluate(turning, [time], order)[0, 0] for order in range(3)]
         reference = source.GetOutputPort("reference").Eval(context)
-        np.testing.assert_allclose(reference, [*expected, 0.3, 0.0], atol=1e-12)
-        jerk = evaluate(PLAN.path, [time], 3)[:, 0]
+        np.testing.assert_allclose(reference, [*position, *velocity, *acceleration, *yaw[:2]], atol=1e-12)
         np.testing.assert_allclose(source.GetOutputPort("reference_jerk").Eval(context), jerk, atol=1e-11)
+        np.testing.assert_allclose(source.GetOutputPort("reference_snap").Eval(context), [*snap, yaw[2]], atol=1e-10)
 
 
 def test_it_hovers_before_and_after():
@@ -34,7 +38,7 @@ def test_every_vehicle_of_a_fleet_gets_the_same():
     contexts = one.CreateDefaultContext(), fleet.CreateDefaultContext()
     for context in contexts:
         context.SetTime(1.7)
-    for name in ("reference", "reference_jerk"):
+    for name in ("reference", "reference_jerk", "reference_snap"):
         single = one.GetOutputPort(name).Eval(contexts[0])
         np.testing.assert_array_equal(
             fleet.GetOutputPort(name).Eval(contexts[1]).reshape(-1, 4), np.repeat(single[:, np.newaxis], 4, axis=1)
@@ -45,4 +49,4 @@ def test_hover():
     plan = Plan.hover([1.0, 2.0, 3.0], duration=5.0)
     assert plan.duration == 5.0
     np.testing.assert_array_equal(plan.waypoints, [[1.0, 2.0, 3.0]] * 2)
-    np.testing.assert_array_equal(plan.reference().value(2.0)[:, 0], [1.0, 2.0, 3.0, *[0.0] * 11])
+    np.testing.assert_array_equal(plan.reference().value(2.0)[:, 0], [1.0, 2.0, 3.0, *[0.0] * 15])
