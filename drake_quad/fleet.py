@@ -48,6 +48,7 @@ class FleetSystem(_Base):
     plain: bool
     parts: dict[str, int]
     random_inputs: dict[str, RandomDistribution]
+    group_names: list[str]
     _layouts: dict[int, list[int | slice] | None]
 
     def declare(self, *args: Any, **options: Any) -> None:
@@ -73,13 +74,14 @@ class FleetSystem(_Base):
         self.parts = dict(parts)
         self.output(name, sum(parts.values()), calc, uses=uses)
 
-    def discrete_state(self, rows: Iterable[Row]) -> int:
+    def discrete_state(self, name: str, rows: Iterable[Row]) -> int:
         """Declares a discrete-state group with these rows as default and returns its index."""
+        self.group_names.append(name)
         return int(self.DeclareDiscreteState(self.vector(rows)))
 
-    def state_output(self, name: str, rows: int, index: int) -> None:
-        """Declares an output port that shows a discrete-state group of that many rows."""
-        group = DiscreteStateIndex(index)
+    def state_output(self, rows: int, index: int) -> None:
+        """Declares an output port that shows a discrete-state group of that many rows, under its name."""
+        group, name = DiscreteStateIndex(index), self.group_names[index]
         if self.num_vehicles == 1:
             self.DeclareStateOutputPort(name, group)
             return
@@ -251,6 +253,7 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
                     self._options = options
                     self._layouts: dict[int, list[int | slice] | None] = {}
                     self.random_inputs: dict[str, RandomDistribution] = {}
+                    self.group_names: list[str] = []
                     self.declare(num_vehicles=num_vehicles, **options)
 
                 def _construct_copy(self, other: Any, converter: Any = None) -> None:

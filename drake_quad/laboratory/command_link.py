@@ -49,13 +49,13 @@ class CommandLink(FleetSystem):
         """Declares the system; see the class for the arguments."""
         self.period = period
         self._wrench = self.input("wrench", 4)
-        self._line = DelayLine(self, initial, delay_ticks)
+        self._line = DelayLine(self, "wrench", initial, delay_ticks)
         self._loss_rate = None
         if not is_zero(loss_rate):
             self._loss_rate = self.numeric_parameter([loss_rate])
             self._packet_loss = self.random_input("packet_loss", 1, RandomDistribution.kUniform)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._tick)
-        self.state_output("wrench", 4, self._line.out)
+        self.state_output(4, self._line.out)
 
     def _tick(self, context: Any, discrete_state: Any) -> None:
         self._line.advance(context, discrete_state, lambda packet: self._send(context, packet))

@@ -23,15 +23,17 @@ class DelayLine:
 
     Args:
         system: that the groups are declared in.
+        name: of the group that is out; the others are called after their age.
         initial: rows that are out before the first sample is.
         delay: in whole ticks; a number, or an (N,) array for a fleet.
     """
 
-    def __init__(self, system: FleetSystem, initial: Iterable[Row], delay: Row) -> None:
+    def __init__(self, system: FleetSystem, name: str, initial: Iterable[Row], delay: Row) -> None:
         self._system = system
         initial = list(initial)
-        self.out = system.discrete_state(initial)
-        self._under_way = [system.discrete_state(initial) for _ in range(int(np.max(delay)))]
+        self.out = system.discrete_state(name, initial)
+        longest = int(np.max(delay))
+        self._under_way = [system.discrete_state(f"{name}_{i}_ticks_old", initial) for i in range(longest)]
         self._delay = system.numeric_parameter([delay]) if self._under_way else None
 
     def newest(self, context: Any) -> Any:

@@ -73,12 +73,12 @@ class FlightMonitor(FleetSystem):
         self._reference = self.input("reference", 11)
         self._command = self.input("acceleration_command", 3)
         self._shortfall = self.input("shortfall", 4)
-        self._crashed = self.discrete_state([0.0])
-        self._crash_time = self.discrete_state([math.inf])
-        self._sums = self.discrete_state([0.0] * NUM_SUMS)
+        self._crashed = self.discrete_state("crashed", [0.0])
+        self._crash_time = self.discrete_state("crash_time", [math.inf])
+        self._sums = self.discrete_state("sums", [0.0] * NUM_SUMS)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._watch)
-        self.state_output("crashed", 1, self._crashed)
-        self.state_output("crash_time", 1, self._crash_time)
+        self.state_output(1, self._crashed)
+        self.state_output(1, self._crash_time)
 
     def metrics(self, context: Any) -> Metrics:
         """The metrics so far, (N,) arrays; those of what is not connected are NaN."""

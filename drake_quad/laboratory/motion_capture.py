@@ -41,10 +41,10 @@ class IdealMotionCapture(FleetSystem):
     def declare(self, *, num_vehicles: int = 1, period: float = 0.01) -> None:
         """Declares the system; see the class for the arguments."""
         self._state = self.input("state", 12)
-        self._frame = self.discrete_state([0.0] * 12)
+        self._frame = self.discrete_state("measurement", [0.0] * 12)
         self.DeclareInitializationDiscreteUpdateEvent(self._take_frame)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._take_frame)
-        self.state_output("measurement", 12, self._frame)
+        self.state_output(12, self._frame)
 
     def _take_frame(self, context: Any, discrete_state: Any) -> None:
         self.copy(discrete_state.get_mutable_vector(self._frame), self.EvalVectorInput(context, self._state))
@@ -176,14 +176,14 @@ class MotionCapture(FleetSystem):
         """Declares the system; see the class for the arguments."""
         self.period = period
         self._state = self.input("state", 12)
-        self._line = DelayLine(self, [0.0] * 12, latency_frames)
+        self._line = DelayLine(self, "measurement", [0.0] * 12, latency_frames)
         bandwidth = math.inf if derivative_bandwidth is None else derivative_bandwidth
         deviations = (errors.position_noise,) * 3 + (errors.attitude_noise,) * 3
         R_BM = RotationMatrix.of(*errors.misalignment)
         self._parameters = self.numeric_parameter([*deviations, errors.dropout_rate, bandwidth, *R_BM])
         self._derives = derivative_bandwidth is not None
         if self._derives:
-            self._before = self.discrete_state([0.0] * 6)
+            self._before = self.discrete_state("measurement_before", [0.0] * 6)
         self._aligned = all(is_zero(angle) for angle in errors.misalignment)
         self._noise = self._dropout = None
         if not (is_zero(errors.position_noise) and is_zero(errors.attitude_noise)):
@@ -192,7 +192,7 @@ class MotionCapture(FleetSystem):
             self._dropout = self.random_input("dropout", 1, RandomDistribution.kUniform)
         self.DeclareInitializationDiscreteUpdateEvent(self._first_frame)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._next_frame)
-        self.state_output("measurement", 12, self._line.out)
+        self.state_output(12, self._line.out)
 
     def _first_frame(self, context: Any, discrete_state: Any) -> None:
         parameters, state = self.parameter_rows(context, self._parameters), self.input_rows(context, self._state)

@@ -16,7 +16,8 @@ from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.stepping import quadrotor_step
 
-_KINEMATICS = {"exact": rigid_kinematics, "small_angle": small_angle_kinematics}
+Kinematics = Literal["exact", "small_angle"]
+KINEMATICS = {"exact": rigid_kinematics, "small_angle": small_angle_kinematics}
 
 _STILL_AIR = (0.0, 0.0, 0.0)
 
@@ -71,7 +72,7 @@ class Quadrotor(FleetSystem):
         *,
         num_vehicles: int = 1,
         time_step: float = 0.01,
-        kinematics: Literal["exact", "small_angle"] = "exact",
+        kinematics: Kinematics = "exact",
         parameters: QuadrotorParameters = QuadrotorParameters(),
         faults: RotorFaults | None = None,
         initial_position: Rows = (0.0, 0.0, 0.0),
@@ -79,7 +80,7 @@ class Quadrotor(FleetSystem):
     ) -> None:
         """Declares the system; see the class for the arguments."""
         self.time_step = time_step
-        self._kinematics = _KINEMATICS[kinematics]
+        self._kinematics = KINEMATICS[kinematics]
         self._parameters = self.numeric_parameter(parameters.to_rows())
         self._faults = None if faults is None else self.numeric_parameter(faults.to_rows())
         self._command = self.input("rotor_speed_command", 4)
@@ -88,11 +89,11 @@ class Quadrotor(FleetSystem):
 
         rigid_body, rotor_speed = _hover(parameters, initial_position, initial_yaw)
         if time_step > 0.0:
-            state = self.discrete_state(rigid_body)
-            rotors = self.discrete_state(rotor_speed)
+            state = self.discrete_state("state", rigid_body)
+            rotors = self.discrete_state("rotor_speed", rotor_speed)
             self.DeclarePeriodicUnrestrictedUpdateEvent(time_step, 0.0, self._step)
-            self.state_output("state", 12, state)
-            self.state_output("rotor_speed", 4, rotors)
+            self.state_output(12, state)
+            self.state_output(4, rotors)
         else:
             self.DeclareContinuousState(self.vector([*rigid_body, *rotor_speed]))
             uses = {self.xc_ticket()}

@@ -173,11 +173,11 @@ class DrydenTurbulence(FleetSystem):
         axes = [*turbulence.deviation, np.cos(heading), np.sin(heading)]
         self._parameters = self.numeric_parameter([*SampledFilter.of(turbulence, period).to_rows(), *axes])
         self._noise = self.random_input("turbulence_noise", 5, RandomDistribution.kGaussian)
-        self._wind = self.discrete_state([0.0] * 3)
-        self._state = self.discrete_state([0.0] * 5)
+        self._wind = self.discrete_state("wind", [0.0] * 3)
+        self._state = self.discrete_state("filter", [0.0] * 5)
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
-        self.state_output("wind", 3, self._wind)
+        self.state_output(3, self._wind)
 
     def _start(self, context: Any, discrete_state: Any) -> None:
         state = stationary_state(self.input_rows(context, self._noise))

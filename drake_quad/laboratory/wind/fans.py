@@ -119,11 +119,11 @@ class Fans(FleetSystem):
         self._jets = self.numeric_parameter([row for jet in jets for row in jet.to_rows()])
         self._vehicle = self.input("state", 12)
         self._noise = self.random_input("jet_noise", 3, RandomDistribution.kGaussian)
-        self._wind = self.discrete_state([0.0] * 3)
-        self._eddies = self.discrete_state([0.0] * 3)
+        self._wind = self.discrete_state("wind", [0.0] * 3)
+        self._eddies = self.discrete_state("eddies", [0.0] * 3)
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
-        self.state_output("wind", 3, self._wind)
+        self.state_output(3, self._wind)
 
     def _start(self, context: Any, discrete_state: Any) -> None:
         mean, deviation, _ = self._air(context)

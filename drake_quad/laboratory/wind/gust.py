@@ -63,10 +63,10 @@ class Gust(FleetSystem):
         """Declares the system; see the class for the arguments."""
         self._period = period
         self._gust = self.numeric_parameter(gust.to_rows())
-        self._wind = self.discrete_state([0.0, 0.0, 0.0])
+        self._wind = self.discrete_state("wind", [0.0, 0.0, 0.0])
         self.DeclareInitializationDiscreteUpdateEvent(self._sample)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
-        self.state_output("wind", 3, self._wind)
+        self.state_output(3, self._wind)
 
     def _sample(self, context: Any, discrete_state: Any) -> None:
         v_x, v_y, v_z, *times = self.parameter_rows(context, self._gust)

@@ -1,0 +1,125 @@
+"""The gains of a scenario's whole cascade."""
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.analysis.closed_loop import laboratory_plant
+from drake_quad.analysis.gain_design import Family, LoopDesign, PolePair, Requirements, design_loop
+from drake_quad.analysis.sampled_system import SampledSystem
+from drake_quad.scenario import Scenario
+
+# Which torque turns which angle at which rate; thrust lifts like a torque turns.
+_SIGNALS = {
+    "roll": ("tau_x", "roll", "p"),
+    "pitch": ("tau_y", "pitch", "q"),
+    "yaw": ("tau_z", "yaw", "r"),
+    "z": ("thrust", "z", "v_z"),
+}
+# Which tilt moves the vehicle along which axis, and in which direction, eq (7).
+_TILTS = {"x": ("pitch", 1.0), "y": ("roll", -1.0)}
+
+
+class LoopOptions(NamedTuple):
+    """How a loop is to be designed.
+
+    Attributes:
+        family: of gains.
+        requirements: that it must meet.
+        effort: that is asked for; None for the largest that meets them.
+    """
+
+    family: Family
+    requirements: Requirements
+    effort: float | None = None
+
+
+@dataclass(frozen=True)
+class CascadeDesign:
+    """The loops of a cascade, by axis: roll, pitch, yaw, x, y, z."""
+
+    loops: Mapping[str, LoopDesign]
+
+    def gains(self) -> dict[str, dict[str, list[float]]]:
+        """The gains as the block `control` of a scenario has them."""
+        blocks = {"position": ("x", "y", "z"), "attitude": ("roll", "pitch", "yaw")}
+        return {
+            block: {name: [getattr(self.loops[axis].gains, name) for axis in axes] for name in ("k_p", "k_d")}
+            for block, axes in blocks.items()
+        }
+
+
+def default_options(period: float) -> dict[str, LoopOptions]:
+    """The fastest pole pairs within 45°, 6 dB and, for the attitude, two ticks of delay.
+
+    Args:
+        period: of the ticks, s.
+    """
+    inner, outer = Requirements(delay=2.0 * period), Requirements()
+    attitude = {axis: LoopOptions(PolePair(0.8), inner) for axis in ("roll", "pitch", "yaw")}
+    return (
+        attitude
+        | {axis: LoopOptions(PolePair(0.9), outer) for axis in ("x", "y")}
+        | {"z": LoopOptions(PolePair(0.8), outer)}
+    )
+
+
+def design_cascade(scenario: Scenario, options: Mapping[str, LoopOptions] | None = None) -> CascadeDesign:
+    """Designs the gains of a scenario's cascade for its laboratory and the vehicle that it believes in.
+
+    Args:
+        scenario: whose own gains do not matter.
+        options: for each axis; `default_options` where not given.
+
+    Raises:
+        InputError: requirements cannot be met, or the scenario holds distributions.
+    """
+    period = scenario.laboratory.command_link.period
+    wanted = default_options(period) | dict(options or {})
+    laboratory = laboratory_plant(scenario)
+    plants = {axis: attitude_plant(laboratory, scenario, axis) for axis in _SIGNALS}
+    loops = {}
+    for axis, plant in plants.items():
+        loops[axis] = design_loop(plant, *wanted[axis][:2], axis=axis, effort=wanted[axis].effort)
+    for axis, (tilt, _) in _TILTS.items():
+        plant = position_plant(laboratory, scenario, axis, loops[tilt])
+        loops[axis] = design_loop(plant, *wanted[axis][:2], axis=axis, effort=wanted[axis].effort)
+    return CascadeDesign(loops)
+
+
+def attitude_plant(laboratory: SampledSystem, scenario: Scenario, axis: str) -> SampledSystem:
+    """From a commanded angular acceleration (or, for z, a linear one) to the measured value and rate of an axis.
+
+    Args:
+        laboratory: of `laboratory_plant`.
+        scenario: with the nominal mass and inertia, by which commands become torques.
+        axis: roll, pitch, yaw or z.
+    """
+    return _plant(laboratory, scenario, axis, _SIGNALS[axis][1:])
+
+
+def position_plant(laboratory: SampledSystem, scenario: Scenario, axis: str, attitude: LoopDesign) -> SampledSystem:
+    """From a commanded acceleration on x or y to the measured position and velocity, the attitude loop closed.
+
+    Args:
+        laboratory: of `laboratory_plant`.
+        scenario: with the nominal vehicle.
+        axis: x or y.
+        attitude: the loop of the tilt that moves along this axis.
+    """
+    tilt, sign = _TILTS[axis]
+    whole = _plant(laboratory, scenario, tilt, (*_SIGNALS[tilt][1:], axis, f"v_{axis}"))
+    k_p, k_d = attitude.gains
+    closed = whole.with_feedback(np.array([[k_p, k_d, 0.0, 0.0]]))
+    command = closed.scaled(sign * k_p / scenario.nominal.gravity, "acceleration_command")
+    return command.between(command.inputs, command.outputs[2:])
+
+
+def _plant(laboratory: SampledSystem, scenario: Scenario, axis: str, measured: tuple[str, ...]) -> SampledSystem:
+    torque = _SIGNALS[axis][0]
+    nominal = scenario.nominal
+    inertia = dict(zip(("tau_x", "tau_y", "tau_z"), nominal.inertia, strict=True)) | {"thrust": nominal.mass}
+    plant = laboratory.between([f"wrench.{torque}"], [f"measurement.{name}" for name in measured])
+    return plant.connected().scaled(inertia[torque], "acceleration_command")

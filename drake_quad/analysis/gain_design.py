@@ -1,0 +1,266 @@
+"""PD gains from the linear model of the laboratory, with its delays, holds, lags and filters in the loop.
+
+The attitude loops are designed first, each on its own: the plant is what lies between a commanded angular acceleration
+and the measured angle and rate. Then the position loops around them: a commanded acceleration a on X asks for the
+pitch a / g, on Y for the roll -a / g. Height is a loop of its own, like an attitude's.
+
+Two families of gains, each of one number that says how hard the loop works; the hardest that keeps the margins is
+taken, or the one that is asked for:
+
+- `PolePair`: the two gains put two poles of the sampled loop exactly at exp(s h), s = ω (-ζ ± i √(1 - ζ²)), for a
+  bandwidth ω and a damping ζ; these two must stay the slowest of the loop.
+- `Regulator`: the two gains with the least quadratic cost, against a disturbance at the plant's input; what a full
+  linear-quadratic regulator, which knows every delay line, would do better is stated.
+"""
+
+import math
+from dataclasses import dataclass, replace
+from typing import NamedTuple, Protocol
+
+import numpy as np
+import scipy.linalg
+import scipy.optimize
+from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
+
+from drake_quad.analysis.margins import FastMargins, Margins, fast_margins, frequencies, margins
+from drake_quad.analysis.modes import is_stabilizable
+from drake_quad.analysis.sampled_system import SampledSystem
+from drake_quad.errors import InputError
+
+# Bandwidths that are tried, rad/s: from far below what any laboratory allows up to a third of half the sampling rate.
+_SLOWEST, _FASTEST_SHARE, _TRIED = 0.05, 1.0 / 3.0, 120
+# Where the search for a regulator's gains starts, rad/s: slow enough to be stable in any of them.
+_SLOW = 0.2
+
+
+class PdGains(NamedTuple):
+    """k_P (1/s²) and k_D (1/s) of an axis."""
+
+    k_p: float
+    k_d: float
+
+
+class Requirements(NamedTuple):
+    """Margins that a loop must keep.
+
+    Attributes:
+        phase: degrees.
+        gain: dB.
+        delay: s.
+    """
+
+    phase: float = 45.0
+    gain: float = 6.0
+    delay: float = 0.0
+
+    def broken_by(self, found: FastMargins | Margins) -> list[str]:
+        """What falls short, in words."""
+        units = {"phase": ("°", 1.0), "gain": (" dB", 1.0), "delay": (" ms", 1e3)}
+        return [
+            f"{name} margin {factor * float(getattr(found, name)):.1f}{unit} of {factor * getattr(self, name):g}{unit}"
+            for name, (unit, factor) in units.items()
+            if not getattr(found, name) >= getattr(self, name)
+        ]
+
+
+@dataclass(frozen=True)
+class LoopDesign:
+    """A designed loop.
+
+    Attributes:
+        axis: its name.
+        gains: of its PD.
+        plant: from the commanded acceleration to the measured value and rate.
+        requirements: that were asked for.
+        margins: that were reached.
+        bandwidth: of the pole pair, rad/s; None for a regulator.
+        cost_ratio: of the PD to the full regulator; None for a pole pair.
+        limit: what a faster loop of the same family would break; empty for gains that were asked for.
+    """
+
+    axis: str
+    gains: PdGains
+    plant: SampledSystem
+    requirements: Requirements
+    margins: Margins
+    bandwidth: float | None = None
+    cost_ratio: float | None = None
+    limit: str = ""
+
+    def loop(self) -> SampledSystem:
+        """The loop broken at the commanded acceleration."""
+        return pd_loop(self.plant, self.gains)
+
+    def closed(self) -> SampledSystem:
+        """From a commanded value to the measured value and rate, with the loop closed."""
+        k_p, _ = self.gains
+        return self.plant.with_feedback(np.array([self.gains])).scaled(k_p, "command")
+
+
+class Family(Protocol):
+    """Gains that work the harder the larger a number is."""
+
+    def gains(self, plant: SampledSystem, effort: float) -> PdGains:
+        """The gains for a plant."""
+
+    def efforts(self, plant: SampledSystem) -> np.ndarray:
+        """The numbers to try, rising."""
+
+
+class PolePair(NamedTuple):
+    """Gains that place a pair of poles; the effort is its bandwidth ω, rad/s.
+
+    Attributes:
+        damping: ζ, between 0 and 1.
+    """
+
+    damping: float
+
+    def gains(self, plant: SampledSystem, effort: float) -> PdGains:
+        """See `Family`: 1 + k_P G_value(z) + k_D G_rate(z) = 0 at the pole is linear in the gains."""
+        s = effort * complex(-self.damping, math.sqrt(1.0 - self.damping**2))
+        value, rate = plant.response(np.array([np.exp(s * plant.period)]))[0, :, 0]
+        k_p, k_d = np.linalg.solve([[value.real, rate.real], [value.imag, rate.imag]], [-1.0, 0.0])
+        return PdGains(float(k_p), float(k_d))
+
+    def efforts(self, plant: SampledSystem) -> np.ndarray:
+        """See `Family`."""
+        return np.geomspace(_SLOWEST, _FASTEST_SHARE * math.pi / plant.period, _TRIED)
+
+
+class Regulator(NamedTuple):
+    """Gains of least cost Σ value² + (rate_time · rate)² + (u / effort)² after an impulse at the plant's input.
+
+    Attributes:
+        rate_time: what a rate weighs beside a value, s.
+    """
+
+    rate_time: float
+
+    def gains(self, plant: SampledSystem, effort: float) -> PdGains:
+        """See `Family`: the least over k_P and k_D, from those of a slow double integrator."""
+        start = np.log([_SLOW**2, 1.6 * _SLOW])
+
+        def logarithm_of_cost(logs: np.ndarray) -> float:
+            return math.log(self.cost(plant, PdGains(*np.exp(logs)), effort))
+
+        best = scipy.optimize.minimize(logarithm_of_cost, start, method="Nelder-Mead", options={"xatol": 1e-4})
+        return PdGains(*(float(gain) for gain in np.exp(best.x)))
+
+    def cost(self, plant: SampledSystem, gains: PdGains, effort: float) -> float:
+        """The cost of a PD, by Lyapunov's equation; huge if it is not stable."""
+        feedback = np.array([gains]) @ plant.C
+        closed = plant.A - plant.B @ feedback
+        if np.abs(np.linalg.eigvals(closed)).max() > 1.0 - 1e-7:
+            return 1e12
+        weight = self._state_weight(plant) + feedback.T @ feedback / effort**2
+        return (plant.B.T @ scipy.linalg.solve_discrete_lyapunov(closed.T, weight) @ plant.B).item()
+
+    def least_cost(self, plant: SampledSystem, effort: float) -> float:
+        """The cost of the full linear-quadratic regulator, which feeds back every state."""
+        _, S = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, self._state_weight(plant), np.eye(1) / effort**2)
+        return (plant.B.T @ S @ plant.B).item()
+
+    def efforts(self, plant: SampledSystem) -> np.ndarray:
+        """See `Family`."""
+        return np.geomspace(1e-2, 1e3, _TRIED // 4)
+
+    def _state_weight(self, plant: SampledSystem) -> np.ndarray:
+        return plant.C.T @ np.diag([1.0, self.rate_time**2]) @ plant.C
+
+
+def pd_loop(plant: SampledSystem, gains: PdGains) -> SampledSystem:
+    """The loop transfer function k_P G_value + k_D G_rate of a PD around a plant with these two outputs."""
+    row = np.array([gains])
+    return replace(plant, C=row @ plant.C, D=row @ plant.D, outputs=("loop",))
+
+
+def design_loop(
+    plant: SampledSystem,
+    family: Family,
+    requirements: Requirements,
+    *,
+    axis: str,
+    effort: float | None = None,
+) -> LoopDesign:
+    """Designs the PD of one axis.
+
+    Args:
+        plant: from a commanded acceleration to the measured value and rate.
+        family: of gains.
+        requirements: margins to keep.
+        axis: its name, for people.
+        effort: that is asked for; the largest that meets the requirements if not given.
+
+    Raises:
+        InputError: the plant cannot be stabilised, or the requirements cannot be met.
+    """
+    if not is_stabilizable(plant.A, plant.B, period=plant.period):
+        raise InputError(f"the plant of {axis} cannot be stabilised: its command does not reach every mode that lasts")
+    if effort is not None:
+        gains = _rounded(family.gains(plant, effort))
+        broken = _broken(plant, family, requirements, gains, effort)
+        if broken:
+            raise InputError(f"at {effort:g} rad/s {axis} has {', '.join(broken)}")
+        return _finished(plant, family, requirements, axis, effort, "")
+    best, fastest_tried, reasons = None, None, [""]
+    for tried in family.efforts(plant):
+        broken = _broken(plant, family, requirements, _rounded(family.gains(plant, tried)), tried)
+        if not broken:
+            best = tried
+        elif best is not None:
+            fastest_tried, reasons = tried, broken
+            break
+        else:
+            reasons = broken
+    if best is None:
+        raise InputError(f"no PD of this kind meets the requirements on {axis}: at best {', '.join(reasons)}")
+    if fastest_tried is not None:
+        for _ in range(12):
+            middle = math.sqrt(best * fastest_tried)
+            broken = _broken(plant, family, requirements, _rounded(family.gains(plant, middle)), middle)
+            best, fastest_tried = (best, middle) if broken else (middle, fastest_tried)
+            reasons = broken or reasons
+    return _finished(plant, family, requirements, axis, best, " and ".join(reasons))
+
+
+def _broken(
+    plant: SampledSystem, family: Family, requirements: Requirements, gains: PdGains, effort: float
+) -> list[str]:
+    """What is wrong with gains, in words."""
+    if not min(gains) > 0.0:
+        return [f"a negative gain ({gains.k_p:g}, {gains.k_d:g})"]
+    poles = plant.with_feedback(np.array([gains])).poles()
+    if not np.abs(poles).max() < 1.0:
+        return ["no stability"]
+    if isinstance(family, PolePair):
+        decay = -math.log(np.abs(poles).max()) / plant.period
+        if decay < 0.98 * effort * family.damping:
+            return ["slower poles than the two that are placed"]
+    grid = frequencies(plant.period)
+    response = pd_loop(plant, gains).response(np.exp(1j * grid * plant.period))[:, 0, 0]
+    return requirements.broken_by(fast_margins(response, grid))
+
+
+def _finished(
+    plant: SampledSystem, family: Family, requirements: Requirements, axis: str, effort: float, limit: str
+) -> LoopDesign:
+    gains = _rounded(family.gains(plant, effort))
+    ratio = None
+    if isinstance(family, Regulator):
+        ratio = family.cost(plant, gains, effort) / family.least_cost(plant, effort)
+    return LoopDesign(
+        axis=axis,
+        gains=gains,
+        plant=plant,
+        requirements=requirements,
+        margins=margins(pd_loop(plant, gains)),
+        bandwidth=effort if isinstance(family, PolePair) else None,
+        cost_ratio=ratio,
+        limit=limit,
+    )
+
+
+def _rounded(gains: PdGains) -> PdGains:
+    """Four significant digits, as they are written down."""
+    return PdGains(*(float(f"{gain:.4g}") for gain in gains))

@@ -1,0 +1,106 @@
+"""How far a sampled loop is from instability."""
+
+import math
+from typing import NamedTuple
+
+import control
+import numpy as np
+
+from drake_quad.analysis.sampled_system import SampledSystem
+
+# Lowest frequency that is looked at, rad/s, and how many up to half the sampling rate.
+_LOWEST, _POINTS = 1e-2, 1500
+
+
+class Margins(NamedTuple):
+    """Margins of a loop of one signal, broken where its transfer function L is taken.
+
+    Attributes:
+        gain: factor by which the gain may rise, dB.
+        gain_reduction: by which it may fall, dB, as a positive number; infinite if it may vanish.
+        phase: degrees.
+        delay: time by which the signal may be later, s.
+        disk: largest α such that every gain between (1 - α/2) / (1 + α/2) and its inverse, with every phase to match,
+            is stood (P. Seiler, A. Packard and P. Gahinet, "An introduction to disk margins", 2020).
+        crossover: highest frequency at which |L| = 1, rad/s.
+        sensitivity: peak of |1 / (1 + L)|.
+        bandwidth: lowest frequency at which |L / (1 + L)| falls below -3 dB, rad/s.
+    """
+
+    gain: float
+    gain_reduction: float
+    phase: float
+    delay: float
+    disk: float
+    crossover: float
+    sensitivity: float
+    bandwidth: float
+
+
+def margins(loop: SampledSystem) -> Margins:
+    """The margins of a stable loop with one input and one output, by python-control.
+
+    Gain and phase margins are of the frequency response at 1,500 points, interpolated by splines: a polynomial in z for
+    a dozen states loses the digits that they need.
+    """
+    grid = frequencies(loop.period)
+    system = loop.to_state_space()
+    response = loop.response(np.exp(1j * grid * loop.period))[:, 0, 0]
+    data = control.FrequencyResponseData(response, grid, smooth=True)
+    gains, phases, _, _, crossovers, _ = control.stability_margins(data, returnall=True)
+    disk, _, _ = control.disk_margins(system, grid)
+    complementary = np.abs(response / (1.0 + response))
+    below = np.flatnonzero(complementary < math.sqrt(0.5))
+    return Margins(
+        gain=_decibel(np.min(gains[gains > 1.0], initial=np.inf)),
+        gain_reduction=-_decibel(np.max(gains[gains < 1.0], initial=0.0)),
+        phase=float(np.min(np.abs(phases), initial=np.inf)),
+        delay=float(np.min(np.radians(phases % 360.0) / crossovers, initial=np.inf)),
+        disk=float(disk),
+        crossover=float(np.max(crossovers, initial=0.0)),
+        sensitivity=float(np.abs(1.0 / (1.0 + response)).max()),
+        bandwidth=float(grid[below[0]]) if len(below) else math.inf,
+    )
+
+
+class FastMargins(NamedTuple):
+    """Gain (dB), phase (degrees) and delay (s) margin of many loops at once, arrays of one shape."""
+
+    gain: np.ndarray
+    phase: np.ndarray
+    delay: np.ndarray
+
+
+def fast_margins(responses: np.ndarray, grid: np.ndarray) -> FastMargins:
+    """The margins of many stable loops, by linear interpolation between frequencies, for searches and maps.
+
+    Args:
+        responses: (..., frequencies) of L.
+        grid: (frequencies,) rad/s.
+    """
+    size, angle = np.log(np.abs(responses)), np.angle(-responses)  # from -1, so that 0 is the critical point
+    logs = np.log(grid)
+    crosses = size[..., :-1] * size[..., 1:] < 0.0
+    share = np.where(crosses, size[..., :-1] / (size[..., :-1] - size[..., 1:] + ~crosses), 0.0)
+    turn = np.diff(angle, axis=-1)
+    turn = turn - 2.0 * np.pi * np.rint(turn / (2.0 * np.pi))
+    phase = angle[..., :-1] + share * turn
+    frequency = np.exp(logs[:-1] + share * np.diff(logs))
+    # Where the curve passes the critical direction it does not jump to the other side of the circle.
+    flips = (angle[..., :-1] * angle[..., 1:] < 0.0) & (np.abs(np.diff(angle, axis=-1)) < np.pi)
+    part = np.where(flips, angle[..., :-1] / (angle[..., :-1] - angle[..., 1:] + ~flips), 0.0)
+    gain = -(size[..., :-1] + part * np.diff(size, axis=-1)) * 20.0 / math.log(10.0)
+    return FastMargins(
+        np.where(flips & (gain > 0.0), gain, np.inf).min(axis=-1),
+        np.degrees(np.where(crosses, np.abs(phase), np.inf).min(axis=-1)),
+        np.where(crosses, (phase % (2.0 * np.pi)) / frequency, np.inf).min(axis=-1),
+    )
+
+
+def frequencies(period: float, *, points: int = _POINTS) -> np.ndarray:
+    """(points,) frequencies up to just below half the sampling rate, rad/s."""
+    return np.geomspace(_LOWEST, 0.9999 * math.pi / period, points)
+
+
+def _decibel(factor: float) -> float:
+    return 20.0 * math.log10(factor) if factor > 0.0 else -math.inf

@@ -1,0 +1,87 @@
+"""The modes of a linear system: what it does when left alone, and whether its inputs can do anything about it."""
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy.linalg
+
+# How much of a mode a state must carry to be named.
+_SHARE = 0.1
+
+
+class Mode(NamedTuple):
+    """An eigenvalue, or a pair of them.
+
+    Attributes:
+        pole: s, 1/s; of a pair, the one above the real axis. For a sampled system log(z) / period.
+        frequency: |s|, rad/s.
+        damping: -Re s / |s|; nan for an integrator.
+        multiplicity: how often it occurs.
+        states: that take part in it, the most first.
+    """
+
+    pole: complex
+    frequency: float
+    damping: float
+    multiplicity: int
+    states: tuple[str, ...]
+
+
+def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None) -> list[Mode]:
+    """The modes of ẋ = A x, or of x⁺ = A x, the slowest first.
+
+    A state takes part by its entry on the diagonal of the mode's spectral projector, which for a single eigenvalue is
+    its participation factor and is sound for repeated ones, too. What dies within a period, as a delay line does, is
+    left out.
+
+    Args:
+        A: (n, n).
+        states: the n names.
+        period: between two samples, s; None for a continuous system.
+    """
+    left = np.linalg.eigvals(A)
+    close = 1e-3 * max(np.abs(left).max(initial=0.0), 1e-3)  # repeated eigenvalues are found with such errors
+    found = []
+    while len(left):
+        alike = np.abs(left - left[0]) < close
+        value, multiplicity = complex(left[alike].mean()), int(alike.sum())
+        left = left[~alike]
+        if value.imag < -close or (period is not None and abs(value) < 1e-3):
+            continue
+        pole = value if period is None else complex(np.log(value)) / period
+        size = abs(pole)
+        shares = np.abs(np.diag(_projector(A, value, close)))
+        order = [int(i) for i in np.argsort(-shares, kind="stable") if shares[i] > _SHARE * shares.max()]
+        damping = -pole.real / size if size > 1e-6 else np.nan
+        found.append(Mode(pole, size, damping, multiplicity, tuple(states[i] for i in order)))
+    return sorted(found, key=lambda mode: mode.frequency)
+
+
+def _projector(A: np.ndarray, value: complex, radius: float) -> np.ndarray:
+    """(n, n) onto the invariant subspace of the eigenvalues near a value, along that of the others."""
+    T, Z, k = scipy.linalg.schur(A, output="complex", sort=lambda x: abs(x - value) < 2.0 * radius)
+    R = scipy.linalg.solve_sylvester(T[:k, :k], -T[k:, k:], -T[:k, k:])
+    return Z[:, :k] @ (Z[:, :k].conj().T - R @ Z[:, k:].conj().T)
+
+
+def uncontrollable(A: np.ndarray, B: np.ndarray, *, tolerance: float = 1e-9) -> np.ndarray:
+    """The eigenvalues of A that no input moves: [λ I - A, B] has less than full rank there (Popov, Belevitch, Hautus).
+
+    Args:
+        A: (n, n).
+        B: (n, m).
+        tolerance: on the smallest singular value, relative to the largest.
+    """
+    lost = []
+    for value in np.linalg.eigvals(A):
+        sizes = np.linalg.svd(np.hstack([value * np.eye(len(A)) - A, B]), compute_uv=False)
+        if sizes[-1] < tolerance * sizes[0]:
+            lost.append(value)
+    return np.array(lost)
+
+
+def is_stabilizable(A: np.ndarray, B: np.ndarray, *, period: float | None = None) -> bool:
+    """Whether every mode that does not die out by itself can be moved by an input."""
+    lost = uncontrollable(A, B)
+    alive = np.abs(lost) >= 1.0 - 1e-9 if period is not None else lost.real >= -1e-9
+    return not alive.any()

@@ -1,0 +1,209 @@
+"""The exact linearisation of a sampled diagram: the Jacobian of one whole period.
+
+Between two ticks a diagram with cameras, links, filters and a stepping vehicle is a map of all that it remembers,
+
+    x⁺ = Φ(x, u)        y = g(x, u)
+
+where x is the state just before the events of a tick, u is held over the period that follows, and y is what is out just
+before the events. `linearize` has Drake's simulator advance the diagram by that period on AutoDiffXd, so that every
+delay, hold, filter and step is in
+
+    A = ∂Φ/∂x    B = ∂Φ/∂u    C = ∂g/∂x    D = ∂g/∂u
+
+as it is. For a closed loop A is the monodromy matrix and its eigenvalues are the Floquet multipliers.
+"""
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+import control
+import numpy as np
+from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, InitializeAutoDiff
+from pydrake.systems.analysis import InitializeParams, Simulator, Simulator_
+from pydrake.systems.framework import Diagram
+
+from drake_quad.analysis.state_vector import StateVector, row_names, undotted
+from drake_quad.errors import InputError
+
+
+@dataclass(frozen=True)
+class SampledSystem:
+    """A linear system in discrete time: x⁺ = A x + B u, y = C x + D u, in deviations from where it was linearised.
+
+    Attributes:
+        A: (n, n).
+        B: (n, m).
+        C: (p, n).
+        D: (p, m).
+        period: between two samples, s.
+        states: the n names.
+        inputs: the m names.
+        outputs: the p names.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    D: np.ndarray
+    period: float
+    states: tuple[str, ...]
+    inputs: tuple[str, ...]
+    outputs: tuple[str, ...]
+
+    def to_state_space(self) -> control.StateSpace:
+        """The same as python-control's StateSpace."""
+        names = {"states": undotted(self.states), "inputs": undotted(self.inputs), "outputs": undotted(self.outputs)}
+        return control.ss(self.A, self.B, self.C, self.D, self.period, **names)
+
+    def poles(self) -> np.ndarray:
+        """(n,) eigenvalues of A; for a closed loop, its Floquet multipliers."""
+        return np.linalg.eigvals(self.A)
+
+    def response(self, z: np.ndarray) -> np.ndarray:
+        """(points, p, m) transfer matrix at points of the z-plane."""
+        shifted = np.asarray(z)[:, np.newaxis, np.newaxis] * np.eye(len(self.A)) - self.A
+        return self.C @ np.linalg.solve(shifted, np.broadcast_to(self.B, (len(z), *self.B.shape))) + self.D
+
+    def between(self, inputs: Sequence[str], outputs: Sequence[str]) -> "SampledSystem":
+        """The system from some of the inputs to some of the outputs, with all states."""
+        columns, rows = [self.inputs.index(name) for name in inputs], [self.outputs.index(name) for name in outputs]
+        return replace(
+            self,
+            B=self.B[:, columns],
+            C=self.C[rows],
+            D=self.D[np.ix_(rows, columns)],
+            inputs=tuple(inputs),
+            outputs=tuple(outputs),
+        )
+
+    def transformed(self, rows: Sequence[int], matrix: np.ndarray, names: Sequence[str]) -> "SampledSystem":
+        """The system with other coordinates: some rows of the state replaced by a matrix times themselves."""
+        T = np.eye(len(self.A))
+        T[np.ix_(rows, rows)] = matrix
+        inverse = np.linalg.inv(T)
+        states = list(self.states)
+        for row, name in zip(rows, names, strict=True):
+            states[row] = name
+        return replace(self, A=T @ self.A @ inverse, B=T @ self.B, C=self.C @ inverse, states=tuple(states))
+
+    def connected(self, *, tolerance: float = 1e-9) -> "SampledSystem":
+        """The system without the states that no input reaches or no output sees, through entries above a tolerance."""
+        couples = np.abs(self.A) > tolerance
+        reached = _closure(couples, (np.abs(self.B) > tolerance).any(axis=1))
+        seen = _closure(couples.T, (np.abs(self.C) > tolerance).any(axis=0))
+        kept = np.flatnonzero(reached & seen)
+        states = tuple(self.states[i] for i in kept)
+        return replace(self, A=self.A[np.ix_(kept, kept)], B=self.B[kept], C=self.C[:, kept], states=states)
+
+    def with_feedback(self, gain: np.ndarray) -> "SampledSystem":
+        """The loop closed by u = v - gain y, from v to y; for a system without direct feedthrough.
+
+        Args:
+            gain: (m, p).
+        """
+        return replace(self, A=self.A - self.B @ gain @ self.C)
+
+    def scaled(self, factor: float, name: str) -> "SampledSystem":
+        """The system with its single input multiplied by a factor, under another name."""
+        return replace(self, B=self.B * factor, D=self.D * factor, inputs=(name,))
+
+
+def _closure(couples: np.ndarray, found: np.ndarray) -> np.ndarray:
+    """The (n,) mask of all that can be reached; `couples[i, j]` says that j leads to i."""
+    while True:
+        more = found | (couples & found).any(axis=1)
+        if (more == found).all():
+            return found
+        found = more
+
+
+def linearize(
+    diagram: Diagram,
+    context: Any,
+    *,
+    period: float,
+    inputs: Sequence[str] = (),
+    outputs: Sequence[str] = (),
+    without: Sequence[str] = (),
+) -> tuple[SampledSystem, np.ndarray]:
+    """Returns the linear system of a diagram's map over a period, and how far the state moves in a period.
+
+    Args:
+        diagram: of systems that convert to AutoDiffXd.
+        context: of the diagram, at a tick later than zero, before the events of that tick; it gives state, parameters
+            and fixed inputs.
+        period: s; a multiple of the periods of all events.
+        inputs: names of the input ports that make up u; fixed in the context.
+        outputs: names of the output ports that make up y.
+        without: names of subsystems whose state is left out, since they watch and do not act.
+
+    Returns:
+        The system, and Φ(x, u) - x (n,), which is zero at an equilibrium.
+
+    Raises:
+        InputError: a system has no version for AutoDiffXd, or holds a state that is not made of numbers.
+    """
+    layout = StateVector(diagram, without=without)
+    converted = diagram.ToAutoDiffXdMaybe()
+    if converted is None:
+        raise InputError(f"{_without_autodiff(diagram, ())} has no version for AutoDiffXd, which a Jacobian needs")
+    state = layout.read(diagram, context)
+    n = len(state)
+    ports = [diagram.GetInputPort(name) for name in inputs]
+    point = InitializeAutoDiff(np.concatenate([state, *(port.Eval(context) for port in ports)])).ravel()
+
+    root = converted.CreateDefaultContext()
+    root.SetTimeStateAndParametersFrom(context)
+    converted.FixInputPortsFrom(diagram, context, root)
+    layout.write(converted, root, point[:n])
+    first = n
+    for name, port in zip(inputs, ports, strict=True):
+        converted.GetInputPort(name).FixValue(root, point[first : first + port.size()])
+        first += port.size()
+    y = [np.asarray(converted.GetOutputPort(name).Eval(root)) for name in outputs]
+    simulator = Simulator_[AutoDiffXd](converted, root)
+    keep = InitializeParams()
+    keep.suppress_initialization_events = True
+    simulator.Initialize(keep)
+    simulator.AdvanceTo(context.get_time() + period)
+
+    after = layout.read(converted, root)
+    forward, sideways = _gradient(after, len(point)), _gradient(np.concatenate([*y, np.empty(0)]), len(point))
+    system = SampledSystem(
+        forward[:, :n],
+        forward[:, n:],
+        sideways[:, :n],
+        sideways[:, n:],
+        period,
+        layout.names,
+        tuple(name for port in ports for name in row_names(port.get_name(), port.size())),
+        tuple(name for port in outputs for name in row_names(port, diagram.GetOutputPort(port).size())),
+    )
+    return system, ExtractValue(after).ravel() - state
+
+
+def at_tick(diagram: Diagram, time: float, context: Any = None) -> Any:
+    """Advances a diagram to a tick and returns its context, as `linearize` takes it: before the events of that tick."""
+    simulator = Simulator(diagram) if context is None else Simulator(diagram, context)
+    simulator.AdvanceTo(time)
+    return simulator.get_mutable_context()
+
+
+def _gradient(values: np.ndarray, size: int) -> np.ndarray:
+    """(values, size) derivatives; zero for values that depend on nothing."""
+    if not len(values):
+        return np.empty((0, size))
+    gradient = ExtractGradient(values)
+    return gradient if gradient.shape[1] else np.zeros((len(values), size))
+
+
+def _without_autodiff(system: Any, path: tuple[str, ...]) -> str:
+    """The path of the first leaf system that does not convert."""
+    if isinstance(system, Diagram):
+        for part in system.GetSystems():
+            found = _without_autodiff(part, (*path, part.get_name()))
+            if found:
+                return found
+        return ""
+    return ".".join(path) if system.ToAutoDiffXdMaybe() is None else ""

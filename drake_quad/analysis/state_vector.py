@@ -1,0 +1,91 @@
+"""All that a diagram remembers, as one vector with names."""
+
+from collections.abc import Iterator, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.systems.framework import Diagram
+
+from drake_quad.errors import InputError
+from drake_quad.signals import SIGNALS
+
+
+class _Group(NamedTuple):
+    """A discrete-state group of a leaf system, and the names of its elements."""
+
+    path: tuple[str, ...]
+    number: int
+    names: tuple[str, ...]
+
+
+class StateVector:
+    """The discrete-state groups of a diagram's systems, one after the other, and its continuous state at the end.
+
+    The names are those of the systems on the way, of the group and of the row, as in
+    `laboratory.vehicle.state.pitch`. The same layout serves the diagram's other scalar types.
+
+    Args:
+        diagram: whose state it is.
+        without: names of subsystems whose state is left out.
+
+    Raises:
+        InputError: a system holds a state that is not made of numbers.
+    """
+
+    def __init__(self, diagram: Diagram, *, without: Sequence[str] = ()) -> None:
+        context = diagram.CreateDefaultContext()
+        self._groups = list(_groups(diagram, context, (), without))
+        self._continuous = context.num_continuous_states()
+        continuous = tuple(f"continuous.{i}" for i in range(self._continuous))
+        self.names = (*(name for group in self._groups for name in group.names), *continuous)
+
+    def read(self, diagram: Diagram, root: Any) -> np.ndarray:
+        """The (n,) state in a diagram's context."""
+        parts = [self._vector(diagram, root, group).CopyToVector() for group in self._groups]
+        return np.concatenate([*parts, root.get_continuous_state_vector().CopyToVector()])
+
+    def write(self, diagram: Diagram, root: Any, state: np.ndarray) -> None:
+        """Puts a (n,) state into a diagram's context."""
+        first = 0
+        for group in self._groups:
+            end = first + len(group.names)
+            self._vector(diagram, root, group).SetFromVector(state[first:end])
+            first = end
+        if self._continuous:
+            root.get_mutable_continuous_state_vector().SetFromVector(state[first:])
+
+    @staticmethod
+    def _vector(diagram: Any, root: Any, group: _Group) -> Any:
+        system = diagram
+        for name in group.path:
+            system = system.GetSubsystemByName(name)
+        return system.GetMyMutableContextFromRoot(root).get_mutable_discrete_state(group.number)
+
+
+def row_names(signal: str, size: int) -> tuple[str, ...]:
+    """The names of the rows of a port or state group of one vehicle: those of its signal, or numbers."""
+    known = next((rows for name, rows in SIGNALS.items() if signal == name or signal.startswith(f"{name}_")), ())
+    if len(known) < size:
+        return tuple(f"{signal}.{i}" for i in range(size))
+    return tuple(f"{signal}.{row.name}" for row in known[:size])
+
+
+def undotted(names: Sequence[str]) -> list[str]:
+    """The names as python-control takes them: with underscores for dots."""
+    return [name.replace(".", "_") for name in names]
+
+
+def _groups(system: Any, root: Any, path: tuple[str, ...], without: Sequence[str]) -> Iterator[_Group]:
+    if isinstance(system, Diagram):
+        for part in system.GetSystems():
+            if part.get_name() not in without:
+                yield from _groups(part, root, (*path, part.get_name()), without)
+        return
+    context = system.GetMyContextFromRoot(root)
+    if context.num_abstract_states():
+        raise InputError(f"{'.'.join(path)} holds a state that is not made of numbers; it has no Jacobian")
+    for number in range(context.num_discrete_state_groups()):
+        names = getattr(system, "group_names", None)
+        group = names[number] if names else f"group_{number}"
+        size = context.get_discrete_state(number).size()
+        yield _Group(path, number, tuple(".".join((*path, row)) for row in row_names(group, size)))

@@ -1,0 +1,148 @@
+"""Operating points of the vehicle, and its linear models there."""
+
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import control
+import numpy as np
+from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
+from pydrake.solvers import MathematicalProgram, SnoptSolver
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import (
+    AffineSystem,
+    Demultiplexer,
+    FirstOrderTaylorApproximation,
+    Linearize,
+    LinearSystem,
+)
+
+from drake_quad.analysis.state_vector import row_names, undotted
+from drake_quad.errors import InputError
+from drake_quad.vehicle.dynamics import hover_rotor_speeds, motion_derivative, rotor_residual, rotor_wrench
+from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.quadrotor import KINEMATICS, Kinematics, Quadrotor
+
+STATES = (*(name.removeprefix("state.") for name in row_names("state", 12)), *row_names("rotor_speed", 4))
+INPUTS = (*row_names("rotor_speed_command", 4), *row_names("wind", 3))
+OUTPUTS = row_names("state", 12)
+# What counts as standing still (m/s², rad/s²), and how far from upright an operating point is sought (rad).
+_STILL, _LARGEST_TILT = 1e-9, 1.4
+
+
+class Trim(NamedTuple):
+    """An operating point: the vehicle flies straight on.
+
+    Attributes:
+        state: (12,) that of the vehicle.
+        rotor_speed: (4,) rad/s, as commanded.
+        wind: (3,) in W, m/s.
+    """
+
+    state: np.ndarray
+    rotor_speed: np.ndarray
+    wind: np.ndarray
+
+
+def find_trim(
+    parameters: QuadrotorParameters,
+    *,
+    velocity: Sequence[float] = (0.0, 0.0, 0.0),
+    wind: Sequence[float] = (0.0, 0.0, 0.0),
+    position: Sequence[float] = (0.0, 0.0, 0.0),
+    yaw: float = 0.0,
+    kinematics: Kinematics = "exact",
+) -> Trim:
+    """Finds roll, pitch and rotor speeds that keep velocity and attitude as they are.
+
+    Drake's SNOPT finds them within the rotors' limits, Newton's method makes them exact.
+
+    Args:
+        parameters: of one vehicle.
+        velocity: in W, m/s.
+        wind: in W, m/s.
+        position: in W, m.
+        yaw: rad.
+        kinematics: as for `Quadrotor`.
+
+    Raises:
+        InputError: there is no such point within the rotors' limits.
+    """
+    hover = np.array([float(speed) for speed in hover_rotor_speeds(parameters)])
+    scale = np.concatenate([[0.1, 0.1], np.maximum(hover, 1.0)])
+
+    def accelerations(scaled: np.ndarray) -> np.ndarray:
+        """Linear and angular acceleration (6,) for roll, pitch and rotor speeds in units of `scale`."""
+        roll, pitch, *speeds = scaled * scale
+        motion = [roll, pitch, yaw, *velocity, 0.0, 0.0, 0.0]
+        wrench, residual = rotor_wrench(speeds, parameters), rotor_residual(speeds)
+        return np.array(motion_derivative(motion, wrench, residual, wind, parameters, KINEMATICS[kinematics])[3:])
+
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(6)
+    program.AddConstraint(accelerations, np.zeros(6), np.zeros(6), vars=x)
+    slowest, fastest = float(parameters.min_rotor_speed), float(parameters.max_rotor_speed)
+    low, high = [-_LARGEST_TILT] * 2 + [slowest] * 4, [_LARGEST_TILT] * 2 + [fastest] * 4
+    program.AddBoundingBoxConstraint(low / scale, high / scale, x)
+    result = SnoptSolver().Solve(program, np.concatenate([[0.0, 0.0], np.clip(hover, slowest, fastest) / scale[2:]]))
+    found = result.GetSolution(x)
+    if result.is_success():
+        for _ in range(3):
+            values = accelerations(InitializeAutoDiff(found).ravel())
+            found = found - np.linalg.solve(ExtractGradient(values), ExtractValue(values).ravel())
+    left = np.abs(accelerations(found)).max()
+    if not left < _STILL:
+        raise InputError(
+            f"there is no steady flight at {_vector(velocity)} m/s in a wind of {_vector(wind)} m/s with rotors between"
+            f" {slowest:g} and {fastest:g} rad/s: {left:.3g} m/s² or rad/s² are left where they come closest"
+        )
+    roll, pitch, *speeds = found * scale
+    state = np.array([*position, roll, pitch, yaw, *velocity, 0.0, 0.0, 0.0], dtype=float)
+    return Trim(state, np.array(speeds), np.array(wind, dtype=float))
+
+
+def linear_vehicle(trim: Trim, parameters: QuadrotorParameters, *, kinematics: Kinematics = "exact") -> LinearSystem:
+    """Drake's Linearize at an equilibrium: a continuous system from `INPUTS` to `OUTPUTS` with `STATES`.
+
+    Raises:
+        InputError: the vehicle moves there; `affine_vehicle` has a model for that.
+    """
+    diagram, context = _at(trim, parameters, kinematics)
+    rates = diagram.EvalTimeDerivatives(context).CopyToVector()
+    worst = int(np.argmax(np.abs(rates)))
+    if not np.abs(rates[worst]) < 1e-6:
+        raise InputError(
+            f"the operating point is not an equilibrium: {STATES[worst]} changes by {rates[worst]:.3g} per second"
+        )
+    return Linearize(diagram, context)
+
+
+def affine_vehicle(trim: Trim, parameters: QuadrotorParameters, *, kinematics: Kinematics = "exact") -> AffineSystem:
+    """Drake's FirstOrderTaylorApproximation at any point, likewise: ẋ = A x + B u + f₀ and y = C x + D u + y₀."""
+    diagram, context = _at(trim, parameters, kinematics)
+    return FirstOrderTaylorApproximation(diagram, context)
+
+
+def to_state_space(system: Any) -> control.StateSpace:
+    """The model as python-control's StateSpace, named, in deviations from the operating point."""
+    names = {"states": undotted(STATES), "inputs": undotted(INPUTS), "outputs": undotted(OUTPUTS)}
+    return control.ss(system.A(), system.B(), system.C(), system.D(), **names)
+
+
+def _at(trim: Trim, parameters: QuadrotorParameters, kinematics: Kinematics) -> tuple[Diagram, Any]:
+    """The vehicle with a continuous state and all its inputs in one port, at an operating point."""
+    builder = DiagramBuilder()
+    vehicle = builder.AddNamedSystem("vehicle", Quadrotor(time_step=0.0, kinematics=kinematics, parameters=parameters))
+    inputs = builder.AddNamedSystem("inputs", Demultiplexer([4, 3]))
+    for i, name in enumerate(("rotor_speed_command", "wind")):
+        builder.Connect(inputs.get_output_port(i), vehicle.GetInputPort(name))
+    builder.ExportInput(inputs.get_input_port(), "inputs")
+    builder.ExportOutput(vehicle.GetOutputPort("state"), "state")
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    context.SetContinuousState(np.concatenate([trim.state, trim.rotor_speed]))
+    diagram.get_input_port().FixValue(context, np.concatenate([trim.rotor_speed, trim.wind]))
+    return diagram, context
+
+
+def _vector(values: Sequence[float]) -> str:
+    return "(" + ", ".join(f"{value:g}" for value in values) + ")"
