@@ -138,7 +138,7 @@ def fly(simulator: Simulator, duration: float, *, progress: Callable[[float, flo
     diagram, context = simulator.get_system(), simulator.get_context()
     crashed = diagram.GetOutputPort("crashed")
     time = 0.0
-    while time < duration and not crashed.Eval(context).all():
+    while time < duration and not (crashed.Eval(context) != 0.0).all():
         time = min(time + _STRIDE, duration)
         simulator.AdvanceTo(time)
         if progress is not None:

@@ -23,7 +23,7 @@ from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, Ini
 from pydrake.systems.analysis import InitializeParams, Simulator, Simulator_
 from pydrake.systems.framework import Diagram
 
-from drake_quad.analysis.state_vector import StateVector, row_names, undotted
+from drake_quad.analysis.state_vector import StateVector, leaf_paths, row_names, system_at, undotted
 from drake_quad.errors import InputError
 
 
@@ -145,9 +145,7 @@ def linearize(
         InputError: a system has no version for AutoDiffXd, or holds a state that is not made of numbers.
     """
     layout = StateVector(diagram, without=without)
-    converted = diagram.ToAutoDiffXdMaybe()
-    if converted is None:
-        raise InputError(f"{_without_autodiff(diagram, ())} has no version for AutoDiffXd, which a Jacobian needs")
+    converted = to_autodiff(diagram)
     state = layout.read(diagram, context)
     n = len(state)
     ports = [diagram.GetInputPort(name) for name in inputs]
@@ -198,12 +196,15 @@ def _gradient(values: np.ndarray, size: int) -> np.ndarray:
     return gradient if gradient.shape[1] else np.zeros((len(values), size))
 
 
-def _without_autodiff(system: Any, path: tuple[str, ...]) -> str:
-    """The path of the first leaf system that does not convert."""
-    if isinstance(system, Diagram):
-        for part in system.GetSystems():
-            found = _without_autodiff(part, (*path, part.get_name()))
-            if found:
-                return found
-        return ""
-    return ".".join(path) if system.ToAutoDiffXdMaybe() is None else ""
+def to_autodiff(diagram: Diagram) -> Any:
+    """The diagram for AutoDiffXd.
+
+    Raises:
+        InputError: one of its systems, which is named, has no version for AutoDiffXd.
+    """
+    converted = diagram.ToAutoDiffXdMaybe()
+    if converted is not None:
+        return converted
+    culprits = [path for path in leaf_paths(diagram) if system_at(diagram, path).ToAutoDiffXdMaybe() is None]
+    names = ", ".join(".".join(path) for path in culprits) or diagram.get_name()
+    raise InputError(f"{names} has no version for AutoDiffXd, which derivatives need")

@@ -18,6 +18,25 @@ class _Group(NamedTuple):
     names: tuple[str, ...]
 
 
+def leaf_paths(diagram: Any, *, without: Sequence[str] = ()) -> Iterator[tuple[str, ...]]:
+    """The names on the way to each leaf system of a diagram, but for those in subsystems of some names."""
+    for part in diagram.GetSystems():
+        name = part.get_name()
+        if name in without:
+            continue
+        if isinstance(part, Diagram):
+            yield from ((name, *rest) for rest in leaf_paths(part, without=without))
+        else:
+            yield (name,)
+
+
+def system_at(diagram: Any, path: Sequence[str]) -> Any:
+    """The system at the end of a path of names; the order of systems is not kept by scalar conversion."""
+    for name in path:
+        diagram = diagram.GetSubsystemByName(name)
+    return diagram
+
+
 class StateVector:
     """The discrete-state groups of a diagram's systems, one after the other, and its continuous state at the end.
 
@@ -34,7 +53,7 @@ class StateVector:
 
     def __init__(self, diagram: Diagram, *, without: Sequence[str] = ()) -> None:
         context = diagram.CreateDefaultContext()
-        self._groups = list(_groups(diagram, context, (), without))
+        self._groups = list(_groups(diagram, context, without))
         self._continuous = context.num_continuous_states()
         continuous = tuple(f"continuous.{i}" for i in range(self._continuous))
         self.names = (*(name for group in self._groups for name in group.names), *continuous)
@@ -55,11 +74,9 @@ class StateVector:
             root.get_mutable_continuous_state_vector().SetFromVector(state[first:])
 
     @staticmethod
-    def _vector(diagram: Any, root: Any, group: _Group) -> Any:
-        system = diagram
-        for name in group.path:
-            system = system.GetSubsystemByName(name)
-        return system.GetMyMutableContextFromRoot(root).get_mutable_discrete_state(group.number)
+    def _vector(diagram: Diagram, root: Any, group: _Group) -> Any:
+        context = system_at(diagram, group.path).GetMyMutableContextFromRoot(root)
+        return context.get_mutable_discrete_state(group.number)
 
 
 def row_names(signal: str, size: int) -> tuple[str, ...]:
@@ -75,17 +92,14 @@ def undotted(names: Sequence[str]) -> list[str]:
     return [name.replace(".", "_") for name in names]
 
 
-def _groups(system: Any, root: Any, path: tuple[str, ...], without: Sequence[str]) -> Iterator[_Group]:
-    if isinstance(system, Diagram):
-        for part in system.GetSystems():
-            if part.get_name() not in without:
-                yield from _groups(part, root, (*path, part.get_name()), without)
-        return
-    context = system.GetMyContextFromRoot(root)
-    if context.num_abstract_states():
-        raise InputError(f"{'.'.join(path)} holds a state that is not made of numbers; it has no Jacobian")
-    for number in range(context.num_discrete_state_groups()):
-        names = getattr(system, "group_names", None)
-        group = names[number] if names else f"group_{number}"
-        size = context.get_discrete_state(number).size()
-        yield _Group(path, number, tuple(".".join((*path, row)) for row in row_names(group, size)))
+def _groups(diagram: Diagram, root: Any, without: Sequence[str]) -> Iterator[_Group]:
+    for path in leaf_paths(diagram, without=without):
+        system = system_at(diagram, path)
+        context = system.GetMyContextFromRoot(root)
+        if context.num_abstract_states():
+            raise InputError(f"{'.'.join(path)} holds a state that is not made of numbers; it has no Jacobian")
+        for number in range(context.num_discrete_state_groups()):
+            names = getattr(system, "group_names", None)
+            group = names[number] if names else f"group_{number}"
+            size = context.get_discrete_state(number).size()
+            yield _Group(path, number, tuple(".".join((*path, row)) for row in row_names(group, size)))

@@ -1,0 +1,149 @@
+"""How the metrics of a flight depend on a scenario's numbers, to first order.
+
+A number of a scenario ends in numeric parameters and in the initial state of the diagram's context. From their
+derivatives on, Drake's simulator carries the flight on AutoDiffXd: through every step, filter and delay to the metrics.
+"""
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
+from pydrake.systems.analysis import Simulator_
+from pydrake.systems.framework import Diagram
+
+from drake_quad.analysis.sampled_system import to_autodiff
+from drake_quad.analysis.state_vector import leaf_paths, system_at
+from drake_quad.errors import InputError
+from drake_quad.flight import fly, read_metrics
+from drake_quad.planning import flight_duration, plan_route
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario import Scenario, draw_sample
+from drake_quad.scenario.numbers import number_at, with_number
+from drake_quad.tracking import build_tracking_diagram
+
+# Relative step of the five-point differences from a scenario's number to the context, which is polynomial or nearly so:
+# around the number or, where it may only rise or only fall, to one side of it.
+_STEP = 1e-3
+_AROUND = {-2: 1.0 / 12.0, -1: -2.0 / 3.0, 1: 2.0 / 3.0, 2: -1.0 / 12.0}
+_ABOVE = {1: 4.0, 2: -3.0, 3: 4.0 / 3.0, 4: -0.25}
+_BELOW = {-steps: -weight for steps, weight in _ABOVE.items()}
+
+
+@dataclass(frozen=True)
+class Sensitivities:
+    """Metrics of a flight and their derivatives.
+
+    Attributes:
+        fields: of the scenario, by path.
+        values: (fields,) of them.
+        metrics: the flight's, by name.
+        gradients: (fields,) derivatives of each metric, by name.
+    """
+
+    fields: tuple[str, ...]
+    values: np.ndarray
+    metrics: Mapping[str, float]
+    gradients: Mapping[str, np.ndarray]
+
+
+def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: int | None = None) -> Sensitivities:
+    """Flies one vehicle on AutoDiffXd and returns the derivatives of its metrics.
+
+    Args:
+        scenario: with numbers only, unless a sample is given.
+        fields: paths of numbers in it, as `--set` has them: `vehicle.mass`, `control.position.k_p.0`.
+        sample: of the scenario's study to fly.
+
+    Raises:
+        InputError: a field is no number, or does not reach the diagram as a number that a flight depends on smoothly.
+    """
+    scenario = draw_sample(scenario, scenario.sample or 0 if sample is None else sample)
+    plan = plan_route(scenario)
+    values = np.array([number_at(scenario, field) for field in fields])
+    diagram = build_tracking_diagram(scenario, plan=plan)
+    start = diagram.CreateDefaultContext()
+    layout = _Numbers(diagram)
+    nominal = layout.read(diagram, start)
+    seeds = np.stack([_seed(scenario, plan, field, layout, nominal) for field in fields])
+
+    converted = to_autodiff(diagram)
+    simulator = Simulator_[AutoDiffXd](converted)
+    context = simulator.get_mutable_context()
+    context.SetTimeStateAndParametersFrom(start)
+    layout.write(converted, context, InitializeAutoDiff(nominal, gradient=seeds.T).ravel())
+    fly(simulator, flight_duration(scenario, plan))
+    metrics = read_metrics(converted, context)
+    found = {name: getattr(metrics, name)[0] for name in metrics._fields if name != "crash_time"}
+    return Sensitivities(
+        tuple(fields),
+        values,
+        {name: value.value() for name, value in found.items()},
+        {name: _gradient(value, len(fields)) for name, value in found.items()},
+    )
+
+
+class _Numbers:
+    """All numeric parameters and states of a diagram, as one vector.
+
+    Args:
+        diagram: one of several with the same leaf systems.
+    """
+
+    def __init__(self, diagram: Diagram) -> None:
+        self._paths = sorted(leaf_paths(diagram))
+
+    def read(self, diagram: Diagram, root: Any) -> np.ndarray:
+        return np.concatenate([vector.CopyToVector() for vector in self._vectors(diagram, root)])
+
+    def write(self, diagram: Diagram, root: Any, numbers: np.ndarray) -> None:
+        first = 0
+        for vector in self._vectors(diagram, root):
+            end = first + vector.size()
+            vector.SetFromVector(numbers[first:end])
+            first = end
+
+    def _vectors(self, diagram: Diagram, root: Any) -> Iterator[Any]:
+        for path in self._paths:
+            context = system_at(diagram, path).GetMyMutableContextFromRoot(root)
+            for i in range(context.num_numeric_parameter_groups()):
+                yield context.get_mutable_numeric_parameter(i)
+            for i in range(context.num_discrete_state_groups()):
+                yield context.get_mutable_discrete_state(i)
+            if context.num_continuous_states():
+                yield context.get_mutable_continuous_state_vector()
+
+
+def _seed(scenario: Scenario, plan: Plan, field: str, layout: _Numbers, nominal: np.ndarray) -> np.ndarray:
+    """The derivative of all numbers of the default context with respect to a field."""
+    if field.startswith("route."):
+        raise InputError(f"{field} changes the plan, which is not differentiated")
+    value = number_at(scenario, field)
+    step = _STEP * (abs(value) or 1.0)
+    seed = np.zeros_like(nominal)
+    for neighbour, weight in _neighbours(scenario, field, value, step):
+        moved = build_tracking_diagram(neighbour, plan=plan)
+        numbers = layout.read(moved, moved.CreateDefaultContext())
+        if len(numbers) != len(nominal):
+            raise InputError(f"{field} changes the structure of the diagram at {value:g}; it has no derivative there")
+        seed += weight / step * np.where(numbers == nominal, 0.0, numbers - nominal)
+    if not seed.any():
+        raise InputError(f"{field} is not a number that the flight depends on smoothly")
+    return seed
+
+
+def _neighbours(scenario: Scenario, field: str, value: float, step: float) -> list[tuple[Scenario, float]]:
+    """Scenarios with a field a few steps away, and the weights of differences to the scenario itself."""
+    refusal = None
+    for weights in (_AROUND, _ABOVE, _BELOW):
+        try:
+            return [(with_number(scenario, field, value + k * step), weight) for k, weight in weights.items()]
+        except InputError as error:
+            refusal = error
+    raise refusal or InputError(f"{field} cannot be varied")
+
+
+def _gradient(value: Any, size: int) -> np.ndarray:
+    gradient = ExtractGradient(np.array([value]))
+    return gradient[0] if gradient.shape[1] else np.zeros(size)
