@@ -66,17 +66,18 @@ def test_path_plot_shows_the_flown_path_and_the_reference(flight):
 
 
 EVERYTHING = [
+    "crash.position_error=50",
     "duration=6",
     "vehicle.mass={normal: {mean: 0.7, standard_deviation: 0.03, min: 0.6}}",
     "vehicle.inertia=[{uniform: {min: 0.0065, max: 0.0075}}, 0.007, 0.012]",
-    "vehicle.thrust_factor_error=[{normal: {mean: 0, standard_deviation: 0.02, min: -0.1}}, 0.01, 0, -0.01]",
-    "vehicle.centre_of_mass=[{uniform: {min: -0.005, max: 0.005}}, 0.002]",
+    "vehicle.thrust_factor_error=[{normal: {mean: 0, standard_deviation: 0.002, min: -0.1}}, 0.001, 0, -0.001]",
+    "vehicle.centre_of_mass=[{uniform: {min: -0.0005, max: 0.0005}}, 0.0002]",
     "vehicle.battery_sag=0.03",
     "laboratory.motion_capture.misalignment=[0.01, {uniform: {min: -0.02, max: 0.02}}, 0.02]",
     "laboratory.motion_capture.dropout_rate=0.02",
     "laboratory.motion_capture.latency_frames={choice: [0, 1]}",
     "laboratory.command_link.delay_ticks={choice: [0, 1, 2]}",
-    "control.position.k_p=[{uniform: {min: 0.6, max: 0.8}}, 0.8, 4]",
+    "control.position.k_p=[{uniform: {min: 0.2, max: 0.3}}, 0.25, 5]",
 ]
 STEADY = "{kind: steady, velocity: [{uniform: {min: -1, max: 1}}, 0.5, 0]}"
 FANS = (
@@ -182,5 +183,6 @@ def test_the_controller_believes_the_nominal_numbers(diagrams):
     believed = load_scenario(diagrams / "hover.yaml", ["route.duration=20", "nominal.mass=0.75"])
     assert believed.vehicle.mass == 0.75
     assert simulate(believed)["state"][-1, 2] == pytest.approx(1.0, abs=1e-9)
-    # The commanded vertical thrust is 0.68 (9.81 + 4 e), and it must be 0.75 · 9.81.
-    assert 1.0 - height == pytest.approx((0.75 / 0.68 - 1.0) * 9.81 / 4.0, rel=0.01)
+    # The commanded vertical thrust is 0.68 (9.81 + k_P e), and it must be 0.75 · 9.81.
+    k_p = scenario.control.position.k_p[2]
+    assert 1.0 - height == pytest.approx((0.75 / 0.68 - 1.0) * 9.81 / k_p, rel=0.01)

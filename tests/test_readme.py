@@ -23,7 +23,7 @@ def test_every_block_of_python_runs(block, tmp_path, monkeypatch, capsys):
 
 @pytest.mark.parametrize("block", blocks("yaml"))
 def test_every_scenario_loads(block, tmp_path):
-    for shipped in (ROOT / "diagrams").glob("*.yaml"):
+    for shipped in (ROOT / "diagrams").iterdir():
         (tmp_path / shipped.name).symlink_to(shipped)
     path = tmp_path / "loop.yaml"
     path.write_text(block, encoding="utf-8")

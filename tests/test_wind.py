@@ -36,12 +36,14 @@ def test_steady_tilt_in_steady_wind(diagrams, velocity):
     """The vehicle leans into the wind by atan(D / m g), and hangs D / (m k_P) downwind without integral action."""
     wind = f"laboratory.wind=[{{kind: steady, velocity: {list(velocity)}}}]"
     drag = ["vehicle.linear_drag=0.2", "vehicle.quadratic_drag=0.01"]
-    flight = simulate(load_scenario(diagrams / "hover.yaml", ["route.duration=40", *drag, wind]))
+    far = ["route.duration=40", "crash.position_error=20"]
+    scenario = load_scenario(diagrams / "hover.yaml", [*far, *drag, wind])
+    flight, k_p = simulate(scenario), scenario.control.position.k_p[0]
     speed = math.hypot(*velocity)
     force = 0.2 * speed + 0.01 * speed**2
     direction = np.array(velocity) / speed
     state = flight["state"][-1]
-    np.testing.assert_allclose(state[0:3] - [0.0, 0.0, 1.0], force / (MASS * 0.8) * direction, atol=1e-3)
+    np.testing.assert_allclose(state[0:3] - [0.0, 0.0, 1.0], force / (MASS * k_p) * direction, atol=1e-3)
     thrust = math.hypot(MASS * G, force)
     assert math.sin(state[3]) == pytest.approx(force * direction[1] / thrust, rel=0.01, abs=1e-6)
     assert math.tan(state[4]) == pytest.approx(-force * direction[0] / (MASS * G), rel=0.01, abs=1e-6)

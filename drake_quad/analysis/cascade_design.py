@@ -1,13 +1,13 @@
 """The gains of a scenario's whole cascade."""
 
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import NamedTuple
 
 import numpy as np
 
 from drake_quad.analysis.closed_loop import laboratory_plant
-from drake_quad.analysis.gain_design import Family, LoopDesign, PolePair, Requirements, design_loop
+from drake_quad.analysis.gain_design import Family, LoopDesign, PdGains, PolePair, Requirements, design_loop
 from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.scenario import Scenario
 
@@ -61,7 +61,7 @@ def default_options(period: float) -> dict[str, LoopOptions]:
     attitude = {axis: LoopOptions(PolePair(0.8), inner) for axis in ("roll", "pitch", "yaw")}
     return (
         attitude
-        | {axis: LoopOptions(PolePair(0.9), outer) for axis in ("x", "y")}
+        | {axis: LoopOptions(PolePair(0.8), outer) for axis in ("x", "y")}
         | {"z": LoopOptions(PolePair(0.8), outer)}
     )
 
@@ -79,14 +79,36 @@ def design_cascade(scenario: Scenario, options: Mapping[str, LoopOptions] | None
     period = scenario.laboratory.command_link.period
     wanted = default_options(period) | dict(options or {})
     laboratory = laboratory_plant(scenario)
-    plants = {axis: attitude_plant(laboratory, scenario, axis) for axis in _SIGNALS}
-    loops = {}
-    for axis, plant in plants.items():
-        loops[axis] = design_loop(plant, *wanted[axis][:2], axis=axis, effort=wanted[axis].effort)
+    loops: dict[str, LoopDesign] = {}
+
+    def add(axis: str, plant: SampledSystem) -> None:
+        """Designs a loop, unless there is already one like it: an even vehicle's axes are alike."""
+        how = wanted[axis]
+        for other in loops.values():
+            if wanted[other.axis] == how and _alike(other.plant, plant):
+                loops[axis] = replace(other, axis=axis)
+                return
+        loops[axis] = design_loop(plant, how.family, how.requirements, axis=axis, effort=how.effort)
+
+    for axis in _SIGNALS:
+        add(axis, attitude_plant(laboratory, scenario, axis))
     for axis, (tilt, _) in _TILTS.items():
-        plant = position_plant(laboratory, scenario, axis, loops[tilt])
-        loops[axis] = design_loop(plant, *wanted[axis][:2], axis=axis, effort=wanted[axis].effort)
+        add(axis, position_plant(laboratory, scenario, axis, loops[tilt].gains))
     return CascadeDesign(loops)
+
+
+def _alike(a: SampledSystem, b: SampledSystem) -> bool:
+    """Whether two plants answer alike from tick to tick, whatever their states are called."""
+    return len(a.A) == len(b.A) and np.allclose(_markov(a), _markov(b), rtol=1e-9, atol=1e-12)
+
+
+def _markov(plant: SampledSystem) -> np.ndarray:
+    """The answer to an impulse, long enough to tell plants with these many states apart."""
+    state, answer = plant.B, []
+    for _ in range(2 * len(plant.A)):
+        answer.append(plant.C @ state)
+        state = plant.A @ state
+    return np.array(answer)
 
 
 def attitude_plant(laboratory: SampledSystem, scenario: Scenario, axis: str) -> SampledSystem:
@@ -100,18 +122,18 @@ def attitude_plant(laboratory: SampledSystem, scenario: Scenario, axis: str) -> 
     return _plant(laboratory, scenario, axis, _SIGNALS[axis][1:])
 
 
-def position_plant(laboratory: SampledSystem, scenario: Scenario, axis: str, attitude: LoopDesign) -> SampledSystem:
+def position_plant(laboratory: SampledSystem, scenario: Scenario, axis: str, attitude: PdGains) -> SampledSystem:
     """From a commanded acceleration on x or y to the measured position and velocity, the attitude loop closed.
 
     Args:
         laboratory: of `laboratory_plant`.
         scenario: with the nominal vehicle.
         axis: x or y.
-        attitude: the loop of the tilt that moves along this axis.
+        attitude: gains of the tilt that moves along this axis.
     """
     tilt, sign = _TILTS[axis]
     whole = _plant(laboratory, scenario, tilt, (*_SIGNALS[tilt][1:], axis, f"v_{axis}"))
-    k_p, k_d = attitude.gains
+    k_p, k_d = attitude
     closed = whole.with_feedback(np.array([[k_p, k_d, 0.0, 0.0]]))
     command = closed.scaled(sign * k_p / scenario.nominal.gravity, "acceleration_command")
     return command.between(command.inputs, command.outputs[2:])

@@ -53,14 +53,20 @@ class Requirements(NamedTuple):
     gain: float = 6.0
     delay: float = 0.0
 
-    def broken_by(self, found: FastMargins | Margins) -> list[str]:
-        """What falls short, in words."""
+    def share_met(self, found: FastMargins) -> float:
+        """The least share of a required margin that is there; 1 or more if all are."""
+        pairs = ((getattr(found, name), needed) for name, needed in self._asdict().items() if needed > 0.0)
+        return min((float(have) / needed for have, needed in pairs), default=1.0)
+
+    def broken_by(self, found: FastMargins) -> dict[str, str]:
+        """What falls short, and by how much, in words."""
         units = {"phase": ("°", 1.0), "gain": (" dB", 1.0), "delay": (" ms", 1e3)}
-        return [
-            f"{name} margin {factor * float(getattr(found, name)):.1f}{unit} of {factor * getattr(self, name):g}{unit}"
+        return {
+            f"{name} margin": f"{factor * float(getattr(found, name)):.1f}{unit}, less than"
+            f" {factor * getattr(self, name):g}{unit}"
             for name, (unit, factor) in units.items()
             if not getattr(found, name) >= getattr(self, name)
-        ]
+        }
 
 
 @dataclass(frozen=True)
@@ -75,7 +81,7 @@ class LoopDesign:
         margins: that were reached.
         bandwidth: of the pole pair, rad/s; None for a regulator.
         cost_ratio: of the PD to the full regulator; None for a pole pair.
-        limit: what a faster loop of the same family would break; empty for gains that were asked for.
+        limits: what a faster loop of the same family would break; empty for gains that were asked for.
     """
 
     axis: str
@@ -85,7 +91,7 @@ class LoopDesign:
     margins: Margins
     bandwidth: float | None = None
     cost_ratio: float | None = None
-    limit: str = ""
+    limits: tuple[str, ...] = ()
 
     def loop(self) -> SampledSystem:
         """The loop broken at the commanded acceleration."""
@@ -163,7 +169,7 @@ class Regulator(NamedTuple):
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
         """See `Family`."""
-        return np.geomspace(1e-2, 1e3, _TRIED // 4)
+        return np.geomspace(1e-2, 1e3, _TRIED // 6)
 
     def _state_weight(self, plant: SampledSystem) -> np.ndarray:
         return plant.C.T @ np.diag([1.0, self.rate_time**2]) @ plant.C
@@ -197,53 +203,60 @@ def design_loop(
     """
     if not is_stabilizable(plant.A, plant.B, period=plant.period):
         raise InputError(f"the plant of {axis} cannot be stabilised: its command does not reach every mode that lasts")
-    if effort is not None:
-        gains = _rounded(family.gains(plant, effort))
-        broken = _broken(plant, family, requirements, gains, effort)
-        if broken:
-            raise InputError(f"at {effort:g} rad/s {axis} has {', '.join(broken)}")
-        return _finished(plant, family, requirements, axis, effort, "")
-    best, fastest_tried, reasons = None, None, [""]
-    for tried in family.efforts(plant):
-        broken = _broken(plant, family, requirements, _rounded(family.gains(plant, tried)), tried)
-        if not broken:
-            best = tried
-        elif best is not None:
-            fastest_tried, reasons = tried, broken
-            break
-        else:
-            reasons = broken
-    if best is None:
-        raise InputError(f"no PD of this kind meets the requirements on {axis}: at best {', '.join(reasons)}")
-    if fastest_tried is not None:
-        for _ in range(12):
-            middle = math.sqrt(best * fastest_tried)
-            broken = _broken(plant, family, requirements, _rounded(family.gains(plant, middle)), middle)
-            best, fastest_tried = (best, middle) if broken else (middle, fastest_tried)
-            reasons = broken or reasons
-    return _finished(plant, family, requirements, axis, best, " and ".join(reasons))
-
-
-def _broken(
-    plant: SampledSystem, family: Family, requirements: Requirements, gains: PdGains, effort: float
-) -> list[str]:
-    """What is wrong with gains, in words."""
-    if not min(gains) > 0.0:
-        return [f"a negative gain ({gains.k_p:g}, {gains.k_d:g})"]
-    poles = plant.with_feedback(np.array([gains])).poles()
-    if not np.abs(poles).max() < 1.0:
-        return ["no stability"]
-    if isinstance(family, PolePair):
-        decay = -math.log(np.abs(poles).max()) / plant.period
-        if decay < 0.98 * effort * family.damping:
-            return ["slower poles than the two that are placed"]
     grid = frequencies(plant.period)
-    response = pd_loop(plant, gains).response(np.exp(1j * grid * plant.period))[:, 0, 0]
-    return requirements.broken_by(fast_margins(response, grid))
+    response = plant.response(np.exp(1j * grid * plant.period))[..., 0]
+
+    def margins_at(tried: float) -> FastMargins:
+        return fast_margins(response @ np.array(_rounded(family.gains(plant, tried))), grid)
+
+    def flaws_at(tried: float) -> dict[str, str]:
+        return _flaws(plant, family, tried) or requirements.broken_by(margins_at(tried))
+
+    if effort is not None:
+        found = flaws_at(effort)
+        if found:
+            raise InputError(f"{axis} cannot have a bandwidth of {effort:g} rad/s: {_listed(found)}")
+        return _finished(plant, family, requirements, axis, effort, ())
+    efforts = family.efforts(plant)
+    flaws = [flaws_at(tried) for tried in efforts]
+    good = [i for i, found in enumerate(flaws) if not found]
+    if not good:
+        sound = [tried for tried in efforts if not _flaws(plant, family, tried)] or [efforts[0]]
+        closest = max(sound, key=lambda tried: requirements.share_met(margins_at(tried)))
+        raise InputError(f"no gains of this kind are good enough for {axis}; at best {_listed(flaws_at(closest))}")
+    first = good[0]
+    last = next((i for i in range(first, len(flaws)) if flaws[i]), len(flaws)) - 1
+    best, limits = efforts[last], {}
+    if last + 1 < len(flaws):
+        beyond, limits = efforts[last + 1], flaws[last + 1]
+        for _ in range(12):
+            middle = math.sqrt(best * beyond)
+            found = flaws_at(middle)
+            best, beyond, limits = (best, middle, found) if found else (middle, beyond, limits)
+    return _finished(plant, family, requirements, axis, best, tuple(limits))
+
+
+def _flaws(plant: SampledSystem, family: Family, effort: float) -> dict[str, str]:
+    """What is wrong with the loop apart from its margins, and how, in words."""
+    gains = _rounded(family.gains(plant, effort))
+    if not min(gains) > 0.0:
+        return {"positive gains": f"k_P {gains.k_p:g}, k_D {gains.k_d:g}"}
+    size = np.abs(plant.with_feedback(np.array([gains])).poles()).max()
+    if not size < 1.0:
+        return {"stability": f"a pole of size {size:.4f}"}
+    if isinstance(family, PolePair):
+        decay = -math.log(size) / plant.period
+        if decay < 0.98 * effort * family.damping:
+            return {"dominance": f"another pole that decays at {decay:.3g} 1/s is slower than the pair"}
+    return {}
+
+
+def _listed(flaws: dict[str, str]) -> str:
+    return "; ".join(f"{name}: {value}" for name, value in flaws.items())
 
 
 def _finished(
-    plant: SampledSystem, family: Family, requirements: Requirements, axis: str, effort: float, limit: str
+    plant: SampledSystem, family: Family, requirements: Requirements, axis: str, effort: float, limits: tuple[str, ...]
 ) -> LoopDesign:
     gains = _rounded(family.gains(plant, effort))
     ratio = None
@@ -257,7 +270,7 @@ def _finished(
         margins=margins(pd_loop(plant, gains)),
         bandwidth=effort if isinstance(family, PolePair) else None,
         cost_ratio=ratio,
-        limit=limit,
+        limits=limits,
     )
 
 

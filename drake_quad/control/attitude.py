@@ -8,7 +8,7 @@ from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 
 @fleet_system(float, AutoDiffXd)
 class AttitudeController(FleetSystem):
-    """PD on roll, pitch and yaw with feed-forward: τ = I (k_P e + k_D ė + ω̇_r) for each axis of B.
+    """PD on roll, pitch and yaw with feed-forward: τ = I (k_P e + k_D ė + ω̇_r) + ω_r × I ω_r in B.
 
     .. pydrake_system::
 
@@ -22,7 +22,7 @@ class AttitudeController(FleetSystem):
         - torque
 
     e is `attitude_command` (3 rows, rad) minus roll, pitch, yaw of `measurement` (12), the yaw error wrapped to half
-    a turn; ė is `body_rate_command` (3, rad/s) minus p, q, r; ω̇_r is `angular_acceleration_command` (3, rad/s²),
+    a turn; ė is `body_rate_command` ω_r (3, rad/s) minus p, q, r; ω̇_r is `angular_acceleration_command` (3, rad/s²),
     zero if not connected.
     `torque` (3, N m) is scaled by the moments of inertia, so that the gains are those of a double integrator.
 
@@ -54,8 +54,8 @@ class AttitudeController(FleetSystem):
         p_r, q_r, r_r = self.input_rows(context, self._rates)
         a_x, a_y, a_z = self.optional_input_rows(context, self._acceleration, default=(0.0, 0.0, 0.0))
         torque = [
-            i_xx * (p_roll * (roll_r - roll) + d_roll * (p_r - p) + a_x),
-            i_yy * (p_pitch * (pitch_r - pitch) + d_pitch * (q_r - q) + a_y),
-            i_zz * (p_yaw * wrapped(yaw_r - yaw) + d_yaw * (r_r - r) + a_z),
+            i_xx * (p_roll * (roll_r - roll) + d_roll * (p_r - p) + a_x) + (i_zz - i_yy) * q_r * r_r,
+            i_yy * (p_pitch * (pitch_r - pitch) + d_pitch * (q_r - q) + a_y) + (i_xx - i_zz) * p_r * r_r,
+            i_zz * (p_yaw * wrapped(yaw_r - yaw) + d_yaw * (r_r - r) + a_z) + (i_yy - i_xx) * p_r * q_r,
         ]
         self.write(output, torque)

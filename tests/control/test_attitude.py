@@ -28,9 +28,10 @@ def test_commanded_angular_accelerations_are_added():
 
 
 def test_gains_act_on_each_axis_as_on_a_double_integrator():
-    result = torque((0.1, 0.2, 0.3), (0.4, 0.5, 0.6), (0.3, 0.1, 0.0), (1.0, 1.0, 1.0))
-    acceleration = [10.0 * 0.2 + 0.6, 20.0 * -0.1 + 2.0 * 0.5, 30.0 * -0.3 + 3.0 * 0.4]
-    np.testing.assert_allclose(result, np.array(INERTIA) * acceleration)
+    rates = np.array([1.0, 1.1, 1.2])
+    result = torque((0.1, 0.2, 0.3), (0.4, 0.5, 0.6), (0.3, 0.1, 0.0), rates)
+    acceleration = [10.0 * 0.2 + 0.6, 20.0 * -0.1 + 2.0 * 0.6, 30.0 * -0.3 + 3.0 * 0.6]
+    np.testing.assert_allclose(result, INERTIA * np.array(acceleration) + np.cross(rates, INERTIA * rates))
 
 
 @pytest.mark.parametrize(

@@ -1,0 +1,97 @@
+"""Which PD gains a loop stands, and how well they fly."""
+
+from typing import Literal, NamedTuple
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+
+from drake_quad.analysis.cascade_design import attitude_plant, position_plant
+from drake_quad.analysis.closed_loop import laboratory_plant
+from drake_quad.analysis.gain_design import PdGains
+from drake_quad.analysis.margins import fast_margins, frequencies
+from drake_quad.analysis.sampled_system import SampledSystem
+from drake_quad.flight import fly, read_metrics
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.planning import flight_duration, plan_route
+from drake_quad.scenario import Scenario, draw_sample
+from drake_quad.tracking import build_tracking_diagram
+
+Loop = Literal["position", "attitude"]
+
+# Modes that die faster than this within a tick are delay lines, whose damping means nothing.
+_FAST = 0.05
+_POINTS = 300
+
+
+class StabilityMap(NamedTuple):
+    """What a grid of gains does to the linear loop; arrays (k_p, k_d).
+
+    Attributes:
+        stable: whether all poles lie inside the unit circle.
+        damping: the least of all poles; NaN where the loop is not stable.
+        delay: delay margin, s; likewise.
+    """
+
+    stable: np.ndarray
+    damping: np.ndarray
+    delay: np.ndarray
+
+
+def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> StabilityMap:
+    """The map of a PD around a plant, from the poles and the frequency response of every loop.
+
+    Args:
+        plant: from a commanded acceleration to the measured value and rate.
+        k_p: (rows,) 1/s².
+        k_d: (columns,) 1/s.
+    """
+    gains = np.stack(np.meshgrid(k_p, k_d, indexing="ij"), axis=-1)
+    closed = plant.A - plant.B @ (gains[..., np.newaxis, :] @ plant.C)
+    poles = np.linalg.eigvals(closed)
+    stable = np.abs(poles).max(axis=-1) < 1.0
+    lasting = np.where(np.abs(poles) > _FAST, poles, _FAST)
+    rates = np.log(lasting.astype(complex))
+    damping = np.where(np.abs(poles) > _FAST, -rates.real / np.maximum(np.abs(rates), 1e-12), 1.0).min(axis=-1)
+    grid = frequencies(plant.period, points=_POINTS)
+    response = plant.response(np.exp(1j * grid * plant.period))[..., 0]
+    delay = fast_margins(gains @ response.T, grid).delay
+    return StabilityMap(stable, np.where(stable, damping, np.nan), np.where(stable, delay, np.nan))
+
+
+def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
+    """The plant of a scenario's position loop on x, with its own attitude gains, or of its attitude loop on pitch."""
+    laboratory = laboratory_plant(scenario)
+    if loop == "attitude":
+        return attitude_plant(laboratory, scenario, "pitch")
+    inner = scenario.control.attitude
+    return position_plant(laboratory, scenario, "x", PdGains(float(inner.k_p[1]), float(inner.k_d[1])))
+
+
+def flown_map(scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, *, sample: int = 0) -> Metrics:
+    """Flies a scenario with every pair of gains in one fleet, all in the same wind and noise.
+
+    Args:
+        scenario: whose route is flown.
+        loop: whose gains differ: on x and y of the position, or on roll and pitch.
+        k_p: (rows,) 1/s².
+        k_d: (columns,) 1/s.
+        sample: of the scenario's study.
+
+    Returns:
+        (rows, columns) arrays of each metric.
+    """
+    scenario = draw_sample(scenario, sample)
+    pairs = [grid.ravel() for grid in np.meshgrid(k_p, k_d, indexing="ij")]
+    block = getattr(scenario.control, loop)
+    gains = {
+        name: (values, values, getattr(block, name)[2]) for name, values in zip(("k_p", "k_d"), pairs, strict=True)
+    }
+    control = scenario.control.model_copy(update={loop: block.model_copy(update=gains)})
+    varied = scenario.model_copy(update={"control": control})
+    plan = plan_route(scenario)
+    size = len(pairs[0])
+    diagram = build_tracking_diagram(varied, size, samples=[sample] * size, plan=plan)
+    simulator = Simulator(diagram)
+    fly(simulator, flight_duration(scenario, plan))
+    metrics = read_metrics(diagram, simulator.get_context())
+    return Metrics(*(values.reshape(len(k_p), len(k_d)) for values in metrics))

@@ -1,0 +1,58 @@
+"""Steps of the closed loop: its linear model beside the diagram itself."""
+
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+from pydrake.systems.analysis import InitializeParams, Simulator
+
+from drake_quad.analysis.closed_loop import WATCHERS, ClosedLoop
+from drake_quad.analysis.state_vector import StateVector
+
+
+class StepResponse(NamedTuple):
+    """What the vehicle does after a step; rows are those of the vehicle's `state`.
+
+    Attributes:
+        time: (ticks,) s.
+        linear: (ticks, 12) deviations from the equilibrium by the linear model.
+        nonlinear: (ticks, 12) by the diagram.
+    """
+
+    time: np.ndarray
+    linear: np.ndarray
+    nonlinear: np.ndarray
+
+
+def release(loop: ClosedLoop, displacement: Mapping[str, float], *, duration: float) -> StepResponse:
+    """Lets a loop go from beside its equilibrium: a step of the reference, seen from the reference.
+
+    Args:
+        loop: of `closed_loop`.
+        displacement: of rows of the vehicle's `state`, as in `x` or `yaw`, in SI units; the cameras see it at once.
+        duration: s.
+    """
+    layout = StateVector(loop.diagram, without=WATCHERS)
+    equilibrium = layout.read(loop.diagram, loop.context)
+    state = np.zeros_like(equilibrium)
+    for row, size in displacement.items():
+        for i, name in enumerate(layout.names):
+            if name.endswith(f".{row}") and (".vehicle.state." in name or ".motion_capture.measurement" in name):
+                state[i] = size
+    vehicle = [i for i, name in enumerate(layout.names) if ".vehicle.state." in name]
+
+    root = loop.context.Clone()
+    layout.write(loop.diagram, root, equilibrium + state)
+    simulator = Simulator(loop.diagram, root)
+    keep = InitializeParams()
+    keep.suppress_initialization_events = True
+    simulator.Initialize(keep)
+    start, period = root.get_time(), loop.system.period
+    ticks = round(duration / period) + 1
+    linear, nonlinear = np.empty((ticks, len(vehicle))), np.empty((ticks, len(vehicle)))
+    for tick in range(ticks):
+        simulator.AdvanceTo(start + tick * period)
+        linear[tick] = state[vehicle]
+        nonlinear[tick] = layout.read(loop.diagram, root)[vehicle] - equilibrium[vehicle]
+        state = loop.system.A @ state
+    return StepResponse(period * np.arange(ticks), linear, nonlinear)

@@ -1,0 +1,161 @@
+"""Plots of a gain design."""
+
+import math
+from collections.abc import Callable
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from drake_quad.analysis.cascade_design import CascadeDesign
+from drake_quad.analysis.closed_loop import ClosedLoop
+from drake_quad.analysis.gain_design import LoopDesign, pd_loop
+from drake_quad.analysis.margins import frequencies
+from drake_quad.analysis.step_response import release
+from drake_quad.visualization.style import BLACK, BLUE, LIMIT, PLATE, VERMILION, new_figure, styled
+
+# Drawn of each kind of loop; roll and y are their mirror images.
+_DRAWN = {"pitch": "attitude (pitch)", "x": "position (x)"}
+_STEPS = (("x", -0.5, "x (m)"), ("z", -0.5, "z (m)"), ("yaw", -0.5, "yaw (rad)"))
+
+
+def plot_bode(design: CascadeDesign) -> Figure:
+    """Gain and phase of the attitude and the position loop, with their margins."""
+    with styled():
+        figure = new_figure(9.0, 5.4)
+        axes = figure.subplots(2, 2, sharex="col", sharey="row")
+        for column, (axis, title) in enumerate(_DRAWN.items()):
+            _draw_bode(axes[0, column], axes[1, column], design.loops[axis], title)
+        axes[0, 0].set_ylabel("|L| (dB)")
+        axes[1, 0].set_ylabel("phase of L (°)")
+        return figure
+
+
+def _draw_bode(upper: Axes, lower: Axes, design: LoopDesign, title: str) -> None:
+    grid, response = _response(design)
+    gain = 20.0 * np.log10(np.abs(response))
+    phase = np.degrees(np.unwrap(np.angle(response)))
+    phase -= 360.0 * np.round((phase[0] + 180.0) / 360.0)
+    margins = design.margins
+    upper.semilogx(grid, gain, color=BLUE)
+    lower.semilogx(grid, phase, color=BLUE)
+    upper.axhline(0.0, **LIMIT)
+    lower.axhline(-180.0, **LIMIT)
+    crossover = margins.crossover
+    at = float(np.interp(crossover, grid, phase))
+    lower.plot([crossover, crossover], [-180.0, at], color=VERMILION, linewidth=2.0)
+    lower.annotate(
+        f"{margins.phase:.0f}°, {1e3 * margins.delay:.0f} ms",
+        (crossover, 0.5 * (at - 180.0)),
+        xytext=(-6, 4),
+        textcoords="offset points",
+        ha="right",
+        va="center",
+        color=VERMILION,
+        bbox=PLATE,
+    )
+    turns = np.flatnonzero((phase[:-1] > -180.0) & (phase[1:] <= -180.0) & (gain[1:] < 0.0))
+    if len(turns):
+        place = grid[turns[0]]
+        upper.plot([place, place], [-margins.gain, 0.0], color=VERMILION, linewidth=2.0)
+        upper.annotate(
+            f"{margins.gain:.1f} dB",
+            (place, -0.5 * margins.gain),
+            xytext=(6, 0),
+            textcoords="offset points",
+            va="center",
+            color=VERMILION,
+            bbox=PLATE,
+        )
+    upper.set(title=title, ylim=(-60.0, 60.0))
+    lower.set(xlabel="frequency (rad/s)", ylim=(-360.0, -90.0), yticks=[-360, -270, -180, -90])
+    lower.set_xlim(0.02, math.pi / design.plant.period)
+
+
+def plot_nyquist(design: CascadeDesign) -> Figure:
+    """The loops in the plane of L, with the disk around -1 that they stay out of."""
+    with styled():
+        figure = new_figure(9.0, 4.5)
+        for axes, (axis, title) in zip(figure.subplots(1, 2), _DRAWN.items(), strict=True):
+            loop = design.loops[axis]
+            _, response = _response(loop)
+            axes.plot(response.real, response.imag, color=BLUE, label="L")
+            turn = np.linspace(0.0, 2.0 * np.pi, 200)
+            axes.plot(np.cos(turn), np.sin(turn), **LIMIT)
+            # The disk of gains and phases that the loop stands: from -1 / (1 + α/2) · (1 - α/2) to its inverse.
+            low = (1.0 - 0.5 * loop.margins.disk) / (1.0 + 0.5 * loop.margins.disk)
+            middle, radius = -0.5 * (low + 1.0 / low), 0.5 * (1.0 / low - low)
+            axes.fill(middle + radius * np.cos(turn), radius * np.sin(turn), color="0.9", label="disk margin")
+            axes.plot(-1.0, 0.0, marker="+", color=VERMILION, markersize=10, markeredgewidth=2.0, linestyle="none")
+            axes.set(xlabel="Re L", ylabel="Im L", title=title, xlim=(-3.0, 1.2), ylim=(-2.1, 2.1))
+            axes.set_aspect("equal")
+        axes.legend(loc="upper right")
+        return figure
+
+
+def plot_root_locus(design: CascadeDesign) -> Figure:
+    """The poles of the position loop while both of its gains are multiplied by the same factor."""
+    loop = design.loops["x"]
+    plant, period = loop.plant, loop.plant.period
+    factors = np.concatenate([[0.0], np.geomspace(0.01, 30.0, 1500)])
+    row = np.array([loop.gains])
+    poles = np.linalg.eigvals(plant.A - factors[:, np.newaxis, np.newaxis] * (plant.B @ row @ plant.C))
+    stable = np.abs(poles).max(axis=1) < 1.0
+    last = factors[np.flatnonzero(stable)[-1]]
+    with styled():
+        figure = new_figure(7.0, 5.2)
+        axes = figure.subplots()
+        s = np.log(np.where(np.abs(poles) > 1e-6, poles, np.nan).astype(complex)) / period
+        axes.plot(s.real.ravel(), s.imag.ravel(), ".", color="0.7", markersize=1.5)
+        for factor, color, marker, label in (
+            (0.0, BLACK, "x", "open loop"),
+            (1.0, BLUE, "s", "as designed"),
+            (last, VERMILION, "o", f"limit of stability, × {last:.2f}"),
+        ):
+            place = s[np.argmin(np.abs(factors - factor))]
+            axes.plot(place.real, place.imag, marker, color=color, label=label, markerfacecolor="none", markersize=7)
+        limit = 9.0
+        for damping in (0.3, 0.5, 0.7):
+            x = -damping / math.sqrt(1.0 - damping**2) * limit
+            axes.plot(
+                [0.0, x, np.nan, 0.0, x], [0.0, limit, np.nan, 0.0, -limit], color="0.85", linewidth=0.8, zorder=0
+            )
+            axes.annotate(f"ζ {damping:g}", (0.93 * x, 0.93 * limit), color="0.45", fontsize=8.5, bbox=PLATE)
+        axes.axvline(0.0, color="0.4", linewidth=0.8)
+        axes.set(
+            xlabel="Re log(z) / h (1/s)",
+            ylabel="Im log(z) / h (1/s)",
+            title="Poles of the position loop, both gains scaled alike",
+            xlim=(-12.0, 2.0),
+            ylim=(-limit, limit),
+        )
+        axes.legend(loc="lower left")
+        return figure
+
+
+def plot_steps(loop: ClosedLoop) -> Figure:
+    """Steps of position, height and yaw: the linear model and the diagram."""
+    with styled():
+        figure = new_figure(9.0, 3.4)
+        for axes, (row, size, label) in zip(figure.subplots(1, 3), _STEPS, strict=True):
+            names = ("x", "y", "z", "roll", "pitch", "yaw")
+            response = release(loop, {row: size}, duration=10.0)
+            column = names.index(row)
+            axes.plot(response.time, response.nonlinear[:, column] - size, color=BLUE, label="diagram")
+            axes.plot(response.time, response.linear[:, column] - size, "--", color=VERMILION, label="linear model")
+            axes.axhline(-size, **LIMIT)
+            axes.set(xlabel="time (s)", ylabel=label, title=f"step in {row}")
+        axes.legend(loc="lower right")
+        return figure
+
+
+DESIGN_PLOTS: dict[str, Callable[[CascadeDesign], Figure]] = {
+    "bode": plot_bode,
+    "nyquist": plot_nyquist,
+    "root_locus": plot_root_locus,
+}
+
+
+def _response(design: LoopDesign) -> tuple[np.ndarray, np.ndarray]:
+    grid = frequencies(design.plant.period)
+    return grid, pd_loop(design.plant, design.gains).response(np.exp(1j * grid * design.plant.period))[:, 0, 0]

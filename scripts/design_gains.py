@@ -1,0 +1,154 @@
+"""Designs the PD gains of a scenario's cascade for its laboratory, and states what they stand."""
+
+import argparse
+import math
+import shlex
+import sys
+from pathlib import Path
+
+from command_line import parser, print_files, run, scenario_of
+from ruamel.yaml import YAML
+
+from drake_quad import InputError, Scenario
+from drake_quad.analysis.cascade_design import CascadeDesign, LoopOptions, design_cascade
+from drake_quad.analysis.closed_loop import ClosedLoop, as_believed, closed_loop
+from drake_quad.analysis.gain_design import Family, PolePair, Regulator, Requirements
+from drake_quad.analysis.modes import modes
+from drake_quad.files import output_folder, write_whole
+from drake_quad.visualization.design_plots import DESIGN_PLOTS, plot_steps
+
+# Faster modes are those of delay lines and filters, not worth a line of the table, rad/s.
+_FASTEST_MODE = 60.0
+
+
+def main() -> None:
+    options = parser(
+        description=__doc__,
+        example="python scripts/design_gains.py diagrams/laboratory.yaml --phase-margin 50",
+        output="out/gains",
+        scenario="figure_eight.yaml",
+    )
+    add_design_options(options)
+    arguments = options.parse_args()
+    scenario = scenario_of(arguments)
+    period = scenario.laboratory.command_link.period
+    design = design_cascade(scenario, design_options(arguments, period))
+    designed = with_gains(scenario, design)
+    loop = closed_loop(as_believed(designed))
+    folder = output_folder(arguments.output / scenario.name)
+    files = [write_whole(folder / "gains.yaml", lambda path: write_gains(design, path))]
+    files += [write_whole(folder / f"{name}.png", plot(design).savefig) for name, plot in DESIGN_PLOTS.items()]
+    files.append(write_whole(folder / "steps.png", plot_steps(loop).savefig))
+    print_design(design, period)
+    print_modes(loop)
+    print_files(files)
+
+
+def add_design_options(options: argparse.ArgumentParser) -> None:
+    """Adds the options that say how gains are to be designed."""
+    options.add_argument("--method", choices=("poles", "lqr"), default="poles", help="place two poles, or least cost")
+    options.add_argument("--phase-margin", type=float, default=45.0, metavar="DEGREES", help="of every loop (45)")
+    options.add_argument("--gain-margin", type=float, default=6.0, metavar="DB", help="of every loop (6)")
+    options.add_argument("--delay-margin", type=float, default=2.0, metavar="TICKS", help="of the attitude loops (2)")
+    for loop, rate_time in (("attitude", 0.2), ("yaw", 0.2), ("height", 0.2), ("position", 1.0)):
+        options.add_argument(
+            f"--{loop}-bandwidth",
+            type=float,
+            metavar="RAD/S",
+            help="of the pole pair (the highest that keeps the margins)",
+        )
+        options.add_argument(
+            f"--{loop}-damping", type=float, default=0.8, metavar="RATIO", help="of the pole pair (0.8)"
+        )
+        options.add_argument(
+            f"--{loop}-rate-time",
+            type=float,
+            default=rate_time,
+            metavar="SECONDS",
+            help=f"what a rate costs beside a value, with --method lqr ({rate_time:g})",
+        )
+
+
+def design_options(arguments: argparse.Namespace, period: float) -> dict[str, LoopOptions]:
+    """How each axis is to be designed.
+
+    Raises:
+        InputError: a number is out of range, or asks for what the method does not have.
+    """
+    for name, limit in (("phase_margin", 180.0), ("gain_margin", 60.0), ("delay_margin", 1000.0)):
+        _check(name, getattr(arguments, name), 0.0, limit)
+    found: dict[str, LoopOptions] = {}
+    loops = {"attitude": ("roll", "pitch"), "yaw": ("yaw",), "height": ("z",), "position": ("x", "y")}
+    for loop, axes in loops.items():
+        bandwidth, damping, rate_time = (
+            getattr(arguments, f"{loop}_{name}") for name in ("bandwidth", "damping", "rate_time")
+        )
+        _check(f"{loop}_damping", damping, 0.05, 0.999)
+        _check(f"{loop}_rate_time", rate_time, 0.0, 1e3)
+        if bandwidth is not None:
+            _check(f"{loop}_bandwidth", bandwidth, 1e-3, 0.5 * math.pi / period)
+            if arguments.method == "lqr":
+                raise InputError(f"--{loop}-bandwidth is for --method poles; a regulator finds its own")
+        delay = arguments.delay_margin * period if loop in ("attitude", "yaw") else 0.0
+        requirements = Requirements(arguments.phase_margin, arguments.gain_margin, delay)
+        family: Family = PolePair(damping) if arguments.method == "poles" else Regulator(rate_time)
+        found |= {axis: LoopOptions(family, requirements, bandwidth) for axis in axes}
+    return found
+
+
+def _check(name: str, value: float, least: float, most: float) -> None:
+    if not least <= value <= most:
+        raise InputError(f"--{name.replace('_', '-')} is {value:g}, but must be between {least:g} and {most:g}")
+
+
+def with_gains(scenario: Scenario, design: CascadeDesign) -> Scenario:
+    """The scenario with designed gains."""
+    blocks = {
+        name: getattr(scenario.control, name).model_copy(update={kind: tuple(values) for kind, values in gains.items()})
+        for name, gains in design.gains().items()
+    }
+    return scenario.model_copy(update={"control": scenario.control.model_copy(update=blocks)})
+
+
+def write_gains(design: CascadeDesign, path: Path) -> None:
+    """Writes the gains as YAML that a scenario can extend, with the call that made them."""
+    yaml = YAML()
+    yaml.default_flow_style = None
+    with path.open("w", encoding="utf-8") as file:
+        file.write(f"# python scripts/design_gains.py {shlex.join(sys.argv[1:])}\n")
+        yaml.dump({"gains": {"control": design.gains()}}, file)
+
+
+def print_design(design: CascadeDesign, period: float) -> None:
+    """Prints gains and margins, a line an axis."""
+    print(
+        "axis    k_P       k_D       phase margin  gain margin  delay margin         disk margin"
+        "  crossover    peak of |S|  limited by"
+    )
+    for axis in ("roll", "pitch", "yaw", "z", "x", "y"):
+        loop = design.loops[axis]
+        margins, cost = loop.margins, loop.cost_ratio
+        print(
+            f"{axis:<6}  {loop.gains.k_p:<8.4g}  {loop.gains.k_d:<8.4g}"
+            f"  {margins.phase:>11.1f}°  {margins.gain:>8.1f} dB"
+            f"  {1e3 * margins.delay:>5.0f} ms {margins.delay / period:>5.1f} ticks  {margins.disk:>11.2f}"
+            f"  {margins.crossover:>5.2f} rad/s  {margins.sensitivity:>11.2f}"
+            f"  {', '.join(loop.limits) or 'what was asked for'}"
+            + (f"; cost {cost:.2f} times the full regulator's" if cost is not None else "")
+        )
+
+
+def print_modes(loop: ClosedLoop) -> None:
+    """Prints the Floquet multipliers of the whole loop as modes, the slowest first."""
+    system = loop.system
+    print(f"\nmodes of the whole loop, from one tick (h = {system.period:g} s) to the next")
+    print("frequency     damping  time constant  states")
+    for mode in modes(system.A, system.states, period=system.period):
+        if mode.frequency < _FASTEST_MODE:
+            rows = (name.split(".")[-1] for name in mode.states if ".vehicle." in name)
+            names = ", ".join(dict.fromkeys("rotors" if row.isdigit() else row for row in rows))
+            print(f"{mode.frequency:>6.2f} rad/s  {mode.damping:>7.2f}  {-1.0 / mode.pole.real:>10.2f} s   {names}")
+
+
+if __name__ == "__main__":
+    run(main)
