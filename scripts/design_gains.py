@@ -24,7 +24,7 @@ _FASTEST_MODE = 60.0
 def main() -> None:
     options = parser(
         description=__doc__,
-        example="python scripts/design_gains.py diagrams/laboratory.yaml --phase-margin 50",
+        example="python scripts/design_gains.py diagrams/laboratory.yaml:nominal --phase-margin 50",
         output="out/gains",
         scenario="figure_eight.yaml",
     )

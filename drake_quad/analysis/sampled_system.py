@@ -163,8 +163,10 @@ def linearize(
     simulator = Simulator_[AutoDiffXd](converted, root)
     keep = InitializeParams()
     keep.suppress_initialization_events = True
-    simulator.Initialize(keep)
-    simulator.AdvanceTo(context.get_time() + period)
+    # The floating-point flags that arithmetic on objects leaves behind mean nothing.
+    with np.errstate(all="ignore"):
+        simulator.Initialize(keep)
+        simulator.AdvanceTo(tick_after(context.get_time(), period))
 
     after = layout.read(converted, root)
     forward, sideways = _gradient(after, len(point)), _gradient(np.concatenate([*y, np.empty(0)]), len(point))
@@ -194,6 +196,11 @@ def _gradient(values: np.ndarray, size: int) -> np.ndarray:
         return np.empty((0, size))
     gradient = ExtractGradient(values)
     return gradient if gradient.shape[1] else np.zeros((len(values), size))
+
+
+def tick_after(time: float, period: float, ticks: int = 1) -> float:
+    """The time some ticks after a tick (s), bit for bit as Drake counts it: a rounding error later is an event more."""
+    return period * (round(time / period) + ticks)
 
 
 def to_autodiff(diagram: Diagram) -> Any:

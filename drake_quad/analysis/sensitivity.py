@@ -17,12 +17,15 @@ from drake_quad.analysis.sampled_system import to_autodiff
 from drake_quad.analysis.state_vector import leaf_paths, system_at
 from drake_quad.errors import InputError
 from drake_quad.flight import fly, read_metrics
+from drake_quad.laboratory.metrics import Metrics
 from drake_quad.planning import flight_duration, plan_route
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Scenario, draw_sample
 from drake_quad.scenario.numbers import number_at, with_number
 from drake_quad.tracking import build_tracking_diagram
 
+# The metrics that depend on a flight smoothly, as long as it does not crash.
+DIFFERENTIABLE = tuple(name for name in Metrics._fields if name != "crash_time")
 # Relative step of the five-point differences from a scenario's number to the context, which is polynomial or nearly so:
 # around the number or, where it may only rise or only fall, to one side of it.
 _STEP = 1e-3
@@ -75,7 +78,7 @@ def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: i
     layout.write(converted, context, InitializeAutoDiff(nominal, gradient=seeds.T).ravel())
     fly(simulator, flight_duration(scenario, plan))
     metrics = read_metrics(converted, context)
-    found = {name: getattr(metrics, name)[0] for name in metrics._fields if name != "crash_time"}
+    found = {name: getattr(metrics, name)[0] for name in DIFFERENTIABLE}
     return Sensitivities(
         tuple(fields),
         values,

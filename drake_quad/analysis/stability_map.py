@@ -27,14 +27,19 @@ class StabilityMap(NamedTuple):
     """What a grid of gains does to the linear loop; arrays (k_p, k_d).
 
     Attributes:
-        stable: whether all poles lie inside the unit circle.
+        size: of the largest pole; the loop is stable below 1.
         damping: the least of all poles; NaN where the loop is not stable.
         delay: delay margin, s; likewise.
     """
 
-    stable: np.ndarray
+    size: np.ndarray
     damping: np.ndarray
     delay: np.ndarray
+
+    @property
+    def stable(self) -> np.ndarray:
+        """Whether all poles lie inside the unit circle."""
+        return self.size < 1.0
 
 
 def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> StabilityMap:
@@ -48,14 +53,15 @@ def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> Sta
     gains = np.stack(np.meshgrid(k_p, k_d, indexing="ij"), axis=-1)
     closed = plant.A - plant.B @ (gains[..., np.newaxis, :] @ plant.C)
     poles = np.linalg.eigvals(closed)
-    stable = np.abs(poles).max(axis=-1) < 1.0
+    size = np.abs(poles).max(axis=-1)
+    stable = size < 1.0
     lasting = np.where(np.abs(poles) > _FAST, poles, _FAST)
     rates = np.log(lasting.astype(complex))
     damping = np.where(np.abs(poles) > _FAST, -rates.real / np.maximum(np.abs(rates), 1e-12), 1.0).min(axis=-1)
     grid = frequencies(plant.period, points=_POINTS)
     response = plant.response(np.exp(1j * grid * plant.period))[..., 0]
     delay = fast_margins(gains @ response.T, grid).delay
-    return StabilityMap(stable, np.where(stable, damping, np.nan), np.where(stable, delay, np.nan))
+    return StabilityMap(size, np.where(stable, damping, np.nan), np.where(stable, delay, np.nan))
 
 
 def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:

@@ -7,6 +7,7 @@ import numpy as np
 from pydrake.systems.analysis import InitializeParams, Simulator
 
 from drake_quad.analysis.closed_loop import WATCHERS, ClosedLoop
+from drake_quad.analysis.sampled_system import tick_after
 from drake_quad.analysis.state_vector import StateVector
 
 
@@ -51,7 +52,7 @@ def release(loop: ClosedLoop, displacement: Mapping[str, float], *, duration: fl
     ticks = round(duration / period) + 1
     linear, nonlinear = np.empty((ticks, len(vehicle))), np.empty((ticks, len(vehicle)))
     for tick in range(ticks):
-        simulator.AdvanceTo(start + tick * period)
+        simulator.AdvanceTo(tick_after(start, period, tick))
         linear[tick] = state[vehicle]
         nonlinear[tick] = layout.read(loop.diagram, root)[vehicle] - equilibrium[vehicle]
         state = loop.system.A @ state

@@ -1,0 +1,27 @@
+"""Sensitivities as a tornado."""
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from drake_quad.analysis.sensitivity import Sensitivities
+from drake_quad.visualization.style import BLUE, VERMILION, new_figure, styled
+
+
+def plot_sensitivities(found: Sensitivities, metric: str) -> Figure:
+    """By how many per cent a metric changes when a field grows by one per cent, the largest at the top.
+
+    Fields that are zero have no per cent and are left out.
+    """
+    elasticities = found.values * found.gradients[metric] / found.metrics[metric]
+    order = [i for i in np.argsort(np.abs(elasticities)) if found.values[i] != 0.0]
+    shown = elasticities[order]
+    with styled():
+        figure = new_figure(7.0, 1.2 + 0.27 * max(len(order), 1))
+        axes = figure.subplots()
+        axes.barh(range(len(order)), shown, color=np.where(shown > 0.0, VERMILION, BLUE))
+        axes.axvline(0.0, color="0.4", linewidth=0.8)
+        axes.set_yticks(range(len(order)), [found.fields[i] for i in order])
+        axes.set(xlabel="change of the metric for a change of the field by 1 % (%)", title=f"{metric}, first order")
+        axes.grid(visible=False, axis="y")
+        axes.set_axisbelow(True)
+        return figure

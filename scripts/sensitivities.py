@@ -1,0 +1,72 @@
+"""How the metrics of a flight change with the numbers of its scenario, by derivatives carried through the simulator."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from command_line import parser, print_files, run, scenario_of
+
+from drake_quad.analysis.sensitivity import DIFFERENTIABLE, Sensitivities, flight_sensitivities
+from drake_quad.files import output_folder, write_whole
+from drake_quad.visualization.sensitivity_plots import plot_sensitivities
+
+# Differentiated unless others are asked for: what a builder can get wrong, and what a designer can choose.
+_FIELDS = (
+    *("vehicle.mass", "vehicle.inertia.0", "vehicle.inertia.1", "vehicle.thrust_factor", "vehicle.arm_length"),
+    *("vehicle.rotor_time_constant", "vehicle.linear_drag"),
+    *(f"control.position.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1, 2)),
+    *(f"control.attitude.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1)),
+)
+
+
+def main() -> None:
+    options = parser(
+        description=__doc__,
+        example="python scripts/sensitivities.py diagrams/laboratory.yaml:low_wind --metric rmse_y",
+        output="out/sensitivities",
+        scenario="figure_eight.yaml",
+    )
+    options.add_argument("--sample", type=int, help="which sample of the scenario's study to fly, from 0 on")
+    options.add_argument(
+        "--field", action="append", metavar="PATH", help="of a number of the scenario; can be given several times"
+    )
+    options.add_argument(
+        "--metric", choices=DIFFERENTIABLE, default="rmse", help="that is printed and drawn (default: %(default)s)"
+    )
+    arguments = options.parse_args()
+    scenario = scenario_of(arguments)
+    folder = output_folder(arguments.output / scenario.name)
+    found = flight_sensitivities(scenario, arguments.field or _FIELDS, sample=arguments.sample)
+    figure = plot_sensitivities(found, arguments.metric)
+    files = [
+        write_whole(folder / "sensitivities.csv", lambda path: write_table(path, found)),
+        write_whole(folder / "sensitivities.png", figure.savefig),
+    ]
+    print_sensitivities(found, arguments.metric)
+    print_files(files)
+
+
+def print_sensitivities(found: Sensitivities, metric: str) -> None:
+    """Prints each field with the derivative of a metric, the largest effect of a change of 1 % first."""
+    print(f"{metric} {found.metrics[metric]:.6g}")
+    width = max(len(field) for field in found.fields)
+    print(f"{'field':<{width}}  {'value':>10}  {'derivative':>12}  change for +1 %")
+    effects = 0.01 * found.values * found.gradients[metric]
+    for i in np.argsort(-np.abs(effects)):
+        field, value, derivative = found.fields[i], found.values[i], found.gradients[metric][i]
+        change = f"{100.0 * effects[i] / found.metrics[metric]:+.3f} %" if value else "–"
+        print(f"{field:<{width}}  {value:>10.4g}  {derivative:>12.5g}  {change:>15}")
+
+
+def write_table(path: Path, found: Sensitivities) -> None:
+    """Writes a line for each field, with the derivatives of all metrics."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["field", "value", *found.metrics])
+        writer.writerow(["(metric)", "", *(f"{value:.9g}" for value in found.metrics.values())])
+        for i, field in enumerate(found.fields):
+            writer.writerow([field, f"{found.values[i]:.9g}", *(f"{row[i]:.9g}" for row in found.gradients.values())])
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,113 @@
+"""Maps the PD gains that a loop stands, in its linear model and in flight, nominal and with the worst lag and delay."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from command_line import parser, print_files, run, scenario_of
+
+from drake_quad import InputError, Scenario
+from drake_quad.analysis.gain_design import PdGains
+from drake_quad.analysis.stability_map import Loop, flown_map, mapped_plant, stability_map
+from drake_quad.files import output_folder, write_whole
+from drake_quad.visualization.map_plots import MapPanel, plot_map
+
+# Default ranges of k_P (1/s²) and k_D (1/s): the stable region of the shipped laboratories and some room around it.
+_RANGES = {"position": ((0.02, 1.2), (0.05, 3.0)), "attitude": ((0.5, 40.0), (0.5, 24.0))}
+_WORST = ["vehicle.rotor_time_constant=0.07", "laboratory.command_link.delay_ticks=2"]
+
+
+def main() -> None:
+    options = parser(
+        description=__doc__,
+        example="python scripts/stability_map.py diagrams/laboratory.yaml:nominal --loop attitude",
+        output="out/stability",
+        scenario="figure_eight.yaml",
+    )
+    options.add_argument("--loop", choices=tuple(_RANGES), default="position", help="whose gains (default: position)")
+    options.add_argument("--size", type=int, default=40, help="gains along each side of the map (default: 40)")
+    options.add_argument("--k-p", type=float, nargs=2, metavar=("LEAST", "MOST"), help="range of k_P, 1/s²")
+    options.add_argument("--k-d", type=float, nargs=2, metavar=("LEAST", "MOST"), help="range of k_D, 1/s")
+    options.add_argument(
+        "--worst",
+        metavar="FIELD=VALUE",
+        action="append",
+        help=f"a field of the worst case (default: {' '.join(_WORST)})",
+    )
+    options.add_argument("--quick", action="store_true", help="a map of 12 by 12 over 5 s of flight")
+    arguments = options.parse_args()
+    if not 2 <= arguments.size <= 200:
+        raise InputError(f"--size is {arguments.size}, but must be between 2 and 200")
+    size = 12 if arguments.quick else arguments.size
+    k_p = _grid("--k-p", arguments.k_p or _RANGES[arguments.loop][0], size)
+    k_d = _grid("--k-d", arguments.k_d or _RANGES[arguments.loop][1], size)
+    if arguments.quick:
+        arguments.set = [*arguments.set, "duration=5"]
+    worst = arguments.worst or _WORST
+    scenario = scenario_of(arguments)
+    arguments.set = [*arguments.set, *worst]
+    names = [field.split("=")[0].split(".")[-1] + "=" + field.split("=", 1)[-1] for field in worst]
+    cases = {"nominal": scenario, ", ".join(names): scenario_of(arguments)}
+    folder = output_folder(arguments.output / scenario.name)
+    panels = [panel(title, case, arguments.loop, k_p, k_d) for title, case in cases.items()]
+    block = getattr(scenario.control, arguments.loop)
+    index = 0 if arguments.loop == "position" else 1
+    marked = PdGains(block.k_p[index], block.k_d[index])
+    figure = plot_map(panels, k_p, k_d, marked=marked, loop=arguments.loop)
+    files = [
+        write_whole(folder / f"{arguments.loop}_map.csv", lambda path: write_table(path, panels, k_p, k_d)),
+        write_whole(folder / f"{arguments.loop}_map.png", figure.savefig),
+    ]
+    for each in panels:
+        print_panel(each, k_p, k_d)
+    print_files(files)
+
+
+def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray) -> MapPanel:
+    """The map of one case."""
+    linear = stability_map(mapped_plant(scenario, loop), k_p, k_d)
+    return MapPanel(title, linear, flown_map(scenario, loop, k_p, k_d, sample=scenario.sample or 0))
+
+
+def print_panel(panel: MapPanel, k_p: np.ndarray, k_d: np.ndarray) -> None:
+    """Prints how much is stable, how much flew, and the best gains."""
+    rmse = np.where(panel.flown.crashed, np.inf, panel.flown.rmse)
+    row, column = np.unravel_index(np.argmin(rmse), rmse.shape)
+    print(
+        f"{panel.title}: {100.0 * panel.linear.stable.mean():.0f} % of the gains are stable,"
+        f" {100.0 * (~panel.flown.crashed).mean():.0f} % flew to the end;"
+        f" least RMSE {100.0 * rmse[row, column]:.2f} cm at k_P {k_p[row]:.3g}, k_D {k_d[column]:.3g}"
+    )
+
+
+def write_table(path: Path, panels: list[MapPanel], k_p: np.ndarray, k_d: np.ndarray) -> None:
+    """Writes a line for each pair of gains."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        columns = ("stable", "damping", "delay margin (s)", "RMSE (m)", "crash time (s)")
+        titles = [f"{panel.title}: {name}" for panel in panels for name in columns]
+        writer.writerow(["k_P (1/s²)", "k_D (1/s)", *titles])
+        for i, j in np.ndindex(len(k_p), len(k_d)):
+            values = [
+                value
+                for panel in panels
+                for value in (
+                    int(panel.linear.stable[i, j]),
+                    panel.linear.damping[i, j],
+                    panel.linear.delay[i, j],
+                    panel.flown.rmse[i, j],
+                    panel.flown.crash_time[i, j],
+                )
+            ]
+            writer.writerow([f"{value:.6g}" for value in (k_p[i], k_d[j], *values)])
+
+
+def _grid(name: str, limits: tuple[float, float], size: int) -> np.ndarray:
+    least, most = limits
+    if not 0.0 <= least < most:
+        raise InputError(f"{name} is {least:g} {most:g}, but must be a least gain from 0 on and a larger one")
+    return np.linspace(least, most, size)
+
+
+if __name__ == "__main__":
+    run(main)

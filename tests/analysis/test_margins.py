@@ -1,0 +1,106 @@
+"""Margins, against what they mean."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from scipy.signal import cont2discrete
+
+from drake_quad.analysis.margins import fast_margins, frequencies, margins
+from drake_quad.analysis.sampled_system import SampledSystem
+
+PERIOD = 0.02
+
+
+def loop_of(k_p, k_d, *, lag=0.05, delay_ticks=2):
+    """A PD around a double integrator with a lag, a zero-order hold and whole ticks of delay."""
+    A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / lag]])
+    B = np.array([[0.0], [0.0], [1.0 / lag]])
+    Ad, Bd, *_ = cont2discrete((A, B, np.eye(3), np.zeros((3, 1))), PERIOD)
+    n = 3 + delay_ticks
+    whole = np.zeros((n, n))
+    whole[:3, :3], whole[:3, 3:4] = Ad, Bd
+    whole[3:-1, 4:] = np.eye(delay_ticks - 1)
+    into = np.zeros((n, 1))
+    into[-1] = 1.0
+    out = np.zeros((1, n))
+    out[0, :2] = k_p, k_d
+    names = tuple(f"x{i}" for i in range(n))
+    return SampledSystem(whole, into, out, np.zeros((1, 1)), PERIOD, names, ("u",), ("y",))
+
+
+def is_stable(loop, factor=1.0, more_delay=0):
+    """Whether the loop is, closed with another gain and more ticks of delay."""
+    n = len(loop.A)
+    A = np.zeros((n + more_delay, n + more_delay))
+    A[:n, :n] = loop.A
+    B = np.zeros((n + more_delay, 1))
+    if more_delay:
+        A[:n, n : n + 1] = loop.B
+        A[n:-1, n + 1 :] = np.eye(more_delay - 1)
+        B[-1] = 1.0
+    else:
+        B[:n] = loop.B
+    C = np.hstack([loop.C, np.zeros((1, more_delay))])
+    return np.abs(np.linalg.eigvals(A - factor * B @ C)).max() < 1.0
+
+
+CASES = [(5.0, 4.0), (9.0, 6.0), (2.0, 1.0), (20.0, 8.0)]
+
+
+@pytest.mark.parametrize(("k_p", "k_d"), CASES)
+def test_the_gain_margin_is_where_the_closed_loop_gives_up(k_p, k_d):
+    loop = loop_of(k_p, k_d)
+    factor = 10.0 ** (margins(loop).gain / 20.0)
+    assert is_stable(loop, 0.9999 * factor)
+    assert not is_stable(loop, 1.0001 * factor)
+
+
+@pytest.mark.parametrize("ticks", [1, 2, 5])
+def test_the_delay_margin_is_where_the_closed_loop_gives_up(ticks):
+    """Gains for which it is a whole number of ticks: a little less or more decides."""
+    low, high = 0.02, 50.0  # scales of the gains
+    for _ in range(60):
+        middle = np.sqrt(low * high)
+        found = margins(loop_of(2.0 * middle, 2.0 * np.sqrt(middle))).delay
+        low, high = (middle, high) if found > ticks * PERIOD else (low, middle)
+    for scale, stands in ((0.999 * low, True), (1.001 * low, False)):
+        loop = loop_of(2.0 * scale, 2.0 * np.sqrt(scale))
+        assert (margins(loop).delay > ticks * PERIOD) == stands
+        assert is_stable(loop, more_delay=ticks) == stands
+
+
+@pytest.mark.parametrize(("k_p", "k_d"), CASES)
+def test_the_disk_margin_stands_every_gain_and_phase_within_it(k_p, k_d):
+    loop = loop_of(k_p, k_d)
+    found = margins(loop)
+    low = (1.0 - 0.5 * found.disk) / (1.0 + 0.5 * found.disk)
+    assert is_stable(loop, 1.001 * low)
+    assert is_stable(loop, 0.999 / low)
+    grid = frequencies(PERIOD)
+    response = loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0]
+    # The disk of -1 / f touches the Nyquist curve and holds none of it.
+    middle, radius = -0.5 * (low + 1.0 / low), 0.5 * (1.0 / low - low)
+    assert np.abs(response - middle).min() == pytest.approx(radius, rel=1e-3)
+    # Its consequences cannot be larger than the margins themselves.
+    assert -20.0 * np.log10(low) <= found.gain * (1.0 + 1e-6)
+    assert np.degrees(2.0 * np.arctan(0.5 * found.disk)) <= found.phase * (1.0 + 1e-6)
+
+
+def test_many_at_once_are_the_same():
+    grid = frequencies(PERIOD)
+    loops = [loop_of(*gains) for gains in CASES]
+    responses = np.array([loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0] for loop in loops])
+    fast = fast_margins(responses, grid)
+    for i, loop in enumerate(loops):
+        exact = margins(loop)
+        assert fast.gain[i] == pytest.approx(exact.gain, abs=1e-3)
+        assert fast.phase[i] == pytest.approx(exact.phase, abs=1e-3)
+        assert fast.delay[i] == pytest.approx(exact.delay, rel=1e-4)
+
+
+def test_a_loop_that_never_reaches_one_has_every_margin():
+    weak = replace(loop_of(1.0, 1.0), A=0.5 * np.eye(5))
+    found = margins(weak)
+    assert (found.gain, found.phase, found.delay) == (np.inf, np.inf, np.inf)
+    assert found.crossover == 0.0

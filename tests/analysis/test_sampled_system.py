@@ -1,0 +1,179 @@
+"""The Jacobian of a period, against classical sampling and against differences."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue
+from pydrake.systems.analysis import InitializeParams, Simulator
+from pydrake.systems.framework import BasicVector, LeafSystem
+from scipy.linalg import expm
+
+from drake_quad import InputError, build_tracking_diagram, load_scenario
+from drake_quad.analysis.closed_loop import WATCHERS, laboratory_plant
+from drake_quad.analysis.sampled_system import SampledSystem, at_tick, linearize
+from drake_quad.analysis.state_vector import StateVector
+
+REAL = [
+    "route={kind: hover}",
+    "vehicle.linear_drag=0.1",
+    "vehicle.centre_of_mass=[0.0005, -0.0003]",
+    "laboratory.motion_capture={derivative_bandwidth: 60, latency_frames: 1, misalignment: [0.01, 0.02, 0.0]}",
+    "laboratory.command_link.delay_ticks=2",
+    "laboratory.wind=[{kind: steady, velocity: [1, 0.5, 0]},"
+    " {kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 2, diameter: 0.7, turbulence: 0}]",
+]
+
+
+@pytest.fixture
+def hover(diagrams):
+    return lambda *overrides: load_scenario(diagrams / "hover.yaml", overrides)
+
+
+def classical(frequency, *, delay_ticks, h=0.01):
+    """The response from a commanded acceleration to the value and the rate of a double integrator with rotor lag.
+
+    Zero-order hold over ticks of 2h, a whole number of ticks of delay, and a frame that is h old, by matrix
+    exponentials.
+    """
+    A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -20.0]])
+    B = np.array([[0.0], [0.0], [20.0]])
+
+    def held(time):
+        exponential = expm(np.block([[A, B], [np.zeros((1, 4))]]) * time)
+        return exponential[:3, :3], exponential[:3, 3:]
+
+    phi, gamma = held(2.0 * h)
+    phi_half, gamma_half = held(h)
+    z = np.exp(2j * frequency * h)
+    x = np.linalg.solve(z * np.eye(3) - phi, gamma)  # the state at a tick, for an input that acts from that tick on
+    # The frame that a tick reads was taken h earlier, in the middle of the period before.
+    seen = (phi_half @ x + gamma_half) / z
+    return (seen[:2, 0]) / z**delay_ticks
+
+
+@pytest.mark.parametrize("delay_ticks", [0, 1, 3])
+@pytest.mark.parametrize(
+    ("torque", "inertia", "rows"), [("tau_x", 0.007, ("roll", "p")), ("thrust", 0.68, ("z", "v_z"))]
+)
+def test_the_ideal_laboratory_is_the_classical_sampled_model(hover, delay_ticks, torque, inertia, rows):
+    plant = laboratory_plant(hover(f"laboratory.command_link.delay_ticks={delay_ticks}"))
+    plant = plant.between([f"wrench.{torque}"], [f"measurement.{row}" for row in rows]).connected()
+    for frequency in (0.3, 3.0, 30.0, 100.0):
+        found = inertia * plant.response(np.exp(1j * np.array([frequency]) * plant.period))[0, :, 0]
+        # The step is Runge and Kutta's: it takes the integral of an exponential by Simpson's rule.
+        np.testing.assert_allclose(found, classical(frequency, delay_ticks=delay_ticks), rtol=1e-4)
+
+
+@pytest.mark.parametrize("overrides", [[], REAL])
+def test_the_jacobian_of_the_whole_loop_against_differences(hover, overrides):
+    scenario = hover(*overrides)
+    diagram = build_tracking_diagram(scenario)
+    context = at_tick(diagram, 0.08)
+    system, _ = linearize(diagram, context, period=0.02, without=WATCHERS)
+    layout = StateVector(diagram, without=WATCHERS)
+    start = layout.read(diagram, context)
+
+    def after(state):
+        root = context.Clone()
+        layout.write(diagram, root, state)
+        simulator = Simulator(diagram, root)
+        keep = InitializeParams()
+        keep.suppress_initialization_events = True
+        simulator.Initialize(keep)
+        simulator.AdvanceTo(0.1)
+        return layout.read(diagram, root)
+
+    step = 1e-5
+    numeric = [(after(start + step * unit) - after(start - step * unit)) / (2.0 * step) for unit in np.eye(len(start))]
+    np.testing.assert_allclose(system.A, np.array(numeric).T, atol=2e-8)
+
+
+def test_the_state_has_names_and_no_watchers(hover):
+    diagram = build_tracking_diagram(hover(*REAL), record=True)
+    names = StateVector(diagram, without=WATCHERS).names
+    assert len(names) == len(set(names))
+    assert "laboratory.vehicle.state.pitch" in names
+    assert "laboratory.motion_capture.measurement_0_ticks_old.v_x" in names
+    assert "laboratory.command_link.wrench_1_ticks_old.thrust" in names
+    assert "laboratory.wind.fans.wind.x" in names
+    assert not any(name.startswith(WATCHERS) for name in names)
+
+
+def test_a_continuous_vehicle_has_the_same_period(hover):
+    """A stepping vehicle and one that Drake integrates: the same A for what both have."""
+    found = []
+    for time_step in (0.01, 0.0):
+        diagram = build_tracking_diagram(hover(f"vehicle.time_step={time_step}"))
+        system, _ = linearize(diagram, at_tick(diagram, 0.08), period=0.02, without=WATCHERS)
+        found.append(
+            {tuple(np.round(pole, 4)) for pole in np.column_stack([system.poles().real, abs(system.poles().imag)])}
+        )
+    stepping, continuous = found
+    assert {pole for pole in stepping if pole[0] > 0.5} == {pole for pole in continuous if pole[0] > 0.5}
+
+
+class Mine(LeafSystem):
+    """A position controller without another scalar type, perhaps with a state that is no vector."""
+
+    def __init__(self, abstract=False):
+        super().__init__()
+        for name, size in (("measurement", 12), ("reference", 11)):
+            self.DeclareVectorInputPort(name, BasicVector(size))
+        self.DeclareVectorOutputPort("acceleration_command", BasicVector(3), self.command)
+        if abstract:
+            self.DeclareAbstractState(AbstractValue.Make("a memory"))
+
+    def command(self, context, output):
+        output.SetFromVector([0.0, 0.0, 0.0])
+
+
+def test_a_system_that_cannot_be_differentiated_is_named(hover):
+    for abstract, words in (
+        (False, "control.position has no version for AutoDiffXd"),
+        (True, "control.position holds"),
+    ):
+        diagram = build_tracking_diagram(hover(), position_controller=Mine(abstract))
+        with pytest.raises(InputError, match=words):
+            linearize(diagram, at_tick(diagram, 0.04), period=0.02)
+
+
+def random_system(rng):
+    A = rng.normal(size=(5, 5))
+    A *= 0.9 / np.abs(np.linalg.eigvals(A)).max()
+    names = [tuple(f"{kind}{i}" for i in range(size)) for kind, size in (("x.", 5), ("u.", 2), ("y.", 3))]
+    return SampledSystem(A, rng.normal(size=(5, 2)), rng.normal(size=(3, 5)), rng.normal(size=(3, 2)), 0.02, *names)
+
+
+def test_algebra_against_python_control():
+    rng = np.random.default_rng(1)
+    system = random_system(rng)
+    z = np.exp(1j * np.array([0.1, 0.7, 2.0]))
+    model = system.to_state_space()
+    assert (model.dt, model.state_labels[0], model.input_labels, model.output_labels) == (
+        0.02,
+        "x_0",
+        ["u_0", "u_1"],
+        ["y_0", "y_1", "y_2"],
+    )
+    np.testing.assert_allclose(system.response(z), np.moveaxis(model(z), -1, 0), atol=1e-12)
+    part = system.between(["u.1"], ["y.2", "y.0"])
+    np.testing.assert_allclose(part.response(z), system.response(z)[:, [2, 0], 1:], atol=1e-12)
+    turned = system.transformed([1, 3], np.array([[1.0, 2.0], [-1.0, 1.0]]), ["a", "b"])
+    np.testing.assert_allclose(turned.response(z), system.response(z), atol=1e-11)
+    assert turned.states == ("x.0", "a", "x.2", "b", "x.4")
+    delayed = replace(system, D=0.0 * system.D)
+    gain = rng.normal(size=(2, 3)) * 0.1
+    G = delayed.response(z)
+    closed = np.linalg.solve(np.eye(3) + G @ gain, G)
+    np.testing.assert_allclose(delayed.with_feedback(gain).response(z), closed, atol=1e-11)
+
+
+def test_what_no_input_reaches_and_no_output_sees_is_left_out():
+    A = np.diag([0.5, 0.6, 0.7, 0.8]) + np.diag([0.1, 0.0, 0.1], k=-1)  # 0 → 1, 2 → 3
+    B, C = np.array([[1.0], [0.0], [0.0], [0.0]]), np.array([[0.0, 1.0, 0.0, 1.0]])
+    system = SampledSystem(A, B, C, np.zeros((1, 1)), 0.02, ("a", "b", "c", "d"), ("u",), ("y",))
+    small = system.connected()
+    assert small.states == ("a", "b")
+    z = np.exp(1j * np.array([0.1, 1.0]))
+    np.testing.assert_allclose(small.response(z), system.response(z), atol=1e-14)
