@@ -126,11 +126,12 @@ def _seed(scenario: Scenario, plan: Plan, field: str, layout: _Numbers, nominal:
     step = _STEP * (abs(value) or 1.0)
     seed = np.zeros_like(nominal)
     for neighbour, weight in _neighbours(scenario, field, value, step):
-        moved = build_tracking_diagram(neighbour, plan=plan)
-        numbers = layout.read(moved, moved.CreateDefaultContext())
+        diagram = build_tracking_diagram(neighbour, plan=plan)
+        numbers = layout.read(diagram, diagram.CreateDefaultContext())
         if len(numbers) != len(nominal):
             raise InputError(f"{field} changes the structure of the diagram at {value:g}; it has no derivative there")
-        seed += weight / step * np.where(numbers == nominal, 0.0, numbers - nominal)
+        moved = np.subtract(numbers, nominal, out=np.zeros_like(nominal), where=numbers != nominal)
+        seed += weight / step * moved
     if not seed.any():
         raise InputError(f"{field} is not a number that the flight depends on smoothly")
     return seed

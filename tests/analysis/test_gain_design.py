@@ -1,0 +1,252 @@
+"""Designed gains: where they put the poles, what they cost, and what the flying loop stands."""
+
+import re
+import shlex
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
+from ruamel.yaml import YAML
+
+from drake_quad import InputError, load_scenario
+from drake_quad.analysis.cascade_design import LoopOptions, attitude_plant, design_cascade, position_plant
+from drake_quad.analysis.closed_loop import as_believed, at_rest, closed_loop, laboratory_plant
+from drake_quad.analysis.gain_design import PdGains, PolePair, Regulator, Requirements, design_loop, pd_loop
+from drake_quad.analysis.margins import fast_margins, frequencies, margins
+from drake_quad.analysis.sampled_system import SampledSystem
+from drake_quad.analysis.step_response import release
+
+ROOT = Path(__file__).parent.parent.parent
+SHIPPED = {"figure_eight": "figure_eight.yaml", "laboratory": "laboratory.yaml:nominal"}
+
+
+@pytest.fixture(scope="module", params=SHIPPED)
+def shipped(request):
+    return request.param, load_scenario(ROOT / "diagrams" / SHIPPED[request.param])
+
+
+@pytest.fixture(scope="module")
+def pitch():
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml")
+    return attitude_plant(laboratory_plant(scenario), scenario, "pitch")
+
+
+def test_the_pair_lies_where_it_was_put(pitch):
+    for damping, bandwidth in ((0.5, 2.0), (0.8, 4.0), (0.7, 6.0)):
+        gains = PolePair(damping).gains(pitch, bandwidth)
+        s = bandwidth * complex(-damping, np.sqrt(1.0 - damping**2))
+        poles = pitch.with_feedback(np.array([gains])).poles()
+        assert np.abs(poles - np.exp(s * pitch.period)).min() < 1e-9
+
+
+def test_the_fastest_is_at_the_edge_of_what_is_required(pitch):
+    requirements = Requirements(phase=50.0, gain=6.0, delay=0.04)
+    design = design_loop(pitch, PolePair(0.8), requirements, axis="pitch")
+    assert design.limits == ("phase margin",)
+    assert 50.0 <= design.margins.phase < 50.05
+    assert design.margins.gain > 6.0
+    assert design.margins.delay > 0.04
+    with pytest.raises(InputError, match=r"pitch cannot have a bandwidth of .* phase margin: 4\d\.\d°, less than 50°"):
+        design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=1.02 * design.bandwidth)
+    asked = design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=2.0)
+    assert (asked.bandwidth, asked.limits) == (2.0, ())
+
+
+@pytest.mark.parametrize(
+    ("requirements", "limit"),
+    [
+        (Requirements(phase=1.0, gain=14.0), "gain margin"),
+        (Requirements(phase=1.0, gain=1.0, delay=0.2), "delay margin"),
+        (Requirements(phase=1.0, gain=0.5), "dominance"),
+    ],
+)
+def test_what_binds_is_named(pitch, requirements, limit):
+    assert design_loop(pitch, PolePair(0.8), requirements, axis="pitch").limits == (limit,)
+
+
+def test_requirements_that_no_gains_meet(pitch):
+    with pytest.raises(InputError, match=r"for pitch; at best phase margin: \d\d\.\d°, less than 80°"):
+        design_loop(pitch, PolePair(0.8), Requirements(phase=80.0), axis="pitch")
+
+
+def test_a_plant_that_cannot_be_stabilised(pitch):
+    n = len(pitch.A)
+    A = np.block([[pitch.A, np.zeros((n, 1))], [np.zeros((1, n)), np.ones((1, 1))]])
+    B, C = np.vstack([pitch.B, [[0.0]]]), np.hstack([pitch.C, [[1.0], [0.0]]])
+    stuck = replace(pitch, A=A, B=B, C=C, states=(*pitch.states, "stuck"))
+    with pytest.raises(InputError, match="the plant of pitch cannot be stabilised"):
+        design_loop(stuck, PolePair(0.8), Requirements(), axis="pitch")
+
+
+def double_integrator(h=0.02):
+    """Sampled with a zero-order hold: a PD is full state feedback."""
+    A, B = np.array([[1.0, h], [0.0, 1.0]]), np.array([[0.5 * h * h], [h]])
+    return SampledSystem(A, B, np.eye(2), np.zeros((2, 1)), h, ("x", "v"), ("u",), ("x", "v"))
+
+
+def test_where_a_pd_knows_everything_it_is_the_regulator():
+    plant, family = double_integrator(), Regulator(0.3)
+    gains = family.gains(plant, 20.0)
+    assert family.cost(plant, gains, 20.0) == pytest.approx(family.least_cost(plant, 20.0), rel=1e-6)
+    # Drake's own gain for the same weights.
+    K, _ = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, np.diag([1.0, 0.09]), np.eye(1) / 400.0)
+    np.testing.assert_allclose(gains, K[0], rtol=1e-2)
+
+
+def test_the_cost_is_the_sum_over_a_simulated_impulse(pitch):
+    family, gains, effort = Regulator(0.2), PdGains(6.0, 4.0), 30.0
+    x, total = pitch.B.copy(), 0.0
+    for _ in range(5000):
+        value, rate = (pitch.C @ x)[:, 0]
+        u = -gains.k_p * value - gains.k_d * rate
+        total += value**2 + (0.2 * rate) ** 2 + (u / effort) ** 2
+        x = pitch.A @ x + pitch.B * u
+    assert family.cost(pitch, gains, effort) == pytest.approx(total, rel=1e-9)
+    best = family.gains(pitch, effort)
+    least = family.cost(pitch, best, effort)
+    for factor in ((1.03, 1.0), (0.97, 1.0), (1.0, 1.03), (1.0, 0.97)):
+        assert family.cost(pitch, PdGains(best.k_p * factor[0], best.k_d * factor[1]), effort) > least
+    assert least > family.least_cost(pitch, effort)
+
+
+def test_the_design_is_the_diagram(shipped):
+    """The poles of the designed loops, inner and outer, are the multipliers of the whole diagram with these gains."""
+    _, scenario = shipped
+    loop = closed_loop(as_believed(scenario))
+    position, attitude = scenario.control.position, scenario.control.attitude
+    laboratory = laboratory_plant(scenario)
+    expected = []
+    for axis, block, i in (("z", position, 2), ("yaw", attitude, 2)):
+        plant = attitude_plant(laboratory, scenario, axis)
+        expected.append(plant.with_feedback(np.array([[block.k_p[i], block.k_d[i]]])).poles())
+    for axis, tilt, i in (("x", 1, 0), ("y", 0, 1)):
+        plant = position_plant(laboratory, scenario, axis, PdGains(attitude.k_p[tilt], attitude.k_d[tilt]))
+        expected.append(plant.with_feedback(np.array([[position.k_p[i], position.k_d[i]]])).poles())
+    wanted, found = np.concatenate(expected), loop.system.poles()
+    lasting = wanted[np.abs(wanted) > 0.1]
+    assert len(lasting) == (np.abs(found) > 0.1).sum()
+    for pole in lasting:
+        assert np.abs(found - pole).min() < 1e-6
+
+
+def test_shipped_gains_are_what_their_call_makes(shipped):
+    """The comment in the file names the call; the gains follow from it, and the scenario has them."""
+    name, scenario = shipped
+    text = (ROOT / "diagrams" / "gains" / f"{name}.yaml").read_text(encoding="utf-8")
+    command = shlex.split(re.match(r"# python (.*)\n", text).group(1))
+    assert command == ["scripts/design_gains.py", f"diagrams/{SHIPPED[name]}"]
+    made = design_cascade(scenario).gains()
+    assert YAML(typ="safe").load(text)["gains"]["control"] == made
+    for block, gains in made.items():
+        for kind, values in gains.items():
+            assert list(getattr(getattr(scenario.control, block), kind)) == values
+
+
+def test_shipped_gains_have_the_margins_that_are_asked_for(shipped):
+    """45°, 6 dB, and two ticks in the attitude loops, by python-control."""
+    _, scenario = shipped
+    design = design_cascade(scenario)
+    for axis, loop in design.loops.items():
+        found = margins(pd_loop(loop.plant, loop.gains))
+        assert found.phase >= 45.0
+        assert found.gain >= 6.0
+        if axis in ("roll", "pitch", "yaw"):
+            assert found.delay >= 2 * 0.02
+
+
+def peaks(scenario, displacement, duration):
+    """How far the flying diagram is off in the four quarters of a time after a small displacement."""
+    response = release(closed_loop(scenario), displacement, duration=duration)
+    (row,) = displacement
+    column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
+    return [part.max() for part in np.array_split(np.abs(response.nonlinear[:, column]), 4)]
+
+
+def grows(scenario, displacement, duration):
+    """Whether a small displacement does, once the fast modes are gone."""
+    _, _, third, last = peaks(scenario, displacement, duration)
+    return last > third
+
+
+def scaled(scenario, block, factor, axes):
+    """The scenario with the gains of some axes of a block multiplied."""
+    part = getattr(scenario.control, block)
+    gains = {
+        kind: tuple(value * (factor if i in axes else 1.0) for i, value in enumerate(getattr(part, kind)))
+        for kind in ("k_p", "k_d")
+    }
+    control = scenario.control.model_copy(update={block: part.model_copy(update=gains)})
+    return scenario.model_copy(update={"control": control})
+
+
+def with_delay(scenario, ticks):
+    link = scenario.laboratory.command_link
+    longer = link.model_copy(update={"delay_ticks": link.delay_ticks + ticks})
+    return scenario.model_copy(update={"laboratory": scenario.laboratory.model_copy(update={"command_link": longer})})
+
+
+def test_the_flying_loop_stands_the_margins_that_are_stated(shipped):
+    """With 6 dB more gain in one loop after the other, and with two more ticks of delay, everything still decays."""
+    _, scenario = shipped
+    resting = at_rest(as_believed(scenario))
+    cases = [("attitude", (0, 1), {"pitch": 1e-3}), ("attitude", (2,), {"yaw": 1e-3})]
+    cases += [("position", (0, 1), {"x": 1e-3}), ("position", (2,), {"z": 1e-3})]
+    for block, axes, displacement in cases:
+        assert peaks(scaled(resting, block, 2.0, axes), displacement, 20.0)[-1] < 1e-4
+    for displacement in ({"pitch": 1e-3}, {"yaw": 1e-3}, {"x": 1e-3}, {"z": 1e-3}):
+        assert peaks(with_delay(resting, 2), displacement, 20.0)[-1] < 1e-4
+
+
+@pytest.mark.parametrize(
+    ("block", "axes", "row", "duration"),
+    [("attitude", (2,), "yaw", 8.0), ("position", (2,), "z", 8.0), ("position", (0, 1), "x", 60.0)],
+)
+def test_the_edge_of_stability_in_the_gain_is_where_simulation_has_it(shipped, block, axes, row, duration):
+    """2 %: below it a small displacement decays, above it grows."""
+    _, scenario = shipped
+    loop = design_cascade(scenario).loops[row]
+    factor = 10.0 ** (loop.margins.gain / 20.0)
+    resting = at_rest(as_believed(scenario))
+    assert not grows(scaled(resting, block, 0.98 * factor, axes), {row: 1e-5}, duration)
+    assert grows(scaled(resting, block, 1.02 * factor, axes), {row: 1e-5}, duration)
+
+
+@pytest.mark.parametrize("ticks", [1, 3])
+def test_the_edge_of_stability_in_the_delay_is_where_simulation_has_it(shipped, ticks):
+    """2 %: gains whose delay margin is that much more, or less, than a number of ticks, flown with these ticks."""
+    _, scenario = shipped
+    loop = design_cascade(scenario).loops["yaw"]
+    resting = at_rest(as_believed(scenario))
+
+    grid = frequencies(0.02)
+    response = pd_loop(loop.plant, loop.gains).response(np.exp(1j * grid * 0.02))[:, 0, 0]
+
+    def factor_for(delay):
+        low, high = 1.0, 10.0 ** (loop.margins.gain / 20.0)
+        for _ in range(50):
+            middle = 0.5 * (low + high)
+            low, high = (middle, high) if fast_margins(middle * response, grid).delay > delay else (low, middle)
+        return low
+
+    for share, stands in ((1.02, True), (0.98, False)):
+        factor = factor_for(share * ticks * 0.02)
+        assert factor > 1.05, "the designed margin must be larger for this to mean anything"
+        # Only the yaw loop works hard: the others are slow enough to stand any of these delays.
+        slow = scaled(scaled(resting, "attitude", 0.3, (0, 1)), "position", 0.1, (0, 1, 2))
+        driven = with_delay(scaled(slow, "attitude", factor, (2,)), ticks)
+        assert grows(driven, {"yaw": 1e-5}, 12.0) != stands
+
+
+def test_options_reach_the_axes():
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml")
+    options = {
+        "yaw": LoopOptions(PolePair(0.9), Requirements(phase=60.0)),
+        "z": LoopOptions(PolePair(0.8), Requirements(), 2.0),
+    }
+    design = design_cascade(scenario, options)
+    assert design.loops["yaw"].margins.phase >= 60.0
+    assert design.loops["z"].bandwidth == 2.0
+    assert design.loops["pitch"].margins.phase < 46.0
+    assert design.gains()["attitude"]["k_p"][2] == design.loops["yaw"].gains.k_p

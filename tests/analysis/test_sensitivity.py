@@ -1,0 +1,77 @@
+"""Derivatives of metrics through the simulator, against differences of whole flights."""
+
+from pathlib import Path
+
+import pytest
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.analysis.sensitivity import DIFFERENTIABLE, flight_sensitivities
+from drake_quad.scenario.numbers import number_at, with_number
+
+ROOT = Path(__file__).parent.parent.parent
+FIELDS = (
+    "vehicle.mass",
+    "vehicle.rotor_time_constant",
+    "nominal.inertia.0",
+    "control.position.k_p.1",
+    "control.attitude.k_d.0",
+    "laboratory.motion_capture.derivative_bandwidth",
+    "laboratory.wind.0.flow",
+)
+SMOOTH = ("rmse", "rmse_y", "peak_error", "effort_x", "effort_z")
+
+
+@pytest.fixture(scope="module")
+def windy():
+    return load_scenario(ROOT / "diagrams" / "laboratory.yaml:low_wind", ["duration=4"])
+
+
+def test_derivatives_are_those_of_whole_flights(windy):
+    found = flight_sensitivities(windy, FIELDS, sample=2)
+    nominal = simulate(windy, sample=2)
+    for name in DIFFERENTIABLE:
+        assert found.metrics[name] == pytest.approx(getattr(nominal.metrics, name), rel=1e-9)
+    for i, field in enumerate(FIELDS):
+        step = 1e-4 * found.values[i]
+        ends = [
+            simulate(with_number(windy, field, found.values[i] + side * step), sample=2).metrics for side in (-1.0, 1.0)
+        ]
+        for name in SMOOTH:
+            low, high = (getattr(metrics, name) for metrics in ends)
+            scale = found.metrics[name] / found.values[i]
+            assert found.gradients[name][i] == pytest.approx((high - low) / (2.0 * step), rel=1e-3, abs=1e-6 * scale)
+
+
+def test_a_number_at_its_bound_is_varied_to_one_side():
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=2"])
+    found = flight_sensitivities(scenario, ["vehicle.linear_drag"])
+    ends = [simulate(with_number(scenario, "vehicle.linear_drag", value)).metrics.rmse for value in (0.0, 1e-6)]
+    assert found.gradients["rmse"][0] == pytest.approx((ends[1] - ends[0]) / 1e-6, rel=1e-3)
+
+
+@pytest.mark.parametrize(
+    ("field", "words"),
+    [
+        ("vehicle.wings", "there is no field vehicle.wings in the scenario"),
+        ("control.position.k_p.3", "there is no field control.position.k_p.3"),
+        ("control.position.kind", "control.position.kind is 'pd', not a real number"),
+        ("seed", "seed is 0, not a real number"),
+        ("route.radius", "route.radius changes the plan"),
+        ("crash.tilt", "crash.tilt is not a number that the flight depends on smoothly"),
+        ("laboratory.motion_capture.position_noise", "changes the structure of the diagram at 0"),
+    ],
+)
+def test_what_has_no_derivative_is_told(field, words):
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=1"])
+    with pytest.raises(InputError, match=words):
+        flight_sensitivities(scenario, [field])
+
+
+def test_numbers_are_read_and_replaced_by_path(windy):
+    assert number_at(windy, "control.position.k_p.2") == windy.control.position.k_p[2]
+    changed = with_number(windy, "laboratory.wind.1.position.0", 2.5)
+    assert changed.laboratory.wind[1].position == (2.5, -5.5, 1.5)
+    assert windy.laboratory.wind[1].position[0] == 1.2
+    assert changed.model_copy(update={"laboratory": windy.laboratory}) == windy
+    with pytest.raises(InputError, match="vehicle.mass cannot be -1"):
+        with_number(windy, "vehicle.mass", -1.0)

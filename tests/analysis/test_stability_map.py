@@ -1,0 +1,60 @@
+"""The map of stable gains, against the poles of single loops and against lone flights."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario, simulate
+from drake_quad.analysis.gain_design import PdGains, pd_loop
+from drake_quad.analysis.margins import margins
+from drake_quad.analysis.modes import modes
+from drake_quad.analysis.stability_map import flown_map, mapped_plant, stability_map
+
+ROOT = Path(__file__).parent.parent.parent
+K_P, K_D = np.array([0.1, 0.3, 0.8]), np.array([0.2, 0.7, 1.5, 3.5])
+
+
+@pytest.fixture(scope="module")
+def scenario():
+    return load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", ["duration=3", "crash.position_error=0.5"])
+
+
+@pytest.mark.parametrize("loop", ["position", "attitude"])
+def test_each_place_of_the_map_is_a_loop_of_its_own(scenario, loop):
+    plant = mapped_plant(scenario, loop)
+    k_p, k_d = (K_P, K_D) if loop == "position" else (np.array([1.0, 8.0, 60.0]), 8.0 * K_D)
+    found = stability_map(plant, k_p, k_d)
+    assert 0 < found.stable.sum() < found.stable.size
+    for i, j in np.ndindex(found.stable.shape):
+        gains = PdGains(k_p[i], k_d[j])
+        closed = plant.with_feedback(np.array([gains]))
+        assert found.size[i, j] == pytest.approx(np.abs(closed.poles()).max(), rel=1e-9)
+        if not found.stable[i, j]:
+            assert np.isnan(found.damping[i, j])
+            assert np.isnan(found.delay[i, j])
+            continue
+        lasting = [mode for mode in modes(closed.A, closed.states, period=0.02) if mode.pole.real > np.log(0.05) / 0.02]
+        assert found.damping[i, j] == pytest.approx(min(mode.damping for mode in lasting), rel=1e-3)
+        assert found.delay[i, j] == pytest.approx(margins(pd_loop(plant, gains)).delay, rel=5e-3)
+
+
+@pytest.mark.parametrize("loop", ["position", "attitude"])
+def test_each_place_of_the_flown_map_is_a_flight_of_its_own(scenario, loop):
+    """All with the wind and noise of one sample; also one that crashes."""
+    k_p, k_d = (K_P, np.array([0.2, 0.7])) if loop == "position" else (np.array([6.0, 90.0]), np.array([0.3, 4.0]))
+    found = flown_map(scenario, loop, k_p, k_d, sample=3)
+    assert found.rmse.shape == (len(k_p), len(k_d))
+    crashed = 0
+    for i, j in np.ndindex(found.rmse.shape):
+        block = getattr(scenario.control, loop)
+        gains = [
+            f"control.{loop}.{name}=[{value}, {value}, {getattr(block, name)[2]}]"
+            for name, value in (("k_p", k_p[i]), ("k_d", k_d[j]))
+        ]
+        overrides = ["duration=3", "crash.position_error=0.5", *gains]
+        alone = simulate(load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", overrides), sample=3)
+        assert found.rmse[i, j] == pytest.approx(alone.metrics.rmse, rel=1e-9)
+        assert found.crash_time[i, j] == alone.metrics.crash_time
+        crashed += alone.metrics.crashed
+    assert loop == "position" or crashed > 0
