@@ -29,6 +29,8 @@ figures: $(VENV)/.installed
 	cp out/slalom/plan.png docs/slalom.png
 	$(VENV)/bin/python scripts/simulate.py diagrams/laboratory.yaml:low_wind
 	cp out/low_wind/wind.png docs/wind.png
+	$(VENV)/bin/python scripts/stability_map.py diagrams/laboratory.yaml:nominal
+	cp out/stability/nominal/position_map.png docs/stability.png
 
 $(VENV)/bin/python:
 	@test -n "$(PYTHON)" || { echo "no Python from 3.11 on was found on PATH or under pyenv"; exit 2; }

@@ -7,6 +7,8 @@ from pathlib import Path
 
 import pytest
 
+from drake_quad import load_scenario
+
 ROOT = Path(__file__).parent.parent
 SCRIPTS = sorted(path for path in (ROOT / "scripts").glob("*.py") if path.name != "command_line.py")
 
@@ -119,3 +121,57 @@ def test_bring_your_own_controller_flies_both():
     result = run("bring_your_own_controller.py", "--set", "duration=3")
     assert (result.returncode, result.stderr) == (0, "")
     assert len(re.findall(r"\d+\.\d\d cm", result.stdout)) == 2
+
+
+def test_design_gains_states_margins_and_writes_what_a_scenario_extends(tmp_path):
+    result = run("design_gains.py", "--position-bandwidth", "0.5", "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    for axis in ("roll", "pitch", "yaw", "x", "y", "z"):
+        assert re.search(rf"^{axis} .* \d\d\.\d° .* dB .* ticks .* rad/s ", result.stdout, re.MULTILINE)
+    assert re.search(r"^ +\d\.\d\d rad/s +0\.80 .* yaw", result.stdout, re.MULTILINE)
+    folder = tmp_path / "figure_eight"
+    for plot in ("bode", "nyquist", "root_locus", "steps"):
+        assert (folder / f"{plot}.png").stat().st_size > 500
+    gains = (folder / "gains.yaml").read_text(encoding="utf-8")
+    assert gains.startswith("# python scripts/design_gains.py --position-bandwidth 0.5")
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(f"mine:\n  extends: [{ROOT}/diagrams/hover.yaml, figure_eight/gains.yaml]\n", encoding="utf-8")
+    position = load_scenario(mine).control.position
+    assert (position.kind, position.k_p[0]) == ("pd", pytest.approx(0.15, abs=0.05))
+
+
+def test_stability_map_counts_and_draws(tmp_path):
+    result = run("stability_map.py", "--quick", "--loop", "attitude", "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert re.search(r"^nominal: \d+ % of the gains are stable, \d+ % flew", result.stdout, re.MULTILINE)
+    folder = tmp_path / "figure_eight"
+    assert len((folder / "attitude_map.csv").read_text(encoding="utf-8").splitlines()) == 1 + 12 * 12
+    assert (folder / "attitude_map.png").stat().st_size > 500
+
+
+def test_sensitivities_are_sorted_by_effect(tmp_path):
+    fields = ["--field", "vehicle.arm_length", "--field", "vehicle.mass", "--set", "duration=2"]
+    result = run("sensitivities.py", *fields, "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    names = re.findall(r"^(vehicle\.\w+) .* % *$", result.stdout, re.MULTILINE)
+    assert names == ["vehicle.mass", "vehicle.arm_length"]
+    assert (tmp_path / "figure_eight" / "sensitivities.png").stat().st_size > 500
+
+
+@pytest.mark.parametrize(
+    ("script", "arguments", "words"),
+    [
+        ("design_gains.py", ["--phase-margin", "85"], "no gains of this kind are good enough for roll; at best phase"),
+        ("design_gains.py", ["--attitude-bandwidth", "5"], "roll cannot have a bandwidth of 5 rad/s: phase margin"),
+        ("design_gains.py", ["--method", "lqr", "--yaw-bandwidth", "1"], "--yaw-bandwidth is for --method poles"),
+        ("stability_map.py", ["--size", "1"], "--size is 1, but must be between 2 and 200"),
+        ("sensitivities.py", ["--field", "vehicle.wings"], "there is no field vehicle.wings"),
+    ],
+)
+def test_analyses_refuse_wrong_input_in_one_sentence(tmp_path, script, arguments, words):
+    result = run(script, *arguments, "--output", tmp_path / "out")
+    assert result.returncode == 2
+    assert words in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    assert result.stdout == ""
+    assert not list(tmp_path.rglob("*.*"))
