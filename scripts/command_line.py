@@ -3,7 +3,7 @@
 import argparse
 import os
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
@@ -74,6 +74,15 @@ def print_table(rows: list[tuple[str, str, str]]) -> None:
     names, values = (max(len(row[i]) for row in rows) for i in (0, 1))
     for name, value, unit in rows:
         print(f"{name:<{names}}  {value:>{values}} {unit}".rstrip())
+
+
+def print_columns(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Prints a table with a header; the first and the last column to the left, the others to the right."""
+    table = [header, *rows]
+    widths = [max(len(line[i]) for line in table) for i in range(len(header))]
+    for line in table:
+        cells = [cell.rjust(width) for cell, width in zip(line, widths, strict=True)]
+        print("  ".join([line[0].ljust(widths[0]), *cells[1:-1], line[-1]]).rstrip())
 
 
 def print_files(files: list[Path]) -> None:

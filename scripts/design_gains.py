@@ -6,7 +6,7 @@ import shlex
 import sys
 from pathlib import Path
 
-from command_line import parser, print_files, run, scenario_of
+from command_line import parser, print_columns, print_files, run, scenario_of
 from ruamel.yaml import YAML
 
 from drake_quad import InputError, Scenario
@@ -121,33 +121,57 @@ def write_gains(design: CascadeDesign, path: Path) -> None:
 
 def print_design(design: CascadeDesign, period: float) -> None:
     """Prints gains and margins, a line an axis."""
-    print(
-        "axis    k_P       k_D       phase margin  gain margin  delay margin         disk margin"
-        "  crossover    peak of |S|  limited by"
+    header = (
+        "axis",
+        "k_P",
+        "k_D",
+        "phase",
+        "gain",
+        "delay",
+        "ticks",
+        "disk",
+        "crossover",
+        "bandwidth",
+        "max |S|",
+        "limit",
     )
+    rows = []
     for axis in ("roll", "pitch", "yaw", "z", "x", "y"):
         loop = design.loops[axis]
         margins, cost = loop.margins, loop.cost_ratio
-        print(
-            f"{axis:<6}  {loop.gains.k_p:<8.4g}  {loop.gains.k_d:<8.4g}"
-            f"  {margins.phase:>11.1f}°  {margins.gain:>8.1f} dB"
-            f"  {1e3 * margins.delay:>5.0f} ms {margins.delay / period:>5.1f} ticks  {margins.disk:>11.2f}"
-            f"  {margins.crossover:>5.2f} rad/s  {margins.sensitivity:>11.2f}"
-            f"  {', '.join(loop.limits) or 'what was asked for'}"
-            + (f"; cost {cost:.2f} times the full regulator's" if cost is not None else "")
+        rows.append(
+            (
+                axis,
+                f"{loop.gains.k_p:.4g}",
+                f"{loop.gains.k_d:.4g}",
+                f"{margins.phase:.1f}°",
+                f"{margins.gain:.1f} dB",
+                f"{1e3 * margins.delay:.0f} ms",
+                f"{margins.delay / period:.1f}",
+                f"{margins.disk:.2f}",
+                f"{margins.crossover:.2f} rad/s",
+                f"{margins.bandwidth:.2f} rad/s",
+                f"{margins.sensitivity:.2f}",
+                (", ".join(loop.limits) or "as asked")
+                + (f"; cost {cost:.2f} × the full regulator's" if cost is not None else ""),
+            )
         )
+    print("margins of each loop, broken at its commanded acceleration")
+    print_columns(header, rows)
 
 
 def print_modes(loop: ClosedLoop) -> None:
     """Prints the Floquet multipliers of the whole loop as modes, the slowest first."""
     system = loop.system
-    print(f"\nmodes of the whole loop, from one tick (h = {system.period:g} s) to the next")
-    print("frequency     damping  time constant  states")
+    rows = []
     for mode in modes(system.A, system.states, period=system.period):
         if mode.frequency < _FASTEST_MODE:
-            rows = (name.split(".")[-1] for name in mode.states if ".vehicle." in name)
-            names = ", ".join(dict.fromkeys("rotors" if row.isdigit() else row for row in rows))
-            print(f"{mode.frequency:>6.2f} rad/s  {mode.damping:>7.2f}  {-1.0 / mode.pole.real:>10.2f} s   {names}")
+            names = (name.split(".")[-1] for name in mode.states if ".vehicle." in name)
+            states = ", ".join(dict.fromkeys("rotors" if name.isdigit() else name for name in names))
+            decay = -mode.pole.real
+            rows.append((f"{mode.frequency:.2f} rad/s", f"{mode.damping:.2f}", f"{1.0 / decay:.2f} s", states))
+    print(f"\nmodes of the whole loop, from one tick to the next ({system.period:g} s)")
+    print_columns(("frequency", "damping", "time constant", "states"), rows)
 
 
 if __name__ == "__main__":

@@ -4,7 +4,7 @@ import csv
 from pathlib import Path
 
 import numpy as np
-from command_line import parser, print_files, run, scenario_of
+from command_line import parser, print_columns, print_files, run, scenario_of
 
 from drake_quad.analysis.sensitivity import DIFFERENTIABLE, Sensitivities, flight_sensitivities
 from drake_quad.files import output_folder, write_whole
@@ -49,13 +49,18 @@ def main() -> None:
 def print_sensitivities(found: Sensitivities, metric: str) -> None:
     """Prints each field with the derivative of a metric, the largest effect of a change of 1 % first."""
     print(f"{metric} {found.metrics[metric]:.6g}")
-    width = max(len(field) for field in found.fields)
-    print(f"{'field':<{width}}  {'value':>10}  {'derivative':>12}  change for +1 %")
-    effects = 0.01 * found.values * found.gradients[metric]
-    for i in np.argsort(-np.abs(effects)):
-        field, value, derivative = found.fields[i], found.values[i], found.gradients[metric][i]
-        change = f"{100.0 * effects[i] / found.metrics[metric]:+.3f} %" if value else "–"
-        print(f"{field:<{width}}  {value:>10.4g}  {derivative:>12.5g}  {change:>15}")
+    effects = found.values * found.gradients[metric] / found.metrics[metric]
+    rows = [
+        (
+            found.fields[i],
+            f"{found.values[i]:.4g}",
+            f"{found.gradients[metric][i]:.5g}",
+            f"{effects[i]:+.3f} %" if found.values[i] else "–",
+            "",
+        )
+        for i in np.argsort(-np.abs(effects))
+    ]
+    print_columns(("field", "value", "derivative", "change for +1 %", ""), rows)
 
 
 def write_table(path: Path, found: Sensitivities) -> None:

@@ -127,8 +127,8 @@ def test_design_gains_states_margins_and_writes_what_a_scenario_extends(tmp_path
     result = run("design_gains.py", "--position-bandwidth", "0.5", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     for axis in ("roll", "pitch", "yaw", "x", "y", "z"):
-        assert re.search(rf"^{axis} .* \d\d\.\d° .* dB .* ticks .* rad/s ", result.stdout, re.MULTILINE)
-    assert re.search(r"^ +\d\.\d\d rad/s +0\.80 .* yaw", result.stdout, re.MULTILINE)
+        assert re.search(rf"^{axis} .* \d\d\.\d° .* dB .* ms .* rad/s ", result.stdout, re.MULTILINE)
+    assert re.search(r"^\d\.\d\d rad/s +0\.80 .* yaw", result.stdout, re.MULTILINE)
     folder = tmp_path / "figure_eight"
     for plot in ("bode", "nyquist", "root_locus", "steps"):
         assert (folder / f"{plot}.png").stat().st_size > 500

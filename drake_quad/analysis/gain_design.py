@@ -14,6 +14,7 @@ taken, or the one that is asked for:
 """
 
 import math
+from collections.abc import Iterable
 from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
@@ -206,39 +207,48 @@ def design_loop(
     grid = frequencies(plant.period)
     response = plant.response(np.exp(1j * grid * plant.period))[..., 0]
 
-    def margins_at(tried: float) -> FastMargins:
-        return fast_margins(response @ np.array(_rounded(family.gains(plant, tried))), grid)
+    def trial(tried: float) -> _Trial:
+        gains = _rounded(family.gains(plant, tried))
+        unsound = _unsound(plant, family, tried, gains)
+        found = fast_margins(response @ np.array(gains), grid)
+        share = -math.inf if unsound else requirements.share_met(found)
+        return _Trial(tried, gains, unsound or requirements.broken_by(found), share)
 
-    def flaws_at(tried: float) -> dict[str, str]:
-        return _flaws(plant, family, tried) or requirements.broken_by(margins_at(tried))
+    def finished(best: _Trial, limits: Iterable[str]) -> LoopDesign:
+        return _finished(plant, family, requirements, axis, best, tuple(limits))
 
     if effort is not None:
-        found = flaws_at(effort)
-        if found:
-            raise InputError(f"{axis} cannot have a bandwidth of {effort:g} rad/s: {_listed(found)}")
-        return _finished(plant, family, requirements, axis, effort, ())
-    efforts = family.efforts(plant)
-    flaws = [flaws_at(tried) for tried in efforts]
-    good = [i for i, found in enumerate(flaws) if not found]
-    if not good:
-        sound = [tried for tried in efforts if not _flaws(plant, family, tried)] or [efforts[0]]
-        closest = max(sound, key=lambda tried: requirements.share_met(margins_at(tried)))
-        raise InputError(f"no gains of this kind are good enough for {axis}; at best {_listed(flaws_at(closest))}")
-    first = good[0]
-    last = next((i for i in range(first, len(flaws)) if flaws[i]), len(flaws)) - 1
-    best, limits = efforts[last], {}
-    if last + 1 < len(flaws):
-        beyond, limits = efforts[last + 1], flaws[last + 1]
-        for _ in range(12):
-            middle = math.sqrt(best * beyond)
-            found = flaws_at(middle)
-            best, beyond, limits = (best, middle, found) if found else (middle, beyond, limits)
-    return _finished(plant, family, requirements, axis, best, tuple(limits))
+        asked = trial(effort)
+        if asked.flaws:
+            raise InputError(f"{axis} cannot have a bandwidth of {effort:g} rad/s: {_listed(asked.flaws)}")
+        return finished(asked, ())
+    trials = [trial(tried) for tried in family.efforts(plant)]
+    first = next((i for i, each in enumerate(trials) if not each.flaws), None)
+    if first is None:
+        closest = max(trials, key=lambda each: each.share)
+        raise InputError(f"no gains of this kind are good enough for {axis}; at best {_listed(closest.flaws)}")
+    last = next((i for i in range(first, len(trials)) if trials[i].flaws), len(trials)) - 1
+    best = trials[last]
+    if last + 1 == len(trials):
+        return finished(best, ())
+    beyond = trials[last + 1]
+    for _ in range(12):
+        middle = trial(math.sqrt(best.effort * beyond.effort))
+        best, beyond = (best, middle) if middle.flaws else (middle, beyond)
+    return finished(best, beyond.flaws)
 
 
-def _flaws(plant: SampledSystem, family: Family, effort: float) -> dict[str, str]:
+class _Trial(NamedTuple):
+    """Gains of some effort: what is wrong with them, in words, and the least share of a margin that they have."""
+
+    effort: float
+    gains: PdGains
+    flaws: dict[str, str]
+    share: float
+
+
+def _unsound(plant: SampledSystem, family: Family, effort: float, gains: PdGains) -> dict[str, str]:
     """What is wrong with the loop apart from its margins, and how, in words."""
-    gains = _rounded(family.gains(plant, effort))
     if not min(gains) > 0.0:
         return {"positive gains": f"k_P {gains.k_p:g}, k_D {gains.k_d:g}"}
     size = np.abs(plant.with_feedback(np.array([gains])).poles()).max()
@@ -256,9 +266,9 @@ def _listed(flaws: dict[str, str]) -> str:
 
 
 def _finished(
-    plant: SampledSystem, family: Family, requirements: Requirements, axis: str, effort: float, limits: tuple[str, ...]
+    plant: SampledSystem, family: Family, requirements: Requirements, axis: str, best: _Trial, limits: tuple[str, ...]
 ) -> LoopDesign:
-    gains = _rounded(family.gains(plant, effort))
+    gains, effort = best.gains, best.effort
     ratio = None
     if isinstance(family, Regulator):
         ratio = family.cost(plant, gains, effort) / family.least_cost(plant, effort)
