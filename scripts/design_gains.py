@@ -121,20 +121,7 @@ def write_gains(design: CascadeDesign, path: Path) -> None:
 
 def print_design(design: CascadeDesign, period: float) -> None:
     """Prints gains and margins, a line an axis."""
-    header = (
-        "axis",
-        "k_P",
-        "k_D",
-        "phase",
-        "gain",
-        "delay",
-        "ticks",
-        "disk",
-        "crossover",
-        "bandwidth",
-        "max |S|",
-        "limit",
-    )
+    titles = "axis, k_P, k_D, phase, gain, delay, ticks, disk, crossover, bandwidth, max |S|, limit"
     rows = []
     for axis in ("roll", "pitch", "yaw", "z", "x", "y"):
         loop = design.loops[axis]
@@ -157,7 +144,7 @@ def print_design(design: CascadeDesign, period: float) -> None:
             )
         )
     print("margins of each loop, broken at its commanded acceleration")
-    print_columns(header, rows)
+    print_columns(titles.split(", "), rows)
 
 
 def print_modes(loop: ClosedLoop) -> None:
