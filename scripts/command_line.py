@@ -99,6 +99,9 @@ def run(main: Callable[[], None]) -> None:
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nobody reads what is still to be printed
+        sys.exit(1)
     except (RuntimeError, OSError) as error:
         print(f"failed: {error}", file=sys.stderr)
         sys.exit(1)

@@ -1,7 +1,6 @@
 """Designs the PD gains of a scenario's cascade for its laboratory, and states what they stand."""
 
 import argparse
-import math
 import shlex
 import sys
 from pathlib import Path
@@ -19,6 +18,10 @@ from drake_quad.visualization.design_plots import DESIGN_PLOTS, plot_steps
 
 # Faster modes are those of delay lines and filters, not worth a line of the table, rad/s.
 _FASTEST_MODE = 60.0
+# What loops are designed with if nothing else is asked for: the damping of a pole pair, and rate times in s.
+_DAMPING, _RATE_TIMES = 0.8, {"attitude": 0.2, "yaw": 0.2, "height": 0.2, "position": 1.0}
+# The options of each loop: the method that they are for, and their range.
+_LIMITS = {"bandwidth": ("poles", 1e-3, 100.0), "damping": ("poles", 0.05, 0.999), "rate_time": ("lqr", 0.0, 1e3)}
 
 
 def main() -> None:
@@ -41,6 +44,7 @@ def main() -> None:
     files.append(write_whole(folder / "steps.png", plot_steps(loop).savefig))
     print_design(design, period)
     print_modes(loop)
+    print(f"\na scenario takes the gains by `extends: [FILE:NAME, {files[0]}]`, in this order")
     print_files(files)
 
 
@@ -50,20 +54,17 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
     options.add_argument("--phase-margin", type=float, default=45.0, metavar="DEGREES", help="of every loop (45)")
     options.add_argument("--gain-margin", type=float, default=6.0, metavar="DB", help="of every loop (6)")
     options.add_argument("--delay-margin", type=float, default=2.0, metavar="TICKS", help="of the attitude loops (2)")
-    for loop, rate_time in (("attitude", 0.2), ("yaw", 0.2), ("height", 0.2), ("position", 1.0)):
+    for loop, rate_time in _RATE_TIMES.items():
         options.add_argument(
             f"--{loop}-bandwidth",
             type=float,
             metavar="RAD/S",
             help="of the pole pair (the highest that keeps the margins)",
         )
-        options.add_argument(
-            f"--{loop}-damping", type=float, default=0.8, metavar="RATIO", help="of the pole pair (0.8)"
-        )
+        options.add_argument(f"--{loop}-damping", type=float, metavar="RATIO", help=f"of the pole pair ({_DAMPING:g})")
         options.add_argument(
             f"--{loop}-rate-time",
             type=float,
-            default=rate_time,
             metavar="SECONDS",
             help=f"what a rate costs beside a value, with --method lqr ({rate_time:g})",
         )
@@ -80,19 +81,18 @@ def design_options(arguments: argparse.Namespace, period: float) -> dict[str, Lo
     found: dict[str, LoopOptions] = {}
     loops = {"attitude": ("roll", "pitch"), "yaw": ("yaw",), "height": ("z",), "position": ("x", "y")}
     for loop, axes in loops.items():
-        bandwidth, damping, rate_time = (
-            getattr(arguments, f"{loop}_{name}") for name in ("bandwidth", "damping", "rate_time")
-        )
-        _check(f"{loop}_damping", damping, 0.05, 0.999)
-        _check(f"{loop}_rate_time", rate_time, 0.0, 1e3)
-        if bandwidth is not None:
-            _check(f"{loop}_bandwidth", bandwidth, 1e-3, 0.5 * math.pi / period)
-            if arguments.method == "lqr":
-                raise InputError(f"--{loop}-bandwidth is for --method poles; a regulator finds its own")
+        given = {name: getattr(arguments, f"{loop}_{name}") for name in _LIMITS}
+        for name, (method, least, most) in _LIMITS.items():
+            if given[name] is not None:
+                _check(f"{loop}_{name}", given[name], least, most)
+                if method != arguments.method:
+                    raise InputError(f"--{loop}-{name.replace('_', '-')} is for --method {method}")
         delay = arguments.delay_margin * period if loop in ("attitude", "yaw") else 0.0
         requirements = Requirements(arguments.phase_margin, arguments.gain_margin, delay)
-        family: Family = PolePair(damping) if arguments.method == "poles" else Regulator(rate_time)
-        found |= {axis: LoopOptions(family, requirements, bandwidth) for axis in axes}
+        family: Family = PolePair(given["damping"] or _DAMPING)
+        if arguments.method == "lqr":
+            family = Regulator(_RATE_TIMES[loop] if given["rate_time"] is None else given["rate_time"])
+        found |= {axis: LoopOptions(family, requirements, given["bandwidth"]) for axis in axes}
     return found
 
 

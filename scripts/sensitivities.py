@@ -1,6 +1,7 @@
 """How the metrics of a flight change with the numbers of its scenario, by derivatives carried through the simulator."""
 
 import csv
+import math
 from pathlib import Path
 
 import numpy as np
@@ -36,7 +37,8 @@ def main() -> None:
     arguments = options.parse_args()
     scenario = scenario_of(arguments)
     folder = output_folder(arguments.output / scenario.name)
-    found = flight_sensitivities(scenario, arguments.field or _FIELDS, sample=arguments.sample)
+    fields = tuple(dict.fromkeys(arguments.field or _FIELDS))
+    found = flight_sensitivities(scenario, fields, sample=arguments.sample)
     figure = plot_sensitivities(found, arguments.metric)
     files = [
         write_whole(folder / "sensitivities.csv", lambda path: write_table(path, found)),
@@ -48,14 +50,16 @@ def main() -> None:
 
 def print_sensitivities(found: Sensitivities, metric: str) -> None:
     """Prints each field with the derivative of a metric, the largest effect of a change of 1 % first."""
-    print(f"{metric} {found.metrics[metric]:.6g}")
-    effects = found.values * found.gradients[metric] / found.metrics[metric]
+    if found.crash_time < math.inf:
+        print(f"crashed at {found.crash_time:.2f} s; metrics and derivatives are those of the flight until then")
+    print(f"{metric} {found.metrics[metric]:.6g} (SI units)")
+    effects = found.values * found.gradients[metric] / (found.metrics[metric] or math.nan)
     rows = [
         (
             found.fields[i],
             f"{found.values[i]:.4g}",
             f"{found.gradients[metric][i]:.5g}",
-            f"{effects[i]:+.3f} %" if found.values[i] else "–",
+            f"{effects[i]:+.3f} %" if found.values[i] and math.isfinite(effects[i]) else "–",
             "",
         )
         for i in np.argsort(-np.abs(effects))

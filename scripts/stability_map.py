@@ -71,12 +71,12 @@ def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.n
 
 def print_panel(panel: MapPanel, k_p: np.ndarray, k_d: np.ndarray) -> None:
     """Prints how much is stable, how much flew, and the best gains."""
-    rmse = np.where(panel.flown.crashed, np.inf, panel.flown.rmse)
+    rmse = np.where(panel.flown.crashed | ~panel.linear.stable, np.inf, panel.flown.rmse)
     row, column = np.unravel_index(np.argmin(rmse), rmse.shape)
     print(
         f"{panel.title}: {100.0 * panel.linear.stable.mean():.0f} % of the gains are stable,"
         f" {100.0 * (~panel.flown.crashed).mean():.0f} % flew to the end;"
-        f" least RMSE {100.0 * rmse[row, column]:.2f} cm at k_P {k_p[row]:.3g}, k_D {k_d[column]:.3g}"
+        f" least RMSE of the stable {100.0 * rmse[row, column]:.2f} cm at k_P {k_p[row]:.3g}, k_D {k_d[column]:.3g}"
     )
 
 

@@ -10,7 +10,7 @@ from drake_quad.analysis.sampled_system import SampledSystem, at_tick, linearize
 from drake_quad.analysis.state_vector import StateVector
 from drake_quad.errors import InputError
 from drake_quad.laboratory.tape import Samples
-from drake_quad.planning import nominal_parameters, plan_route, refuse_distributions
+from drake_quad.planning import nominal_parameters, plan_route
 from drake_quad.scenario import Scenario, distributions_in
 from drake_quad.scenario.models import Airframe, Vehicle
 from drake_quad.scenario.routes import HoverRoute
@@ -46,7 +46,9 @@ def at_rest(scenario: Scenario) -> Scenario:
     Raises:
         InputError: the scenario holds a distribution.
     """
-    refuse_distributions(path for path in distributions_in(scenario) if not path.startswith("route."))
+    for path in distributions_in(scenario):
+        if not path.startswith("route."):
+            raise InputError(f"{path} is a distribution; a linear model needs a number there")
     cameras, link, wind = (
         scenario.laboratory.motion_capture,
         scenario.laboratory.command_link,

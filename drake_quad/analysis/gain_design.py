@@ -250,14 +250,14 @@ class _Trial(NamedTuple):
 def _unsound(plant: SampledSystem, family: Family, effort: float, gains: PdGains) -> dict[str, str]:
     """What is wrong with the loop apart from its margins, and how, in words."""
     if not min(gains) > 0.0:
-        return {"positive gains": f"k_P {gains.k_p:g}, k_D {gains.k_d:g}"}
+        return {"a negative gain": f"k_P {gains.k_p:g}, k_D {gains.k_d:g}"}
     size = np.abs(plant.with_feedback(np.array([gains])).poles()).max()
     if not size < 1.0:
-        return {"stability": f"a pole of size {size:.4f}"}
+        return {"no stability": f"a pole of size {size:.4f}"}
     if isinstance(family, PolePair):
         decay = -math.log(size) / plant.period
         if decay < 0.98 * effort * family.damping:
-            return {"dominance": f"another pole that decays at {decay:.3g} 1/s is slower than the pair"}
+            return {"a slower pole": f"it decays at {decay:.3g} 1/s, the pair at {effort * family.damping:.3g}"}
     return {}
 
 

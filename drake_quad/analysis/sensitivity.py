@@ -18,14 +18,16 @@ from drake_quad.analysis.state_vector import leaf_paths, system_at
 from drake_quad.errors import InputError
 from drake_quad.flight import fly, read_metrics
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.planning import flight_duration, plan_route
+from drake_quad.planning import flight_duration, plan_route, refuse_distributions
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Scenario, draw_sample
+from drake_quad.scenario import Scenario, distributions_in, draw_sample
 from drake_quad.scenario.numbers import number_at, with_number
 from drake_quad.tracking import build_tracking_diagram
 
 # The metrics that depend on a flight smoothly, as long as it does not crash.
 DIFFERENTIABLE = tuple(name for name in Metrics._fields if name != "crash_time")
+# Numbers that are only compared with random ones.
+_COMPARED = ("loss_rate", "dropout_rate")
 # Relative step of the five-point differences from a scenario's number to the context, which is polynomial or nearly so:
 # around the number or, where it may only rise or only fall, to one side of it.
 _STEP = 1e-3
@@ -42,12 +44,14 @@ class Sensitivities:
         fields: of the scenario, by path.
         values: (fields,) of them.
         metrics: the flight's, by name.
+        crash_time: s; infinite for a vehicle that did not crash. After a crash they are those of the flight until then.
         gradients: (fields,) derivatives of each metric, by name.
     """
 
     fields: tuple[str, ...]
     values: np.ndarray
     metrics: Mapping[str, float]
+    crash_time: float
     gradients: Mapping[str, np.ndarray]
 
 
@@ -62,7 +66,12 @@ def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: i
     Raises:
         InputError: a field is no number, or does not reach the diagram as a number that a flight depends on smoothly.
     """
-    scenario = draw_sample(scenario, scenario.sample or 0 if sample is None else sample)
+    if not fields:
+        raise InputError("there is no field to differentiate by")
+    sample = scenario.sample if sample is None else sample
+    if sample is None:
+        refuse_distributions(distributions_in(scenario))
+    scenario = draw_sample(scenario, sample or 0)
     plan = plan_route(scenario)
     values = np.array([number_at(scenario, field) for field in fields])
     diagram = build_tracking_diagram(scenario, plan=plan)
@@ -83,6 +92,7 @@ def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: i
         tuple(fields),
         values,
         {name: value.value() for name, value in found.items()},
+        metrics.crash_time[0].value(),
         {name: _gradient(value, len(fields)) for name, value in found.items()},
     )
 
@@ -122,6 +132,8 @@ def _seed(scenario: Scenario, plan: Plan, field: str, layout: _Numbers, nominal:
     """The derivative of all numbers of the default context with respect to a field."""
     if field.startswith("route."):
         raise InputError(f"{field} changes the plan, which is not differentiated")
+    if field.endswith(_COMPARED):
+        raise InputError(f"{field} decides whether something is lost; a flight depends on it in jumps")
     value = number_at(scenario, field)
     step = _STEP * (abs(value) or 1.0)
     seed = np.zeros_like(nominal)

@@ -111,7 +111,8 @@ def linear_vehicle(trim: Trim, parameters: QuadrotorParameters, *, kinematics: K
     worst = int(np.argmax(np.abs(rates)))
     if not np.abs(rates[worst]) < 1e-6:
         raise InputError(
-            f"the operating point is not an equilibrium: {STATES[worst]} changes by {rates[worst]:.3g} per second"
+            f"the operating point is not an equilibrium: {STATES[worst]} changes by {rates[worst]:.3g} per second;"
+            " affine_vehicle has a model of it"
         )
     return Linearize(diagram, context)
 

@@ -81,15 +81,20 @@ def plot_nyquist(design: CascadeDesign) -> Figure:
             _, response = _response(loop)
             axes.plot(response.real, response.imag, color=BLUE, label="L")
             turn = np.linspace(0.0, 2.0 * np.pi, 200)
-            axes.plot(np.cos(turn), np.sin(turn), **LIMIT)
+            axes.plot(np.cos(turn), np.sin(turn), label="|L| = 1", **LIMIT)
             # The disk of gains and phases that the loop stands: from -1 / (1 + α/2) · (1 - α/2) to its inverse.
             low = (1.0 - 0.5 * loop.margins.disk) / (1.0 + 0.5 * loop.margins.disk)
             middle, radius = -0.5 * (low + 1.0 / low), 0.5 * (1.0 / low - low)
-            axes.fill(middle + radius * np.cos(turn), radius * np.sin(turn), color="0.9", label="disk margin")
+            axes.fill(
+                middle + radius * np.cos(turn),
+                radius * np.sin(turn),
+                color="0.9",
+                label=f"disk margin {loop.margins.disk:.2f}",
+            )
             axes.plot(-1.0, 0.0, marker="+", color=VERMILION, markersize=10, markeredgewidth=2.0, linestyle="none")
             axes.set(xlabel="Re L", ylabel="Im L", title=title, xlim=(-3.0, 1.2), ylim=(-2.1, 2.1))
             axes.set_aspect("equal")
-        axes.legend(loc="upper right")
+            axes.legend(loc="upper left")
         return figure
 
 
@@ -97,24 +102,23 @@ def plot_root_locus(design: CascadeDesign) -> Figure:
     """The poles of the position loop while both of its gains are multiplied by the same factor."""
     loop = design.loops["x"]
     plant, period = loop.plant, loop.plant.period
-    factors = np.concatenate([[0.0], np.geomspace(0.01, 30.0, 1500)])
+    factors = np.concatenate([[0.0], np.geomspace(0.01, 30.0, 1500)])  # of both gains
     row = np.array([loop.gains])
     poles = np.linalg.eigvals(plant.A - factors[:, np.newaxis, np.newaxis] * (plant.B @ row @ plant.C))
-    stable = np.abs(poles).max(axis=1) < 1.0
-    last = factors[np.flatnonzero(stable)[-1]]
+    limit_factor = 10.0 ** (loop.margins.gain / 20.0)
     with styled():
         figure = new_figure(7.0, 5.2)
         axes = figure.subplots()
-        s = np.log(np.where(np.abs(poles) > 1e-6, poles, np.nan).astype(complex)) / period
+        s = _continuous(poles, period)
         axes.plot(s.real.ravel(), s.imag.ravel(), ".", color="0.7", markersize=1.5)
         for factor, color, marker, label in (
             (0.0, BLACK, "x", "open loop"),
             (1.0, BLUE, "s", "as designed"),
-            (last, VERMILION, "o", f"limit of stability, × {last:.2f}"),
+            (limit_factor, VERMILION, "o", f"limit of stability, × {limit_factor:.2f}"),
         ):
-            place = s[np.argmin(np.abs(factors - factor))]
+            place = _continuous(plant.with_feedback(factor * row).poles(), period)
             axes.plot(place.real, place.imag, marker, color=color, label=label, markerfacecolor="none", markersize=7)
-        limit = 9.0
+        limit = 4.0 * design.loops["x"].margins.bandwidth
         for damping in (0.3, 0.5, 0.7):
             x = -damping / math.sqrt(1.0 - damping**2) * limit
             axes.plot(
@@ -123,10 +127,10 @@ def plot_root_locus(design: CascadeDesign) -> Figure:
             axes.annotate(f"ζ {damping:g}", (0.93 * x, 0.93 * limit), color="0.45", fontsize=8.5, bbox=PLATE)
         axes.axvline(0.0, color="0.4", linewidth=0.8)
         axes.set(
-            xlabel="Re log(z) / h (1/s)",
-            ylabel="Im log(z) / h (1/s)",
-            title="Poles of the position loop, both gains scaled alike",
-            xlim=(-12.0, 2.0),
+            xlabel="Re s (1/s)",
+            ylabel="Im s (1/s)",
+            title="Poles of the position loop, s = log(z) / tick, both gains multiplied by 0 to 30",
+            xlim=(-1.3 * limit, 0.4 * limit),
             ylim=(-limit, limit),
         )
         axes.legend(loc="lower left")
@@ -135,11 +139,13 @@ def plot_root_locus(design: CascadeDesign) -> Figure:
 
 def plot_steps(loop: ClosedLoop) -> Figure:
     """Steps of position, height and yaw: the linear model and the diagram."""
+    slowest = -math.log(np.abs(loop.system.poles()).max()) / loop.system.period
+    duration = min(max(5.0 / slowest, 4.0), 60.0)
     with styled():
         figure = new_figure(9.0, 3.4)
         for axes, (row, size, label) in zip(figure.subplots(1, 3), _STEPS, strict=True):
             names = ("x", "y", "z", "roll", "pitch", "yaw")
-            response = release(loop, {row: size}, duration=10.0)
+            response = release(loop, {row: size}, duration=duration)
             column = names.index(row)
             axes.plot(response.time, response.nonlinear[:, column] - size, color=BLUE, label="diagram")
             axes.plot(response.time, response.linear[:, column] - size, "--", color=VERMILION, label="linear model")
@@ -154,6 +160,11 @@ DESIGN_PLOTS: dict[str, Callable[[CascadeDesign], Figure]] = {
     "nyquist": plot_nyquist,
     "root_locus": plot_root_locus,
 }
+
+
+def _continuous(poles: np.ndarray, period: float) -> np.ndarray:
+    """The poles s = log(z) / period, NaN for those of delay lines."""
+    return np.asarray(np.log(np.where(np.abs(poles) > 1e-6, poles, np.nan).astype(complex)) / period)
 
 
 def _response(design: LoopDesign) -> tuple[np.ndarray, np.ndarray]:

@@ -59,7 +59,7 @@ def test_the_fastest_is_at_the_edge_of_what_is_required(pitch):
     [
         (Requirements(phase=1.0, gain=14.0), "gain margin"),
         (Requirements(phase=1.0, gain=1.0, delay=0.2), "delay margin"),
-        (Requirements(phase=1.0, gain=0.5), "dominance"),
+        (Requirements(phase=1.0, gain=0.5), "a slower pole"),
     ],
 )
 def test_what_binds_is_named(pitch, requirements, limit):
