@@ -1,12 +1,15 @@
 """The modes of a linear system: what it does when left alone, and whether its inputs can do anything about it."""
 
+from collections.abc import Callable
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
 import scipy.linalg
 
-# How much of a mode a state must carry to be named.
-_SHARE = 0.1
+# How much of a mode a state must carry to be named, and how near poles count as one, 1/s: repeated eigenvalues are
+# found with errors of that size.
+_SHARE, _NEAR = 0.1, 0.01
 
 
 class Mode(NamedTuple):
@@ -39,27 +42,39 @@ def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None
         states: the n names.
         period: between two samples, s; None for a continuous system.
     """
-    left = np.linalg.eigvals(A)
-    close = 1e-3 * max(np.abs(left).max(initial=0.0), 1e-3)  # repeated eigenvalues are found with such errors
+
+    def pole_of(value: complex) -> complex:
+        if period is None:
+            return complex(value)
+        return complex(np.log(complex(value))) / period if value else complex(-np.inf)
+
+    values = np.linalg.eigvals(A)
+    left = [pole_of(value) for value in values if period is None or abs(value) > 1e-3]
     found = []
-    while len(left):
-        alike = np.abs(left - left[0]) < close
-        value, multiplicity = complex(left[alike].mean()), int(alike.sum())
-        left = left[~alike]
-        if value.imag < -close or (period is not None and abs(value) < 1e-3):
+    while left:
+        first = left[0]
+        radius = max(1e-3 * abs(first), _NEAR)
+        alike = [pole for pole in left if abs(pole - first) < radius]
+        left = [pole for pole in left if not abs(pole - first) < radius]
+        pole = complex(np.mean(alike))
+        if pole.imag < -radius:
             continue
-        pole = value if period is None else complex(np.log(value)) / period
         size = abs(pole)
-        shares = np.abs(np.diag(_projector(A, value, close)))
+        among = partial(_is_near, pole_of=pole_of, pole=first, radius=1.5 * radius)
+        shares = np.abs(np.diag(_projector(A, among)))
         order = [int(i) for i in np.argsort(-shares, kind="stable") if shares[i] > _SHARE * shares.max()]
-        damping = -pole.real / size if size > 1e-6 else np.nan
-        found.append(Mode(pole, size, damping, multiplicity, tuple(states[i] for i in order)))
+        damping = -pole.real / size if size > _NEAR else np.nan
+        found.append(Mode(pole, size, damping, len(alike), tuple(states[i] for i in order)))
     return sorted(found, key=lambda mode: mode.frequency)
 
 
-def _projector(A: np.ndarray, value: complex, radius: float) -> np.ndarray:
-    """(n, n) onto the invariant subspace of the eigenvalues near a value, along that of the others."""
-    T, Z, k = scipy.linalg.schur(A, output="complex", sort=lambda x: abs(x - value) < 2.0 * radius)
+def _is_near(value: complex, *, pole_of: Callable[[complex], complex], pole: complex, radius: float) -> bool:
+    return abs(pole_of(value) - pole) < radius
+
+
+def _projector(A: np.ndarray, among: Callable[[complex], bool]) -> np.ndarray:
+    """(n, n) onto the invariant subspace of some eigenvalues, along that of the others."""
+    T, Z, k = scipy.linalg.schur(A, output="complex", sort=among)
     R = scipy.linalg.solve_sylvester(T[:k, :k], -T[k:, k:], -T[:k, k:])
     return Z[:, :k] @ (Z[:, :k].conj().T - R @ Z[:, k:].conj().T)
 

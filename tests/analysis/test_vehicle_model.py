@@ -121,6 +121,14 @@ def test_every_rotor_is_needed_to_move_every_mode():
     assert set(found[0].states) == set(STATES[:12])
 
 
+def test_slow_modes_that_differ_are_kept_apart():
+    """In discrete time their eigenvalues are nearly the same."""
+    A = np.diag(np.exp(np.array([-0.30, -0.33, -0.33, -20.0]) * 0.02))
+    found = modes(A, ("a", "b", "c", "d"), period=0.02)
+    assert [(round(mode.pole.real, 6), mode.multiplicity) for mode in found] == [(-0.3, 1), (-0.33, 2), (-20.0, 1)]
+    assert [set(mode.states) for mode in found] == [{"a"}, {"b", "c"}, {"d"}]
+
+
 def test_modes_are_named_by_what_takes_part():
     """Two oscillators, one damped to 0.1 at 2 rad/s, one to 0.5 at 5 rad/s; the same after sampling."""
     A = np.zeros((4, 4))
