@@ -1,6 +1,7 @@
 """Maps the PD gains that a loop stands, in its linear model and in flight, nominal and with the worst lag and delay."""
 
 import csv
+import math
 from pathlib import Path
 
 import numpy as np
@@ -104,7 +105,7 @@ def write_table(path: Path, panels: list[MapPanel], k_p: np.ndarray, k_d: np.nda
 
 def _grid(name: str, limits: tuple[float, float], size: int) -> np.ndarray:
     least, most = limits
-    if not 0.0 <= least < most:
+    if not 0.0 <= least < most < math.inf:
         raise InputError(f"{name} is {least:g} {most:g}, but must be a least gain from 0 on and a larger one")
     return np.linspace(least, most, size)
 

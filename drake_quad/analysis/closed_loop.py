@@ -12,7 +12,7 @@ from drake_quad.errors import InputError
 from drake_quad.laboratory.tape import Samples
 from drake_quad.planning import nominal_parameters, plan_route
 from drake_quad.scenario import Scenario, distributions_in
-from drake_quad.scenario.models import Airframe, Vehicle
+from drake_quad.scenario.models import Airframe, Vehicle, Window
 from drake_quad.scenario.routes import HoverRoute
 from drake_quad.tracking import build_tracking_diagram
 
@@ -79,6 +79,7 @@ def at_rest(scenario: Scenario) -> Scenario:
             "duration": None,
             "sample": None,
             "crash": nowhere,
+            "metrics": Window(),
         }
     )
 
@@ -137,6 +138,8 @@ def laboratory_plant(scenario: Scenario) -> SampledSystem:
     come apart.
     """
     believed = as_believed(scenario)
+    if believed.vehicle.time_step == 0.0:
+        raise InputError("vehicle.time_step is 0, but gains are designed for a vehicle that steps")
     parameters = nominal_parameters(believed)
     plan = plan_route(believed)
     laboratory = parts.laboratory(believed, plan, plan.duration, Samples(0, [0]))

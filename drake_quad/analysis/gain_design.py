@@ -94,15 +94,6 @@ class LoopDesign:
     cost_ratio: float | None = None
     limits: tuple[str, ...] = ()
 
-    def loop(self) -> SampledSystem:
-        """The loop broken at the commanded acceleration."""
-        return pd_loop(self.plant, self.gains)
-
-    def closed(self) -> SampledSystem:
-        """From a commanded value to the measured value and rate, with the loop closed."""
-        k_p, _ = self.gains
-        return self.plant.with_feedback(np.array([self.gains])).scaled(k_p, "command")
-
 
 class Family(Protocol):
     """Gains that work the harder the larger a number is."""

@@ -9,7 +9,7 @@ import numpy as np
 from drake_quad.analysis.sampled_system import SampledSystem
 
 # Lowest frequency that is looked at, rad/s, and how many up to half the sampling rate.
-_LOWEST, _POINTS = 1e-2, 1500
+_LOWEST, _POINTS = 1e-4, 2000
 
 
 class Margins(NamedTuple):
@@ -40,7 +40,7 @@ class Margins(NamedTuple):
 def margins(loop: SampledSystem) -> Margins:
     """The margins of a stable loop with one input and one output, by python-control.
 
-    Gain and phase margins are of the frequency response at 1,500 points, interpolated by splines: a polynomial in z for
+    Gain and phase margins are of the frequency response at 2,000 points, interpolated by splines: a polynomial in z for
     a dozen states loses the digits that they need.
     """
     grid = frequencies(loop.period)
@@ -49,6 +49,7 @@ def margins(loop: SampledSystem) -> Margins:
     data = control.FrequencyResponseData(response, grid, smooth=True)
     gains, phases, _, _, crossovers, _ = control.stability_margins(data, returnall=True)
     disk, _, _ = control.disk_margins(system, grid)
+    gains = np.append(gains, _gain_at_half_the_rate(response))
     complementary = np.abs(response / (1.0 + response))
     below = np.flatnonzero(complementary < math.sqrt(0.5))
     return Margins(
@@ -90,8 +91,9 @@ def fast_margins(responses: np.ndarray, grid: np.ndarray) -> FastMargins:
     flips = (angle[..., :-1] * angle[..., 1:] < 0.0) & (np.abs(np.diff(angle, axis=-1)) < np.pi)
     part = np.where(flips, angle[..., :-1] / (angle[..., :-1] - angle[..., 1:] + ~flips), 0.0)
     gain = -(size[..., :-1] + part * np.diff(size, axis=-1)) * 20.0 / math.log(10.0)
+    through = 20.0 * np.log10(_gain_at_half_the_rate(responses))
     return FastMargins(
-        np.where(flips & (gain > 0.0), gain, np.inf).min(axis=-1),
+        np.minimum(np.where(flips & (gain > 0.0), gain, np.inf).min(axis=-1), np.where(through > 0.0, through, np.inf)),
         np.degrees(np.where(crosses, np.abs(phase), np.inf).min(axis=-1)),
         np.where(crosses, (phase % (2.0 * np.pi)) / frequency, np.inf).min(axis=-1),
     )
@@ -100,6 +102,12 @@ def fast_margins(responses: np.ndarray, grid: np.ndarray) -> FastMargins:
 def frequencies(period: float, *, points: int = _POINTS) -> np.ndarray:
     """(points,) frequencies up to just below half the sampling rate, rad/s."""
     return np.geomspace(_LOWEST, 0.9999 * math.pi / period, points)
+
+
+def _gain_at_half_the_rate(responses: np.ndarray) -> np.ndarray:
+    """The factor at which a pole leaves through z = -1, where L is real: the end of the grid; infinite if it cannot."""
+    end = responses[..., -1].real
+    return np.where(end < 0.0, -1.0 / np.where(end < 0.0, end, -1.0), np.inf)
 
 
 def _decibel(factor: float) -> float:

@@ -25,9 +25,9 @@ from drake_quad.scenario.numbers import number_at, with_number
 from drake_quad.tracking import build_tracking_diagram
 
 # The metrics that depend on a flight smoothly, as long as it does not crash.
-DIFFERENTIABLE = tuple(name for name in Metrics._fields if name != "crash_time")
-# Numbers that are only compared with random ones.
-_COMPARED = ("loss_rate", "dropout_rate")
+DIFFERENTIABLE = tuple(name for name in Metrics._fields if name not in ("crash_time", "saturation_share"))
+# Numbers that are only compared with others.
+_COMPARED = ("loss_rate", "dropout_rate", "rotor_failure.time")
 # Relative step of the five-point differences from a scenario's number to the context, which is polynomial or nearly so:
 # around the number or, where it may only rise or only fall, to one side of it.
 _STEP = 1e-3
@@ -133,7 +133,7 @@ def _seed(scenario: Scenario, plan: Plan, field: str, layout: _Numbers, nominal:
     if field.startswith("route."):
         raise InputError(f"{field} changes the plan, which is not differentiated")
     if field.endswith(_COMPARED):
-        raise InputError(f"{field} decides whether something is lost; a flight depends on it in jumps")
+        raise InputError(f"{field} decides when something happens; a flight depends on it in jumps")
     value = number_at(scenario, field)
     step = _STEP * (abs(value) or 1.0)
     seed = np.zeros_like(nominal)

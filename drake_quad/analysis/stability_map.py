@@ -39,7 +39,7 @@ class StabilityMap(NamedTuple):
     @property
     def stable(self) -> np.ndarray:
         """Whether all poles lie inside the unit circle."""
-        return self.size < 1.0
+        return self.size < 1.0 - 1e-9  # an integrator that is left alone is found on either side of 1
 
 
 def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> StabilityMap:
@@ -54,7 +54,7 @@ def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> Sta
     closed = plant.A - plant.B @ (gains[..., np.newaxis, :] @ plant.C)
     poles = np.linalg.eigvals(closed)
     size = np.abs(poles).max(axis=-1)
-    stable = size < 1.0
+    stable = size < 1.0 - 1e-9
     lasting = np.where(np.abs(poles) > _FAST, poles, _FAST)
     rates = np.log(lasting.astype(complex))
     damping = np.where(np.abs(poles) > _FAST, -rates.real / np.maximum(np.abs(rates), 1e-12), 1.0).min(axis=-1)

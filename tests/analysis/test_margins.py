@@ -89,6 +89,19 @@ def test_the_disk_margin_stands_every_gain_and_phase_within_it(k_p, k_d):
     assert np.degrees(2.0 * np.arctan(0.5 * found.disk)) <= found.phase * (1.0 + 1e-6)
 
 
+def test_a_pole_may_leave_through_minus_one():
+    """A double integrator without delay: the phase stays above -180° up to half the sampling rate."""
+    h, k_p, k_d = 0.02, 2.0, 2.0
+    A, B, C = np.array([[1.0, h], [0.0, 1.0]]), np.array([[0.5 * h * h], [h]]), np.array([[k_p, k_d]])
+    loop = SampledSystem(A, B, C, np.zeros((1, 1)), h, ("x", "v"), ("u",), ("y",))
+    factor = 10.0 ** (margins(loop).gain / 20.0)
+    assert is_stable(loop, 0.999 * factor)
+    assert not is_stable(loop, 1.001 * factor)
+    grid = frequencies(h)
+    fast = fast_margins(loop.response(np.exp(1j * grid * h))[:, 0, 0], grid)
+    assert fast.gain == pytest.approx(margins(loop).gain, abs=1e-6)
+
+
 def test_many_at_once_are_the_same():
     grid = frequencies(PERIOD)
     loops = [loop_of(*gains) for gains in CASES]
