@@ -87,9 +87,13 @@ def uncontrollable(A: np.ndarray, B: np.ndarray, *, tolerance: float = 1e-9) -> 
         B: (n, m).
         tolerance: on the smallest singular value, relative to the largest.
     """
+    # In units in which the entries of A are of one size, and those of the inputs too, ranks can be told.
+    balanced, scaling = scipy.linalg.matrix_balance(A, permute=False)
+    inputs = np.linalg.solve(scaling, B)
+    inputs = inputs / np.maximum(np.linalg.norm(inputs, axis=0), 1e-300)
     lost = []
-    for value in np.linalg.eigvals(A):
-        sizes = np.linalg.svd(np.hstack([value * np.eye(len(A)) - A, B]), compute_uv=False)
+    for value in np.linalg.eigvals(balanced):
+        sizes = np.linalg.svd(np.hstack([value * np.eye(len(A)) - balanced, inputs]), compute_uv=False)
         if sizes[-1] < tolerance * sizes[0]:
             lost.append(value)
     return np.array(lost)

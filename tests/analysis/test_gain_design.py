@@ -250,3 +250,21 @@ def test_options_reach_the_axes():
     assert design.loops["z"].bandwidth == 2.0
     assert design.loops["pitch"].margins.phase < 46.0
     assert design.gains()["attitude"]["k_p"][2] == design.loops["yaw"].gains.k_p
+
+
+def test_a_vehicle_of_thirty_grams_gets_the_same_gains():
+    """Gains are those of double integrators: size and units of the vehicle do not matter, but for its lag."""
+    small = [
+        "nominal.mass=0.03",
+        "nominal.inertia=[1.4e-5, 1.4e-5, 2.2e-5]",
+        "nominal.thrust_factor=2.9e-8",
+        "nominal.drag_factor=7e-10",
+        "nominal.arm_length=0.046",
+        "nominal.min_rotor_speed=200",
+        "nominal.max_rotor_speed=2600",
+    ]
+    gains = [
+        design_cascade(load_scenario(ROOT / "diagrams" / "figure_eight.yaml", overrides)).gains()
+        for overrides in ([], small)
+    ]
+    assert gains[0] == gains[1]
