@@ -74,10 +74,14 @@ def print_panel(panel: MapPanel, k_p: np.ndarray, k_d: np.ndarray) -> None:
     """Prints how much is stable, how much flew, and the best gains."""
     rmse = np.where(panel.flown.crashed | ~panel.linear.stable, np.inf, panel.flown.rmse)
     row, column = np.unravel_index(np.argmin(rmse), rmse.shape)
+    best = "no stable gains flew to the end"
+    if np.isfinite(rmse[row, column]):
+        best = (
+            f"least RMSE of the stable {100.0 * rmse[row, column]:.2f} cm at k_P {k_p[row]:.3g}, k_D {k_d[column]:.3g}"
+        )
     print(
         f"{panel.title}: {100.0 * panel.linear.stable.mean():.0f} % of the gains are stable,"
-        f" {100.0 * (~panel.flown.crashed).mean():.0f} % flew to the end;"
-        f" least RMSE of the stable {100.0 * rmse[row, column]:.2f} cm at k_P {k_p[row]:.3g}, k_D {k_d[column]:.3g}"
+        f" {100.0 * (~panel.flown.crashed).mean():.0f} % flew to the end; {best}"
     )
 
 

@@ -66,6 +66,7 @@ def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> Sta
 
 def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
     """The plant of a scenario's position loop on x, with its own attitude gains, or of its attitude loop on pitch."""
+    scenario = draw_sample(scenario, scenario.sample) if scenario.sample is not None else scenario
     laboratory = laboratory_plant(scenario)
     if loop == "attitude":
         return attitude_plant(laboratory, scenario, "pitch")

@@ -46,8 +46,10 @@ def plot_map(panels: list[MapPanel], k_p: np.ndarray, k_d: np.ndarray, *, marked
         loop: name of the loop.
     """
     errors = [np.where(panel.flown.crashed, np.nan, 100.0 * panel.flown.rmse) for panel in panels]
-    low, high = (float(bound([bound(error[np.isfinite(error)]) for error in errors])) for bound in (np.min, np.max))
-    high = min(high, 30.0 * low)
+    seen = np.concatenate([error[np.isfinite(error)] for error in errors])
+    # A tenth of a millimetre is no error, and where nothing flew to the end there is nothing to shade.
+    low = max(float(seen.min(initial=np.inf)), 1e-2) if len(seen) else 1.0
+    high = min(max(float(seen.max(initial=0.0)), 2.0 * low), 30.0 * low)
     norm = LogNorm(low, high)
     with styled():
         figure = new_figure(5.2 * len(panels) + 0.8, 4.8)
