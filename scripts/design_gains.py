@@ -8,8 +8,8 @@ from pathlib import Path
 from command_line import parser, print_columns, print_files, run, scenario_of
 from ruamel.yaml import YAML
 
-from drake_quad import InputError, Scenario
-from drake_quad.analysis.cascade_design import CascadeDesign, LoopOptions, design_cascade
+from drake_quad import InputError
+from drake_quad.analysis.cascade_design import CascadeDesign, LoopOptions, design_cascade, with_gains
 from drake_quad.analysis.closed_loop import ClosedLoop, as_believed, closed_loop
 from drake_quad.analysis.gain_design import Family, PolePair, Regulator, Requirements
 from drake_quad.analysis.modes import modes
@@ -36,7 +36,7 @@ def main() -> None:
     scenario = scenario_of(arguments)
     period = scenario.laboratory.command_link.period
     design = design_cascade(scenario, design_options(arguments, period))
-    designed = with_gains(scenario, design)
+    designed = with_gains(scenario, design.gains())
     loop = closed_loop(as_believed(designed))
     folder = output_folder(arguments.output / scenario.name)
     files = [write_whole(folder / "gains.yaml", lambda path: write_gains(design, path))]
@@ -99,15 +99,6 @@ def design_options(arguments: argparse.Namespace, period: float) -> dict[str, Lo
 def _check(name: str, value: float, least: float, most: float) -> None:
     if not least <= value <= most:
         raise InputError(f"--{name.replace('_', '-')} is {value:g}, but must be between {least:g} and {most:g}")
-
-
-def with_gains(scenario: Scenario, design: CascadeDesign) -> Scenario:
-    """The scenario with designed gains."""
-    blocks = {
-        name: getattr(scenario.control, name).model_copy(update={kind: tuple(values) for kind, values in gains.items()})
-        for name, gains in design.gains().items()
-    }
-    return scenario.model_copy(update={"control": scenario.control.model_copy(update=blocks)})
 
 
 def write_gains(design: CascadeDesign, path: Path) -> None:

@@ -1,6 +1,6 @@
 """The gains of a scenario's whole cascade."""
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import NamedTuple
 
@@ -9,6 +9,7 @@ import numpy as np
 from drake_quad.analysis.closed_loop import laboratory_plant
 from drake_quad.analysis.gain_design import Family, LoopDesign, PdGains, PolePair, Requirements, design_loop
 from drake_quad.analysis.sampled_system import SampledSystem
+from drake_quad.elementary import Row
 from drake_quad.scenario import Scenario
 
 # Which torque turns which angle at which rate; thrust lifts like a torque turns.
@@ -49,6 +50,15 @@ class CascadeDesign:
             block: {name: [getattr(self.loops[axis].gains, name) for axis in axes] for name in ("k_p", "k_d")}
             for block, axes in blocks.items()
         }
+
+
+def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[Row]]]) -> Scenario:
+    """The scenario with other gains, as `CascadeDesign.gains` has them; (N,) arrays for a fleet."""
+    blocks = {
+        name: getattr(scenario.control, name).model_copy(update={kind: tuple(rows) for kind, rows in block.items()})
+        for name, block in gains.items()
+    }
+    return scenario.model_copy(update={"control": scenario.control.model_copy(update=blocks)})
 
 
 def default_options(period: float) -> dict[str, LoopOptions]:

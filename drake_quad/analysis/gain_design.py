@@ -78,7 +78,6 @@ class LoopDesign:
         axis: its name.
         gains: of its PD.
         plant: from the commanded acceleration to the measured value and rate.
-        requirements: that were asked for.
         margins: that were reached.
         bandwidth: of the pole pair, rad/s; None for a regulator.
         cost_ratio: of the PD to the full regulator; None for a pole pair.
@@ -88,7 +87,6 @@ class LoopDesign:
     axis: str
     gains: PdGains
     plant: SampledSystem
-    requirements: Requirements
     margins: Margins
     bandwidth: float | None = None
     cost_ratio: float | None = None
@@ -206,7 +204,7 @@ def design_loop(
         return _Trial(tried, gains, unsound or requirements.broken_by(found), share)
 
     def finished(best: _Trial, limits: Iterable[str]) -> LoopDesign:
-        return _finished(plant, family, requirements, axis, best, tuple(limits))
+        return _finished(plant, family, axis, best, tuple(limits))
 
     if effort is not None:
         asked = trial(effort)
@@ -256,9 +254,7 @@ def _listed(flaws: dict[str, str]) -> str:
     return "; ".join(f"{name}: {value}" for name, value in flaws.items())
 
 
-def _finished(
-    plant: SampledSystem, family: Family, requirements: Requirements, axis: str, best: _Trial, limits: tuple[str, ...]
-) -> LoopDesign:
+def _finished(plant: SampledSystem, family: Family, axis: str, best: _Trial, limits: tuple[str, ...]) -> LoopDesign:
     gains, effort = best.gains, best.effort
     ratio = None
     if isinstance(family, Regulator):
@@ -267,7 +263,6 @@ def _finished(
         axis=axis,
         gains=gains,
         plant=plant,
-        requirements=requirements,
         margins=margins(pd_loop(plant, gains)),
         bandwidth=effort if isinstance(family, PolePair) else None,
         cost_ratio=ratio,

@@ -160,12 +160,9 @@ def linearize(
         converted.GetInputPort(name).FixValue(root, point[first : first + port.size()])
         first += port.size()
     y = [np.asarray(converted.GetOutputPort(name).Eval(root)) for name in outputs]
-    simulator = Simulator_[AutoDiffXd](converted, root)
-    keep = InitializeParams()
-    keep.suppress_initialization_events = True
     # The floating-point flags that arithmetic on objects leaves behind mean nothing.
     with np.errstate(all="ignore"):
-        simulator.Initialize(keep)
+        simulator = resumed(Simulator_[AutoDiffXd](converted, root))
         simulator.AdvanceTo(tick_after(context.get_time(), period))
 
     after = layout.read(converted, root)
@@ -188,6 +185,14 @@ def at_tick(diagram: Diagram, time: float, context: Any = None) -> Any:
     simulator = Simulator(diagram) if context is None else Simulator(diagram, context)
     simulator.AdvanceTo(time)
     return simulator.get_mutable_context()
+
+
+def resumed(simulator: Any) -> Any:
+    """The simulator, initialized to go on with a flight: without the events that begin one."""
+    keep = InitializeParams()
+    keep.suppress_initialization_events = True
+    simulator.Initialize(keep)
+    return simulator
 
 
 def _gradient(values: np.ndarray, size: int) -> np.ndarray:

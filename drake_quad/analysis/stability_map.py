@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from drake_quad.analysis.cascade_design import attitude_plant, position_plant
+from drake_quad.analysis.cascade_design import attitude_plant, position_plant, with_gains
 from drake_quad.analysis.closed_loop import laboratory_plant
 from drake_quad.analysis.gain_design import PdGains
 from drake_quad.analysis.margins import fast_margins, frequencies
@@ -53,15 +53,14 @@ def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> Sta
     gains = np.stack(np.meshgrid(k_p, k_d, indexing="ij"), axis=-1)
     closed = plant.A - plant.B @ (gains[..., np.newaxis, :] @ plant.C)
     poles = np.linalg.eigvals(closed)
-    size = np.abs(poles).max(axis=-1)
-    stable = size < 1.0 - 1e-9
     lasting = np.where(np.abs(poles) > _FAST, poles, _FAST)
     rates = np.log(lasting.astype(complex))
     damping = np.where(np.abs(poles) > _FAST, -rates.real / np.maximum(np.abs(rates), 1e-12), 1.0).min(axis=-1)
     grid = frequencies(plant.period, points=_POINTS)
     response = plant.response(np.exp(1j * grid * plant.period))[..., 0]
     delay = fast_margins(gains @ response.T, grid).delay
-    return StabilityMap(size, np.where(stable, damping, np.nan), np.where(stable, delay, np.nan))
+    whole = StabilityMap(np.abs(poles).max(axis=-1), damping, delay)
+    return whole._replace(damping=np.where(whole.stable, damping, np.nan), delay=np.where(whole.stable, delay, np.nan))
 
 
 def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
@@ -93,8 +92,7 @@ def flown_map(scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, 
     gains = {
         name: (values, values, getattr(block, name)[2]) for name, values in zip(("k_p", "k_d"), pairs, strict=True)
     }
-    control = scenario.control.model_copy(update={loop: block.model_copy(update=gains)})
-    varied = scenario.model_copy(update={"control": control})
+    varied = with_gains(scenario, {loop: gains})
     plan = plan_route(scenario)
     size = len(pairs[0])
     diagram = build_tracking_diagram(varied, size, samples=[sample] * size, plan=plan)

@@ -4,10 +4,10 @@ from collections.abc import Mapping
 from typing import NamedTuple
 
 import numpy as np
-from pydrake.systems.analysis import InitializeParams, Simulator
+from pydrake.systems.analysis import Simulator
 
 from drake_quad.analysis.closed_loop import WATCHERS, ClosedLoop
-from drake_quad.analysis.sampled_system import tick_after
+from drake_quad.analysis.sampled_system import resumed, tick_after
 from drake_quad.analysis.state_vector import StateVector
 
 
@@ -44,10 +44,7 @@ def release(loop: ClosedLoop, displacement: Mapping[str, float], *, duration: fl
 
     root = loop.context.Clone()
     layout.write(loop.diagram, root, equilibrium + state)
-    simulator = Simulator(loop.diagram, root)
-    keep = InitializeParams()
-    keep.suppress_initialization_events = True
-    simulator.Initialize(keep)
+    simulator = resumed(Simulator(loop.diagram, root))
     start, period = root.get_time(), loop.system.period
     ticks = round(duration / period) + 1
     linear, nonlinear = np.empty((ticks, len(vehicle))), np.empty((ticks, len(vehicle)))

@@ -3,9 +3,8 @@
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.axes import Axes
-from matplotlib.colors import LinearSegmentedColormap, LogNorm
+from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.ticker import NullLocator
@@ -13,10 +12,8 @@ from matplotlib.ticker import NullLocator
 from drake_quad.analysis.gain_design import PdGains
 from drake_quad.analysis.stability_map import StabilityMap
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.visualization.style import BLACK, PLATE, VERMILION, new_figure, styled
+from drake_quad.visualization.style import BLACK, PLATE, SHADING, VERMILION, new_figure, styled
 
-# From light, a small error, to a blue on which lines are still seen.
-_SHADING = LinearSegmentedColormap.from_list("error", colormaps["Blues"](np.linspace(0.0, 0.7, 64)))
 _DAMPINGS = (0.2, 0.4, 0.6, 0.8)
 _DELAYS = tuple(0.02 * 2**i for i in range(9))
 
@@ -74,7 +71,7 @@ def _draw(axes: Axes, panel: MapPanel, error: np.ndarray, k_p: np.ndarray, k_d: 
     half_p, half_d = 0.5 * (k_p[1] - k_p[0]), 0.5 * (k_d[1] - k_d[0])
     edges = (k_d[0] - half_d, k_d[-1] + half_d, k_p[0] - half_p, k_p[-1] + half_p)
     axes.set_facecolor("0.85")
-    shades = axes.imshow(error, origin="lower", extent=edges, aspect="auto", cmap=_SHADING, norm=norm)
+    shades = axes.imshow(error, origin="lower", extent=edges, aspect="auto", cmap=SHADING, norm=norm)
     if not panel.linear.stable.all():
         axes.contour(k_d, k_p, panel.linear.size, [1.0], colors=BLACK, linewidths=2.2)
     damping = axes.contour(k_d, k_p, panel.linear.damping, _DAMPINGS, colors=BLACK, linewidths=0.9)

@@ -5,7 +5,10 @@ from contextlib import contextmanager
 from typing import Any
 
 import matplotlib
+import numpy as np
+from matplotlib import colormaps
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 # M. Okabe and K. Ito, "Color universal design", 2008: distinguishable with any colour vision.
@@ -24,6 +27,8 @@ LIMIT: dict[str, Any] = {"color": "0.3", "linestyle": ":", "linewidth": 1.2}
 # Keeps text legible where it crosses a line.
 PLATE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0}
 AXES = {"x": BLUE, "y": VERMILION, "z": GREEN}
+# Light enough for lines and arrows on top.
+SHADING = LinearSegmentedColormap.from_list("shading", colormaps["Blues"](np.linspace(0.0, 0.6, 64)))
 ROTORS = (BLUE, VERMILION, GREEN, PURPLE)
 
 _SETTINGS: Any = {

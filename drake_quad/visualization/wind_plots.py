@@ -3,22 +3,18 @@
 from typing import NamedTuple
 
 import numpy as np
-from matplotlib import colormaps
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
-from matplotlib.colors import LinearSegmentedColormap
 from matplotlib.figure import Figure
 
 from drake_quad.flight import Flight
 from drake_quad.laboratory.wind.fans import Jet
 from drake_quad.parts import jets, steady_wind
-from drake_quad.visualization.style import AXES, BLACK, PLATE, REFERENCE, new_figure, styled
+from drake_quad.visualization.style import AXES, BLACK, PLATE, REFERENCE, SHADING, new_figure, styled
 
 # Arrows and shades along a map, and what the map shows beyond path and fans, m.
 _ARROWS, _SHADES, _MARGIN = 30, 300, 0.7
 _NAMES = "XYZ"
-# Light enough for arrows and paths on top.
-_SHADING = LinearSegmentedColormap.from_list("wind", colormaps["Blues"](np.linspace(0.0, 0.5, 64)))
 
 
 class _Plane(NamedTuple):
@@ -78,7 +74,7 @@ def _mean_wind(flight: Flight, plane: _Plane, low: np.ndarray, high: np.ndarray)
 def _draw_map(axes: Axes, plane: _Plane, field: tuple[np.ndarray, ...], top: float) -> QuadMesh:
     """Shades of the speed, and arrows of the velocity where there is any to speak of."""
     across, up, velocity, speed = field
-    shades = axes.pcolormesh(across, up, speed, cmap=_SHADING, vmin=0.0, vmax=max(top, 1e-9), rasterized=True)
+    shades = axes.pcolormesh(across, up, speed, cmap=SHADING, vmin=0.0, vmax=max(top, 1e-9), rasterized=True)
     every = _SHADES // _ARROWS
     thin = slice(every // 2, None, every), slice(every // 2, None, every)
     felt = speed[thin] > 0.03 * top
