@@ -24,7 +24,6 @@ from drake_quad.laboratory.tape import Samples
 from drake_quad.laboratory.wind.dryden import WIND_AT_20_FEET, DrydenTurbulence, Turbulence
 from drake_quad.laboratory.wind.fans import Fans, Jet
 from drake_quad.laboratory.wind.gust import Gust, GustParameters
-from drake_quad.laboratory.wind.wind import build_wind
 from drake_quad.planning import nominal_parameters
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Scenario, models, wind
@@ -96,7 +95,7 @@ def laboratory(scenario: Scenario, plan: Plan, duration: float, samples: Samples
             loss_rate=link.loss_rate,
             initial=(believed.mass * believed.gravity, 0.0, 0.0, 0.0),
         ),
-        wind=_wind(scenario, samples),
+        wind=_wind(scenario, num_vehicles),
         samples=samples,
     )
 
@@ -144,9 +143,8 @@ def _motion_capture(cameras: models.MotionCapture, num_vehicles: int) -> Any:
     )
 
 
-def _wind(scenario: Scenario, samples: Samples) -> Diagram:
-    """The wind of a scenario; sources of a kind are numbered, so that others leave their turbulence as it is."""
-    num_vehicles = len(samples.numbers)
+def _wind(scenario: Scenario, num_vehicles: int) -> dict[str, Any]:
+    """What makes the wind of a scenario; sources of a kind are numbered: others leave their turbulence as it is."""
     period = scenario.vehicle.time_step or scenario.laboratory.motion_capture.period
     common: dict[str, Any] = {"num_vehicles": num_vehicles, "period": period}
     sources: dict[str, Any] = {}
@@ -165,7 +163,7 @@ def _wind(scenario: Scenario, samples: Samples) -> Diagram:
                 sources[name] = DrydenTurbulence(turbulence=turbulence, heading=heading, **common)
     if jets(scenario):
         sources["fans"] = Fans(jets=jets(scenario), **common)
-    return build_wind(sources, num_vehicles=num_vehicles, samples=samples)
+    return sources
 
 
 def steady_wind(scenario: Scenario) -> list[Row]:

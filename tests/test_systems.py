@@ -14,11 +14,12 @@ from drake_quad.laboratory.command_link import CommandLink
 from drake_quad.laboratory.flight_monitor import FlightMonitor
 from drake_quad.laboratory.laboratory import build_laboratory
 from drake_quad.laboratory.motion_capture import CameraErrors, IdealMotionCapture, MotionCapture
-from drake_quad.laboratory.tape import Samples, Tape, TapePlayer
+from drake_quad.laboratory.tape import Samples, Stream, Tape, TapePlayer
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence
 from drake_quad.laboratory.wind.fans import Fans, Jet
 from drake_quad.laboratory.wind.gust import Gust, GustParameters
 from drake_quad.laboratory.wind.wind import build_wind
+from drake_quad.randomness import Kind
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import SameForAll, build_reference
 from drake_quad.vehicle.allocation import Allocation
@@ -48,9 +49,12 @@ def motion_capture():
     return MotionCapture(num_vehicles=2, errors=errors, derivative_bandwidth=100.0, latency_frames=2)
 
 
+def sources():
+    return {"dryden_0": DrydenTurbulence(num_vehicles=2, turbulence=TURBULENCE), "fans": fans()}
+
+
 def wind():
-    sources = {"dryden_0": DrydenTurbulence(num_vehicles=2, turbulence=TURBULENCE), "fans": fans()}
-    return build_wind(sources, num_vehicles=2, samples=SAMPLES)
+    return build_wind(sources(), num_vehicles=2)
 
 
 def fans():
@@ -58,8 +62,8 @@ def fans():
 
 
 def tape_player():
-    tape = Tape(SAMPLES, kind=1, name="here", rows=3, period=0.01, distribution=RandomDistribution.kGaussian)
-    return TapePlayer(num_vehicles=2, tapes={"here": tape})
+    stream = Stream("here", Kind.WIND, rows=3, distribution=RandomDistribution.kGaussian)
+    return TapePlayer(num_vehicles=2, tapes=[Tape(SAMPLES, [stream], period=0.01)])
 
 
 def laboratory():
@@ -68,7 +72,7 @@ def laboratory():
         allocation=Allocation(num_vehicles=2),
         motion_capture=motion_capture(),
         command_link=CommandLink(num_vehicles=2, delay_ticks=2, loss_rate=0.1),
-        wind=wind(),
+        wind=sources(),
         samples=SAMPLES,
     )
 
@@ -104,8 +108,8 @@ def documented_ports(docstring):
     block = docstring.split(".. pydrake_system::")[1]
     ports = {}
     for direction in ("input", "output"):
-        found = re.search(rf"{direction}_ports:\n((?:\s*- \w+\n)+)", block)
-        ports[direction] = re.findall(r"- (\w+)", found.group(1)) if found else []
+        found = re.search(rf"{direction}_ports:\n((?:\s*- [\w.]+\n)+)", block)
+        ports[direction] = re.findall(r"- ([\w.]+)", found.group(1)) if found else []
     return ports
 
 

@@ -13,17 +13,19 @@ the frame of 20 ms, which no tick reads, and for that of 30 ms: it takes 50 ms. 
 tick of delay 20 ms; then comes the lag of the rotors.
 """
 
+from collections.abc import Mapping
 from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.fleet import split_output
-from drake_quad.laboratory.tape import Samples, connect_tapes
+from drake_quad.laboratory.tape import Samples, connect_tapes, random_ports
+from drake_quad.laboratory.wind.wind import build_wind
 from drake_quad.randomness import Kind
 
 
 def build_laboratory(
-    *, vehicle: Any, allocation: Any, motion_capture: Any, command_link: Any, wind: Any, samples: Samples
+    *, vehicle: Any, allocation: Any, motion_capture: Any, command_link: Any, wind: Mapping[str, Any], samples: Samples
 ) -> Diagram:
     """Builds the diagram `laboratory` around a vehicle.
 
@@ -49,7 +51,7 @@ def build_laboratory(
         allocation: from `wrench` to `rotor_speed_command` and `shortfall`, packed.
         motion_capture: from `state` to `measurement`.
         command_link: from `wrench` to `wrench`.
-        wind: to `wind`, perhaps from `state`.
+        wind: sources of it, as `build_wind` takes them.
         samples: that the vehicles fly; what the random input ports are fed from.
     """
     builder = DiagramBuilder()
@@ -57,16 +59,17 @@ def build_laboratory(
     allocated = split_output(builder, "allocation", allocation)
     builder.AddNamedSystem("vehicle", vehicle)
     builder.AddNamedSystem("motion_capture", motion_capture)
-    builder.AddNamedSystem("wind", wind)
+    sum_of_wind = builder.AddNamedSystem("wind", build_wind(wind, num_vehicles=len(samples.numbers)))
 
     builder.Connect(command_link.GetOutputPort("wrench"), allocation.GetInputPort("wrench"))
     builder.Connect(allocated["rotor_speed_command"], vehicle.GetInputPort("rotor_speed_command"))
-    builder.Connect(wind.GetOutputPort("wind"), vehicle.GetInputPort("wind"))
-    for watcher in (motion_capture, wind):
+    builder.Connect(sum_of_wind.GetOutputPort("wind"), vehicle.GetInputPort("wind"))
+    for watcher in (motion_capture, sum_of_wind):
         if watcher.HasInputPort("state"):
             builder.Connect(vehicle.GetOutputPort("state"), watcher.GetInputPort("state"))
     noisy = {"motion_capture": motion_capture, "command_link": command_link}
-    connect_tapes(builder, noisy, samples, Kind.NOISE)
+    gusty = [each._replace(port=sum_of_wind.GetInputPort(each.stream.name)) for each in random_ports(wind, Kind.WIND)]
+    connect_tapes(builder, [*random_ports(noisy, Kind.NOISE), *gusty], samples)
 
     builder.ExportInput(command_link.GetInputPort("wrench"), "wrench")
     builder.ExportInput(vehicle.GetInputPort("crashed"), "crashed")
@@ -75,7 +78,7 @@ def build_laboratory(
     builder.ExportOutput(vehicle.GetOutputPort("rotor_speed"), "rotor_speed")
     builder.ExportOutput(allocated["rotor_speed_command"], "rotor_speed_command")
     builder.ExportOutput(allocated["shortfall"], "shortfall")
-    builder.ExportOutput(wind.GetOutputPort("wind"), "wind")
+    builder.ExportOutput(sum_of_wind.GetOutputPort("wind"), "wind")
     laboratory = builder.Build()
     laboratory.set_name("laboratory")
     return laboratory

@@ -96,12 +96,12 @@ class RotationMatrix(NamedTuple):
         )
 
 
-def attitude_of_markers(attitude: Rows, R_BM: RotationMatrix) -> tuple[Row, Row, Row]:
+def attitude_of_markers(attitude: Rows, R_BM: Rows) -> tuple[Row, Row, Row]:
     """Roll, pitch and yaw (rad) of R_WB R_BM.
 
     Args:
         attitude: roll, pitch and yaw of B in W, rad.
-        R_BM: of the markers' frame in B.
+        R_BM: the nine rows of a `RotationMatrix`, of the markers' frame in B.
     """
     xx, xy, xz, yx, yy, yz, zx, zy, zz = R_BM
     (s_r, s_p), (c_r, c_p) = sin_cos(attitude[:2])
@@ -228,7 +228,7 @@ class MotionCapture(FleetSystem):
         """Six rows of position and attitude, with misalignment and noise."""
         pose = state[0:6]
         if not self._aligned:
-            pose = [*state[0:3], *attitude_of_markers(state[3:6], RotationMatrix(*parameters[8:17]))]
+            pose = [*state[0:3], *attitude_of_markers(state[3:6], parameters[8:17])]
         if self._noise is None:
             return pose
         noise = self.input_rows(context, self._noise)

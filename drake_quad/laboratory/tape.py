@@ -27,45 +27,58 @@ class Samples(NamedTuple):
     numbers: Sequence[int]
 
 
-class Tape:
-    """The random numbers of one port: rows for every vehicle at every tick.
+class Stream(NamedTuple):
+    """Random numbers for one port.
 
-    What stands at a tick depends on the seed, the samples, the stream and the tick alone. A block of ticks is kept at a
+    Attributes:
+        name: which tells the stream from others of its kind.
+        kind: of random numbers.
+        rows: at each tick.
+        distribution: standard normal (kGaussian), or uniform from 0 to 1 (kUniform).
+    """
+
+    name: str
+    kind: Kind
+    rows: int
+    distribution: RandomDistribution
+
+
+class Tape:
+    """The random numbers of some streams: rows for every vehicle at every tick.
+
+    What stands at a tick depends on the seed, the sample, the stream and the tick alone. A block of ticks is kept at a
     time.
 
     Args:
         samples: that the N vehicles fly.
-        kind: of random numbers.
-        name: of the stream.
-        rows: at each tick.
+        streams: one after another.
         period: of the ticks, s.
-        distribution: standard normal (kGaussian), or uniform from 0 to 1 (kUniform).
     """
 
-    def __init__(
-        self, samples: Samples, *, kind: Kind, name: str, rows: int, period: float, distribution: RandomDistribution
-    ) -> None:
-        self.rows, self._period, self._normal = rows, period, distribution == RandomDistribution.kGaussian
-        self._states = stream_states(samples.seed, samples.numbers, kind, name)
-        self._ticks = 2 * max(1, _BLOCK_SIZE // (rows * len(samples.numbers)))
+    def __init__(self, samples: Samples, streams: Sequence[Stream], *, period: float) -> None:
+        self.num_vehicles, self.streams, self._period = len(samples.numbers), tuple(streams), period
+        self.size = sum(stream.rows for stream in streams) * self.num_vehicles
+        self._states = [stream_states(samples.seed, samples.numbers, stream.kind, stream.name) for stream in streams]
+        self._ticks = 2 * max(1, _BLOCK_SIZE // self.size)
         self._number, self._block = -1, np.empty((0, 0))
 
     def at(self, time: float) -> np.ndarray:
         """The (rows · N,) numbers at the tick nearest to a time from 0 on (s), row after row."""
         number, place = divmod(round(time / self._period), self._ticks)
         if number != self._number:
-            self._number, self._block = number, self._made(number)
+            made = [self._made(stream, states, number) for stream, states in zip(self.streams, self._states)]
+            self._number, self._block = number, np.hstack(made) if len(made) > 1 else made[0]
         numbers: np.ndarray = self._block[place]
         return numbers
 
-    def _made(self, number: int) -> np.ndarray:
-        """The (ticks, rows · N) numbers of a block."""
-        if not self._normal:
-            count = self._ticks * self.rows
-            return uniform_numbers(self._states, number * count, count).reshape(self._ticks, -1)
+    def _made(self, stream: Stream, states: np.ndarray, number: int) -> np.ndarray:
+        """The (ticks, rows · N) numbers of a stream in a block."""
+        count = self._ticks * stream.rows
+        if stream.distribution == RandomDistribution.kUniform:
+            return uniform_numbers(states, number * count, count).reshape(self._ticks, -1)
         # Normal numbers come in pairs: one for a tick, one for the next.
-        count = self._ticks * self.rows // 2
-        pairs = normal_pairs(self._states, number * count, count).reshape(2, self._ticks // 2, -1)
+        count //= 2
+        pairs = normal_pairs(states, number * count, count).reshape(2, self._ticks // 2, -1)
         return pairs.swapaxes(0, 1).reshape(self._ticks, -1)
 
 
@@ -79,21 +92,22 @@ class TapePlayer(FleetSystem):
         output_ports:
         - random
 
-    The output packs the rows of all tapes, under their names. What is out at a time stands at the nearest tick;
+    The output packs the rows of all streams, under their names. What is out at a time stands at the nearest tick;
     systems read at ticks. The only abstract parameter of the context is the tuple of tapes.
 
     Args:
         num_vehicles: N.
-        tapes: by name.
+        tapes: to play, for that many vehicles.
     """
 
-    def declare(self, *, num_vehicles: int = 1, tapes: Mapping[str, Tape]) -> None:
+    def declare(self, *, num_vehicles: int = 1, tapes: Sequence[Tape]) -> None:
         """Declares the system; see the class for the arguments."""
-        ends = np.cumsum([tape.rows * num_vehicles for tape in tapes.values()]).tolist()
+        ends = np.cumsum([tape.size for tape in tapes]).tolist()
         self._places = [slice(first, last) for first, last in zip([0, *ends], ends, strict=False)]
-        self._tapes = self.DeclareAbstractParameter(AbstractValue.Make(tuple(tapes.values())))
+        self._tapes = self.DeclareAbstractParameter(AbstractValue.Make(tuple(tapes)))
         uses = {self.time_ticket(), self.all_parameters_ticket()}
-        self.packed_output("random", {name: tape.rows for name, tape in tapes.items()}, self._calc, uses=uses)
+        parts = {stream.name: stream.rows for tape in tapes for stream in tape.streams}
+        self.packed_output("random", parts, self._calc, uses=uses)
 
     def _calc(self, context: Any, output: Any) -> None:
         tapes = context.get_abstract_parameter(self._tapes).get_value()
@@ -106,38 +120,55 @@ class TapePlayer(FleetSystem):
             output.SetFromVector(np.concatenate([tape.at(time) for tape in tapes]))
 
 
-def connect_tapes(builder: DiagramBuilder, systems: Mapping[str, Any], samples: Samples, kind: Kind) -> None:
-    """Connects all random input ports of some systems to a tape player, which is added under the name `tapes`.
+class RandomPort(NamedTuple):
+    """An input port for random numbers.
 
-    For a fleet every port gets a player of its own: another call costs less than to take many rows apart.
+    Attributes:
+        port: of the system, or the one of a diagram around it to which it is exported.
+        stream: of its numbers.
+        period: after which it takes new ones, s.
+    """
+
+    port: Any
+    stream: Stream
+    period: float
+
+
+def random_ports(systems: Mapping[str, Any], kind: Kind) -> list[RandomPort]:
+    """All random input ports of some systems.
 
     A stream is called after its system and port, so that it stays as it is when others come or go.
 
     Args:
-        builder: that the player is added to.
-        systems: by name; those that have random input ports take new numbers at every `period` of theirs.
-        samples: that the vehicles fly.
+        systems: by name; those with such ports are FleetSystems that take new numbers at every `period` of theirs.
         kind: of the random numbers.
     """
-    tapes, ports = {}, {}
+    found = []
     for name, system in systems.items():
         for port_name, distribution in getattr(system, "random_inputs", {}).items():
-            stream_name = f"{name}.{port_name}"
-            port = ports[stream_name] = system.GetInputPort(port_name)
-            tapes[stream_name] = Tape(
-                samples,
-                kind=kind,
-                name=stream_name,
-                rows=port.size() // system.num_vehicles,
-                period=system.period,
-                distribution=distribution,
-            )
-    n = len(samples.numbers)
-    if n > 1:
-        for name, tape in tapes.items():
-            player = builder.AddNamedSystem(f"tape_{name}", TapePlayer(num_vehicles=n, tapes={name: tape}))
-            builder.Connect(player.get_output_port(), ports[name])
-    elif tapes:
+            port = system.GetInputPort(port_name)
+            stream = Stream(f"{name}.{port_name}", kind, port.size() // system.num_vehicles, distribution)
+            found.append(RandomPort(port, stream, system.period))
+    return found
+
+
+def connect_tapes(builder: DiagramBuilder, ports: Sequence[RandomPort], samples: Samples) -> None:
+    """Connects random input ports to tape players, which are added to the builder.
+
+    A lone vehicle has one player, `tapes`, with a tape for each period. For a fleet every port gets a player of its
+    own: another call costs less than to take many rows apart.
+    """
+    num_vehicles = len(samples.numbers)
+    if num_vehicles > 1:
+        for port, stream, period in ports:
+            tape = Tape(samples, [stream], period=period)
+            player = builder.AddNamedSystem(f"tape_{stream.name}", TapePlayer(num_vehicles=num_vehicles, tapes=[tape]))
+            builder.Connect(player.get_output_port(), port)
+    elif ports:
+        tapes = [
+            Tape(samples, [stream for _, stream, other in ports if other == period], period=period)
+            for period in sorted({each.period for each in ports})
+        ]
         played = split_output(builder, "tapes", TapePlayer(tapes=tapes))
-        for name, port in ports.items():
-            builder.Connect(played[name], port)
+        for port, stream, _ in ports:
+            builder.Connect(played[stream.name], port)

@@ -10,7 +10,7 @@ from pydrake.trajectories import PiecewisePolynomial
 from drake_quad.laboratory.command_link import CommandLink
 from drake_quad.laboratory.motion_capture import IdealMotionCapture
 from drake_quad.laboratory.recorder import build_recorder, read_recorder
-from drake_quad.laboratory.tape import Samples, connect_tapes
+from drake_quad.laboratory.tape import Samples, connect_tapes, random_ports
 from drake_quad.randomness import Kind
 
 
@@ -75,7 +75,7 @@ def test_lost_packets_leave_the_last_one_out(delay):
     source = builder.AddNamedSystem("clock", clock(4 * n))
     builder.AddNamedSystem("link", link)
     builder.Connect(source.get_output_port(), link.GetInputPort("wrench"))
-    connect_tapes(builder, {"link": link}, Samples(2, range(n)), Kind.NOISE)
+    connect_tapes(builder, random_ports({"link": link}, Kind.NOISE), Samples(2, range(n)))
     log = LogVectorOutput(link.GetOutputPort("wrench"), builder, publish_period=0.02)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(20.0)

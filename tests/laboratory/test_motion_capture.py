@@ -13,7 +13,7 @@ from scipy.signal import welch
 
 from drake_quad.laboratory.motion_capture import CameraErrors, IdealMotionCapture, MotionCapture, attitude_of_markers
 from drake_quad.laboratory.motion_capture import RotationMatrix as Rotation
-from drake_quad.laboratory.tape import Samples, connect_tapes
+from drake_quad.laboratory.tape import Samples, connect_tapes, random_ports
 from drake_quad.randomness import Kind
 
 H = 0.01
@@ -26,7 +26,7 @@ def seen(state, camera, *, duration, n=1):
     cameras = builder.AddNamedSystem("cameras", camera)
     builder.Connect(source.get_output_port(), cameras.GetInputPort("state"))
     if hasattr(camera, "random_inputs"):
-        connect_tapes(builder, {"cameras": cameras}, Samples(1, range(n)), Kind.NOISE)
+        connect_tapes(builder, random_ports({"cameras": cameras}, Kind.NOISE), Samples(1, range(n)))
     log = LogVectorOutput(cameras.GetOutputPort("measurement"), builder, publish_period=H)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(duration)

@@ -5,14 +5,14 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from drake_quad.laboratory.tape import Samples, Tape, TapePlayer
+from drake_quad.laboratory.tape import Samples, Stream, Tape, TapePlayer
 from drake_quad.randomness import Kind
 
 GAUSSIAN, UNIFORM = RandomDistribution.kGaussian, RandomDistribution.kUniform
 
 
-def tape(samples, rows=3, distribution=GAUSSIAN, period=0.01):
-    return Tape(Samples(5, samples), kind=Kind.NOISE, name="n", rows=rows, period=period, distribution=distribution)
+def tape(samples, rows=3, distribution=GAUSSIAN, period=0.01, name="n"):
+    return Tape(Samples(5, samples), [Stream(name, Kind.NOISE, rows, distribution)], period=period)
 
 
 @pytest.mark.parametrize("distribution", [GAUSSIAN, UNIFORM])
@@ -29,6 +29,19 @@ def test_what_stands_at_a_tick_depends_on_the_tick_and_the_sample_alone(distribu
         np.testing.assert_array_equal(tape([2999], rows, distribution).at(time), alone)
 
 
+def test_streams_are_the_same_beside_others_on_a_tape():
+    streams = [
+        Stream("a", Kind.NOISE, 3, GAUSSIAN),
+        Stream("b", Kind.WIND, 1, UNIFORM),
+        Stream("c", Kind.WIND, 2, GAUSSIAN),
+    ]
+    samples = Samples(5, [4, 1])
+    together = Tape(samples, streams, period=0.01)
+    for time in (0.0, 0.01, 7.0, 50.01):
+        apart = [Tape(samples, [stream], period=0.01).at(time) for stream in streams]
+        np.testing.assert_array_equal(together.at(time), np.concatenate(apart))
+
+
 def test_no_number_stands_twice():
     played = tape([0, 1], rows=3)
     numbers = np.concatenate([played.at(0.01 * tick) for tick in range(3000)])
@@ -37,9 +50,9 @@ def test_no_number_stands_twice():
 
 
 def test_a_player_plays_tapes_of_several_periods():
-    fast, slow = tape([0], 2), tape([0], 1, UNIFORM, period=0.02)
+    fast, slow = tape([0], 2), tape([0], 1, UNIFORM, period=0.02, name="slow")
     builder = DiagramBuilder()
-    player = builder.AddNamedSystem("tapes", TapePlayer(tapes={"fast": fast, "slow": slow}))
+    player = builder.AddNamedSystem("tapes", TapePlayer(tapes=[fast, slow]))
     log = LogVectorOutput(player.get_output_port(), builder, publish_period=0.01)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(1.0)

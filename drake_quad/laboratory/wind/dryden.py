@@ -65,21 +65,28 @@ class Turbulence(NamedTuple):
 
 
 class SampledFilter(NamedTuple):
-    """Dryden's filters from one sample to the next; rows are u, v, w for f and v, w for g.
+    """Dryden's filters from one sample to the next, of u, v, w for f and of v, w for g.
 
     Attributes:
-        decay: p, 3 rows.
-        transfer: η p, 2 rows.
-        noise_f: standard deviation of the noise of f, 3 rows.
-        noise_shared: what the noise of g has of the same normal number, 2 rows.
-        noise_g: what it has of one of its own, 2 rows.
+        p_u: decay p; `p_v` and `p_w` likewise.
+        t_v: transfer η p from f to g; `t_w` likewise.
+        b_u: standard deviation of the noise of f; `b_v` and `b_w` likewise.
+        c_v: what the noise of g has of the same normal number; `c_w` likewise.
+        d_v: what it has of one of its own; `d_w` likewise.
     """
 
-    decay: Rows
-    transfer: Rows
-    noise_f: Rows
-    noise_shared: Rows
-    noise_g: Rows
+    p_u: Row
+    p_v: Row
+    p_w: Row
+    t_v: Row
+    t_w: Row
+    b_u: Row
+    b_v: Row
+    b_w: Row
+    c_v: Row
+    c_w: Row
+    d_v: Row
+    d_w: Row
 
     @classmethod
     def of(cls, turbulence: Turbulence, period: float) -> "SampledFilter":
@@ -97,16 +104,7 @@ class SampledFilter(NamedTuple):
             for x, shared in zip(eta[1:], noise_shared, strict=True)
         ]
         transfer = [x * np.exp(-x) for x in eta[1:]]
-        return cls([np.exp(-x) for x in eta], transfer, noise_f, noise_shared, noise_g)
-
-    def to_rows(self) -> list[Row]:
-        """The filter as 12 rows, in the order above."""
-        return [row for rows in self for row in rows]
-
-    @classmethod
-    def from_rows(cls, rows: Rows) -> "SampledFilter":
-        """The inverse of `to_rows`."""
-        return cls(rows[0:3], rows[3:5], rows[5:8], rows[8:10], rows[10:12])
+        return cls(*(np.exp(-x) for x in eta), *transfer, *noise_f, *noise_shared, *noise_g)
 
     def step(self, state: Rows, noise: Rows) -> list[Row]:
         """The state a period later.
@@ -117,7 +115,7 @@ class SampledFilter(NamedTuple):
         """
         f_u, f_v, f_w, g_v, g_w = state
         n_1, n_2, n_3, n_4, n_5 = noise
-        (p_u, p_v, p_w), (t_v, t_w), (b_u, b_v, b_w), (c_v, c_w), (d_v, d_w) = self
+        p_u, p_v, p_w, t_v, t_w, b_u, b_v, b_w, c_v, c_w, d_v, d_w = self
         return [
             p_u * f_u + b_u * n_1,
             p_v * f_v + b_v * n_2,
@@ -171,7 +169,7 @@ class DrydenTurbulence(FleetSystem):
         """Declares the system; see the class for the arguments."""
         self.period = period
         axes = [*turbulence.deviation, np.cos(heading), np.sin(heading)]
-        self._parameters = self.numeric_parameter([*SampledFilter.of(turbulence, period).to_rows(), *axes])
+        self._parameters = self.numeric_parameter([*SampledFilter.of(turbulence, period), *axes])
         self._noise = self.random_input("turbulence_noise", 5, RandomDistribution.kGaussian)
         self._wind = self.discrete_state("wind", [0.0] * 3)
         self._state = self.discrete_state("filter", [0.0] * 5)
@@ -188,7 +186,7 @@ class DrydenTurbulence(FleetSystem):
             return  # the start has used up the numbers of this instant
         parameters = self.parameter_rows(context, self._parameters)
         state, noise = self.state_rows(context, self._state), self.input_rows(context, self._noise)
-        self._hold(discrete_state, SampledFilter.from_rows(parameters).step(state, noise), parameters)
+        self._hold(discrete_state, SampledFilter(*parameters[0:12]).step(state, noise), parameters)
 
     def _hold(self, discrete_state: Any, state: Rows, parameters: Rows) -> None:
         u, v, w = filtered_velocity(state, parameters[12:15])

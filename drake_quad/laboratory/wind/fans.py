@@ -61,27 +61,28 @@ class Jet(NamedTuple):
         position, direction, *rest = self
         return [*position, *direction, *rest]
 
-    @classmethod
-    def from_rows(cls, rows: Rows) -> "Jet":
-        """The inverse of `to_rows`."""
-        return cls(rows[0:3], rows[3:6], *rows[6:9])
-
     def speed(self, place: Rows) -> tuple[Row, Row]:
-        """The mean speed at a place (m/s) and the half-width there (m).
+        """See `jet_speed`."""
+        return jet_speed(place, self.to_rows())
 
-        Args:
-            place: in W, in the first 3 rows, m.
-        """
-        (x_0, y_0, z_0), (d_x, d_y, d_z), exit_speed, diameter, _ = self
-        x, y, z = place[0] - x_0, place[1] - y_0, place[2] - z_0
-        along = x * d_x + y * d_y + z * d_z
-        across = sqrt(maximum(x * x + y * y + z * z - along * along, _TINY))
-        reach = CORE_LENGTH * diameter
-        core = 0.5 * diameter * maximum(1.0 - along / reach, 0.0)
-        half_width = SPREAD * maximum(along, _LEAST_LENGTH)
-        flank = maximum(across - core, 0.0) / half_width
-        centreline = exit_speed * reach / maximum(along, reach)
-        return where(along > 0.0, centreline * exp(-_LN_2 * flank * flank), 0.0), half_width
+
+def jet_speed(place: Rows, jet: Rows) -> tuple[Row, Row]:
+    """The mean speed of a jet at a place (m/s) and the half-width there (m).
+
+    Args:
+        place: in W, in the first 3 rows, m.
+        jet: the 9 rows of a `Jet`.
+    """
+    x_0, y_0, z_0, d_x, d_y, d_z, exit_speed, diameter, _ = jet
+    x, y, z = place[0] - x_0, place[1] - y_0, place[2] - z_0
+    along = x * d_x + y * d_y + z * d_z
+    across = sqrt(maximum(x * x + y * y + z * z - along * along, _TINY))
+    reach = CORE_LENGTH * diameter
+    core = 0.5 * diameter * maximum(1.0 - along / reach, 0.0)
+    half_width = SPREAD * maximum(along, _LEAST_LENGTH)
+    flank = maximum(across - core, 0.0) / half_width
+    centreline = exit_speed * reach / maximum(along, reach)
+    return where(along > 0.0, centreline * exp(-_LN_2 * flank * flank), 0.0), half_width
 
 
 @fleet_system(float, AutoDiffXd)
@@ -146,11 +147,11 @@ class Fans(FleetSystem):
         rows = self.parameter_rows(context, self._jets)
         x, y, z, variance, rate = 0.0, 0.0, 0.0, 0.0, 0.0
         for first in range(0, 9 * self._num_jets, 9):
-            jet = Jet.from_rows(rows[first : first + 9])
-            speed, half_width = jet.speed(place)
-            d_x, d_y, d_z = jet.direction
+            jet = rows[first : first + 9]
+            _, _, _, d_x, d_y, d_z, _, _, turbulence = jet
+            speed, half_width = jet_speed(place, jet)
             x, y, z = x + speed * d_x, y + speed * d_y, z + speed * d_z
-            swing = jet.turbulence * speed
+            swing = turbulence * speed
             variance, rate = variance + swing * swing, rate + speed / half_width
         return (x, y, z), sqrt(maximum(variance, _TINY)), rate
 

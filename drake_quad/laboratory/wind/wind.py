@@ -7,11 +7,11 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource
 
-from drake_quad.laboratory.tape import Samples, connect_tapes
+from drake_quad.laboratory.tape import random_ports
 from drake_quad.randomness import Kind
 
 
-def build_wind(sources: Mapping[str, Any], *, num_vehicles: int = 1, samples: Samples) -> Diagram:
+def build_wind(sources: Mapping[str, Any], *, num_vehicles: int = 1) -> Diagram:
     """Builds the diagram `wind`, the sum of its sources; still air if there are none.
 
     .. pydrake_system::
@@ -19,29 +19,32 @@ def build_wind(sources: Mapping[str, Any], *, num_vehicles: int = 1, samples: Sa
         name: wind
         input_ports:
         - state
+        - dryden_0.turbulence_noise
+        - fans.jet_noise
         output_ports:
         - wind
 
     `wind` (3 rows) is the velocity of the air at the vehicle, in W (m/s). `state` (12 rows), the vehicle's, is there if
-    a source depends on the place.
+    a source depends on the place. Random input ports of the sources are ports of the diagram, called after source and
+    port: here for two such sources.
 
     Args:
         sources: systems with one output port of 3 rows and perhaps the input port `state`, by name.
         num_vehicles: N.
-        samples: that the vehicles fly.
     """
     builder = DiagramBuilder()
     if not sources:
         sources = {"still_air": ConstantVectorSource(np.zeros(3 * num_vehicles))}
     for name, source in sources.items():
         builder.AddNamedSystem(name, source)
-    connect_tapes(builder, sources, samples, Kind.WIND)
     placed = [source.GetInputPort("state") for source in sources.values() if source.HasInputPort("state")]
     for i, port in enumerate(placed):
         if i == 0:
             builder.ExportInput(port, "state")
         else:
             builder.ConnectInput("state", port)
+    for port, stream, _ in random_ports(sources, Kind.WIND):
+        builder.ExportInput(port, stream.name)
     ports = [source.get_output_port() for source in sources.values()]
     if len(ports) > 1:
         total = builder.AddNamedSystem("total", Adder(len(ports), 3 * num_vehicles))

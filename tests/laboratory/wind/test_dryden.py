@@ -10,7 +10,7 @@ from pydrake.systems.primitives import LogVectorOutput
 from scipy.linalg import solve_discrete_lyapunov
 from scipy.signal import welch
 
-from drake_quad.laboratory.tape import Samples, connect_tapes
+from drake_quad.laboratory.tape import Samples, connect_tapes, random_ports
 from drake_quad.laboratory.wind.dryden import (
     FOOT,
     WIND_AT_20_FEET,
@@ -72,7 +72,7 @@ def test_standard_deviation_of_a_long_record(period, duration):
     n = 3000
     builder = DiagramBuilder()
     system = builder.AddNamedSystem("dryden", DrydenTurbulence(num_vehicles=n, period=period, turbulence=NEAR_GROUND))
-    connect_tapes(builder, {"dryden": system}, Samples(4, range(n)), Kind.WIND)
+    connect_tapes(builder, random_ports({"dryden": system}, Kind.WIND), Samples(4, range(n)))
     log = LogVectorOutput(system.get_output_port(), builder, publish_period=20 * period)
     diagram = builder.Build()
     simulator = Simulator(diagram)

@@ -9,7 +9,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from scipy.integrate import quad
 
-from drake_quad.laboratory.tape import Samples, connect_tapes
+from drake_quad.laboratory.tape import Samples, connect_tapes, random_ports
 from drake_quad.laboratory.wind.fans import Fans, Jet
 from drake_quad.randomness import Kind
 
@@ -78,7 +78,7 @@ def wind_at(place, jets, *, n, duration, seed=0):
     source = builder.AddNamedSystem("state", ConstantVectorSource(state.ravel()))
     fans = builder.AddNamedSystem("fans", Fans(num_vehicles=n, period=0.01, jets=jets))
     builder.Connect(source.get_output_port(), fans.GetInputPort("state"))
-    connect_tapes(builder, {"fans": fans}, Samples(seed, range(n)), Kind.WIND)
+    connect_tapes(builder, random_ports({"fans": fans}, Kind.WIND), Samples(seed, range(n)))
     log = LogVectorOutput(fans.get_output_port(), builder, publish_period=0.01)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(duration)
