@@ -48,18 +48,16 @@ def rotor_wrench(rotor_speed: Rows, parameters: QuadrotorParameters) -> tuple[Ro
     return thrust, tau_x, tau_y, parameters.drag_factor * (w_1 - w_2 + w_3 - w_4)
 
 
-def drag(velocity: Rows, wind: Rows, parameters: QuadrotorParameters) -> tuple[Row, Row, Row]:
-    """The force D of eq (3) in W (N): along the velocity of the air relative to the vehicle, (c₁ + c₂ |v|) v.
+def drag(airspeed: Rows, linear: Row, quadratic: Row) -> tuple[Row, Row, Row]:
+    """The force D of eq (3) in W (N): (c₁ + c₂ |v|) v.
 
     Args:
-        velocity: of the vehicle in W, m/s.
-        wind: velocity of the air in W, m/s.
-        parameters: c₁ is `linear_drag`, c₂ `quadratic_drag`.
+        airspeed: v, velocity of the air relative to the vehicle in W, m/s.
+        linear: c₁, N s/m.
+        quadratic: c₂, N s²/m².
     """
-    if is_zero(parameters.linear_drag) and is_zero(parameters.quadratic_drag):
-        return 0.0, 0.0, 0.0
-    x, y, z = wind[0] - velocity[0], wind[1] - velocity[1], wind[2] - velocity[2]
-    factor = parameters.linear_drag + parameters.quadratic_drag * sqrt(x * x + y * y + z * z + _TINY)
+    x, y, z = airspeed
+    factor = linear + quadratic * sqrt(x * x + y * y + z * z + _TINY)
     return factor * x, factor * y, factor * z
 
 
@@ -80,59 +78,46 @@ def small_angle_kinematics(
     return p, q, r
 
 
-def angular_acceleration(
-    body_rates: Rows, torque: Rows, rotor_residual: Row, parameters: QuadrotorParameters
-) -> tuple[Row, Row, Row]:
-    """Rates of p, q, r (rad/s²): Euler's equations with spinning rotors, the last three lines of eq (3).
+def equations_of_motion(
+    wind: Rows, parameters: QuadrotorParameters, kinematics: AttitudeKinematics
+) -> Callable[[Rows, Rows], list[Row]]:
+    """Eq (3) without its first three lines, as a function of motion and rotors.
+
+    It takes the 9 rows of the motion, roll, pitch, yaw (rad), velocity in W (m/s), p, q, r (rad/s); and the 5 rows of
+    the rotors, F_z (N), τ_x, τ_y, τ_z (N m) in B, ω_r of eq (4) (rad/s). It returns the derivatives of the former.
+    What stays the same over a step is taken out here, before the function is called four times.
 
     Args:
-        body_rates: p, q, r, rad/s.
-        torque: of the rotors in B, N m.
-        rotor_residual: ω_r of eq (4), rad/s.
-        parameters: of the vehicle.
-    """
-    p, q, r = body_rates
-    tau_x, tau_y, tau_z = torque
-    i_xx, i_yy, i_zz = parameters.inertia
-    spin = parameters.rotor_inertia * rotor_residual
-    return (
-        (q * ((i_yy - i_zz) * r - spin) + tau_x) / i_xx,
-        (p * ((i_zz - i_xx) * r + spin) + tau_y) / i_yy,
-        ((i_xx - i_yy) * p * q + tau_z) / i_zz,
-    )
-
-
-def motion_derivative(
-    motion: Rows,
-    wrench: Rows,
-    rotor_residual: Row,
-    wind: Rows,
-    parameters: QuadrotorParameters,
-    kinematics: AttitudeKinematics,
-) -> list[Row]:
-    """Time derivative of the 9 rows of the rigid body's state without its position: eq (3).
-
-    Args:
-        motion: roll, pitch, yaw (rad); velocity in W (m/s); p, q, r (rad/s).
-        wrench: F_z (N), τ_x, τ_y, τ_z (N m) of the rotors, in B.
-        rotor_residual: ω_r of eq (4), rad/s.
         wind: velocity of the air in W, m/s.
         parameters: of the vehicle.
         kinematics: `rigid_kinematics` or `small_angle_kinematics`.
     """
-    v_x, v_y, v_z, p, q, r = motion[3:]
-    thrust, tau_x, tau_y, tau_z = wrench
-    (sin_roll, sin_pitch, sin_yaw), (cos_roll, cos_pitch, cos_yaw) = sin_cos(motion[:3])
-    forward = sin_pitch * cos_roll
-    drag_x, drag_y, drag_z = drag((v_x, v_y, v_z), wind, parameters)
-    mass = parameters.mass
-    return [
-        *kinematics((p, q, r), sin_roll, cos_roll, sin_pitch, cos_pitch),
-        ((sin_yaw * sin_roll + cos_yaw * forward) * thrust + drag_x) / mass,
-        ((sin_yaw * forward - cos_yaw * sin_roll) * thrust + drag_y) / mass,
-        (cos_pitch * cos_roll * thrust + drag_z) / mass - parameters.gravity,
-        *angular_acceleration((p, q, r), (tau_x, tau_y, tau_z), rotor_residual, parameters),
-    ]
+    mass, gravity, (i_xx, i_yy, i_zz) = parameters.mass, parameters.gravity, parameters.inertia
+    rotor_inertia = parameters.rotor_inertia
+    wind_x, wind_y, wind_z = wind
+    c_1, c_2 = parameters.linear_drag, parameters.quadratic_drag
+    feels_air = not (is_zero(c_1) and is_zero(c_2))
+
+    def derivative(motion: Rows, rotors: Rows) -> list[Row]:
+        v_x, v_y, v_z, p, q, r = motion[3:]
+        thrust, tau_x, tau_y, tau_z, residual = rotors
+        (sin_roll, sin_pitch, sin_yaw), (cos_roll, cos_pitch, cos_yaw) = sin_cos(motion[:3])
+        forward = sin_pitch * cos_roll
+        drag_x = drag_y = drag_z = 0.0
+        if feels_air:
+            drag_x, drag_y, drag_z = drag((wind_x - v_x, wind_y - v_y, wind_z - v_z), c_1, c_2)
+        spin = rotor_inertia * residual
+        return [
+            *kinematics((p, q, r), sin_roll, cos_roll, sin_pitch, cos_pitch),
+            ((sin_yaw * sin_roll + cos_yaw * forward) * thrust + drag_x) / mass,
+            ((sin_yaw * forward - cos_yaw * sin_roll) * thrust + drag_y) / mass,
+            (cos_pitch * cos_roll * thrust + drag_z) / mass - gravity,
+            (q * ((i_yy - i_zz) * r - spin) + tau_x) / i_xx,
+            (p * ((i_zz - i_xx) * r + spin) + tau_y) / i_yy,
+            ((i_xx - i_yy) * p * q + tau_z) / i_zz,
+        ]
+
+    return derivative
 
 
 def rigid_body_derivative(
@@ -143,11 +128,18 @@ def rigid_body_derivative(
     parameters: QuadrotorParameters,
     kinematics: AttitudeKinematics,
 ) -> list[Row]:
-    """Time derivative of the 12 rows of the rigid body's state, its position in W (m) before those of its motion.
+    """Time derivative of the 12 rows of the rigid body's state: eq (3).
 
-    Arguments as for `motion_derivative`.
+    Args:
+        state: position in W (m), then the 9 rows of the motion in `equations_of_motion`.
+        wrench: F_z (N), τ_x, τ_y, τ_z (N m) of the rotors, in B.
+        rotor_residual: ω_r of eq (4), rad/s.
+        wind: velocity of the air in W, m/s.
+        parameters: of the vehicle.
+        kinematics: `rigid_kinematics` or `small_angle_kinematics`.
     """
-    return [*state[6:9], *motion_derivative(state[3:12], wrench, rotor_residual, wind, parameters, kinematics)]
+    motion_derivative = equations_of_motion(wind, parameters, kinematics)
+    return [*state[6:9], *motion_derivative(state[3:12], (*wrench, rotor_residual))]
 
 
 def rotor_residual(rotor_speed: Rows) -> Row:

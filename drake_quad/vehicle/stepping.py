@@ -13,8 +13,8 @@ import numpy as np
 from drake_quad.elementary import Row, Rows, exp
 from drake_quad.vehicle.dynamics import (
     AttitudeKinematics,
+    equations_of_motion,
     held_rotor_speed,
-    motion_derivative,
     rotor_residual,
     rotor_wrench,
 )
@@ -51,20 +51,17 @@ def quadrotor_step(
     else:
         middle = lagging(rotor_speed, command, decay)
         end = lagging(middle, command, decay)
-    inputs = [(rotor_wrench(speed, parameters), rotor_residual(speed)) for speed in (rotor_speed, middle, end)]
-
-    def slope(motion: Rows, rotors: Any) -> list[Row]:
-        wrench, residual = rotors
-        return motion_derivative(motion, wrench, residual, wind, parameters, kinematics)
+    rotors = [(*rotor_wrench(speed, parameters), rotor_residual(speed)) for speed in (rotor_speed, middle, end)]
+    slope = equations_of_motion(wind, parameters, kinematics)
 
     def block_slope(motion: np.ndarray, rotors: Any) -> np.ndarray:
         return np.concatenate(slope(motion, rotors)).reshape(motion.shape)
 
     motion = rigid_body[3:12]
     if isinstance(rigid_body, list):
-        stages = runge_kutta_4(slope, motion, inputs, time_step)
+        stages = runge_kutta_4(slope, motion, rotors, time_step)
     else:
-        stages = runge_kutta_4_of_block(block_slope, motion, inputs, time_step)
+        stages = runge_kutta_4_of_block(block_slope, motion, rotors, time_step)
     # Nothing depends on the position: its part of the method is a weighted mean of the stages' velocities.
     sixth = time_step / 6.0
     velocities = [stage[3:6] for stage in (motion, *stages[:3])]

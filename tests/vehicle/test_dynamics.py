@@ -181,14 +181,20 @@ def test_power_of_the_rotors_and_of_the_air_is_the_rate_of_the_energy():
         )
         thrust, *torque = rotor_wrench(state[12:], parameters)
         z_B = RollPitchYaw(state[3:6]).ToRotationMatrix().matrix()[:, 2]
-        force = np.array(drag(velocity, wind, parameters))
+        force = np.array(drag(wind - velocity, 0.2, 0.05))
         power = thrust * z_B @ velocity + np.array(torque) @ rates + force @ velocity
         assert energy_rate == pytest.approx(power, rel=1e-12, abs=1e-12)
 
 
 def test_drag_is_along_the_airspeed_and_of_the_stated_size():
-    parameters = TABLE_I._replace(linear_drag=0.2, quadratic_drag=0.01)
-    force = np.array(drag((3.0, 0.0, 0.0), (0.0, 4.0, 0.0), parameters))
+    force = np.array(drag((-3.0, 4.0, 0.0), 0.2, 0.01))
     assert np.linalg.norm(force) == pytest.approx(0.2 * 5.0 + 0.01 * 25.0)
     np.testing.assert_allclose(force / np.linalg.norm(force), [-0.6, 0.8, 0.0])
-    assert drag((1.0, 2.0, 3.0), (1.0, 2.0, 3.0), parameters) == (0.0, 0.0, 0.0)
+    assert drag((0.0, 0.0, 0.0), 0.2, 0.01) == (0.0, 0.0, 0.0)
+
+
+def test_a_vehicle_that_goes_with_the_air_feels_none():
+    state = random_states(1, seed=8)[0]
+    parameters = TABLE_I._replace(linear_drag=0.2, quadratic_drag=0.01)
+    still_air = body_derivative(state, TABLE_I, STILL)
+    np.testing.assert_allclose(body_derivative(state, parameters, state[6:9]), still_air, rtol=1e-12)
