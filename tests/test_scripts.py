@@ -1,9 +1,11 @@
 """Every script as a person runs it."""
 
 import re
+import runpy
 import subprocess
 import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -13,20 +15,41 @@ ROOT = Path(__file__).parent.parent
 SCRIPTS = sorted(path for path in (ROOT / "scripts").glob("*.py") if path.name != "command_line.py")
 
 
-def run(script, *arguments, cwd=ROOT):
-    command = [sys.executable, str(ROOT / "scripts" / script), *map(str, arguments)]
-    return subprocess.run(command, cwd=cwd, capture_output=True, text=True, timeout=120, check=False)
+class Result(NamedTuple):
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture
+def run(capsys, monkeypatch):
+    """Runs a script in this process, which has imported Drake already, and returns what it leaves behind."""
+    monkeypatch.chdir(ROOT)
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+
+    def call(script, *arguments):
+        path = str(ROOT / "scripts" / script)
+        monkeypatch.setattr(sys, "argv", [path, *map(str, arguments)])
+        status = 0
+        try:
+            runpy.run_path(path, run_name="__main__")
+        except SystemExit as stop:
+            status = stop.code or 0
+        return Result(status, *capsys.readouterr())
+
+    return call
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
 def test_help_ends_in_an_example_of_itself(script):
-    result = run(script.name, "--help")
-    assert result.returncode == 0
+    command = [sys.executable, str(script), "--help"]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert (result.returncode, result.stderr) == (0, "")
     example = re.search(r"example: python (scripts/\S+)", result.stdout.strip().splitlines()[-1])
     assert example.group(1) == f"scripts/{script.name}"
 
 
-def test_simulate_prints_a_table_and_the_files_it_wrote(tmp_path):
+def test_simulate_prints_a_table_and_the_files_it_wrote(run, tmp_path):
     result = run("simulate.py", "diagrams/figure_eight.yaml", "--set", "duration=2", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^RMSE +\d+\.\d\d cm$", result.stdout, re.MULTILINE)
@@ -35,7 +58,7 @@ def test_simulate_prints_a_table_and_the_files_it_wrote(tmp_path):
     assert all(path.stat().st_size > 500 for path in written)
 
 
-def test_simulate_flies_one_sample_of_a_study_in_the_wind(tmp_path):
+def test_simulate_flies_one_sample_of_a_study_in_the_wind(run, tmp_path):
     study = ["diagrams/laboratory.yaml:low_wind", "--set", "vehicle.mass={choice: [0.6, 0.7]}", "--set", "duration=2"]
     result = run("simulate.py", *study, "--seed", 5, "--sample", 3, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -43,7 +66,7 @@ def test_simulate_flies_one_sample_of_a_study_in_the_wind(tmp_path):
     assert (tmp_path / "low_wind" / "wind.png").stat().st_size > 500
 
 
-def test_a_crash_is_reported_and_is_no_failure(tmp_path):
+def test_a_crash_is_reported_and_is_no_failure(run, tmp_path):
     result = run("simulate.py", "--set", "control.position.k_p=[20,20,20]", "--output", tmp_path)
     assert result.returncode == 0
     assert re.search(r"^flown +crashed at \d+\.\d\d s$", result.stdout, re.MULTILINE)
@@ -62,7 +85,7 @@ def test_a_crash_is_reported_and_is_no_failure(tmp_path):
         (["diagrams/laboratory.yaml"], "holds several scenarios; choose one as diagrams/laboratory.yaml:NAME"),
     ],
 )
-def test_wrong_input_gets_one_sentence_and_status_2(tmp_path, arguments, words):
+def test_wrong_input_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
     output = tmp_path / "out"
     result = run("simulate.py", *arguments, "--output", output)
     assert result.returncode == 2
@@ -72,7 +95,7 @@ def test_wrong_input_gets_one_sentence_and_status_2(tmp_path, arguments, words):
     assert not output.exists() or not any(path.is_file() for path in output.rglob("*"))
 
 
-def test_plan_prints_what_binds_and_writes_a_trajectory_that_flies(tmp_path):
+def test_plan_prints_what_binds_and_writes_a_trajectory_that_flies(run, tmp_path):
     course = tmp_path / "course.csv"
     course.write_text("x,y,z\n0,0,1\n1,1,1\n1,1,1\n2,0,1.5\n0,0,1\n", encoding="utf-8")
     result = run("plan.py", course, "--output", tmp_path)
@@ -101,7 +124,7 @@ def test_plan_prints_what_binds_and_writes_a_trajectory_that_flies(tmp_path):
         (["--set", "nominal.mass=3"], "the rotors cannot fly this route"),
     ],
 )
-def test_a_route_that_cannot_be_planned_gets_one_sentence_and_status_2(tmp_path, arguments, words):
+def test_a_route_that_cannot_be_planned_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
     output = tmp_path / "out"
     result = run("plan.py", *arguments, "--output", output)
     assert result.returncode == 2
@@ -110,20 +133,20 @@ def test_a_route_that_cannot_be_planned_gets_one_sentence_and_status_2(tmp_path,
     assert not any(path.is_file() for path in output.rglob("*"))
 
 
-def test_an_unwritable_output_folder_is_told_before_flying(tmp_path):
+def test_an_unwritable_output_folder_is_told_before_flying(run, tmp_path):
     (tmp_path / "file").write_text("in the way")
     result = run("simulate.py", "--output", tmp_path / "file")
     assert result.returncode == 2
     assert "cannot be written" in result.stderr
 
 
-def test_bring_your_own_controller_flies_both():
+def test_bring_your_own_controller_flies_both(run):
     result = run("bring_your_own_controller.py", "--set", "duration=3")
     assert (result.returncode, result.stderr) == (0, "")
     assert len(re.findall(r"\d+\.\d\d cm", result.stdout)) == 2
 
 
-def test_design_gains_states_margins_and_writes_what_a_scenario_extends(tmp_path):
+def test_design_gains_states_margins_and_writes_what_a_scenario_extends(run, tmp_path):
     result = run("design_gains.py", "--position-bandwidth", "0.5", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     for axis in ("roll", "pitch", "yaw", "x", "y", "z"):
@@ -140,7 +163,7 @@ def test_design_gains_states_margins_and_writes_what_a_scenario_extends(tmp_path
     assert (position.kind, position.k_p[0]) == ("pd", pytest.approx(0.15, abs=0.05))
 
 
-def test_stability_map_counts_and_draws(tmp_path):
+def test_stability_map_counts_and_draws(run, tmp_path):
     result = run("stability_map.py", "--quick", "--loop", "attitude", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^nominal: \d+ % of the gains are stable, \d+ % flew", result.stdout, re.MULTILINE)
@@ -149,7 +172,7 @@ def test_stability_map_counts_and_draws(tmp_path):
     assert (folder / "attitude_map.png").stat().st_size > 500
 
 
-def test_sensitivities_are_sorted_by_effect(tmp_path):
+def test_sensitivities_are_sorted_by_effect(run, tmp_path):
     fields = ["--field", "vehicle.arm_length", "--field", "vehicle.mass", "--set", "duration=2"]
     result = run("sensitivities.py", *fields, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -168,7 +191,7 @@ def test_sensitivities_are_sorted_by_effect(tmp_path):
         ("sensitivities.py", ["--field", "vehicle.wings"], "there is no field vehicle.wings"),
     ],
 )
-def test_analyses_refuse_wrong_input_in_one_sentence(tmp_path, script, arguments, words):
+def test_analyses_refuse_wrong_input_in_one_sentence(run, tmp_path, script, arguments, words):
     result = run(script, *arguments, "--output", tmp_path / "out")
     assert result.returncode == 2
     assert words in result.stderr
