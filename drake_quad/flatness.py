@@ -36,7 +36,7 @@ class Tilt(NamedTuple):
 
     @classmethod
     def of(cls, specific_thrust: Rows) -> "Tilt":
-        """The tilt under which the rotors give a specific thrust (3 rows, m/s²)."""
+        """The tilt under which the rotors give a specific thrust (3 rows, m/s²), which may not be wholly sideways."""
         forward, left, up = specific_thrust
         sagittal_squared = forward * forward + up * up
         sagittal, thrust = sqrt(sagittal_squared), sqrt(sagittal_squared + left * left)

@@ -1,6 +1,7 @@
 """Designs the PD gains of a scenario's cascade for its laboratory, and states what they stand."""
 
 import argparse
+import itertools
 import shlex
 import sys
 from pathlib import Path
@@ -9,19 +10,21 @@ from command_line import parser, print_columns, print_files, run, scenario_of
 from ruamel.yaml import YAML
 
 from drake_quad import InputError
-from drake_quad.analysis.cascade_design import CascadeDesign, LoopOptions, design_cascade, with_gains
+from drake_quad.analysis.cascade_design import CascadeDesign, LoopOptions, default_options, design_cascade, with_gains
 from drake_quad.analysis.closed_loop import ClosedLoop, as_believed, closed_loop
-from drake_quad.analysis.gain_design import Family, PolePair, Regulator, Requirements
+from drake_quad.analysis.gain_design import PolePair, Regulator
 from drake_quad.analysis.modes import modes
 from drake_quad.files import output_folder, write_whole
 from drake_quad.visualization.design_plots import DESIGN_PLOTS, plot_steps
 
 # Faster modes are those of delay lines and filters, not worth a line of the table, rad/s.
 _FASTEST_MODE = 60.0
-# What loops are designed with if nothing else is asked for: the damping of a pole pair, and rate times in s.
-_DAMPING, _RATE_TIMES = 0.8, {"attitude": 0.2, "yaw": 0.2, "height": 0.2, "position": 1.0}
+# The axes of each loop, and what a rate costs beside a value with --method lqr if nothing else is asked for, s.
+_AXES = {"attitude": ("roll", "pitch"), "yaw": ("yaw",), "height": ("z",), "position": ("x", "y")}
+_RATE_TIMES = {"attitude": 0.2, "yaw": 0.2, "height": 0.2, "position": 1.0}
 # The options of each loop: the method that they are for, and their range.
-_LIMITS = {"bandwidth": ("poles", 1e-3, 100.0), "damping": ("poles", 0.05, 0.999), "rate_time": ("lqr", 0.0, 1e3)}
+_LIMITS = {"bandwidth": ("poles", 1e-3, 100.0), "damping": ("poles", 0.05, 0.999), "rate_time": ("lqr", 0.0, 10.0)}
+_MARGINS = {"phase_margin": 180.0, "gain_margin": 60.0, "delay_margin": 1000.0}
 
 
 def main() -> None:
@@ -51,9 +54,9 @@ def main() -> None:
 def add_design_options(options: argparse.ArgumentParser) -> None:
     """Adds the options that say how gains are to be designed."""
     options.add_argument("--method", choices=("poles", "lqr"), default="poles", help="place two poles, or least cost")
-    options.add_argument("--phase-margin", type=float, default=45.0, metavar="DEGREES", help="of every loop (45)")
-    options.add_argument("--gain-margin", type=float, default=6.0, metavar="DB", help="of every loop (6)")
-    options.add_argument("--delay-margin", type=float, default=2.0, metavar="TICKS", help="of the attitude loops (2)")
+    options.add_argument("--phase-margin", type=float, metavar="DEGREES", help="of every loop (45)")
+    options.add_argument("--gain-margin", type=float, metavar="DB", help="of every loop (6)")
+    options.add_argument("--delay-margin", type=float, metavar="TICKS", help="of the attitude loops (2)")
     for loop, rate_time in _RATE_TIMES.items():
         options.add_argument(
             f"--{loop}-bandwidth",
@@ -61,7 +64,7 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
             metavar="RAD/S",
             help="of the pole pair (the highest that keeps the margins)",
         )
-        options.add_argument(f"--{loop}-damping", type=float, metavar="RATIO", help=f"of the pole pair ({_DAMPING:g})")
+        options.add_argument(f"--{loop}-damping", type=float, metavar="RATIO", help="of the pole pair (0.8)")
         options.add_argument(
             f"--{loop}-rate-time",
             type=float,
@@ -71,33 +74,46 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
 
 
 def design_options(arguments: argparse.Namespace, period: float) -> dict[str, LoopOptions]:
-    """How each axis is to be designed.
+    """How each axis is to be designed: as by default, but for what is asked for.
 
     Raises:
         InputError: a number is out of range, or asks for what the method does not have.
     """
-    for name, limit in (("phase_margin", 180.0), ("gain_margin", 60.0), ("delay_margin", 1000.0)):
+    for name, limit in _MARGINS.items():
         _check(name, getattr(arguments, name), 0.0, limit)
-    found: dict[str, LoopOptions] = {}
-    loops = {"attitude": ("roll", "pitch"), "yaw": ("yaw",), "height": ("z",), "position": ("x", "y")}
-    for loop, axes in loops.items():
-        given = {name: getattr(arguments, f"{loop}_{name}") for name in _LIMITS}
-        for name, (method, least, most) in _LIMITS.items():
-            if given[name] is not None:
-                _check(f"{loop}_{name}", given[name], least, most)
-                if method != arguments.method:
-                    raise InputError(f"--{loop}-{name.replace('_', '-')} is for --method {method}")
-        delay = arguments.delay_margin * period if loop in ("attitude", "yaw") else 0.0
-        requirements = Requirements(arguments.phase_margin, arguments.gain_margin, delay)
-        family: Family = PolePair(given["damping"] or _DAMPING)
-        if arguments.method == "lqr":
-            family = Regulator(_RATE_TIMES[loop] if given["rate_time"] is None else given["rate_time"])
-        found |= {axis: LoopOptions(family, requirements, given["bandwidth"]) for axis in axes}
-    return found
+    for loop, (name, (method, least, most)) in itertools.product(_AXES, _LIMITS.items()):
+        value = getattr(arguments, f"{loop}_{name}")
+        _check(f"{loop}_{name}", value, least, most)
+        if value is not None and method != arguments.method:
+            raise InputError(f"--{loop}-{name.replace('_', '-')} is for --method {method}")
+    return {
+        axis: _asked(arguments, loop, period, default)
+        for axis, default in default_options(period).items()
+        for loop in _AXES
+        if axis in _AXES[loop]
+    }
 
 
-def _check(name: str, value: float, least: float, most: float) -> None:
-    if not least <= value <= most:
+def _asked(arguments: argparse.Namespace, loop: str, period: float, default: LoopOptions) -> LoopOptions:
+    """The options of an axis: the default ones, but for what is asked for its loop."""
+    phase, gain, delay = (getattr(arguments, name) for name in _MARGINS)
+    requirements, family = default.requirements, default.family
+    if phase is not None:
+        requirements = requirements._replace(phase=phase)
+    if gain is not None:
+        requirements = requirements._replace(gain=gain)
+    if delay is not None and requirements.delay:
+        requirements = requirements._replace(delay=delay * period)
+    bandwidth, damping, rate_time = (getattr(arguments, f"{loop}_{name}") for name in _LIMITS)
+    if arguments.method == "lqr":
+        family = Regulator(_RATE_TIMES[loop] if rate_time is None else rate_time)
+    elif damping is not None:
+        family = PolePair(damping)
+    return LoopOptions(family, requirements, bandwidth)
+
+
+def _check(name: str, value: float | None, least: float, most: float) -> None:
+    if value is not None and not least <= value <= most:
         raise InputError(f"--{name.replace('_', '-')} is {value:g}, but must be between {least:g} and {most:g}")
 
 

@@ -11,11 +11,13 @@ from drake_quad import InputError, Scenario
 from drake_quad.analysis.gain_design import PdGains
 from drake_quad.analysis.stability_map import Loop, flown_map, mapped_plant, stability_map
 from drake_quad.files import output_folder, write_whole
+from drake_quad.scenario import draw_sample
 from drake_quad.visualization.map_plots import MapPanel, plot_map
 
 # Default ranges of k_P (1/s²) and k_D (1/s): the stable region of the shipped laboratories and some room around it.
 _RANGES = {"position": ((0.02, 1.2), (0.05, 3.0)), "attitude": ((0.5, 40.0), (0.5, 24.0))}
-_WORST = ["vehicle.rotor_time_constant=0.07", "laboratory.command_link.delay_ticks=2"]
+# The default worst case: how much slower rotors are, and how many ticks more of delay there are.
+_SLOWER, _LATER = 1.4, 1
 
 
 def main() -> None:
@@ -33,7 +35,7 @@ def main() -> None:
         "--worst",
         metavar="FIELD=VALUE",
         action="append",
-        help=f"a field of the worst case (default: {' '.join(_WORST)})",
+        help=f"a field of the worst case (default: rotors {_SLOWER:g} times as slow and a tick more of delay)",
     )
     options.add_argument("--quick", action="store_true", help="a map of 12 by 12 over 5 s of flight")
     arguments = options.parse_args()
@@ -44,8 +46,8 @@ def main() -> None:
     k_d = _grid("--k-d", arguments.k_d or _RANGES[arguments.loop][1], size)
     if arguments.quick:
         arguments.set = [*arguments.set, "duration=5"]
-    worst = arguments.worst or _WORST
     scenario = scenario_of(arguments)
+    worst = arguments.worst or _worst_of(scenario)
     arguments.set = [*arguments.set, *worst]
     names = [field.split("=")[0].split(".")[-1] + "=" + field.split("=", 1)[-1] for field in worst]
     cases = {"nominal": scenario, ", ".join(names): scenario_of(arguments)}
@@ -62,6 +64,15 @@ def main() -> None:
     for each in panels:
         print_panel(each, k_p, k_d)
     print_files(files)
+
+
+def _worst_of(scenario: Scenario) -> list[str]:
+    drawn = draw_sample(scenario, scenario.sample or 0)
+    lag, delay = drawn.vehicle.rotor_time_constant, drawn.laboratory.command_link.delay_ticks
+    return [
+        f"vehicle.rotor_time_constant={_SLOWER * lag:.4g}",
+        f"laboratory.command_link.delay_ticks={delay + _LATER:g}",
+    ]
 
 
 def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray) -> MapPanel:

@@ -6,7 +6,7 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.analysis.closed_loop import laboratory_plant
+from drake_quad.analysis.closed_loop import LaboratoryPlant, laboratory_plant
 from drake_quad.analysis.gain_design import Family, LoopDesign, PdGains, PolePair, Requirements, design_loop
 from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.elementary import Row
@@ -67,13 +67,11 @@ def default_options(period: float) -> dict[str, LoopOptions]:
     Args:
         period: of the ticks, s.
     """
-    inner, outer = Requirements(delay=2.0 * period), Requirements()
-    attitude = {axis: LoopOptions(PolePair(0.8), inner) for axis in ("roll", "pitch", "yaw")}
-    return (
-        attitude
-        | {axis: LoopOptions(PolePair(0.8), outer) for axis in ("x", "y")}
-        | {"z": LoopOptions(PolePair(0.8), outer)}
-    )
+    pair, outer = PolePair(0.8), Requirements()
+    inner = outer._replace(delay=2.0 * period)
+    return {
+        axis: LoopOptions(pair, inner if axis in ("roll", "pitch", "yaw") else outer) for axis in (*_SIGNALS, *_TILTS)
+    }
 
 
 def design_cascade(scenario: Scenario, options: Mapping[str, LoopOptions] | None = None) -> CascadeDesign:
@@ -121,7 +119,7 @@ def _markov(plant: SampledSystem) -> np.ndarray:
     return np.array(answer)
 
 
-def attitude_plant(laboratory: SampledSystem, scenario: Scenario, axis: str) -> SampledSystem:
+def attitude_plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str) -> SampledSystem:
     """From a commanded angular acceleration (or, for z, a linear one) to the measured value and rate of an axis.
 
     Args:
@@ -132,7 +130,7 @@ def attitude_plant(laboratory: SampledSystem, scenario: Scenario, axis: str) -> 
     return _plant(laboratory, scenario, axis, _SIGNALS[axis][1:])
 
 
-def position_plant(laboratory: SampledSystem, scenario: Scenario, axis: str, attitude: PdGains) -> SampledSystem:
+def position_plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str, attitude: PdGains) -> SampledSystem:
     """From a commanded acceleration on x or y to the measured position and velocity, the attitude loop closed.
 
     Args:
@@ -145,13 +143,32 @@ def position_plant(laboratory: SampledSystem, scenario: Scenario, axis: str, att
     whole = _plant(laboratory, scenario, tilt, (*_SIGNALS[tilt][1:], axis, f"v_{axis}"))
     k_p, k_d = attitude
     closed = whole.with_feedback(np.array([[k_p, k_d, 0.0, 0.0]]))
-    command = closed.scaled(sign * k_p / scenario.nominal.gravity, "acceleration_command")
+    command = closed.scaled(sign * k_p / laboratory.specific_thrust, "acceleration_command")
     return command.between(command.inputs, command.outputs[2:])
 
 
-def _plant(laboratory: SampledSystem, scenario: Scenario, axis: str, measured: tuple[str, ...]) -> SampledSystem:
+def attitude_plant_in_flight(
+    laboratory: LaboratoryPlant, scenario: Scenario, axis: str, position: PdGains
+) -> SampledSystem:
+    """From a commanded angular acceleration to the error and the rate of a tilt, the position loop closed.
+
+    Args:
+        laboratory: of `laboratory_plant`.
+        scenario: with the nominal vehicle.
+        axis: x or y, along which the tilt moves the vehicle.
+        position: gains on this axis, from which the commanded tilt comes.
+    """
+    tilt, sign = _TILTS[axis]
+    angle, rate = _SIGNALS[tilt][1:]
+    whole = _plant(laboratory, scenario, tilt, (angle, rate, axis, f"v_{axis}"))
+    k_p, k_d = (sign * gain / laboratory.specific_thrust for gain in position)
+    mix = np.array([[1.0, 0.0, k_p, k_d], [0.0, 1.0, 0.0, 0.0]])
+    return replace(whole, C=mix @ whole.C, D=mix @ whole.D, outputs=(f"{tilt}_error", rate))
+
+
+def _plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str, measured: tuple[str, ...]) -> SampledSystem:
     torque = _SIGNALS[axis][0]
     nominal = scenario.nominal
     inertia = dict(zip(("tau_x", "tau_y", "tau_z"), nominal.inertia, strict=True)) | {"thrust": nominal.mass}
-    plant = laboratory.between([f"wrench.{torque}"], [f"measurement.{name}" for name in measured])
+    plant = laboratory.system.between([f"wrench.{torque}"], [f"measurement.{name}" for name in measured])
     return plant.connected().scaled(inertia[torque], "acceleration_command")

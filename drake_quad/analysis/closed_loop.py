@@ -1,13 +1,13 @@
 """The loop of a scenario at rest: its equilibrium, its linear model, and the plants that its controllers act on."""
 
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Diagram
 
 from drake_quad import parts
+from drake_quad.analysis.context_vector import ContextVector
 from drake_quad.analysis.sampled_system import SampledSystem, at_tick, linearize
-from drake_quad.analysis.state_vector import StateVector
 from drake_quad.errors import InputError
 from drake_quad.laboratory.tape import Samples
 from drake_quad.planning import nominal_parameters, plan_route
@@ -15,9 +15,11 @@ from drake_quad.scenario import Scenario, distributions_in
 from drake_quad.scenario.models import Airframe, Vehicle, Window
 from drake_quad.scenario.routes import HoverRoute
 from drake_quad.tracking import build_tracking_diagram
+from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_wrench
 
 # They watch the loop and do not act on it.
 WATCHERS = ("monitor", "recorder")
+_HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
 # Ticks after which the equilibrium is sought (the first grids that do not quite coincide are behind), and how still
 # everything must be (in SI units over a period) to be called one.
 _TICKS, _STILL = 4, 1e-9
@@ -29,7 +31,8 @@ class ClosedLoop(NamedTuple):
     Attributes:
         diagram: of the closed loop.
         context: at a tick, before its events.
-        system: what `linearize` makes of it: x⁺ = A x over a tick of the control.
+        system: what `linearize` makes of it: x⁺ = A x over a tick of the control, or over the period of the cameras or
+            the vehicle's time step if that is longer.
     """
 
     diagram: Diagram
@@ -38,7 +41,7 @@ class ClosedLoop(NamedTuple):
 
 
 def at_rest(scenario: Scenario) -> Scenario:
-    """The scenario in hover, without what is random and what changes with time.
+    """The scenario in hover where its route hovers, or at (0, 0, 1), without what is random or changes with time.
 
     Left out are noise, lost frames and packets, turbulence, gusts, battery sag and rotor failures; delays, lags,
     filters, drag, errors of the vehicle, fans and steady wind stay.
@@ -69,7 +72,9 @@ def at_rest(scenario: Scenario) -> Scenario:
         }
     )
     vehicle = scenario.vehicle.model_copy(update={"battery_sag": 0.0, "rotor_failure": None})
-    route = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
+    route = scenario.route
+    if not isinstance(route, HoverRoute) or any(path.startswith("route.") for path in distributions_in(scenario)):
+        route = _HOVER
     nowhere = scenario.crash.model_copy(update={"position_error": 1e6, "height": -1e6})
     return scenario.model_copy(
         update={
@@ -85,7 +90,7 @@ def at_rest(scenario: Scenario) -> Scenario:
 
 
 def as_believed(scenario: Scenario) -> Scenario:
-    """The scenario in hover in still air with the vehicle that the ground believes in, for design.
+    """The scenario in hover at (0, 0, 1) in still air with the vehicle that the ground believes in, for design.
 
     Of the vehicle as it is, only what the ground knows besides `nominal` stays: the lag of the rotors and the drag.
     """
@@ -93,9 +98,16 @@ def as_believed(scenario: Scenario) -> Scenario:
     believed = {name: getattr(resting.nominal, name) for name in Airframe.model_fields}
     kept = ("rotor_time_constant", "linear_drag", "quadratic_drag", "attitude_kinematics", "time_step")
     vehicle = Vehicle().model_copy(update=believed | {name: getattr(resting.vehicle, name) for name in kept})
+    return _even(resting.model_copy(update={"vehicle": vehicle}))
+
+
+def _even(resting: Scenario) -> Scenario:
+    """A resting scenario in hover at (0, 0, 1) without what couples the axes: wind, uneven rotors, misalignment."""
+    even = {"thrust_factor_error": (0.0, 0.0, 0.0, 0.0), "centre_of_mass": (0.0, 0.0)}
     cameras = resting.laboratory.motion_capture.model_copy(update={"misalignment": (0.0, 0.0, 0.0)})
     laboratory = resting.laboratory.model_copy(update={"wind": (), "motion_capture": cameras})
-    return resting.model_copy(update={"vehicle": vehicle, "laboratory": laboratory})
+    vehicle = resting.vehicle.model_copy(update=even)
+    return resting.model_copy(update={"route": _HOVER, "vehicle": vehicle, "laboratory": laboratory})
 
 
 def closed_loop(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
@@ -113,9 +125,9 @@ def closed_loop(scenario: Scenario, *, position_controller: Any = None, control:
     """
     resting = at_rest(scenario)
     diagram = build_tracking_diagram(resting, position_controller=position_controller, control=control)
-    period = resting.laboratory.command_link.period
+    period = max(_periods(resting).values())
     context = at_tick(diagram, _TICKS * period)
-    layout = StateVector(diagram, without=WATCHERS)
+    layout = ContextVector(diagram, without=WATCHERS)
     for _ in range(20):
         system, moved = linearize(diagram, context, period=period, without=WATCHERS)
         worst = int(np.argmax(np.abs(moved)))
@@ -131,21 +143,46 @@ def closed_loop(scenario: Scenario, *, position_controller: Any = None, control:
     )
 
 
-def laboratory_plant(scenario: Scenario) -> SampledSystem:
-    """The linear model of a scenario's laboratory `as_believed`, from `wrench` to `measurement`, over a tick.
+class LaboratoryPlant(NamedTuple):
+    """The linear model of a laboratory in hover.
 
-    The rotors' four states are turned into the thrust and the torques that they stand for, so that at hover the axes
-    come apart.
+    Attributes:
+        system: from `wrench` to `measurement`, over a tick of the control. The rotors' four states are turned into the
+            thrust and the torques that they stand for, so that the axes come apart.
+        specific_thrust: commanded in hover, over the believed mass, m/s²: a horizontal acceleration takes a tilt of as
+            much less, eq (7). It is g for a vehicle that is as believed.
     """
-    believed = as_believed(scenario)
-    if believed.vehicle.time_step == 0.0:
-        raise InputError("vehicle.time_step is 0, but gains are designed for a vehicle that steps")
-    parameters = nominal_parameters(believed)
-    plan = plan_route(believed)
-    laboratory = parts.laboratory(believed, plan, plan.duration, Samples(0, [0]))
+
+    system: SampledSystem
+    specific_thrust: float
+
+
+def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it is"] = "believed") -> LaboratoryPlant:
+    """The plant that a scenario's controllers act on, in hover in still air.
+
+    Args:
+        scenario: whose laboratory it is.
+        vehicle: the one of `as_believed`, or the one that flies, but for what would couple its axes: errors of single
+            rotors, a centre of mass beside the middle, misaligned markers.
+
+    Raises:
+        InputError: hover is no equilibrium, or something happens less often than the control ticks.
+    """
+    resting = as_believed(scenario) if vehicle == "believed" else _even(at_rest(scenario))
+    period = resting.laboratory.command_link.period
+    for name, other in _periods(resting).items():
+        if not 0.0 < other <= period:
+            raise InputError(f"{name} is {other:g} s, but gains are designed for periods up to {period:g} s, a tick")
+    plan = plan_route(resting)
+    laboratory = parts.laboratory(resting, plan, plan.duration, Samples(0, [0]))
     context = laboratory.CreateDefaultContext()
-    laboratory.GetInputPort("wrench").FixValue(context, [parameters.mass * parameters.gravity, 0.0, 0.0, 0.0])
-    period = believed.laboratory.command_link.period
+    hover = hover_rotor_speeds(parts.vehicle_parameters(resting.vehicle))
+    believed = nominal_parameters(resting)
+    wrench = rotor_wrench(hover, believed)
+    laboratory.GetInputPort("wrench").FixValue(context, wrench)
+    link = laboratory.GetSubsystemByName("command_link").GetMyMutableContextFromRoot(context)
+    for group in range(link.num_discrete_state_groups()):
+        link.SetDiscreteState(group, wrench)
     at_tick(laboratory, _TICKS * period, context)
     system, moved = linearize(laboratory, context, period=period, inputs=["wrench"], outputs=["measurement"])
     worst = int(np.argmax(np.abs(moved)))
@@ -157,4 +194,13 @@ def laboratory_plant(scenario: Scenario) -> SampledSystem:
     # From rotor speeds to four times the mean, and to the differences that make roll, pitch and yaw torque, eq (5).
     pattern = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, -1.0, 0.0, 1.0], [-1.0, 0.0, 1.0, 0.0], [1.0, -1.0, 1.0, -1.0]])
     names = [f"vehicle.rotors.{name}" for name in ("thrust", "tau_x", "tau_y", "tau_z")]
-    return system.transformed(rotors, pattern, names)
+    return LaboratoryPlant(system.transformed(rotors, pattern, names), float(wrench[0] / believed.mass))
+
+
+def _periods(scenario: Scenario) -> dict[str, float]:
+    """The periods of all that happens in a loop, s; 0 for a vehicle that moves continuously."""
+    return {
+        "laboratory.command_link.period": scenario.laboratory.command_link.period,
+        "laboratory.motion_capture.period": scenario.laboratory.motion_capture.period,
+        "vehicle.time_step": scenario.vehicle.time_step,
+    }

@@ -30,8 +30,8 @@ from drake_quad.errors import InputError
 
 # Bandwidths that are tried, rad/s: from far below what any laboratory allows up to a third of half the sampling rate.
 _SLOWEST, _FASTEST_SHARE, _TRIED = 0.05, 1.0 / 3.0, 120
-# Where the search for a regulator's gains starts, rad/s: slow enough to be stable in any of them.
-_SLOW = 0.2
+# Where the search for a regulator's gains may start, rad/s: at the fastest of these that is stable.
+_STARTS = (0.2, 0.05, 0.0125, 0.003)
 
 
 class PdGains(NamedTuple):
@@ -39,6 +39,9 @@ class PdGains(NamedTuple):
 
     k_p: float
     k_d: float
+
+
+_NONE = PdGains(math.nan, math.nan)
 
 
 class Requirements(NamedTuple):
@@ -116,8 +119,10 @@ class PolePair(NamedTuple):
         """See `Family`: 1 + k_P G_value(z) + k_D G_rate(z) = 0 at the pole is linear in the gains."""
         s = effort * complex(-self.damping, math.sqrt(1.0 - self.damping**2))
         value, rate = plant.response(np.array([np.exp(s * plant.period)]))[0, :, 0]
-        k_p, k_d = np.linalg.solve([[value.real, rate.real], [value.imag, rate.imag]], [-1.0, 0.0])
-        return PdGains(float(k_p), float(k_d))
+        determinant = value.real * rate.imag - rate.real * value.imag
+        if determinant == 0.0:  # the measurements do not tell value and rate apart
+            return _NONE
+        return PdGains(-rate.imag / determinant, value.imag / determinant)
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
         """See `Family`."""
@@ -135,22 +140,25 @@ class Regulator(NamedTuple):
 
     def gains(self, plant: SampledSystem, effort: float) -> PdGains:
         """See `Family`: the least over k_P and k_D, from those of a slow double integrator."""
-        start = np.log([_SLOW**2, 1.6 * _SLOW])
+        slow = [PdGains(frequency**2, 1.6 * frequency) for frequency in _STARTS]
+        start = next((gains for gains in slow if math.isfinite(self.cost(plant, gains, effort))), None)
+        if start is None:
+            return _NONE
 
         def logarithm_of_cost(logs: np.ndarray) -> float:
             return math.log(self.cost(plant, PdGains(*np.exp(logs)), effort))
 
-        best = scipy.optimize.minimize(logarithm_of_cost, start, method="Nelder-Mead", options={"xatol": 1e-4})
+        best = scipy.optimize.minimize(logarithm_of_cost, np.log(start), method="Nelder-Mead", options={"xatol": 1e-4})
         return PdGains(*(float(gain) for gain in np.exp(best.x)))
 
     def cost(self, plant: SampledSystem, gains: PdGains, effort: float) -> float:
-        """The cost of a PD, by Lyapunov's equation; huge if it is not stable."""
+        """The cost of a PD, by Lyapunov's equation; infinite if it is not stable."""
         feedback = np.array([gains]) @ plant.C
         closed = plant.A - plant.B @ feedback
         if np.abs(np.linalg.eigvals(closed)).max() > 1.0 - 1e-7:
-            return 1e12
+            return math.inf
         weight = self._state_weight(plant) + feedback.T @ feedback / effort**2
-        return (plant.B.T @ scipy.linalg.solve_discrete_lyapunov(closed.T, weight) @ plant.B).item()
+        return (plant.B.T @ scipy.linalg.solve_discrete_lyapunov(closed.T, weight, method="bilinear") @ plant.B).item()
 
     def least_cost(self, plant: SampledSystem, effort: float) -> float:
         """The cost of the full linear-quadratic regulator, which feeds back every state."""
@@ -209,7 +217,8 @@ def design_loop(
     if effort is not None:
         asked = trial(effort)
         if asked.flaws:
-            raise InputError(f"{axis} cannot have a bandwidth of {effort:g} rad/s: {_listed(asked.flaws)}")
+            what = f"a bandwidth of {effort:g} rad/s" if isinstance(family, PolePair) else f"an effort of {effort:g}"
+            raise InputError(f"{axis} cannot have {what}: {_listed(asked.flaws)}")
         return finished(asked, ())
     trials = [trial(tried) for tried in family.efforts(plant)]
     first = next((i for i, each in enumerate(trials) if not each.flaws), None)
@@ -238,6 +247,8 @@ class _Trial(NamedTuple):
 
 def _unsound(plant: SampledSystem, family: Family, effort: float, gains: PdGains) -> dict[str, str]:
     """What is wrong with the loop apart from its margins, and how, in words."""
+    if not all(map(math.isfinite, gains)):
+        return {"no gains": "none have this effect"}
     if not min(gains) > 0.0:
         return {"a negative gain": f"k_P {gains.k_p:g}, k_D {gains.k_d:g}"}
     size = np.abs(plant.with_feedback(np.array([gains])).poles()).max()

@@ -49,7 +49,7 @@ def margins(loop: SampledSystem) -> Margins:
     data = control.FrequencyResponseData(response, grid, smooth=True)
     gains, phases, _, _, crossovers, _ = control.stability_margins(data, returnall=True)
     disk, _, _ = control.disk_margins(system, grid)
-    gains = np.append(gains, _gain_at_half_the_rate(response))
+    gains = np.concatenate([gains, [_gain_at_half_the_rate(response), _gain_at_standstill(loop)]])
     complementary = np.abs(response / (1.0 + response))
     below = np.flatnonzero(complementary < math.sqrt(0.5))
     return Margins(
@@ -108,6 +108,14 @@ def _gain_at_half_the_rate(responses: np.ndarray) -> np.ndarray:
     """The factor at which a pole leaves through z = -1, where L is real: the end of the grid; infinite if it cannot."""
     end = responses[..., -1].real
     return np.where(end < 0.0, -1.0 / np.where(end < 0.0, end, -1.0), np.inf)
+
+
+def _gain_at_standstill(loop: SampledSystem) -> float:
+    """The factor at which a pole leaves through z = 1; infinite if it cannot, as with an integrator in the loop."""
+    if np.abs(loop.poles() - 1.0).min() < 1e-9:
+        return math.inf
+    value = loop.response(np.array([1.0])).item()
+    return -1.0 / value if value < 0.0 else math.inf
 
 
 def _decibel(factor: float) -> float:

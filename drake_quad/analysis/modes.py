@@ -35,7 +35,7 @@ def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None
 
     A state takes part by its entry on the diagonal of the mode's spectral projector, which for a single eigenvalue is
     its participation factor and is sound for repeated ones, too. What dies within a period, as a delay line does, is
-    left out.
+    left out. Poles within 0.01 1/s, or within 0.1 % of their size, of each other count as one.
 
     Args:
         A: (n, n).
@@ -57,7 +57,7 @@ def modes(A: np.ndarray, states: tuple[str, ...], *, period: float | None = None
         alike = [pole for pole in left if abs(pole - first) < radius]
         left = [pole for pole in left if not abs(pole - first) < radius]
         pole = complex(np.mean(alike))
-        if pole.imag < -radius:
+        if pole.imag <= -0.5 * radius:
             continue
         size = abs(pole)
         among = partial(_is_near, pole_of=pole_of, pole=first, radius=1.5 * radius)

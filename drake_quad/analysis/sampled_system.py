@@ -23,7 +23,7 @@ from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, Ini
 from pydrake.systems.analysis import InitializeParams, Simulator, Simulator_
 from pydrake.systems.framework import Diagram
 
-from drake_quad.analysis.state_vector import StateVector, leaf_paths, row_names, system_at, undotted
+from drake_quad.analysis.context_vector import ContextVector, leaf_paths, row_names, system_at, undotted
 from drake_quad.errors import InputError
 
 
@@ -87,11 +87,16 @@ class SampledSystem:
             states[row] = name
         return replace(self, A=T @ self.A @ inverse, B=T @ self.B, C=self.C @ inverse, states=tuple(states))
 
-    def connected(self, *, tolerance: float = 1e-9) -> "SampledSystem":
-        """The system without the states that no input reaches or no output sees, through entries above a tolerance."""
-        couples = np.abs(self.A) > tolerance
-        reached = _closure(couples, (np.abs(self.B) > tolerance).any(axis=1))
-        seen = _closure(couples.T, (np.abs(self.C) > tolerance).any(axis=0))
+    def connected(self, *, tolerance: float = 1e-12) -> "SampledSystem":
+        """The system without the states that no input reaches or no output sees.
+
+        Args:
+            tolerance: on entries of A and C over the largest of their row and on those of B over the largest of their
+                column; what is smaller is rounding.
+        """
+        couples = _stands_out(self.A, tolerance)
+        reached = _closure(couples, _stands_out(self.B.T, tolerance).any(axis=0))
+        seen = _closure(couples.T, _stands_out(self.C, tolerance).any(axis=0))
         kept = np.flatnonzero(reached & seen)
         states = tuple(self.states[i] for i in kept)
         return replace(self, A=self.A[np.ix_(kept, kept)], B=self.B[kept], C=self.C[:, kept], states=states)
@@ -107,6 +112,12 @@ class SampledSystem:
     def scaled(self, factor: float, name: str) -> "SampledSystem":
         """The system with its single input multiplied by a factor, under another name."""
         return replace(self, B=self.B * factor, D=self.D * factor, inputs=(name,))
+
+
+def _stands_out(matrix: np.ndarray, tolerance: float) -> np.ndarray:
+    """The mask of the entries that are not small beside the largest of their row."""
+    sizes = np.abs(matrix)
+    return sizes > tolerance * sizes.max(axis=1, keepdims=True)
 
 
 def _closure(couples: np.ndarray, found: np.ndarray) -> np.ndarray:
@@ -144,7 +155,7 @@ def linearize(
     Raises:
         InputError: a system has no version for AutoDiffXd, or holds a state that is not made of numbers.
     """
-    layout = StateVector(diagram, without=without)
+    layout = ContextVector(diagram, without=without)
     converted = to_autodiff(diagram)
     state = layout.read(diagram, context)
     n = len(state)

@@ -4,17 +4,16 @@ A number of a scenario ends in numeric parameters and in the initial state of th
 derivatives on, Drake's simulator carries the flight on AutoDiffXd: through every step, filter and delay to the metrics.
 """
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
 from pydrake.systems.analysis import Simulator_
-from pydrake.systems.framework import Diagram
 
+from drake_quad.analysis.context_vector import ContextVector
 from drake_quad.analysis.sampled_system import to_autodiff
-from drake_quad.analysis.state_vector import leaf_paths, system_at
 from drake_quad.errors import InputError
 from drake_quad.flight import fly, read_metrics
 from drake_quad.laboratory.metrics import Metrics
@@ -26,6 +25,8 @@ from drake_quad.tracking import build_tracking_diagram
 
 # The metrics that depend on a flight smoothly, as long as it does not crash.
 DIFFERENTIABLE = tuple(name for name in Metrics._fields if name not in ("crash_time", "saturation_share"))
+# Metrics are sizes: what is less than this, in SI units, is nothing but rounding.
+_NO_ERROR = 1e-12
 # Numbers that are only compared with others.
 _COMPARED = ("loss_rate", "dropout_rate", "rotor_failure.time")
 # Relative step of the five-point differences from a scenario's number to the context, which is polynomial or nearly so:
@@ -45,7 +46,7 @@ class Sensitivities:
         values: (fields,) of them.
         metrics: the flight's, by name.
         crash_time: s; infinite for a vehicle that did not crash. After a crash they are those of the flight until then.
-        gradients: (fields,) derivatives of each metric, by name.
+        gradients: (fields,) derivatives of each metric, by name; NaN for one that is zero, where it has a kink.
     """
 
     fields: tuple[str, ...]
@@ -76,7 +77,7 @@ def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: i
     values = np.array([number_at(scenario, field) for field in fields])
     diagram = build_tracking_diagram(scenario, plan=plan)
     start = diagram.CreateDefaultContext()
-    layout = _Numbers(diagram)
+    layout = ContextVector(diagram, parameters=True)
     nominal = layout.read(diagram, start)
     seeds = np.stack([_seed(scenario, plan, field, layout, nominal) for field in fields])
 
@@ -85,50 +86,24 @@ def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: i
     context = simulator.get_mutable_context()
     context.SetTimeStateAndParametersFrom(start)
     layout.write(converted, context, InitializeAutoDiff(nominal, gradient=seeds.T).ravel())
-    fly(simulator, flight_duration(scenario, plan))
-    metrics = read_metrics(converted, context)
+    # The floating-point flags that arithmetic on objects leaves behind mean nothing.
+    with np.errstate(all="ignore"):
+        fly(simulator, flight_duration(scenario, plan))
+        metrics = read_metrics(converted, context)
     found = {name: getattr(metrics, name)[0] for name in DIFFERENTIABLE}
+    crash_time = metrics.crash_time[0].value()
+    if np.isnan(found["rmse"].value()):
+        raise InputError(f"crashed at {crash_time:.2f} s, before a tick counted for the metrics")
     return Sensitivities(
         tuple(fields),
         values,
         {name: value.value() for name, value in found.items()},
-        metrics.crash_time[0].value(),
+        crash_time,
         {name: _gradient(value, len(fields)) for name, value in found.items()},
     )
 
 
-class _Numbers:
-    """All numeric parameters and states of a diagram, as one vector.
-
-    Args:
-        diagram: one of several with the same leaf systems.
-    """
-
-    def __init__(self, diagram: Diagram) -> None:
-        self._paths = sorted(leaf_paths(diagram))
-
-    def read(self, diagram: Diagram, root: Any) -> np.ndarray:
-        return np.concatenate([vector.CopyToVector() for vector in self._vectors(diagram, root)])
-
-    def write(self, diagram: Diagram, root: Any, numbers: np.ndarray) -> None:
-        first = 0
-        for vector in self._vectors(diagram, root):
-            end = first + vector.size()
-            vector.SetFromVector(numbers[first:end])
-            first = end
-
-    def _vectors(self, diagram: Diagram, root: Any) -> Iterator[Any]:
-        for path in self._paths:
-            context = system_at(diagram, path).GetMyMutableContextFromRoot(root)
-            for i in range(context.num_numeric_parameter_groups()):
-                yield context.get_mutable_numeric_parameter(i)
-            for i in range(context.num_discrete_state_groups()):
-                yield context.get_mutable_discrete_state(i)
-            if context.num_continuous_states():
-                yield context.get_mutable_continuous_state_vector()
-
-
-def _seed(scenario: Scenario, plan: Plan, field: str, layout: _Numbers, nominal: np.ndarray) -> np.ndarray:
+def _seed(scenario: Scenario, plan: Plan, field: str, layout: ContextVector, nominal: np.ndarray) -> np.ndarray:
     """The derivative of all numbers of the default context with respect to a field."""
     if field.startswith("route."):
         raise InputError(f"{field} changes the plan, which is not differentiated")
@@ -139,9 +114,9 @@ def _seed(scenario: Scenario, plan: Plan, field: str, layout: _Numbers, nominal:
     seed = np.zeros_like(nominal)
     for neighbour, weight in _neighbours(scenario, field, value, step):
         diagram = build_tracking_diagram(neighbour, plan=plan)
-        numbers = layout.read(diagram, diagram.CreateDefaultContext())
-        if len(numbers) != len(nominal):
+        if ContextVector(diagram, parameters=True).names != layout.names:
             raise InputError(f"{field} changes the structure of the diagram at {value:g}; it has no derivative there")
+        numbers = layout.read(diagram, diagram.CreateDefaultContext())
         moved = np.subtract(numbers, nominal, out=np.zeros_like(nominal), where=numbers != nominal)
         seed += weight / step * moved
     if not seed.any():
@@ -161,5 +136,7 @@ def _neighbours(scenario: Scenario, field: str, value: float, step: float) -> li
 
 
 def _gradient(value: Any, size: int) -> np.ndarray:
+    if value.value() < _NO_ERROR:
+        return np.full(size, np.nan)
     gradient = ExtractGradient(np.array([value]))
     return gradient[0] if gradient.shape[1] else np.zeros(size)

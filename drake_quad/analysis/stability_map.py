@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from drake_quad.analysis.cascade_design import attitude_plant, position_plant, with_gains
+from drake_quad.analysis.cascade_design import attitude_plant_in_flight, position_plant, with_gains
 from drake_quad.analysis.closed_loop import laboratory_plant
 from drake_quad.analysis.gain_design import PdGains
 from drake_quad.analysis.margins import fast_margins, frequencies
@@ -64,13 +64,21 @@ def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> Sta
 
 
 def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
-    """The plant of a scenario's position loop on x, with its own attitude gains, or of its attitude loop on pitch."""
+    """What the gains of one of a scenario's loops act on along x, with the vehicle "as it is" of `laboratory_plant`.
+
+    For the position that is the plant around its own attitude loop. For the attitude it is the plant with its own
+    position loop closed: u = -k_P (θ - θ_r) - k_D q with θ_r = -(K_P x + K_D v) / g, eq (7), is a PD in θ - θ_r and q.
+    """
     scenario = draw_sample(scenario, scenario.sample) if scenario.sample is not None else scenario
-    laboratory = laboratory_plant(scenario)
-    if loop == "attitude":
-        return attitude_plant(laboratory, scenario, "pitch")
-    inner = scenario.control.attitude
-    return position_plant(laboratory, scenario, "x", PdGains(float(inner.k_p[1]), float(inner.k_d[1])))
+    laboratory = laboratory_plant(scenario, vehicle="as it is")
+    if loop == "position":
+        return position_plant(laboratory, scenario, "x", _gains(scenario, "attitude", 1))
+    return attitude_plant_in_flight(laboratory, scenario, "x", _gains(scenario, "position", 0))
+
+
+def _gains(scenario: Scenario, loop: Loop, axis: int) -> PdGains:
+    block = getattr(scenario.control, loop)
+    return PdGains(float(block.k_p[axis]), float(block.k_d[axis]))
 
 
 def flown_map(scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, *, sample: int = 0) -> Metrics:

@@ -7,8 +7,9 @@ import numpy as np
 from pydrake.systems.analysis import Simulator
 
 from drake_quad.analysis.closed_loop import WATCHERS, ClosedLoop
+from drake_quad.analysis.context_vector import ContextVector
 from drake_quad.analysis.sampled_system import resumed, tick_after
-from drake_quad.analysis.state_vector import StateVector
+from drake_quad.errors import InputError
 
 
 class StepResponse(NamedTuple):
@@ -32,15 +33,21 @@ def release(loop: ClosedLoop, displacement: Mapping[str, float], *, duration: fl
         loop: of `closed_loop`.
         displacement: of rows of the vehicle's `state`, as in `x` or `yaw`, in SI units; the cameras see it at once.
         duration: s.
+
+    Raises:
+        InputError: there is no such row, or the vehicle has no step in which it could be displaced.
     """
-    layout = StateVector(loop.diagram, without=WATCHERS)
+    layout = ContextVector(loop.diagram, without=WATCHERS)
     equilibrium = layout.read(loop.diagram, loop.context)
     state = np.zeros_like(equilibrium)
-    for row, size in displacement.items():
-        for i, name in enumerate(layout.names):
-            if name.endswith(f".{row}") and (".vehicle.state." in name or ".motion_capture.measurement" in name):
-                state[i] = size
     vehicle = [i for i, name in enumerate(layout.names) if ".vehicle.state." in name]
+    seen = [i for i, name in enumerate(layout.names) if ".motion_capture.measurement" in name]
+    for row, size in displacement.items():
+        if not any(layout.names[i].endswith(f".{row}") for i in vehicle):
+            raise InputError(f"there is no row {row} in the state of a vehicle that steps")
+        for i in (*vehicle, *seen):
+            if layout.names[i].endswith(f".{row}"):
+                state[i] = size
 
     root = loop.context.Clone()
     layout.write(loop.diagram, root, equilibrium + state)

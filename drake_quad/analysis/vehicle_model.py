@@ -16,7 +16,7 @@ from pydrake.systems.primitives import (
     LinearSystem,
 )
 
-from drake_quad.analysis.state_vector import row_names, undotted
+from drake_quad.analysis.context_vector import row_names, undotted
 from drake_quad.errors import InputError
 from drake_quad.vehicle.dynamics import equations_of_motion, hover_rotor_speeds, rotor_residual, rotor_wrench
 from drake_quad.vehicle.parameters import QuadrotorParameters

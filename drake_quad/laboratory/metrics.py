@@ -102,7 +102,7 @@ def summarized(sums: np.ndarray, crash_time: np.ndarray, period: float) -> Metri
         [
             np.sqrt(sums[3:6].sum(axis=0) / ticks),
             *np.sqrt(sums[3:6] / ticks),
-            np.sqrt(np.where(sums[0] > 0.0, sums[1], np.nan)),
+            np.sqrt(sums[1] * np.where(sums[0] > 0.0, 1.0, np.nan)),
             *(sums[6:9] / ticks),
             *(sums[9:12] / time),
             sums[2] / ticks,

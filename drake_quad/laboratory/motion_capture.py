@@ -152,9 +152,9 @@ class MotionCapture(FleetSystem):
     `dropout` (1 row), a number between 0 and 1 for each frame, which is lost if it is below the dropout rate.
 
     Discrete-state groups: those of a `DelayLine`, 12 rows each; with a bandwidth, a last one of 6 rows, position and
-    attitude a frame before the newest. Numeric parameters of the context: the latency, if
-    there can be any; then the deviations of the six coordinates, dropout rate, bandwidth (infinite if there is none)
-    and the nine rows of `RotationMatrix`. What was zero or not given at construction is left out for good.
+    attitude a frame before the newest. Numeric parameters of the context: the latency, if there can be any; then one
+    with the bandwidth (infinite if there is none), the deviations of the six coordinates, the dropout rate and the nine
+    rows of `RotationMatrix`. What was zero at construction is left out for good.
 
     Args:
         num_vehicles: N.
@@ -177,19 +177,26 @@ class MotionCapture(FleetSystem):
         self.period = period
         self._state = self.input("state", 12)
         self._line = DelayLine(self, "measurement", [0.0] * 12, latency_frames)
-        bandwidth = math.inf if derivative_bandwidth is None else derivative_bandwidth
-        deviations = (errors.position_noise,) * 3 + (errors.attitude_noise,) * 3
-        R_BM = RotationMatrix.of(*errors.misalignment)
-        self._parameters = self.numeric_parameter([*deviations, errors.dropout_rate, bandwidth, *R_BM])
         self._derives = derivative_bandwidth is not None
         if self._derives:
             self._before = self.discrete_state("measurement_before", [0.0] * 6)
-        self._aligned = all(is_zero(angle) for angle in errors.misalignment)
-        self._noise = self._dropout = None
+        parameters = [derivative_bandwidth if self._derives else math.inf]
+
+        def places(*rows: Row) -> slice:
+            """Where these rows are among the parameters."""
+            parameters.extend(rows)
+            return slice(len(parameters) - len(rows), len(parameters))
+
+        self._deviations = self._dropout_rate = self._misalignment = None
         if not (is_zero(errors.position_noise) and is_zero(errors.attitude_noise)):
+            self._deviations = places(*[errors.position_noise] * 3, *[errors.attitude_noise] * 3)
             self._noise = self.random_input("camera_noise", 6, RandomDistribution.kGaussian)
         if not is_zero(errors.dropout_rate):
+            self._dropout_rate = places(errors.dropout_rate)
             self._dropout = self.random_input("dropout", 1, RandomDistribution.kUniform)
+        if not all(is_zero(angle) for angle in errors.misalignment):
+            self._misalignment = places(*RotationMatrix.of(*errors.misalignment))
+        self._parameters = self.numeric_parameter(parameters)
         self.DeclareInitializationDiscreteUpdateEvent(self._first_frame)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._next_frame)
         self.state_output(12, self._line.out)
@@ -212,12 +219,13 @@ class MotionCapture(FleetSystem):
         """The 12 rows of the frame of this instant, given those of the one before."""
         parameters, state = self.parameter_rows(context, self._parameters), self.input_rows(context, self._state)
         pose, motion = self._pose(context, parameters, state), state[6:12]
-        if self._dropout is not None:
-            lost = self.input_rows(context, self._dropout)[0] < parameters[6]
+        if self._dropout_rate is not None:
+            (number,), (rate,) = self.input_rows(context, self._dropout), parameters[self._dropout_rate]
+            lost = number < rate
             pose = where(lost, last[0:6], pose)
             motion = motion if self._derives else where(lost, last[6:12], motion)
         if self._derives:
-            decay = exp(-parameters[7] * self.period)
+            decay = exp(-parameters[0] * self.period)
             gain = (1.0 - decay) / (2.0 * self.period)
             steps = [new - old for new, old in zip(pose, self.state_rows(context, self._before))]
             steps[3:6] = body_rates(steps[3:6], last[3:6])
@@ -227,9 +235,9 @@ class MotionCapture(FleetSystem):
     def _pose(self, context: Any, parameters: Rows, state: Rows) -> Rows:
         """Six rows of position and attitude, with misalignment and noise."""
         pose = state[0:6]
-        if not self._aligned:
-            pose = [*state[0:3], *attitude_of_markers(state[3:6], parameters[8:17])]
-        if self._noise is None:
+        if self._misalignment is not None:
+            pose = [*state[0:3], *attitude_of_markers(state[3:6], parameters[self._misalignment])]
+        if self._deviations is None:
             return pose
         noise = self.input_rows(context, self._noise)
-        return [x + deviation * n for x, deviation, n in zip(pose, parameters, noise)]
+        return [x + deviation * n for x, deviation, n in zip(pose, parameters[self._deviations], noise)]

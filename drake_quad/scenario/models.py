@@ -238,7 +238,8 @@ class Scenario(Journey):
         if nominal is None:
             return vehicle
         silent = Airframe.model_fields.keys() - vehicle.model_fields_set
-        whole_vehicle = vehicle.model_copy(update={name: getattr(nominal, name) for name in silent})
+        numbers = {name: getattr(nominal if name in silent else vehicle, name) for name in Vehicle.model_fields}
+        whole_vehicle = Vehicle.model_construct(_fields_set=vehicle.model_fields_set, **numbers)
         idle, top = extremes(whole_vehicle.min_rotor_speed)[1], extremes(whole_vehicle.max_rotor_speed)[0]
         if idle is None or top is None or not top > idle:
             if "max_rotor_speed" not in silent:

@@ -14,37 +14,45 @@ def number_at(scenario: Scenario, path: str) -> float:
     Raises:
         InputError: there is no such field, or it holds something else.
     """
-    parent, key = _place(scenario.model_dump(mode="json"), path)
-    value = parent[key]
+    value: Any = scenario.model_dump(mode="json")
+    for key in _keys(value, path):
+        value = value[key]
     if isinstance(value, bool | int) or not isinstance(value, float):
         raise InputError(f"{path} is {value!r}, not a real number")
     return value
 
 
 def with_number(scenario: Scenario, path: str, value: float) -> Scenario:
-    """The scenario with another number in a field.
+    """The scenario with another number in a field, as if it had been written there.
+
+    What the scenario does not say stays unsaid: a vehicle that is as in `nominal` follows it.
 
     Raises:
         InputError: there is no such field, or it may not have this value.
     """
-    tree = scenario.model_dump(mode="json")
-    parent, key = _place(tree, path)
-    parent[key] = value
+    whole = scenario.model_dump(mode="json")
+    keys = _keys(whole, path)
+    tree = node = scenario.model_dump(mode="json", exclude_unset=True)
+    for key in keys[:-1]:
+        whole = whole[key]
+        if isinstance(node, dict):
+            node.setdefault(key, {} if isinstance(whole, dict) else whole)
+        node = node[key]
+    node[keys[-1]] = value
     try:
         return Scenario.model_validate(tree)
     except ValidationError as error:
         raise InputError(f"{path} cannot be {value:g}: {error.errors()[0]['msg']}") from None
 
 
-def _place(tree: Any, path: str) -> tuple[Any, Any]:
-    """The list or map that holds a field, and where in it."""
-    *way, last = path.split(".")
-    node = tree
-    try:
-        for step in way:
-            node = node[int(step)] if isinstance(node, list) else node[step]
-        key = int(last) if isinstance(node, list) else last
-        node[key]
-    except (KeyError, IndexError, ValueError, TypeError):
-        raise InputError(f"there is no field {path} in the scenario") from None
-    return node, key
+def _keys(tree: Any, path: str) -> list[Any]:
+    """The keys and indices on the way to a field."""
+    keys: list[Any] = []
+    for step in path.split("."):
+        key = int(step) if isinstance(tree, list) and step.isdecimal() else step
+        try:
+            tree = tree[key]
+        except (KeyError, IndexError, TypeError):
+            raise InputError(f"there is no field {path} in the scenario") from None
+        keys.append(key)
+    return keys

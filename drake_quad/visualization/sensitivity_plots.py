@@ -10,10 +10,10 @@ from drake_quad.visualization.style import BLUE, VERMILION, new_figure, styled
 def plot_sensitivities(found: Sensitivities, metric: str) -> Figure:
     """By how many per cent a metric changes when a field grows by one per cent, the largest at the top.
 
-    Fields that are zero have no per cent and are left out.
+    Fields that are zero have no per cent and are left out; so are all if the metric is zero.
     """
-    elasticities = found.values * found.gradients[metric] / found.metrics[metric]
-    order = [i for i in np.argsort(np.abs(elasticities)) if found.values[i] != 0.0]
+    elasticities = found.values * found.gradients[metric] / (found.metrics[metric] or np.nan)
+    order = [i for i in np.argsort(np.abs(elasticities)) if found.values[i] != 0.0 and np.isfinite(elasticities[i])]
     shown = elasticities[order]
     with styled():
         figure = new_figure(7.0, 1.2 + 0.27 * max(len(order), 1))

@@ -5,8 +5,9 @@ import pytest
 from pydrake.systems.analysis import InitializeParams, Simulator
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario
-from drake_quad.analysis.closed_loop import WATCHERS, as_believed, at_rest, closed_loop
-from drake_quad.analysis.state_vector import StateVector
+from drake_quad.analysis.closed_loop import WATCHERS, as_believed, at_rest, closed_loop, laboratory_plant
+from drake_quad.analysis.context_vector import ContextVector
+from drake_quad.analysis.sampled_system import tick_after
 from drake_quad.analysis.step_response import release
 
 
@@ -15,27 +16,24 @@ def laboratory(diagrams):
     return lambda *overrides: load_scenario(diagrams / "laboratory.yaml:nominal", overrides)
 
 
-def fleet_after(scenario, equilibrium, deviations, times):
-    """(times, n, N) deviations from an equilibrium (n,) of a fleet that starts from some (n, N)."""
+def fleet_after(scenario, start, equilibrium, deviations, end):
+    """(n, N) deviations from an equilibrium (n,) at a tick, of a fleet that starts at another from some (n, N)."""
     n, N = deviations.shape
-    single = StateVector(build_tracking_diagram(scenario), without=WATCHERS)
+    single = ContextVector(build_tracking_diagram(scenario), without=WATCHERS)
     fleet = build_tracking_diagram(scenario, N, samples=[0] * N)
-    layout = StateVector(fleet, without=WATCHERS)
+    layout = ContextVector(fleet, without=WATCHERS)
     # Both hold their groups in the same order; a fleet's group of k rows is one of k N elements, row after row.
     assert len(layout.names) == n * N
     assert len(single.names) == n
     simulator = Simulator(fleet)
-    simulator.AdvanceTo(0.08)
+    simulator.AdvanceTo(start)
     context = simulator.get_mutable_context()
     layout.write(fleet, context, (equilibrium[:, None] + deviations).ravel())
     keep = InitializeParams()
     keep.suppress_initialization_events = True
     simulator.Initialize(keep)
-    found = []
-    for time in times:
-        simulator.AdvanceTo(0.08 + time)
-        found.append(layout.read(fleet, context).reshape(n, N) - equilibrium[:, None])
-    return np.array(found)
+    simulator.AdvanceTo(end)
+    return layout.read(fleet, context).reshape(n, N) - equilibrium[:, None]
 
 
 @pytest.mark.parametrize(
@@ -44,6 +42,8 @@ def fleet_after(scenario, equilibrium, deviations, times):
         ([], False),
         (["laboratory.wind=[{kind: steady, velocity: [2, 1, 0]}]"], False),
         (["control.position.k_p=[1.6, 1.6, 6]"], True),
+        (["laboratory.motion_capture.period=0.04"], False),
+        (["vehicle.time_step=0.04"], False),
     ],
 )
 def test_multipliers_predict_how_a_fleet_decays_or_grows(laboratory, overrides, grows):
@@ -52,16 +52,18 @@ def test_multipliers_predict_how_a_fleet_decays_or_grows(laboratory, overrides, 
     loop = closed_loop(scenario)
     values, vectors = np.linalg.eig(loop.system.A)
     assert (np.abs(values).max() > 1.0) == grows
-    lasting = [i for i, value in enumerate(values) if abs(value) > 0.9 and value.imag >= 0.0]
+    size = np.abs(values) ** (0.02 / loop.system.period)
+    lasting = [i for i, value in enumerate(values) if size[i] > 0.9 and value.imag >= 0.0]
     assert len(lasting) >= 6
     start = np.array([1e-5 * (vectors[:, i] / np.abs(vectors[:, i]).max()).real for i in lasting]).T
-    ticks = 40
-    layout = StateVector(loop.diagram, without=WATCHERS)
+    periods = round(0.8 / loop.system.period)
+    layout = ContextVector(loop.diagram, without=WATCHERS)
     equilibrium = layout.read(loop.diagram, loop.context)
-    (found,) = fleet_after(scenario, equilibrium, start, [ticks * loop.system.period])
+    begin = loop.context.get_time()
+    found = fleet_after(scenario, begin, equilibrium, start, tick_after(begin, loop.system.period, periods))
     for column, i in enumerate(lasting):
         mode = 1e-5 * vectors[:, i] / np.abs(vectors[:, i]).max()
-        expected = (mode * values[i] ** ticks).real
+        expected = (mode * values[i] ** periods).real
         assert np.linalg.norm(found[:, column] - expected) < 0.01 * np.linalg.norm(expected)
 
 
@@ -95,6 +97,41 @@ def test_what_is_random_or_passes_is_left_out(diagrams):
     assert (believed.vehicle.mass, believed.vehicle.linear_drag, believed.laboratory.wind) == (0.68, 0.1, ())
 
 
+def test_hover_is_where_the_route_hovers(laboratory):
+    assert at_rest(laboratory("route={kind: hover, position: [0, -4, 1.5]}")).route.position == (0.0, -4.0, 1.5)
+    assert at_rest(laboratory()).route.position == (0.0, 0.0, 1.0)
+    assert as_believed(laboratory("route={kind: hover, yaw: 1}")).route.yaw == 0.0
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("laboratory.motion_capture.period=0.04", "laboratory.motion_capture.period is 0.04 s, but gains are designed"),
+        ("vehicle.time_step=0.08", "vehicle.time_step is 0.08 s, but gains are designed for periods up to 0.02 s"),
+        ("vehicle.time_step=0", "vehicle.time_step is 0 s"),
+        ("nominal.mass=3", "the rotors cannot fly this route"),
+    ],
+)
+def test_a_laboratory_that_gains_cannot_be_designed_for(laboratory, override, words):
+    with pytest.raises(InputError, match=words):
+        laboratory_plant(laboratory(override))
+
+
+def test_the_plant_of_the_vehicle_as_it_is(laboratory):
+    """A heavier one in hover, with what couples the axes left out; the gain from thrust to height tells the mass."""
+    flawed = ["vehicle.mass=0.85", "vehicle.centre_of_mass=[0.002, 0]", "vehicle.thrust_factor_error=[0.1, 0, 0, 0]"]
+    gains = []
+    for vehicle in ("believed", "as it is"):
+        plant, specific_thrust = laboratory_plant(laboratory(*flawed), vehicle=vehicle)
+        thrust = plant.between(["wrench.thrust"], ["measurement.z"])
+        assert specific_thrust == pytest.approx(9.81 * (1.0 if vehicle == "believed" else 0.85 / 0.68), rel=1e-12)
+        gains.append(abs(thrust.response(np.exp([1j * 0.5 * 0.02]))[0, 0, 0]))
+        rolled = plant.between(["wrench.thrust"], ["measurement.roll", "measurement.pitch"])
+        np.testing.assert_allclose(rolled.response(np.exp([1j * 0.5 * 0.02])), 0.0, atol=1e-12)
+    # Drag of 0.1 N s/m beside 0.5 rad/s of the mass.
+    assert gains[0] / gains[1] == pytest.approx(np.hypot(0.85, 0.2) / np.hypot(0.68, 0.2), rel=1e-3)
+
+
 def test_no_equilibrium_is_told(laboratory):
     storm = "laboratory.wind=[{kind: steady, velocity: [60, 0, 0]}]"
     with pytest.raises(InputError, match="has no equilibrium near hover: .* still moves by"):
@@ -111,6 +148,8 @@ def test_small_steps_are_those_of_the_linear_model(laboratory):
         column = ("x", "y", "z", "roll", "pitch", "yaw").index(row)
         assert response.linear[0, column] == pytest.approx(1e-4)
         assert abs(response.linear[-1, column]) < 0.3e-4
+    with pytest.raises(InputError, match="there is no row height in the state"):
+        release(loop, {"height": 1e-4}, duration=1.0)
     # A large step is not: the tilt is limited.
     response = release(loop, {"x": 40.0}, duration=4.0)
     assert np.abs(response.nonlinear - response.linear)[:, 0].max() > 1.0

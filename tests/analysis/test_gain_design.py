@@ -1,5 +1,7 @@
 """Designed gains: where they put the poles, what they cost, and what the flying loop stands."""
 
+import argparse
+import importlib
 import re
 import shlex
 from dataclasses import replace
@@ -11,7 +13,13 @@ from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 from ruamel.yaml import YAML
 
 from drake_quad import InputError, load_scenario
-from drake_quad.analysis.cascade_design import LoopOptions, attitude_plant, design_cascade, position_plant
+from drake_quad.analysis.cascade_design import (
+    LoopOptions,
+    attitude_plant,
+    default_options,
+    design_cascade,
+    position_plant,
+)
 from drake_quad.analysis.closed_loop import as_believed, at_rest, closed_loop, laboratory_plant
 from drake_quad.analysis.gain_design import PdGains, PolePair, Regulator, Requirements, design_loop, pd_loop
 from drake_quad.analysis.margins import fast_margins, frequencies, margins
@@ -69,6 +77,21 @@ def test_what_binds_is_named(pitch, requirements, limit):
 def test_requirements_that_no_gains_meet(pitch):
     with pytest.raises(InputError, match=r"for pitch; at best phase margin: \d\d\.\d°, less than 80°"):
         design_loop(pitch, PolePair(0.8), Requirements(phase=80.0), axis="pitch")
+
+
+def test_rates_that_are_not_seen_leave_no_gains(pitch):
+    blind = replace(pitch, C=pitch.C * [[1.0], [0.0]])
+    with pytest.raises(InputError, match="no gains of this kind are good enough for pitch; at best no gains"):
+        design_loop(blind, PolePair(0.8), Requirements(), axis="pitch")
+
+
+def test_a_regulator_is_found_under_any_delay():
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["laboratory.command_link.delay_ticks=50"])
+    plant = attitude_plant(laboratory_plant(scenario), scenario, "pitch")
+    family = Regulator(0.2)
+    assert np.isfinite(family.cost(plant, family.gains(plant, 0.1), 0.1))
+    with pytest.raises(InputError, match=r"pitch cannot have an effort of 30: phase margin"):
+        design_loop(plant, family, Requirements(phase=60.0), axis="pitch", effort=30.0)
 
 
 def test_a_plant_that_cannot_be_stabilised(pitch):
@@ -131,13 +154,20 @@ def test_the_design_is_the_diagram(shipped):
         assert np.abs(found - pole).min() < 1e-6
 
 
-def test_shipped_gains_are_what_their_call_makes(shipped):
+def test_shipped_gains_are_what_their_call_makes(shipped, monkeypatch):
     """The comment in the file names the call; the gains follow from it, and the scenario has them."""
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+    script = importlib.import_module("design_gains")
     name, scenario = shipped
     text = (ROOT / "diagrams" / "gains" / f"{name}.yaml").read_text(encoding="utf-8")
     command = shlex.split(re.match(r"# python (.*)\n", text).group(1))
     assert command == ["scripts/design_gains.py", f"diagrams/{SHIPPED[name]}"]
-    made = design_cascade(scenario).gains()
+    arguments = argparse.ArgumentParser()
+    arguments.add_argument("scenario")
+    script.add_design_options(arguments)
+    options = script.design_options(arguments.parse_args(command[1:]), scenario.laboratory.command_link.period)
+    assert options == default_options(scenario.laboratory.command_link.period)
+    made = design_cascade(scenario, options).gains()
     assert YAML(typ="safe").load(text)["gains"]["control"] == made
     for block, gains in made.items():
         for kind, values in gains.items():

@@ -102,6 +102,27 @@ def test_a_pole_may_leave_through_minus_one():
     assert fast.gain == pytest.approx(margins(loop).gain, abs=1e-6)
 
 
+@pytest.mark.parametrize(("k_p", "k_d"), CASES)
+def test_crossover_bandwidth_and_peak_against_a_fine_grid(k_p, k_d):
+    loop, found = loop_of(k_p, k_d), margins(loop_of(k_p, k_d))
+    grid = np.geomspace(0.1, np.pi / PERIOD, 200_001)
+    L = loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0]
+    assert found.crossover == pytest.approx(grid[np.abs(L) > 1.0].max(), rel=1e-3)
+    assert found.bandwidth == pytest.approx(grid[np.abs(L / (1.0 + L)) < np.sqrt(0.5)].min(), rel=1e-2)
+    assert found.sensitivity == pytest.approx(np.abs(1.0 / (1.0 + L)).max(), rel=1e-3)
+
+
+def test_the_gain_of_an_unstable_plant_may_not_fall_too_far():
+    """Around a pole of 2 1/s: below a gain reduction that closed loops confirm, it falls."""
+    pole, h = np.exp(2.0 * PERIOD), PERIOD
+    loop = SampledSystem(*(np.array([[x]]) for x in (pole, 1.0, 0.2, 0.0)), h, ("x",), ("u",), ("y",))
+    factor = 10.0 ** (-margins(loop).gain_reduction / 20.0)
+    assert factor == pytest.approx((pole - 1.0) / 0.2, rel=1e-3)
+    assert is_stable(loop, 1.001 * factor)
+    assert not is_stable(loop, 0.999 * factor)
+    assert margins(loop_of(5.0, 4.0)).gain_reduction == np.inf
+
+
 def test_many_at_once_are_the_same():
     grid = frequencies(PERIOD)
     loops = [loop_of(*gains) for gains in CASES]

@@ -11,8 +11,8 @@ from scipy.linalg import expm
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario
 from drake_quad.analysis.closed_loop import WATCHERS, laboratory_plant
+from drake_quad.analysis.context_vector import ContextVector
 from drake_quad.analysis.sampled_system import SampledSystem, at_tick, linearize
-from drake_quad.analysis.state_vector import StateVector
 
 REAL = [
     "route={kind: hover}",
@@ -57,7 +57,7 @@ def classical(frequency, *, delay_ticks, h=0.01):
     ("torque", "inertia", "rows"), [("tau_x", 0.007, ("roll", "p")), ("thrust", 0.68, ("z", "v_z"))]
 )
 def test_the_ideal_laboratory_is_the_classical_sampled_model(hover, delay_ticks, torque, inertia, rows):
-    plant = laboratory_plant(hover(f"laboratory.command_link.delay_ticks={delay_ticks}"))
+    plant = laboratory_plant(hover(f"laboratory.command_link.delay_ticks={delay_ticks}")).system
     plant = plant.between([f"wrench.{torque}"], [f"measurement.{row}" for row in rows]).connected()
     for frequency in (0.3, 3.0, 30.0, 100.0):
         found = inertia * plant.response(np.exp(1j * np.array([frequency]) * plant.period))[0, :, 0]
@@ -71,7 +71,7 @@ def test_the_jacobian_of_the_whole_loop_against_differences(hover, overrides):
     diagram = build_tracking_diagram(scenario)
     context = at_tick(diagram, 0.08)
     system, _ = linearize(diagram, context, period=0.02, without=WATCHERS)
-    layout = StateVector(diagram, without=WATCHERS)
+    layout = ContextVector(diagram, without=WATCHERS)
     start = layout.read(diagram, context)
 
     def after(state):
@@ -91,7 +91,7 @@ def test_the_jacobian_of_the_whole_loop_against_differences(hover, overrides):
 
 def test_the_state_has_names_and_no_watchers(hover):
     diagram = build_tracking_diagram(hover(*REAL), record=True)
-    names = StateVector(diagram, without=WATCHERS).names
+    names = ContextVector(diagram, without=WATCHERS).names
     assert len(names) == len(set(names))
     assert "laboratory.vehicle.state.pitch" in names
     assert "laboratory.motion_capture.measurement_0_ticks_old.v_x" in names
@@ -177,3 +177,8 @@ def test_what_no_input_reaches_and_no_output_sees_is_left_out():
     assert small.states == ("a", "b")
     z = np.exp(1j * np.array([0.1, 1.0]))
     np.testing.assert_allclose(small.response(z), system.response(z), atol=1e-14)
+    # Whatever the units: what counts is the size beside others in the same row.
+    faint = replace(system, B=1e-14 * system.B, C=1e-14 * system.C)
+    assert faint.connected().states == ("a", "b")
+    rounding = replace(system, A=system.A + 1e-16 * np.ones((4, 4)))
+    assert rounding.connected().states == ("a", "b")

@@ -2,6 +2,7 @@
 
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario, simulate
@@ -42,6 +43,32 @@ def test_derivatives_are_those_of_whole_flights(windy):
             assert found.gradients[name][i] == pytest.approx((high - low) / (2.0 * step), rel=1e-3, abs=1e-6 * scale)
 
 
+def test_what_the_vehicle_does_not_say_follows_nominal():
+    """As with `--set nominal.mass`: the belief and the vehicle change together; not so if the vehicle has its own."""
+    course = ROOT / "diagrams" / "figure_eight.yaml"
+    for own in ([], ["vehicle.mass=0.68"]):
+        scenario = load_scenario(course, ["duration=2", *own])
+        found = flight_sensitivities(scenario, ["nominal.mass"]).gradients["effort_z"][0]
+        ends = [
+            simulate(load_scenario(course, ["duration=2", f"nominal.mass={mass}", *own])) for mass in (0.6799, 0.6801)
+        ]
+        low, high = (flight.metrics.effort_z for flight in ends)
+        assert found == pytest.approx((high - low) / 0.0002, rel=1e-3, abs=1e-6)
+
+
+def test_a_metric_that_is_zero_has_no_derivative():
+    found = flight_sensitivities(load_scenario(ROOT / "diagrams" / "hover.yaml", ["duration=1"]), ["vehicle.mass"])
+    assert found.metrics["rmse"] == 0.0
+    assert np.isnan(found.gradients["rmse"]).all()
+
+
+def test_a_crash_before_anything_counts():
+    wild = ["duration=3", "metrics={start: 2.5}", "control.attitude.k_p=[900, 900, 9]"]
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", wild)
+    with pytest.raises(InputError, match=r"crashed at \d\.\d\d s, before a tick counted"):
+        flight_sensitivities(scenario, ["vehicle.mass"])
+
+
 def test_a_number_at_its_bound_is_varied_to_one_side():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=2"])
     found = flight_sensitivities(scenario, ["vehicle.linear_drag"])
@@ -54,15 +81,25 @@ def test_a_number_at_its_bound_is_varied_to_one_side():
     [
         ("vehicle.wings", "there is no field vehicle.wings in the scenario"),
         ("control.position.k_p.3", "there is no field control.position.k_p.3"),
+        ("control.position.k_p.-1", "there is no field control.position.k_p.-1"),
         ("control.position.kind", "control.position.kind is 'pd', not a real number"),
         ("seed", "seed is 0, not a real number"),
         ("route.radius", "route.radius changes the plan"),
         ("crash.tilt", "crash.tilt is not a number that the flight depends on smoothly"),
         ("laboratory.motion_capture.position_noise", "changes the structure of the diagram at 0"),
+        ("laboratory.motion_capture.attitude_noise", "changes the structure of the diagram at 0"),
+        ("laboratory.motion_capture.misalignment.1", "changes the structure of the diagram at 0"),
+        ("laboratory.wind.0.velocity.1", "changes the structure of the diagram at 0"),
+        ("vehicle.battery_sag", "changes the structure of the diagram at 0"),
     ],
 )
 def test_what_has_no_derivative_is_told(field, words):
-    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=1"])
+    """Also what is left out of the diagram when it is zero, with a derivative filter that would be there anyway."""
+    still = [
+        "laboratory.wind=[{kind: steady, velocity: [0, 0, 0]}]",
+        "laboratory.motion_capture.derivative_bandwidth=80",
+    ]
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=1", *still])
     with pytest.raises(InputError, match=words):
         flight_sensitivities(scenario, [field])
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario, simulate
+from drake_quad.analysis.closed_loop import closed_loop
 from drake_quad.analysis.gain_design import PdGains, pd_loop
 from drake_quad.analysis.margins import margins
 from drake_quad.analysis.modes import modes
@@ -37,6 +38,20 @@ def test_each_place_of_the_map_is_a_loop_of_its_own(scenario, loop):
         lasting = [mode for mode in modes(closed.A, closed.states, period=0.02) if mode.pole.real > np.log(0.05) / 0.02]
         assert found.damping[i, j] == pytest.approx(min(mode.damping for mode in lasting), rel=1e-3)
         assert found.delay[i, j] == pytest.approx(margins(pd_loop(plant, gains)).delay, rel=5e-3)
+
+
+@pytest.mark.parametrize("loop", ["position", "attitude"])
+@pytest.mark.parametrize("overrides", [[], ["vehicle.mass=0.75", "vehicle.inertia=[0.01, 0.01, 0.012]"]])
+def test_the_mapped_loop_is_the_diagram(loop, overrides):
+    """Closed with the scenario's own gains it has multipliers of the whole diagram, with the vehicle as it is."""
+    scenario = load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", overrides)
+    block, i = getattr(scenario.control, loop), 0 if loop == "position" else 1
+    poles = mapped_plant(scenario, loop).with_feedback(np.array([[block.k_p[i], block.k_d[i]]])).poles()
+    multipliers = closed_loop(scenario).system.poles()
+    lasting = poles[np.abs(poles) > 0.1]
+    assert len(lasting) >= 5
+    for pole in lasting:
+        assert np.abs(multipliers - pole).min() < 1e-6
 
 
 @pytest.mark.parametrize("loop", ["position", "attitude"])

@@ -129,6 +129,14 @@ def test_slow_modes_that_differ_are_kept_apart():
     assert [set(mode.states) for mode in found] == [{"a"}, {"b", "c"}, {"d"}]
 
 
+@pytest.mark.parametrize(("swing", "multiplicity"), [(0.003, 2), (0.007, 1), (0.012, 1)])
+def test_a_slow_swing_is_one_mode(swing, multiplicity):
+    """Whether its two poles are nearer to each other than what counts as one, or not."""
+    (mode,) = modes(np.array([[-1.0, swing], [-swing, -1.0]]), ("a", "b"))
+    assert mode.multiplicity == multiplicity
+    assert mode.pole.imag >= 0.0
+
+
 def test_modes_are_named_by_what_takes_part():
     """Two oscillators, one damped to 0.1 at 2 rad/s, one to 0.5 at 5 rad/s; the same after sampling."""
     A = np.zeros((4, 4))

@@ -1,7 +1,7 @@
-"""All that a diagram remembers, as one vector with names."""
+"""The numbers of a diagram's context, as one vector with names."""
 
 from collections.abc import Iterator, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 import numpy as np
 from pydrake.systems.framework import Diagram
@@ -11,9 +11,10 @@ from drake_quad.signals import SIGNALS
 
 
 class _Group(NamedTuple):
-    """A discrete-state group of a leaf system, and the names of its elements."""
+    """A vector in the context of a leaf system, and the names of its elements."""
 
     path: tuple[str, ...]
+    kind: Literal["discrete", "continuous", "parameter"]
     number: int
     names: tuple[str, ...]
 
@@ -37,46 +38,48 @@ def system_at(diagram: Any, path: Sequence[str]) -> Any:
     return diagram
 
 
-class StateVector:
-    """The discrete-state groups of a diagram's systems, one after the other, and its continuous state at the end.
+class ContextVector:
+    """What a diagram remembers, leaf system by leaf system, and perhaps its numeric parameters.
 
     The names are those of the systems on the way, of the group and of the row, as in
     `laboratory.vehicle.state.pitch`. The same layout serves the diagram's other scalar types.
 
     Args:
-        diagram: whose state it is.
-        without: names of subsystems whose state is left out.
+        diagram: whose context it is.
+        without: names of subsystems that are left out.
+        parameters: whether numeric parameters are in it.
 
     Raises:
         InputError: a system holds a state that is not made of numbers.
     """
 
-    def __init__(self, diagram: Diagram, *, without: Sequence[str] = ()) -> None:
-        context = diagram.CreateDefaultContext()
-        self._groups = list(_groups(diagram, context, without))
-        self._continuous = context.num_continuous_states()
-        continuous = tuple(f"continuous.{i}" for i in range(self._continuous))
-        self.names = (*(name for group in self._groups for name in group.names), *continuous)
+    def __init__(self, diagram: Diagram, *, without: Sequence[str] = (), parameters: bool = False) -> None:
+        self._groups = list(_groups(diagram, diagram.CreateDefaultContext(), without, parameters))
+        self.names = tuple(name for group in self._groups for name in group.names)
 
     def read(self, diagram: Diagram, root: Any) -> np.ndarray:
-        """The (n,) state in a diagram's context."""
+        """The (n,) numbers in a diagram's context."""
         parts = [self._vector(diagram, root, group).CopyToVector() for group in self._groups]
-        return np.concatenate([*parts, root.get_continuous_state_vector().CopyToVector()])
+        return np.concatenate([np.empty(0), *parts])
 
-    def write(self, diagram: Diagram, root: Any, state: np.ndarray) -> None:
-        """Puts a (n,) state into a diagram's context."""
+    def write(self, diagram: Diagram, root: Any, numbers: np.ndarray) -> None:
+        """Puts (n,) numbers into a diagram's context."""
         first = 0
         for group in self._groups:
             end = first + len(group.names)
-            self._vector(diagram, root, group).SetFromVector(state[first:end])
+            self._vector(diagram, root, group).SetFromVector(numbers[first:end])
             first = end
-        if self._continuous:
-            root.get_mutable_continuous_state_vector().SetFromVector(state[first:])
 
     @staticmethod
     def _vector(diagram: Diagram, root: Any, group: _Group) -> Any:
         context = system_at(diagram, group.path).GetMyMutableContextFromRoot(root)
-        return context.get_mutable_discrete_state(group.number)
+        match group.kind:
+            case "discrete":
+                return context.get_mutable_discrete_state(group.number)
+            case "continuous":
+                return context.get_mutable_continuous_state_vector()
+            case "parameter":
+                return context.get_mutable_numeric_parameter(group.number)
 
 
 def row_names(signal: str, size: int) -> tuple[str, ...]:
@@ -92,8 +95,8 @@ def undotted(names: Sequence[str]) -> list[str]:
     return [name.replace(".", "_") for name in names]
 
 
-def _groups(diagram: Diagram, root: Any, without: Sequence[str]) -> Iterator[_Group]:
-    for path in leaf_paths(diagram, without=without):
+def _groups(diagram: Diagram, root: Any, without: Sequence[str], parameters: bool) -> Iterator[_Group]:
+    for path in sorted(leaf_paths(diagram, without=without)):
         system = system_at(diagram, path)
         context = system.GetMyContextFromRoot(root)
         if context.num_abstract_states():
@@ -102,4 +105,13 @@ def _groups(diagram: Diagram, root: Any, without: Sequence[str]) -> Iterator[_Gr
             names = getattr(system, "group_names", None)
             group = names[number] if names else f"group_{number}"
             size = context.get_discrete_state(number).size()
-            yield _Group(path, number, tuple(".".join((*path, row)) for row in row_names(group, size)))
+            yield _Group(path, "discrete", number, _names(path, row_names(group, size)))
+        if size := context.num_continuous_states():
+            yield _Group(path, "continuous", 0, _names(path, row_names("continuous", size)))
+        for number in range(context.num_numeric_parameter_groups() if parameters else 0):
+            size = context.get_numeric_parameter(number).size()
+            yield _Group(path, "parameter", number, _names(path, row_names(f"parameter_{number}", size)))
+
+
+def _names(path: Sequence[str], rows: Sequence[str]) -> tuple[str, ...]:
+    return tuple(".".join((*path, row)) for row in rows)
