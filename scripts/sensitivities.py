@@ -53,6 +53,9 @@ def print_sensitivities(found: Sensitivities, metric: str) -> None:
     if found.crash_time < math.inf:
         print(f"crashed at {found.crash_time:.2f} s; metrics and derivatives are those of the flight until then")
     print(f"{metric} {found.metrics[metric]:.6g} (SI units)")
+    if not found.metrics[metric] > 0.0 or np.isnan(found.gradients[metric]).all():
+        print(f"{metric} is zero, where it has no derivative")
+        return
     effects = found.values * found.gradients[metric] / (found.metrics[metric] or math.nan)
     rows = [
         (

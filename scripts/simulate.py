@@ -23,7 +23,8 @@ def main() -> None:
     with flight_progress() as progress:
         flight = simulate(scenario, sample=arguments.sample, progress=progress)
     files = [*flight.save(folder), *save_plots(flight, folder)]
-    drawn = [("sample", str(arguments.sample), f"of seed {scenario.seed}")] if arguments.sample is not None else []
+    sample = scenario.sample if arguments.sample is None else arguments.sample
+    drawn = [("sample", str(sample), f"of seed {scenario.seed}")] if sample is not None else []
     print_table([*drawn, *summary(flight)])
     print_files(files)
 

@@ -1,5 +1,6 @@
 """Maps the PD gains that a loop stands, in its linear model and in flight, nominal and with the worst lag and delay."""
 
+import argparse
 import csv
 import math
 from pathlib import Path
@@ -28,29 +29,29 @@ def main() -> None:
         scenario="figure_eight.yaml",
     )
     options.add_argument("--loop", choices=tuple(_RANGES), default="position", help="whose gains (default: position)")
-    options.add_argument("--size", type=int, default=40, help="gains along each side of the map (default: 40)")
+    options.add_argument("--size", type=int, help="gains along each side of the map (default: 40)")
     options.add_argument("--k-p", type=float, nargs=2, metavar=("LEAST", "MOST"), help="range of k_P, 1/s²")
     options.add_argument("--k-d", type=float, nargs=2, metavar=("LEAST", "MOST"), help="range of k_D, 1/s")
     options.add_argument(
         "--worst",
         metavar="FIELD=VALUE",
         action="append",
-        help=f"a field of the worst case (default: rotors {_SLOWER:g} times as slow and a tick more of delay)",
+        help=f"a field of vehicle or laboratory in the worst case; can be given several times (default: rotors"
+        f" {_SLOWER:g} times as slow and a tick more of delay)",
     )
     options.add_argument("--quick", action="store_true", help="a map of 12 by 12 over 5 s of flight")
     arguments = options.parse_args()
-    if not 2 <= arguments.size <= 200:
-        raise InputError(f"--size is {arguments.size}, but must be between 2 and 200")
-    size = 12 if arguments.quick else arguments.size
+    size = arguments.size if arguments.size is not None else 12 if arguments.quick else 40
+    if not 2 <= size <= 200:
+        raise InputError(f"--size is {size}, but must be between 2 and 200")
     k_p = _grid("--k-p", arguments.k_p or _RANGES[arguments.loop][0], size)
     k_d = _grid("--k-d", arguments.k_d or _RANGES[arguments.loop][1], size)
     if arguments.quick:
-        arguments.set = [*arguments.set, "duration=5"]
+        arguments.set = ["duration=5", *arguments.set]
     scenario = scenario_of(arguments)
     worst = arguments.worst or _worst_of(scenario)
-    arguments.set = [*arguments.set, *worst]
     names = [field.split("=")[0].split(".")[-1] + "=" + field.split("=", 1)[-1] for field in worst]
-    cases = {"nominal": scenario, ", ".join(names): scenario_of(arguments)}
+    cases = {"nominal": scenario, ", ".join(names): _worst_case(arguments, worst)}
     folder = output_folder(arguments.output / scenario.name)
     panels = [panel(title, case, arguments.loop, k_p, k_d) for title, case in cases.items()]
     block = getattr(scenario.control, arguments.loop)
@@ -71,8 +72,21 @@ def _worst_of(scenario: Scenario) -> list[str]:
     lag, delay = drawn.vehicle.rotor_time_constant, drawn.laboratory.command_link.delay_ticks
     return [
         f"vehicle.rotor_time_constant={_SLOWER * lag:.4g}",
-        f"laboratory.command_link.delay_ticks={delay + _LATER:g}",
+        f"laboratory.command_link.delay_ticks={min(delay + _LATER, 50):g}",
     ]
+
+
+def _worst_case(arguments: argparse.Namespace, worst: list[str]) -> Scenario:
+    for field in worst:
+        if not field.startswith(("vehicle.", "laboratory.")):
+            raise InputError(
+                f"--worst {field}: must be a field of vehicle or laboratory; the rest is not a matter of luck"
+            )
+    arguments.set = [*arguments.set, *worst]
+    try:
+        return scenario_of(arguments)
+    except InputError as error:
+        raise InputError(str(error).replace("--set", "--worst")) from None
 
 
 def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray) -> MapPanel:

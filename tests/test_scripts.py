@@ -82,7 +82,13 @@ def test_a_crash_is_reported_and_is_no_failure(run, tmp_path):
         (["--seed", "-1"], "seed is -1, but must be"),
         (["--set", "vehicle.mass={choice: [0.6, 0.7]}"], "vehicle.mass is a distribution"),
         (["--sample", "-2"], "sample is -2, but must be at least 0"),
-        (["diagrams/laboratory.yaml"], "holds several scenarios; choose one as diagrams/laboratory.yaml:NAME"),
+        (["diagrams/laboratory.yaml"], "error: diagrams/laboratory.yaml holds several scenarios; choose one as"),
+        (
+            ["--set", "vehicle.time_step=0.02"],
+            "is 0.02, but must not be longer than the shortest period",
+        ),
+        (["--set", "vehicle.linear_drag=200"], "vehicle.time_step is 0.01 s, too long for this much drag"),
+        (["--set", "control.position.k_p=1"], "control.position.k_p is 1, but must be a list"),
     ],
 )
 def test_wrong_input_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
@@ -172,6 +178,28 @@ def test_stability_map_counts_and_draws(run, tmp_path):
     assert (folder / "attitude_map.png").stat().st_size > 500
 
 
+def test_a_map_of_gains_from_zero_on_and_of_flights_without_error(run, tmp_path):
+    """Neither is logarithms of zero, which the tests would not let pass."""
+    result = run(
+        *("stability_map.py", "diagrams/hover.yaml", "--size", "3", "--set", "duration=0.2"),
+        *("--k-p", "0", "1", "--k-d", "0", "1", "--output", tmp_path),
+    )
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+@pytest.mark.parametrize("wind", ["[{kind: dryden}]", "[{kind: steady, velocity: [0, 0, 0]}]"])
+def test_wind_without_a_mean_is_drawn(run, tmp_path, wind):
+    arguments = ["diagrams/hover.yaml", "--set", "duration=0.5", "--set", f"laboratory.wind={wind}"]
+    result = run("simulate.py", *arguments, "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+
+
+def test_what_is_zero_has_no_sensitivities(run, tmp_path):
+    result = run("sensitivities.py", "diagrams/hover.yaml", "--set", "duration=0.5", "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "rmse is zero, where it has no derivative" in result.stdout
+
+
 def test_sensitivities_are_sorted_by_effect(run, tmp_path):
     fields = ["--field", "vehicle.arm_length", "--field", "vehicle.mass", "--set", "duration=2"]
     result = run("sensitivities.py", *fields, "--output", tmp_path)
@@ -188,7 +216,15 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
         ("design_gains.py", ["--attitude-bandwidth", "5"], "roll cannot have a bandwidth of 5 rad/s: phase margin"),
         ("design_gains.py", ["--method", "lqr", "--yaw-bandwidth", "1"], "--yaw-bandwidth is for --method poles"),
         ("stability_map.py", ["--size", "1"], "--size is 1, but must be between 2 and 200"),
+        ("stability_map.py", ["--quick", "--worst", "control.position.k_p.0=3"], "must be a field of vehicle or lab"),
+        (
+            "stability_map.py",
+            ["--quick", "--worst", "vehicle.mas=1"],
+            "--worst vehicle.mas=1: vehicle.mas is unknown",
+        ),
+        ("stability_map.py", ["--quick", "--worst", "vehicle.mass=5"], "the rotors cannot hold figure_eight in hover"),
         ("sensitivities.py", ["--field", "vehicle.wings"], "there is no field vehicle.wings"),
+        ("sensitivities.py", ["--field", "vehicle"], "vehicle is a block of fields, not a real number"),
     ],
 )
 def test_analyses_refuse_wrong_input_in_one_sentence(run, tmp_path, script, arguments, words):

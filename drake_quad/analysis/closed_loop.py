@@ -51,7 +51,9 @@ def at_rest(scenario: Scenario) -> Scenario:
     """
     for path in distributions_in(scenario):
         if not path.startswith("route."):
-            raise InputError(f"{path} is a distribution; a linear model needs a number there")
+            raise InputError(
+                f"{path} is a distribution; a linear model needs a number there, or the number of a sample"
+            )
     cameras, link, wind = (
         scenario.laboratory.motion_capture,
         scenario.laboratory.command_link,
@@ -176,7 +178,13 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
     plan = plan_route(resting)
     laboratory = parts.laboratory(resting, plan, plan.duration, Samples(0, [0]))
     context = laboratory.CreateDefaultContext()
-    hover = hover_rotor_speeds(parts.vehicle_parameters(resting.vehicle))
+    parameters = parts.vehicle_parameters(resting.vehicle)
+    hover = hover_rotor_speeds(parameters)
+    if not max(hover) < parameters.max_rotor_speed or not min(hover) > parameters.min_rotor_speed:
+        raise InputError(
+            f"the rotors cannot hold {scenario.name} in hover: they would turn at {max(hover):.0f} rad/s, but can at"
+            f" {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g} rad/s"
+        )
     believed = nominal_parameters(resting)
     wrench = rotor_wrench(hover, believed)
     laboratory.GetInputPort("wrench").FixValue(context, wrench)

@@ -79,7 +79,8 @@ def fast_margins(responses: np.ndarray, grid: np.ndarray) -> FastMargins:
         responses: (..., frequencies) of L.
         grid: (frequencies,) rad/s.
     """
-    size, angle = np.log(np.abs(responses)), np.angle(-responses)  # from -1, so that 0 is the critical point
+    size = np.log(np.maximum(np.abs(responses), 1e-300))
+    angle = np.angle(-responses)  # from -1, so that 0 is the critical point
     logs = np.log(grid)
     crosses = size[..., :-1] * size[..., 1:] < 0.0
     share = np.where(crosses, size[..., :-1] / (size[..., :-1] - size[..., 1:] + ~crosses), 0.0)

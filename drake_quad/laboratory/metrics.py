@@ -7,7 +7,7 @@ For a tick k of n, with the position error e_k and the commanded acceleration u_
     peak                   max |e_k|
     control effort         Σ u_k² / n, m²/s⁴
     total variation        Σ |u_k - u_{k-1}| / (duration of n - 1 ticks), m/s² per second
-    saturation share       share of the ticks at which the rotors could not give the commanded wrench
+    saturation share       share of the ticks at which the rotors, as the ground believes them, cannot give the wrench
 
 Ticks count within the scenario's window and until the vehicle crashes.
 """

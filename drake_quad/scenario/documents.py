@@ -151,7 +151,8 @@ def _resolve(path: Path, name: str | None, asked_by: Mark, stack: tuple[str, ...
     names = ", ".join(document.value)
     if name is None:
         if len(document.value) > 1:
-            raise InputError(f"{asked_by}: {path} holds several scenarios; choose one as {path}:NAME from {names}")
+            asking = "" if str(asked_by) == str(path) else f"{asked_by}: "
+            raise InputError(f"{asking}{path} holds several scenarios; choose one as {path}:NAME from {names}")
         name = next(iter(document.value))
     if name not in document.value:
         raise InputError(f"{asked_by}: there is no scenario {name!r} in {path}; it holds {names}")

@@ -148,6 +148,8 @@ def _complaint(problem: Any, value: Any, path: tuple[Any, ...]) -> str:
             return f"is {_shown(value)}, but must be a mapping of fields"
         case "path":
             return f"cannot be flown: {problem['msg']}"
+        case "tuple_type":
+            return f"is {_shown(value)}, but must be a list"
     demand = re.sub(r"^(Input|String|Tuple) should", "must", problem["msg"]).replace(" after validation", "")
     return f"is {_shown(value)}, but {demand}"
 

@@ -18,7 +18,8 @@ def number_at(scenario: Scenario, path: str) -> float:
     for key in _keys(value, path):
         value = value[key]
     if isinstance(value, bool | int) or not isinstance(value, float):
-        raise InputError(f"{path} is {value!r}, not a real number")
+        shown = "a block of fields" if isinstance(value, dict) else repr(value)
+        raise InputError(f"{path} is {shown}, not a real number")
     return value
 
 

@@ -116,9 +116,13 @@ def plot_root_locus(design: CascadeDesign) -> Figure:
             (1.0, BLUE, "s", "as designed"),
             (limit_factor, VERMILION, "o", f"limit of stability, × {limit_factor:.2f}"),
         ):
+            if not math.isfinite(factor):
+                continue
             place = _continuous(plant.with_feedback(factor * row).poles(), period)
             axes.plot(place.real, place.imag, marker, color=color, label=label, markerfacecolor="none", markersize=7)
-        limit = 4.0 * design.loops["x"].margins.bandwidth
+        edge = _continuous(plant.with_feedback(limit_factor * row).poles(), period)
+        critical = edge[np.nanargmin(np.abs(edge.real))] if math.isfinite(limit_factor) else 0.0
+        limit = max(4.0 * loop.margins.bandwidth, 1.2 * abs(critical.imag))
         for damping in (0.3, 0.5, 0.7):
             x = -damping / math.sqrt(1.0 - damping**2) * limit
             axes.plot(

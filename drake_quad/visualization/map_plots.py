@@ -42,10 +42,10 @@ def plot_map(panels: list[MapPanel], k_p: np.ndarray, k_d: np.ndarray, *, marked
         marked: gains of the scenario.
         loop: name of the loop.
     """
-    errors = [np.where(panel.flown.crashed, np.nan, 100.0 * panel.flown.rmse) for panel in panels]
-    seen = np.concatenate([error[np.isfinite(error)] for error in errors])
     # A tenth of a millimetre is no error, and where nothing flew to the end there is nothing to shade.
-    low = max(float(seen.min(initial=np.inf)), 1e-2) if len(seen) else 1.0
+    errors = [np.where(panel.flown.crashed, np.nan, np.maximum(100.0 * panel.flown.rmse, 1e-2)) for panel in panels]
+    seen = np.concatenate([error[np.isfinite(error)] for error in errors])
+    low = float(seen.min()) if len(seen) else 1.0
     high = min(max(float(seen.max(initial=0.0)), 2.0 * low), 30.0 * low)
     norm = LogNorm(low, high)
     with styled():
@@ -53,7 +53,10 @@ def plot_map(panels: list[MapPanel], k_p: np.ndarray, k_d: np.ndarray, *, marked
         row = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
         for axes, panel, error in zip(row, panels, errors, strict=True):
             shades = _draw(axes, panel, error, k_p, k_d, norm)
-            axes.plot(marked.k_d, marked.k_p, "*", color=VERMILION, markersize=13, markeredgecolor="white", zorder=5)
+            if k_p[0] <= marked.k_p <= k_p[-1] and k_d[0] <= marked.k_d <= k_d[-1]:
+                axes.plot(
+                    marked.k_d, marked.k_p, "*", color=VERMILION, markersize=13, markeredgecolor="white", zorder=5
+                )
             axes.set(xlabel="k_D (1/s)", title=panel.title)
         row[0].set_ylabel("k_P (1/s²)")
         label = "RMSE of the flight (cm)"

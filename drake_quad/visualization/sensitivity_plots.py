@@ -19,6 +19,8 @@ def plot_sensitivities(found: Sensitivities, metric: str) -> Figure:
         figure = new_figure(7.0, 1.2 + 0.27 * max(len(order), 1))
         axes = figure.subplots()
         axes.barh(range(len(order)), shown, color=np.where(shown > 0.0, VERMILION, BLUE))
+        if not order:
+            axes.annotate("nothing changes it to first order", (0.5, 0.5), xycoords="axes fraction", ha="center")
         axes.axvline(0.0, color="0.4", linewidth=0.8)
         axes.set_yticks(range(len(order)), [found.fields[i] for i in order])
         axes.set(xlabel="change of the metric for a change of the field by 1 % (%)", title=f"{metric}, first order")

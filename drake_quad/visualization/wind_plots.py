@@ -15,6 +15,8 @@ from drake_quad.visualization.style import AXES, BLACK, PLATE, REFERENCE, SHADIN
 # Arrows and shades along a map, and what the map shows beyond path and fans, m.
 _ARROWS, _SHADES, _MARGIN = 30, 300, 0.7
 _NAMES = "XYZ"
+# Air that is slower is still, m/s.
+_STILL = 1e-3
 
 
 class _Plane(NamedTuple):
@@ -46,6 +48,7 @@ def plot_wind(flight: Flight) -> Figure:
         above, side, series = figure.subplots(3, 1, height_ratios=[*heights, 0.22])
         fields = [_mean_wind(flight, plane, low, high) for plane in planes]
         top = max(float(speed.max()) for *_, speed in fields)
+        top = top if top > _STILL else 0.0
         for axes, plane, field in zip((above, side), planes, fields, strict=True):
             shades = _draw_map(axes, plane, field, top)
             _draw_flight(axes, plane, flight, fans)
@@ -74,14 +77,17 @@ def _mean_wind(flight: Flight, plane: _Plane, low: np.ndarray, high: np.ndarray)
 def _draw_map(axes: Axes, plane: _Plane, field: tuple[np.ndarray, ...], top: float) -> QuadMesh:
     """Shades of the speed, and arrows of the velocity where there is any to speak of."""
     across, up, velocity, speed = field
-    shades = axes.pcolormesh(across, up, speed, cmap=SHADING, vmin=0.0, vmax=max(top, 1e-9), rasterized=True)
+    shades = axes.pcolormesh(across, up, speed, cmap=SHADING, vmin=0.0, vmax=max(top, _STILL), rasterized=True)
     every = _SHADES // _ARROWS
     thin = slice(every // 2, None, every), slice(every // 2, None, every)
-    felt = speed[thin] > 0.03 * top
+    felt = speed[thin] > max(0.03 * top, _STILL)
     a, b = (coordinate[thin][felt] for coordinate in np.meshgrid(across, up))
     v_a, v_b = (velocity[axis][thin][felt] for axis in (plane.across, plane.up))
-    per_metre = top / (every * (across[1] - across[0]))  # the longest arrow reaches to the next one
-    axes.quiver(a, b, v_a, v_b, color="0.25", angles="xy", scale_units="xy", scale=per_metre, width=0.0016)
+    if felt.any():
+        per_metre = top / (every * (across[1] - across[0]))  # the longest arrow reaches to the next one
+        axes.quiver(a, b, v_a, v_b, color="0.25", angles="xy", scale_units="xy", scale=per_metre, width=0.0016)
+    else:
+        axes.annotate("no mean wind", (0.02, 0.95), xycoords="axes fraction", va="top", bbox=PLATE)
     axes.set(xlabel=f"{_NAMES[plane.across]} (m)", ylabel=f"{_NAMES[plane.up]} (m)")
     axes.set_title(
         f"{'From the side' if plane.up == 2 else 'From above'}: wind at {_NAMES[plane.third]} = {plane.level:.1f} m",
@@ -116,5 +122,8 @@ def _draw_series(axes: Axes, flight: Flight) -> None:
     for i, (name, color) in enumerate(AXES.items()):
         axes.plot(flight.time, flight["wind"][:, i], color=color, linewidth=1.0, label=name.upper())
     axes.set(xlabel="time (s)", ylabel="wind (m/s)")
+    largest = float(np.abs(flight["wind"]).max())
+    if largest < _STILL:
+        axes.set_ylim(-1.0, 1.0)
     axes.set_title("At the vehicle", loc="left")
     axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))

@@ -43,7 +43,6 @@ def fleet_after(scenario, start, equilibrium, deviations, end):
         (["laboratory.wind=[{kind: steady, velocity: [2, 1, 0]}]"], False),
         (["control.position.k_p=[1.6, 1.6, 6]"], True),
         (["laboratory.motion_capture.period=0.04"], False),
-        (["vehicle.time_step=0.04"], False),
     ],
 )
 def test_multipliers_predict_how_a_fleet_decays_or_grows(laboratory, overrides, grows):
@@ -107,7 +106,6 @@ def test_hover_is_where_the_route_hovers(laboratory):
     ("override", "words"),
     [
         ("laboratory.motion_capture.period=0.04", "laboratory.motion_capture.period is 0.04 s, but gains are designed"),
-        ("vehicle.time_step=0.08", "vehicle.time_step is 0.08 s, but gains are designed for periods up to 0.02 s"),
         ("vehicle.time_step=0", "vehicle.time_step is 0 s"),
         ("nominal.mass=3", "the rotors cannot fly this route"),
     ],
