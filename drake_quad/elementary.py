@@ -77,6 +77,11 @@ def exp(x: Row) -> Row:
     return math.exp(x) if x.__class__ is float else np.exp(x)
 
 
+def log(x: Row) -> Row:
+    """Natural logarithm."""
+    return math.log(x) if x.__class__ is float else np.log(x)
+
+
 def maximum(x: Row, y: Row) -> Row:
     """The larger of the two; y where x is NaN."""
     if x.__class__ is float and y.__class__ is float:

@@ -16,7 +16,7 @@ from drake_quad.laboratory.recorder import read_recorder
 from drake_quad.planning import flight_duration, plan_route, refuse_distributions
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Scenario, distributions_in, draw_sample
-from drake_quad.signals import SIGNALS
+from drake_quad.signals import signal_rows
 from drake_quad.tracking import build_tracking_diagram
 
 # Between two looks at the crashes and two reports of progress, s of flight.
@@ -56,7 +56,11 @@ class Flight:
             InputError: the folder cannot be written.
         """
         target = output_folder(Path(folder))
-        columns = [f"{name}.{row.name} ({row.unit})" for name in self.signals for row in SIGNALS[name]]
+        columns = [
+            f"{name}.{row.name} ({row.unit})"
+            for name, values in self.signals.items()
+            for row in signal_rows(name, values.shape[1])
+        ]
         table = np.column_stack([self.time, *self.signals.values()])
         header = ",".join(["time (s)", *columns])
 

@@ -12,9 +12,14 @@ from pydrake.systems.primitives import ConstantVectorSource
 
 from drake_quad.control.attitude import AttitudeController
 from drake_quad.control.cascade import build_cascade
+from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
+from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
+from drake_quad.control.fuzzy.systems import build_fuzzy_network
+from drake_quad.control.integral import IntegralCorrection
 from drake_quad.control.position import build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring
 from drake_quad.elementary import Row, Rows, is_zero, where
+from drake_quad.errors import InputError
 from drake_quad.fleet import fleet_rows
 from drake_quad.laboratory.command_link import CommandLink
 from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor
@@ -26,16 +31,20 @@ from drake_quad.laboratory.wind.fans import Fans, Jet
 from drake_quad.laboratory.wind.gust import Gust, GustParameters
 from drake_quad.planning import nominal_parameters
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Scenario, models, wind
+from drake_quad.scenario import Scenario, controllers, models, wind
 from drake_quad.vehicle.allocation import Allocation, RotorModel
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor
 
+# A fourth-order Runge-Kutta step is stable up to 2.78 time constants of a decay.
+_STABLE = 2.5
 
-def control(scenario: Scenario, num_vehicles: int, position_controller: Any = None) -> Diagram:
+
+def control(scenario: Scenario, plan: Plan, num_vehicles: int, position_controller: Any = None) -> Diagram:
     """The cascade of a scenario, with its own position controller or with another; it believes the nominal numbers."""
     position, attitude = scenario.control.position, scenario.control.attitude
+    period = scenario.laboratory.command_link.period
     if position_controller is None:
         position_controller = build_position_controller(
             num_vehicles=num_vehicles,
@@ -43,6 +52,7 @@ def control(scenario: Scenario, num_vehicles: int, position_controller: Any = No
             k_d=position.k_d,
             derivative=position.derivative,
             feed_forward=position.feed_forward,
+            correction=_correction(position, plan, {"num_vehicles": num_vehicles, "period": period}),
         )
     believed = nominal_parameters(scenario)
     limits = scenario.control.thrust_vectoring
@@ -64,6 +74,50 @@ def control(scenario: Scenario, num_vehicles: int, position_controller: Any = No
     )
 
 
+def _correction(position: controllers.PositionController, plan: Plan, common: dict[str, Any]) -> Any:
+    """What is subtracted from a position controller's PD, if anything is."""
+    match position:
+        case controllers.PidPosition():
+            correction = IntegralCorrection(k_i=position.k_i, limit=position.integral_limit, **common)
+            correction.set_name("integral")
+            return correction
+        case controllers.Type1Position() | controllers.Type2Position():
+            return _network(position, plan, common)
+    return None
+
+
+def _network(
+    position: controllers.Type1Position | controllers.Type2Position, plan: Plan, common: dict[str, Any]
+) -> Diagram:
+    network, learning = position.network, position.learning
+    inputs = (FuzzySets(sets.scale, sets.centres, sets.widths) for sets in (network.error, network.rate))
+    exponents = (network.a1, network.a2, network.q) if isinstance(network, controllers.Ellipses) else (1.0, 1.0, 0.0)
+    law: Any
+    slope: Row = 1.0
+    reset_times: list[float] = []
+    match learning:
+        case controllers.CovarianceLearning():
+            law = CovarianceLaw(learning.gain, learning.initial_covariance, learning.forgetting)
+            slope = learning.slope
+            if learning.reset == "at_segments":
+                reset_times = plan.leg_times[1:]
+        case controllers.GradientLearning():
+            law, slope = GradientLaw(learning.rate), learning.slope
+        case controllers.SignLearning():
+            law = SignLaw(learning.rate, learning.initial_slope)
+    limit = math.inf if learning.weight_limit is None else learning.weight_limit
+    return build_fuzzy_network(
+        axes=position.axes,
+        antecedents=Antecedents(*exponents, *inputs),
+        law=law,
+        slope=slope,
+        limits=Limits(limit, learning.deadzone, learning.leakage),
+        initial_weight=learning.initial_weight,
+        reset_times=reset_times,
+        **common,
+    )
+
+
 def laboratory(scenario: Scenario, plan: Plan, duration: float, samples: Samples) -> Diagram:
     """The laboratory of a scenario around its vehicles, in hover at the beginning of the plan.
 
@@ -76,6 +130,7 @@ def laboratory(scenario: Scenario, plan: Plan, duration: float, samples: Samples
     num_vehicles = len(samples.numbers)
     believed = nominal_parameters(scenario)
     vehicle, link = scenario.vehicle, scenario.laboratory.command_link
+    _check_step(scenario)
     return build_laboratory(
         vehicle=Quadrotor(
             num_vehicles=num_vehicles,
@@ -98,6 +153,21 @@ def laboratory(scenario: Scenario, plan: Plan, duration: float, samples: Samples
         wind=_wind(scenario, num_vehicles),
         samples=samples,
     )
+
+
+def _check_step(scenario: Scenario) -> None:
+    """Raises InputError if drag stops a vehicle so fast that its steps would not be stable."""
+    vehicle = scenario.vehicle
+    sources = scenario.laboratory.wind
+    gusts = [source.velocity for source in sources if isinstance(source, wind.Gust)]
+    speeds = [np.sqrt(sum(part * part for part in velocity)) for velocity in (steady_wind(scenario), *gusts)]
+    airspeed = sum(speeds) + sum(jet.exit_speed for jet in jets(scenario))
+    rate = np.max((vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed) / vehicle.mass)
+    if vehicle.time_step * rate > _STABLE:
+        raise InputError(
+            f"vehicle.time_step is {vehicle.time_step:g} s, too long for this much drag, which carries a vehicle along"
+            f" within {1.0 / rate:.2g} s; shorten it, or make it 0 for a continuous state"
+        )
 
 
 def monitor(scenario: Scenario, num_vehicles: int) -> Any:

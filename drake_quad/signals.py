@@ -29,6 +29,9 @@ _ACCELERATION = _rows("m/s²", "x", "y", "z")
 _WRENCH = _rows("N", "thrust") + _rows("N m", "tau_x", "tau_y", "tau_z")
 _ROTORS = _rows("rad/s", "1", "2", "3", "4")
 
+# Signals whose size depends on the network.
+_NETWORK_UNITS = {"weights": "m/s²", "covariance_trace": "1/s"}
+
 SIGNALS: dict[str, tuple[Row, ...]] = {
     "state": _STATE,
     "rotor_speed": _ROTORS,
@@ -52,3 +55,14 @@ SIGNALS: dict[str, tuple[Row, ...]] = {
     "attitude_command": _rows("rad", "roll", "pitch", "yaw"),
     "crashed": _rows("1", "crashed"),
 }
+
+
+def signal_rows(name: str, size: int) -> tuple[Row, ...]:
+    """What the rows of a signal of one vehicle mean.
+
+    The rows of a network are numbered: `weights` rule after rule, the axes of a rule beside each other;
+    `covariance_trace` axis after axis.
+    """
+    if name in _NETWORK_UNITS:
+        return _rows(_NETWORK_UNITS[name], *(str(number) for number in range(1, size + 1)))
+    return SIGNALS[name]

@@ -12,6 +12,7 @@ from typing import Any
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad import parts
+from drake_quad.control.cascade import POSITION_SIGNALS
 from drake_quad.laboratory.recorder import build_recorder
 from drake_quad.laboratory.tape import Samples
 from drake_quad.planning import flight_duration, plan_route, refuse_distributions
@@ -22,7 +23,7 @@ from drake_quad.scenario import Scenario, distributions_in, draw_samples
 # What is exported, and recorded, from each part; a control of the user's own need only have `wrench`.
 _SIGNALS = {
     "reference": ("reference",),
-    "control": ("error", "error_rate", "pd", "correction", "acceleration_command", "attitude_command", "wrench"),
+    "control": (*POSITION_SIGNALS, "acceleration_command", "attitude_command", "wrench"),
     "laboratory": ("measurement", "state", "rotor_speed", "rotor_speed_command", "shortfall", "wind"),
     "monitor": ("crashed",),
 }
@@ -74,7 +75,7 @@ def build_tracking_diagram(
     builder = DiagramBuilder()
     systems = {
         "reference": build_reference(plan, num_vehicles=num_vehicles),
-        "control": control or parts.control(drawn, num_vehicles, position_controller),
+        "control": control or parts.control(drawn, plan, num_vehicles, position_controller),
         "laboratory": parts.laboratory(drawn, plan, duration, Samples(drawn.seed, samples)),
         "monitor": parts.monitor(drawn, num_vehicles),
     }

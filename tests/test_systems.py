@@ -8,6 +8,10 @@ from pydrake.common import RandomDistribution
 
 from drake_quad.control.attitude import AttitudeController
 from drake_quad.control.cascade import build_cascade
+from drake_quad.control.fuzzy.inference import Antecedents
+from drake_quad.control.fuzzy.laws import CovarianceLaw
+from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
+from drake_quad.control.integral import IntegralCorrection
 from drake_quad.control.position import ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring
 from drake_quad.laboratory.command_link import CommandLink
@@ -84,7 +88,9 @@ SYSTEMS = [
     (DrydenTurbulence, lambda: DrydenTurbulence(num_vehicles=2, turbulence=TURBULENCE)),
     (Fans, fans),
     (FlightMonitor, FlightMonitor),
+    (FuzzyRules, lambda: FuzzyRules(num_vehicles=2, antecedents=Antecedents(1.4, 0.6, 0.3))),
     (Gust, lambda: Gust(gust=GustParameters((1.0, 2.0, 3.0), 1.0, 2.0))),
+    (IntegralCorrection, lambda: IntegralCorrection(num_vehicles=2, k_i=(1.0, 2.0, 3.0), limit=2.0)),
     (IdealMotionCapture, IdealMotionCapture),
     (MotionCapture, motion_capture),
     (ProportionalDerivative, lambda: ProportionalDerivative(**GAINS, feed_forward=True)),
@@ -94,7 +100,12 @@ SYSTEMS = [
     (SameForAll, lambda: SameForAll(num_vehicles=3, num_rows=2)),
     (TapePlayer, tape_player),
     (ThrustVectoring, lambda: ThrustVectoring(**VECTORING)),
+    (
+        WeightLearning,
+        lambda: WeightLearning(num_vehicles=2, axes=("x", "z"), law=CovarianceLaw(1.0, 20.0), num_rules=4),
+    ),
     (build_cascade, cascade),
+    (build_fuzzy_network, lambda: build_fuzzy_network(num_vehicles=2, initial_weight=0.5)),
     (build_laboratory, laboratory),
     (build_position_controller, lambda: build_position_controller(**GAINS, feed_forward="jerk")),
     (build_wind, wind),

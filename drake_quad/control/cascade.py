@@ -9,7 +9,7 @@ from drake_quad.control.position import FeedForward
 from drake_quad.fleet import split_output
 
 # What a position controller may show of its inside, beside its `acceleration_command`.
-POSITION_SIGNALS = ("error", "error_rate", "pd", "correction")
+POSITION_SIGNALS = ("error", "error_rate", "pd", "correction", "weights", "covariance_trace")
 
 
 def build_cascade(*, position: Any, thrust_vectoring: Any, attitude: Any, feed_forward: FeedForward) -> Diagram:
@@ -32,8 +32,8 @@ def build_cascade(*, position: Any, thrust_vectoring: Any, attitude: Any, feed_f
         - pd
         - correction
 
-    The last four are there if the position controller has them, `reference_jerk` and `reference_snap` if they are fed
-    forward.
+    The last four are there if the position controller has them, and so are `weights` and `covariance_trace` of a
+    network; `reference_jerk` and `reference_snap` if they are fed forward.
 
     Args:
         position: from `measurement` and `reference` to `acceleration_command`.

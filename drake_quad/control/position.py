@@ -4,7 +4,7 @@ from typing import Any, Literal
 
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import Adder, ConstantVectorSource
+from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain
 
 from drake_quad.elementary import Rows
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system, split_output
@@ -82,8 +82,9 @@ def build_position_controller(
     k_d: Rows,
     derivative: Derivative = "tracking_error",
     feed_forward: FeedForward = "none",
+    correction: Any = None,
 ) -> Diagram:
-    """Builds the diagram `position`: the PD law of eq (8), command = `pd` - `correction` + feed-forward.
+    """Builds the diagram `position`: the PD law of eq (8), command = `pd` - `correction` + feed-forward, eq (14).
 
     .. pydrake_system::
 
@@ -101,7 +102,8 @@ def build_position_controller(
     `error` (3 rows, m) is e = p_r - p in W; `error_rate` (3 rows, m/s) is ė = v_r - v with the derivative on the
     tracking error, and ė = -v with the derivative on the measurement, which makes the loop lag by about (k_D / k_P)
     v; `pd` (3 rows, m/s²) is τ_c = k_P e + k_D ė. `measurement` has the 12 rows of the vehicle's state, `reference`
-    11: position, velocity, acceleration, yaw, yaw rate. `correction` is zero here.
+    11: position, velocity, acceleration, yaw, yaw rate. `correction` (3 rows, m/s²), τ_f, is zero without a system that
+    makes it; what else such a system shows is shown beside it.
 
     Any system with these two inputs and the first output can stand in its place.
 
@@ -112,23 +114,36 @@ def build_position_controller(
         derivative: "tracking_error" or "measurement".
         feed_forward: unless "none", the reference's acceleration is added to the command. What "jerk" and "snap" mean
             beyond that is done by thrust vectoring.
+        correction: a system from any of `error`, `error_rate` and `pd` to `correction`, such as a network that learns.
     """
     builder = DiagramBuilder()
     pd = ProportionalDerivative(
         num_vehicles=num_vehicles, k_p=k_p, k_d=k_d, derivative=derivative, feed_forward=feed_forward != "none"
     )
     parts = split_output(builder, "pd", pd)
-    correction = builder.AddNamedSystem("correction", ConstantVectorSource(np.zeros(3 * num_vehicles)))
-    command = builder.AddNamedSystem("acceleration_command", Adder(2, 3 * num_vehicles))
-    builder.Connect(parts["pd"], command.get_input_port(0))
-    builder.Connect(parts["feed_forward"], command.get_input_port(1))
+    size = 3 * num_vehicles
+    summands = [parts["pd"], parts["feed_forward"]]
+    if correction is None:
+        correction = builder.AddNamedSystem("correction", ConstantVectorSource(np.zeros(size)))
+        shown = {"correction": correction.get_output_port()}
+    else:
+        builder.AddNamedSystem(correction.get_name(), correction)
+        for i in range(correction.num_input_ports()):
+            builder.Connect(parts[correction.get_input_port(i).get_name()], correction.get_input_port(i))
+        outputs = [correction.get_output_port(i) for i in range(correction.num_output_ports())]
+        shown = {port.get_name(): port for port in outputs}
+        minus = builder.AddNamedSystem("minus", Gain(-1.0, size))
+        builder.Connect(shown["correction"], minus.get_input_port())
+        summands.append(minus.get_output_port())
+    command = builder.AddNamedSystem("acceleration_command", Adder(len(summands), size))
+    for i, port in enumerate(summands):
+        builder.Connect(port, command.get_input_port(i))
 
     builder.ExportInput(pd.GetInputPort("measurement"), "measurement")
     builder.ExportInput(pd.GetInputPort("reference"), "reference")
     builder.ExportOutput(command.get_output_port(), "acceleration_command")
-    for name in ("error", "error_rate", "pd"):
-        builder.ExportOutput(parts[name], name)
-    builder.ExportOutput(correction.get_output_port(), "correction")
+    for name, port in ({name: parts[name] for name in ("error", "error_rate", "pd")} | shown).items():
+        builder.ExportOutput(port, name)
     position = builder.Build()
     position.set_name("position")
     return position

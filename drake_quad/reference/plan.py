@@ -47,6 +47,11 @@ class Plan:
         return self.path.duration
 
     @property
+    def leg_times(self) -> list[float]:
+        """When the legs begin, s."""
+        return [float(self.path.times[leg.first]) for leg in self.legs]
+
+    @property
     def waypoints(self) -> np.ndarray:
         """(segments + 1, 3) the points that the path passes, m."""
         return self.path.waypoints

@@ -10,6 +10,7 @@ from typing import Annotated, Literal
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from drake_quad.scenario.controllers import PositionController
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.quantities import (
     Gains,
@@ -132,20 +133,6 @@ class Laboratory(Model):
     wind: Annotated[tuple[Wind, ...], Field(strict=False)] = Field(default=(), description="sources; they add up")
 
 
-class PdPosition(Model):
-    """PD on the position error, eq (8)."""
-
-    kind: Literal["pd"]
-    k_p: Gains = Field(description="k_P on X, Y, Z (1/s²)")
-    k_d: Gains = Field(description="k_D on X, Y, Z (1/s)")
-    derivative: Literal["tracking_error", "measurement"] = Field(
-        default="tracking_error", description="what k_D multiplies: v_r - v, or -v"
-    )
-    feed_forward: Literal["none", "acceleration", "jerk", "snap"] = Field(
-        default="none", description="up to which derivative of the reference is fed forward"
-    )
-
-
 class ThrustVectoring(Model):
     """Limits of what eq (7) may command."""
 
@@ -170,7 +157,7 @@ class AttitudePd(Model):
 class Control(Model):
     """The cascade: position, thrust vectoring, attitude."""
 
-    position: PdPosition
+    position: PositionController
     thrust_vectoring: ThrustVectoring = ThrustVectoring()
     attitude: AttitudePd
 
@@ -260,6 +247,12 @@ class Scenario(Journey):
         if self.vehicle.time_step > 0.0:
             periods = {"vehicle.time_step": self.vehicle.time_step, **periods}
         base = min(periods.values())
+        if self.vehicle.time_step > base:
+            raise PydanticCustomError(
+                "step",
+                "must not be longer than the shortest period of cameras and control, {base} s",
+                {"field": "vehicle.time_step", "base": base},
+            )
         for field, period in periods.items():
             if math.frexp(period / base)[0] != 0.5 or base * (period / base) != period:
                 raise PydanticCustomError(

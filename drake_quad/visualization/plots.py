@@ -130,13 +130,9 @@ def save_plots(flight: Flight, folder: Path | str) -> list[Path]:
     return [write_whole(target / f"{name}.png", plot(flight).savefig) for name, plot in plots.items()]
 
 
-def _leg_starts(flight: Flight) -> list[float]:
-    return [float(flight.plan.path.times[leg.first]) for leg in flight.plan.legs]
-
-
 def _shade_legs(axes: Axes, flight: Flight) -> None:
     """Numbers the legs of the route along the top and shades every other one."""
-    starts = [*_leg_starts(flight), float(flight.time[-1])]
+    starts = [*flight.plan.leg_times, float(flight.time[-1])]
     if len(starts) < 3:
         return
     for i, (start, end) in enumerate(itertools.pairwise(starts)):
@@ -150,7 +146,7 @@ def _shade_legs(axes: Axes, flight: Flight) -> None:
 
 def _number_legs(axes: Axes, flight: Flight) -> None:
     """Writes the number of each leg of the route at its middle, seen from above."""
-    times = [*_leg_starts(flight), float(flight.plan.path.times[-1])]
+    times = [*flight.plan.leg_times, float(flight.plan.path.times[-1])]
     if len(times) < 3:
         return
     position, velocity = flight.plan.derivative(0), flight.plan.derivative(1)

@@ -4,9 +4,11 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydantic import TypeAdapter
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.analysis.sensitivity import DIFFERENTIABLE, flight_sensitivities
+from drake_quad.scenario.controllers import PositionController
 from drake_quad.scenario.numbers import number_at, with_number
 
 ROOT = Path(__file__).parent.parent.parent
@@ -67,6 +69,27 @@ def test_a_crash_before_anything_counts():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", wild)
     with pytest.raises(InputError, match=r"crashed at \d\.\d\d s, before a tick counted"):
         flight_sensitivities(scenario, ["vehicle.mass"])
+
+
+def test_derivatives_reach_through_what_is_learned(windy):
+    learning = {
+        "kind": "pd_t2fnn",
+        "k_p": (1.4, 1.4, 6.0),
+        "k_d": (1.4, 1.4, 3.5),
+        "derivative": "measurement",
+        "learning": {"kind": "covariance", "slope": 2.0, "initial_covariance": 6.0},
+    }
+    position = TypeAdapter(PositionController).validate_python(learning)
+    scenario = windy.model_copy(update={"control": windy.control.model_copy(update={"position": position})})
+    fields = ["control.position.learning.slope", "control.position.network.a1", "control.position.network.q"]
+    found = flight_sensitivities(scenario, fields, sample=1)
+    for i, field in enumerate(fields):
+        step = 1e-4 * found.values[i]
+        low, high = (
+            simulate(with_number(scenario, field, found.values[i] + side * step), sample=1).metrics.rmse
+            for side in (-1.0, 1.0)
+        )
+        assert found.gradients["rmse"][i] == pytest.approx((high - low) / (2.0 * step), rel=1e-4)
 
 
 def test_a_number_at_its_bound_is_varied_to_one_side():

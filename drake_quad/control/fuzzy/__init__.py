@@ -1,0 +1,1 @@
+"""Fuzzy neural networks that learn in flight."""

@@ -1,0 +1,119 @@
+"""Inference, against pyit2fls and against what it must be."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from pyit2fls import IT2TSK, BMM_algorithm, IT2FS_Elliptic, probabilistic_sum_s_norm, product_t_norm
+
+from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, elliptic_membership, firing_strengths
+
+uppers, lowers = st.floats(1.001, 3.0), st.floats(0.1, 0.999)
+shares = st.floats(0.0, 1.0)
+inside = st.floats(-1.0, 1.0)
+
+
+def sixteenths(least, most):
+    return st.integers(16 * least, 16 * most).map(lambda number: number / 16)
+
+
+@st.composite
+def fuzzy_sets(draw):
+    """Two to five sets that overlap, somewhere and of some scale; in sixteenths: no support ends by rounding."""
+    centres = np.cumsum([draw(sixteenths(-3, 3)), *draw(st.lists(sixteenths(1, 2), min_size=1, max_size=4))])
+    gaps = np.diff(centres)
+    # More than half of the way to either neighbour.
+    widths = [max(gaps[max(i - 1, 0) : i + 1]) * draw(st.sampled_from([0.625, 1.0, 1.25])) for i in range(len(centres))]
+    return FuzzySets(draw(st.floats(0.1, 10.0)), tuple(centres.tolist()), tuple(map(float, widths)))
+
+
+def oracle(antecedents, weights):
+    """The same network in pyit2fls."""
+    network = IT2TSK(product_t_norm, probabilistic_sum_s_norm)
+    # Its solver takes a pair for an interval of which the middle counts.
+    q = antecedents.q
+    network.algorithm = lambda intervals: (BMM_algorithm(intervals, (q, 1.0 - q)),) * 2
+    inputs = {}
+    for name, sets in (("error", antecedents.error), ("rate", antecedents.rate)):
+        network.add_input_variable(name)
+        inputs[name] = [
+            IT2FS_Elliptic(np.linspace(c - d, c + d, 3), [c, d, antecedents.a1, antecedents.a2, 1.0])
+            for c, d in zip(sets.centres, sets.widths, strict=True)
+        ]
+    network.add_output_variable("u")
+    pairs = [(first, second) for first in inputs["error"] for second in inputs["rate"]]
+    for (first, second), weight in zip(pairs, weights, strict=True):
+        consequent = {"const": float(weight), "error": 0.0, "rate": 0.0}
+        network.add_rule([("error", first), ("rate", second)], [("u", consequent)])
+    return network
+
+
+@settings(max_examples=60, deadline=None)
+@given(uppers, lowers, shares, fuzzy_sets(), fuzzy_sets(), st.integers(0, 2**32))
+def test_inference_is_that_of_pyit2fls(a1, a2, q, error, rate, seed):
+    """At 50 places of each of many networks."""
+    rng = np.random.default_rng(seed)
+    antecedents = Antecedents(a1, a2, q, error, rate)
+    weights = rng.normal(size=antecedents.num_rules)
+    network = oracle(antecedents, weights)
+    for _ in range(50):
+        x = [rng.uniform(sets.centres[0], sets.centres[-1]) for sets in (error, rate)]
+        firing = firing_strengths(x[0] / error.scale, x[1] / rate.scale, antecedents)
+        expected = network.evaluate({"error": x[0], "rate": x[1]})["u"]
+        assert np.dot(firing, weights) == pytest.approx(expected, abs=1e-12)
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.floats(0.1, 5.0), inside)
+def test_memberships_are_elliptic(exponent, u):
+    grade = elliptic_membership(u, exponent)
+    assert grade**exponent + abs(u) ** exponent == pytest.approx(1.0, abs=1e-12)
+    assert elliptic_membership(-u, exponent) == grade
+    assert elliptic_membership(np.array([u]), exponent)[0] == pytest.approx(grade, abs=1e-15)
+
+
+def test_memberships_end_where_sets_do():
+    for exponent in (0.1, 0.5, 1.0, 2.0, 3.0):
+        values = [0.0, -0.0, 1.0, -1.0, 1.5, -7.0]
+        assert [elliptic_membership(u, exponent) for u in values] == [1.0, 1.0, 0.0, 0.0, 0.0, 0.0]
+        np.testing.assert_array_equal(elliptic_membership(np.array(values), exponent), [1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
+
+
+@settings(max_examples=200, deadline=None)
+@given(uppers, lowers, shares, fuzzy_sets(), fuzzy_sets(), st.floats(-50.0, 50.0), st.floats(-50.0, 50.0))
+def test_firing_strengths_are_shares(a1, a2, q, error_sets, rate_sets, error, rate):
+    """They are not negative and their sum is one, wherever the inputs are; a fleet has those of its vehicles."""
+    antecedents = Antecedents(a1, a2, q, error_sets, rate_sets)
+    firing = firing_strengths(error, rate, antecedents)
+    assert min(firing) >= 0.0
+    assert sum(firing) == pytest.approx(1.0, abs=1e-13)
+    errors, rates = np.linspace(error - 1.0, error, 7), np.linspace(rate, rate + 1.0, 7)
+    fleet = np.array(firing_strengths(errors, rates, antecedents))
+    alone = [firing_strengths(float(e), float(r), antecedents) for e, r in zip(errors, rates, strict=True)]
+    np.testing.assert_allclose(fleet, np.transpose(alone), atol=1e-15, rtol=1e-12)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.lists(st.floats(-5.0, 5.0), min_size=9, max_size=9), inside, inside)
+def test_type_1_interpolates_between_the_weights(weights, error, rate):
+    triangles = Antecedents(a1=1.0, a2=1.0)
+    table = np.reshape(weights, (3, 3))
+    i, j = min(int(error + 1.0), 1), min(int(rate + 1.0), 1)
+    s, t = error + 1.0 - i, rate + 1.0 - j
+    expected = (1 - s) * ((1 - t) * table[i, j] + t * table[i, j + 1]) + s * (
+        (1 - t) * table[i + 1, j] + t * table[i + 1, j + 1]
+    )
+    assert np.dot(firing_strengths(error, rate, triangles), weights) == pytest.approx(expected, abs=1e-14)
+
+
+def test_each_vehicle_of_a_fleet_may_have_its_own_network():
+    rng = np.random.default_rng(3)
+    n = 5
+    a1, a2, q, scale, width = (rng.uniform(*limits, n) for limits in ((1.1, 2), (0.3, 0.9), (0, 1), (1, 4), (0.8, 1.4)))
+    error, rate = rng.normal(size=(2, n)) * 0.4
+    wide = FuzzySets(scale, (-1.0, 0.0, 1.0), (width, width, width))
+    fleet = np.array(firing_strengths(error, rate, Antecedents(a1, a2, q, wide, wide)))
+    for i in range(n):
+        sets = FuzzySets(scale[i], (-1.0, 0.0, 1.0), (width[i],) * 3)
+        alone = firing_strengths(error[i], rate[i], Antecedents(a1[i], a2[i], q[i], sets, sets))
+        np.testing.assert_allclose(fleet[:, i], alone, rtol=1e-12, atol=1e-15)
