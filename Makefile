@@ -31,6 +31,8 @@ figures: $(VENV)/.installed
 	cp out/low_wind/wind.png docs/wind.png
 	$(VENV)/bin/python scripts/stability_map.py diagrams/laboratory.yaml:nominal
 	cp out/stability/nominal/position_map.png docs/stability.png
+	$(VENV)/bin/python scripts/compare_controllers.py
+	cp out/comparison/comparison.png docs/comparison.png
 
 $(VENV)/bin/python:
 	@test -n "$(PYTHON)" || { echo "no Python from 3.11 on was found on PATH or under pyenv"; exit 2; }

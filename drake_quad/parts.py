@@ -89,9 +89,7 @@ def _correction(position: controllers.PositionController, plan: Plan, common: di
 def _network(
     position: controllers.Type1Position | controllers.Type2Position, plan: Plan, common: dict[str, Any]
 ) -> Diagram:
-    network, learning = position.network, position.learning
-    inputs = (FuzzySets(sets.scale, sets.centres, sets.widths) for sets in (network.error, network.rate))
-    exponents = (network.a1, network.a2, network.q) if isinstance(network, controllers.Ellipses) else (1.0, 1.0, 0.0)
+    learning = position.learning
     law: Any
     slope: Row = 1.0
     reset_times: list[float] = []
@@ -108,7 +106,7 @@ def _network(
     limit = math.inf if learning.weight_limit is None else learning.weight_limit
     return build_fuzzy_network(
         axes=position.axes,
-        antecedents=Antecedents(*exponents, *inputs),
+        antecedents=antecedents(position),
         law=law,
         slope=slope,
         limits=Limits(limit, learning.deadzone, learning.leakage),
@@ -116,6 +114,14 @@ def _network(
         reset_times=reset_times,
         **common,
     )
+
+
+def antecedents(position: controllers.Type1Position | controllers.Type2Position) -> Antecedents:
+    """The antecedents of a controller's network."""
+    network = position.network
+    inputs = (FuzzySets(sets.scale, sets.centres, sets.widths) for sets in (network.error, network.rate))
+    exponents = (network.a1, network.a2, network.q) if isinstance(network, controllers.Ellipses) else (1.0, 1.0, 0.0)
+    return Antecedents(*exponents, *inputs)
 
 
 def laboratory(scenario: Scenario, plan: Plan, duration: float, samples: Samples) -> Diagram:

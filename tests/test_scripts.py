@@ -200,6 +200,35 @@ def test_what_is_zero_has_no_sensitivities(run, tmp_path):
     assert "rmse is zero, where it has no derivative" in result.stdout
 
 
+def test_compare_controllers_prints_a_line_for_each_pair(run, tmp_path):
+    controllers = ROOT / "diagrams" / "controllers" / "paper.yaml"
+    pair = ["--controller", f"{controllers}:pd", "--controller", f"{controllers}:pd_t2fnn"]
+    result = run("compare_controllers.py", "--quick", "--scenario", "diagrams/hover.yaml", *pair, "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    result = run(
+        *("compare_controllers.py", "--scenario", "diagrams/laboratory.yaml:low_wind", *pair, "--samples", "3"),
+        *("--set", "duration=6", "--output", tmp_path),
+    )
+    assert (result.returncode, result.stderr) == (0, "")
+    assert re.search(r"^low_wind +pd +\d+\.\d ± \d\.\d cm .* 100 %$", result.stdout, re.MULTILINE)
+    assert re.search(r"^low_wind +pd_t2fnn .* \d\d %$", result.stdout, re.MULTILINE)
+    assert len((tmp_path / "comparison.csv").read_text(encoding="utf-8").splitlines()) == 1 + 2 * 3
+    assert (tmp_path / "comparison.png").stat().st_size > 500
+
+
+def test_a_learned_flight_is_drawn(run, tmp_path):
+    mine = tmp_path / "mine.yaml"
+    bases = f"[{ROOT}/diagrams/laboratory.yaml:nominal, {ROOT}/diagrams/controllers/paper.yaml:pd_t2fnn]"
+    mine.write_text(f"mine:\n  extends: {bases}\n  duration: 3\n", encoding="utf-8")
+    result = run("simulate.py", mine, "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    for name in ("learning", "surfaces", "secant_gains"):
+        assert (tmp_path / "mine" / f"{name}.png").stat().st_size > 500
+    header = (tmp_path / "mine" / "flight.csv").read_text(encoding="utf-8").splitlines()[0]
+    assert "weights.18 (m/s²)" in header
+    assert "covariance_trace.2 (1/s)" in header
+
+
 def test_sensitivities_are_sorted_by_effect(run, tmp_path):
     fields = ["--field", "vehicle.arm_length", "--field", "vehicle.mass", "--set", "duration=2"]
     result = run("sensitivities.py", *fields, "--output", tmp_path)
@@ -223,6 +252,8 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
             "--worst vehicle.mas=1: vehicle.mas is unknown",
         ),
         ("stability_map.py", ["--quick", "--worst", "vehicle.mass=5"], "the rotors cannot hold figure_eight in hover"),
+        ("compare_controllers.py", ["--samples", "0"], "--samples is 0, but must be between 1 and 10000"),
+        ("compare_controllers.py", ["--controller", "diagrams/none.yaml:pd"], "diagrams/none.yaml: cannot be read"),
         ("sensitivities.py", ["--field", "vehicle.wings"], "there is no field vehicle.wings"),
         ("sensitivities.py", ["--field", "vehicle"], "vehicle is a block of fields, not a real number"),
     ],

@@ -18,18 +18,19 @@ _TAGS = ("number", *DISTRIBUTIONS)
 _Loaded = TypeVar("_Loaded", bound=Journey)
 
 
-def load_scenario(spec: str | Path, overrides: Sequence[str] = ()) -> Scenario:
+def load_scenario(spec: str | Path, overrides: Sequence[str] = (), *, layers: Sequence[str | Path] = ()) -> Scenario:
     """Loads a scenario.
 
     Args:
         spec: FILE, or FILE:NAME where the file holds several scenarios.
         overrides: assignments as on the command line, `field.path=value` with the value in YAML; they win.
+        layers: further FILE:NAMEs that are laid over the scenario one after the other, as if one extended them all.
 
     Raises:
         InputError: something in the file or in an override is wrong; the message names file, line, field, value and
             what is allowed.
     """
-    return _validated(Scenario, _loaded(spec, overrides))
+    return _validated(Scenario, _loaded(spec, overrides, layers))
 
 
 def load_journey(spec: str | Path, overrides: Sequence[str] = ()) -> Journey:
@@ -52,8 +53,10 @@ def load_journey(spec: str | Path, overrides: Sequence[str] = ()) -> Journey:
     return _validated(Journey, Tree({key: value for key, value in tree.value.items() if key not in others}, tree.mark))
 
 
-def _loaded(spec: str | Path, overrides: Sequence[str]) -> Tree:
+def _loaded(spec: str | Path, overrides: Sequence[str], layers: Sequence[str | Path] = ()) -> Tree:
     name, tree = find_scenario(spec)
+    for layer in layers:
+        tree = merged(tree, find_scenario(layer)[1])
     for override in overrides:
         tree = merged(tree, _within_lists(tree, _override(override)))
     if "name" not in tree.value:

@@ -11,6 +11,12 @@ from matplotlib.ticker import MaxNLocator
 
 from drake_quad.files import output_folder, write_whole
 from drake_quad.flight import Flight
+from drake_quad.visualization.learning_plots import (
+    plot_learning,
+    plot_own_memberships,
+    plot_secant_gains,
+    plot_surfaces,
+)
 from drake_quad.visualization.style import AXES, BLUE, LIMIT, PLATE, REFERENCE, ROTORS, VERMILION, new_figure, styled
 from drake_quad.visualization.wind_plots import plot_wind
 
@@ -120,13 +126,22 @@ PLOTS: dict[str, Callable[[Flight], Figure]] = {
 
 
 def save_plots(flight: Flight, folder: Path | str) -> list[Path]:
-    """Draws all plots of a flight into a folder as PNG and returns the files; that of the wind only if there is any.
+    """Draws all plots of a flight into a folder as PNG and returns the files; wind and learning only if there is any.
 
     Raises:
         InputError: the folder cannot be written.
     """
     target = output_folder(Path(folder))
-    plots = PLOTS if not flight.scenario.laboratory.wind else {**PLOTS, "wind": plot_wind}
+    plots = dict(PLOTS)
+    if flight.scenario.laboratory.wind:
+        plots["wind"] = plot_wind
+    if "weights" in flight.signals:
+        plots |= {
+            "memberships": plot_own_memberships,
+            "learning": plot_learning,
+            "surfaces": plot_surfaces,
+            "secant_gains": plot_secant_gains,
+        }
     return [write_whole(target / f"{name}.png", plot(flight).savefig) for name, plot in plots.items()]
 
 

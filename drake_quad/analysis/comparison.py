@@ -1,0 +1,42 @@
+"""Controllers side by side, on the same samples."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+
+from drake_quad.flight import fly, read_metrics
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.planning import flight_duration, plan_route
+from drake_quad.scenario import Scenario, draw_samples
+from drake_quad.tracking import build_tracking_diagram
+
+
+def fly_samples(
+    scenario: Scenario, samples: Sequence[int], *, progress: Callable[[float, float], None] | None = None
+) -> Metrics:
+    """Flies samples of a scenario's study in one fleet and returns their metrics.
+
+    Args:
+        scenario: of the study.
+        samples: N numbers of samples.
+        progress: called now and then with the time flown and the time to fly, s.
+
+    Returns:
+        (N,) arrays of each metric.
+
+    Raises:
+        InputError: the route holds a distribution, or the rotors cannot fly it.
+    """
+    drawn = draw_samples(scenario, samples)
+    plan = plan_route(drawn)
+    diagram = build_tracking_diagram(scenario, len(samples), samples=samples, plan=plan)
+    simulator = Simulator(diagram)
+    fly(simulator, flight_duration(drawn, plan), progress=progress)
+    return read_metrics(diagram, simulator.get_context())
+
+
+def share_of(metrics: Metrics, baseline: Metrics) -> np.ndarray:
+    """(N,) RMSE over that of the same samples under another controller; NaN where either crashed, or where it is 0."""
+    comparable = ~(metrics.crashed | baseline.crashed) & (baseline.rmse > 0.0)
+    return np.divide(metrics.rmse, baseline.rmse, out=np.full_like(metrics.rmse, np.nan), where=comparable)

@@ -1,0 +1,48 @@
+"""Controllers side by side."""
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.visualization.style import new_figure, styled
+
+_MARKERS = "osD^vPX*"
+
+
+def plot_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> Figure:
+    """The RMSE of every sample, a panel a scenario and a row a controller.
+
+    Args:
+        flights: (N,) metrics by scenario and controller; a crashed flight is not drawn but counted.
+    """
+    controllers = list(dict.fromkeys(name for found in flights.values() for name in found))
+    with styled():
+        figure = new_figure(2.0 + 2.6 * len(flights), 1.3 + 0.42 * len(controllers))
+        row = figure.subplots(1, len(flights), sharex=True, sharey=True, squeeze=False)[0]
+        for axes, (scenario, found) in zip(row, flights.items(), strict=True):
+            for place, name in enumerate(controllers):
+                metrics = found[name]
+                errors = 100.0 * metrics.rmse[~metrics.crashed]
+                spread = np.linspace(-0.22, 0.22, len(errors)) if len(errors) > 1 else np.zeros(len(errors))
+                axes.plot(errors, place + spread, ".", color="0.6", markersize=3.0, zorder=2)
+                label = ""
+                if len(errors):
+                    axes.plot(errors.mean(), place, _MARKERS[place % len(_MARKERS)], color="black", zorder=3)
+                    label = f"{errors.mean():.0f} cm" if errors.mean() >= 10.0 else f"{errors.mean():.1f} cm"
+                if metrics.crashed.any():
+                    label = ", ".join(filter(None, [label, f"{int(metrics.crashed.sum())} crashed"]))
+                axes.annotate(
+                    label,
+                    (1.02, place),
+                    xycoords=("axes fraction", "data"),
+                    va="center",
+                    fontsize=8.5,
+                )
+            axes.set(title=scenario, xlabel="RMSE (cm)")
+            axes.set_xlim(0.0, 1.05 * axes.get_xlim()[1])
+            axes.grid(visible=False, axis="y")
+        row[0].set_yticks(range(len(controllers)), controllers)
+        row[0].set_ylim(len(controllers) - 0.5, -0.5)
+        return figure

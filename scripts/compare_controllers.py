@@ -1,0 +1,130 @@
+"""Flies several controllers through several laboratories, all on the same samples, and compares them."""
+
+import argparse
+import csv
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+from command_line import flight_progress, print_columns, print_files, run
+
+from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.analysis.comparison import fly_samples, share_of
+from drake_quad.files import output_folder, write_whole
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.visualization.comparison_plots import plot_comparison
+
+_DIAGRAMS = Path(__file__).parent.parent / "diagrams"
+_SCENARIOS = tuple(f"laboratory.yaml:{name}" for name in ("nominal", "low_wind", "high_wind"))
+_CONTROLLERS = ("pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward")
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="example: python scripts/compare_controllers.py --scenario diagrams/outdoor.yaml --samples 50",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    options.add_argument(
+        "--scenario",
+        action="append",
+        metavar="FILE[:NAME]",
+        help="in which to fly; can be given several times (default: nominal, low_wind, high_wind of laboratory.yaml)",
+    )
+    options.add_argument(
+        "--controller",
+        action="append",
+        metavar="FILE:NAME",
+        help="laid over each scenario; can be given several times, the others are compared with the first"
+        f" (default: {', '.join(_CONTROLLERS)} of controllers/paper.yaml)",
+    )
+    options.add_argument("--samples", type=int, help="flights of each pair (default: 20)")
+    options.add_argument(
+        "--set", metavar="FIELD=VALUE", action="append", default=[], help="override a field everywhere"
+    )
+    options.add_argument("--seed", type=int, help="seed of everything random (default: the scenarios')")
+    options.add_argument("--quick", action="store_true", help="4 samples over 6 s of flight")
+    options.add_argument("--output", type=Path, default=Path("out/comparison"), help="folder (default: %(default)s)")
+    arguments = options.parse_args()
+    samples = arguments.samples if arguments.samples is not None else 4 if arguments.quick else 20
+    if not 1 <= samples <= 10_000:
+        raise InputError(f"--samples is {samples}, but must be between 1 and 10000")
+    pairs = scenarios_of(arguments)
+    folder = output_folder(arguments.output)
+    flights: dict[str, dict[str, Metrics]] = {}
+    for place, found in pairs.items():
+        flights[place] = {}
+        for name, scenario in found.items():
+            with flight_progress() as progress:
+                flights[place][name] = fly_samples(scenario, range(samples), progress=progress)
+    files = [
+        write_whole(folder / "comparison.csv", lambda path: write_table(path, flights)),
+        write_whole(folder / "comparison.png", plot_comparison(flights).savefig),
+    ]
+    print(f"{samples} samples each; mean and standard deviation; the share is that of the first controller's RMSE")
+    print_comparison(flights)
+    print_files(files)
+
+
+def scenarios_of(arguments: argparse.Namespace) -> dict[str, dict[str, Scenario]]:
+    """The scenarios to fly, by place and controller."""
+    places = arguments.scenario or [str(_DIAGRAMS / name) for name in _SCENARIOS]
+    controllers = arguments.controller or [
+        str(_DIAGRAMS / "controllers" / f"paper.yaml:{name}") for name in _CONTROLLERS
+    ]
+    overrides = ["duration=6"] if arguments.quick else []
+    overrides += [*arguments.set, *([] if arguments.seed is None else [f"seed={arguments.seed}"])]
+    found: dict[str, dict[str, Scenario]] = {}
+    for place in places:
+        for controller in controllers:
+            scenario = load_scenario(place, overrides, layers=[controller])
+            name = Path(controller.rpartition(":")[2]).stem
+            if name in found.setdefault(scenario.name, {}):
+                raise InputError(f"{scenario.name} is to be flown twice with {name}; give each its own name")
+            found[scenario.name][name] = scenario
+    return found
+
+
+def print_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> None:
+    """Prints a line for each scenario and controller."""
+    rows = []
+    for place, found in flights.items():
+        baseline = next(iter(found.values()))
+        for name, metrics in found.items():
+            share = share_of(metrics, baseline)
+            rows.append(
+                (
+                    place,
+                    name,
+                    f"{spread(100.0 * metrics.rmse, metrics, 1)} cm",
+                    f"{spread(100.0 * metrics.peak_error, metrics, 0)} cm",
+                    f"{spread(metrics.effort_x, metrics, 3)}",
+                    f"{spread(metrics.effort_y, metrics, 3)}",
+                    f"{100.0 * np.nanmean(share):.0f} %" if np.isfinite(share).any() else "–",
+                    f"{int(metrics.crashed.sum())} crashed" if metrics.crashed.any() else "",
+                )
+            )
+    print_columns(("scenario", "controller", "RMSE", "peak", "effort X (m²/s⁴)", "effort Y", "share", ""), rows)
+
+
+def spread(values: np.ndarray, metrics: Metrics, digits: int) -> str:
+    """Mean and standard deviation over the flights that did not crash."""
+    kept = values[~metrics.crashed]
+    if not len(kept):
+        return "–"
+    return f"{kept.mean():.{digits}f}" + (f" ± {kept.std(ddof=1):.{digits}f}" if len(kept) > 1 else "")
+
+
+def write_table(path: Path, flights: Mapping[str, Mapping[str, Metrics]]) -> None:
+    """Writes a line for each flight."""
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["scenario", "controller", "sample", *Metrics._fields])
+        for place, found in flights.items():
+            for name, metrics in found.items():
+                for sample, values in enumerate(zip(*metrics, strict=True)):
+                    writer.writerow([place, name, sample, *(f"{value:.9g}" for value in values)])
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,68 @@
+"""What a person can write wrong about a learning controller."""
+
+from pathlib import Path
+
+import pytest
+
+from drake_quad import InputError, load_scenario
+
+ROOT = Path(__file__).parent.parent.parent
+PAPER = ROOT / "diagrams" / "controllers" / "paper.yaml"
+POSITION = "control.position"
+
+
+def load(controller, *overrides):
+    return load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", overrides, layers=[f"{PAPER}:{controller}"])
+
+
+@pytest.mark.parametrize(
+    ("field", "value", "words"),
+    [
+        ("network.a1", "1.0", "is 1, but must be larger than 1|is 1.0, but must be larger than 1"),
+        ("network.a2", "1.0", "must be larger than 0 and smaller than 1"),
+        ("network.a2", "0", "must be larger than 0 and smaller than 1"),
+        ("network.q", "1.5", "must be at least 0 and at most 1"),
+        ("network.a1", "{uniform: {min: 0.9, max: 2.0}}", "must be larger than 1"),
+        ("network.error.centres", "[0, -1, 1]", r"centres is \[0, -1, 1\], but must rise from one to the next"),
+        ("network.error.centres", "[0]", "must have at least 2 items|at least 2"),
+        ("network.error.centres", "[-1, 0, 1, 2]", "widths .*must be as many as centres, 4"),
+        ("network.rate.widths", "[0.4, 0.4, 1]", r"must be wide enough that the sets at -1(\.0)? and 0(\.0)? overlap"),
+        ("network.rate.widths", "[0.5, 0.5, 1]", "must be wide enough"),
+        ("network.rate.widths", "[1, 0, 1]", "must be larger than 0"),
+        ("network.error.scale", "0", "must be larger than 0"),
+        ("learning.slope", "0", "must be larger than 0"),
+        ("learning.gain", "-1", "must be larger than 0"),
+        ("learning.initial_covariance", "0", "must be larger than 0"),
+        ("learning.forgetting", "0", "must be larger than 0 and at most 1"),
+        ("learning.forgetting", "1.01", "must be larger than 0 and at most 1"),
+        ("learning.kind", "newton", "must be one of 'covariance', 'gradient', 'sign'"),
+        ("learning.rate", "1.0", "rate is unknown"),
+        ("learning.deadzone", "-0.1", "must be at least 0"),
+        ("axes", "[]", "axes"),
+        ("axes", "[x, w]", "must be 'x', 'y' or 'z'"),
+    ],
+)
+def test_wrong_numbers_are_named(field, value, words):
+    with pytest.raises(InputError, match=words) as caught:
+        load("pd_t2fnn", f"{POSITION}.{field}={value}")
+    assert "\n" not in str(caught.value)
+    assert field.split(".")[0] in str(caught.value)
+
+
+def test_a_type_1_network_has_no_ellipses():
+    with pytest.raises(InputError, match="a1 is unknown"):
+        load("pd_t1fnn", f"{POSITION}.network.a1=1.2")
+
+
+def test_numbers_of_a_network_may_be_distributions():
+    overrides = ["network.a1={uniform: {min: 1.1, max: 2.0}}", "learning.gain={choice: [0.5, 1.0]}"]
+    load("pd_t2fnn", *(f"{POSITION}.{override}" for override in overrides))
+
+
+def test_every_controller_of_the_file_loads_over_every_laboratory():
+    for place in ("nominal", "low_wind", "high_wind"):
+        for name in ("pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward"):
+            spec = ROOT / "diagrams" / f"laboratory.yaml:{place}"
+            scenario = load_scenario(spec, layers=[f"{PAPER}:{name}"])
+            assert scenario.name == place
+            assert scenario.control.attitude.k_p[0] == 20.0
