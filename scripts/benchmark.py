@@ -14,8 +14,11 @@ from pathlib import Path
 import numpy as np
 from command_line import run
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
 from drake_quad import Scenario, build_tracking_diagram, load_scenario
+from drake_quad.control.fuzzy.systems import build_fuzzy_network
 from drake_quad.flight import fly
 from drake_quad.planning import flight_duration, plan_route
 from drake_quad.reference.minimum_snap import minimum_snap
@@ -24,6 +27,7 @@ from drake_quad.reference.plan import to_piecewise_polynomial
 from drake_quad.reference.planner import GivenTimes, LeastSnap, Shortest, plan_path
 
 _DIAGRAMS = Path(__file__).parent.parent / "diagrams"
+_NETWORK = _DIAGRAMS / "controllers" / "paper.yaml:pd_t2fnn"
 # The laboratory with all that it has.
 _EVERYTHING = [
     "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.6}}",
@@ -49,14 +53,22 @@ def main() -> None:
     repetitions = 5 if quick else 15
     ideal = load_scenario(_DIAGRAMS / "figure_eight.yaml")
     real = load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", _EVERYTHING)
+    learning = load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", _EVERYTHING, layers=[_NETWORK])
 
     print(f"{machine()}; one core, medians (and best) of {repetitions} runs.\n")
-    print("| | ideal laboratory | with every imperfection, noise and wind |")
-    print("|---|---|---|")
+    print("| | ideal laboratory | with every imperfection, noise and wind | and type-2 networks on X and Y |")
+    print("|---|---|---|---|")
     for size in (1, 64, 1024) if quick else (1, 64, 256, 1024, 2048, 3072, 4096):
         name = f"fleet of {size:,}, vehicle-seconds per second" if size > 1 else "one recorded flight, × real time"
-        costs = interleaved([Stepper(scenario, size) for scenario in (ideal, real)], repetitions)
-        print(f"| {name} | {spread(costs[0], size)} | {spread(costs[1], size)} |")
+        costs = interleaved([Stepper(scenario, size) for scenario in (ideal, real, learning)], repetitions)
+        print(f"| {name} | {' | '.join(spread(cost, size) for cost in costs)} |")
+    print("\n| a tick of a type-2 network on three axes, with its learning | |")
+    print("|---|---|")
+    for size in (1, 1024, 3072):
+        tick = network_tick(size)
+        times = [1e6 * tick() / size for _ in range(3 * repetitions)]
+        name = f"in a fleet of {size:,}, per vehicle" if size > 1 else "of one vehicle"
+        print(f"| {name} | {statistics.median(times):.3g} ({min(times):.3g}) µs |")
     print("\n| planning | |")
     print("|---|---|")
     for count in (10, 50, 200):
@@ -68,6 +80,27 @@ def main() -> None:
 def spread(costs: list[float], size: int) -> str:
     """Vehicle-seconds per second: the median, and the best in parentheses."""
     return f"{size / statistics.median(costs):,.0f} ({size / min(costs):,.0f})"
+
+
+def network_tick(size: int) -> Callable[[], float]:
+    """A function that advances a network of a fleet by some ticks and returns the seconds that one takes."""
+    builder = DiagramBuilder()
+    network = builder.AddNamedSystem("network", build_fuzzy_network(num_vehicles=size, axes=("x", "y", "z")))
+    rng = np.random.default_rng(0)
+    for name in ("error", "error_rate"):
+        source = builder.AddNamedSystem(name, ConstantVectorSource(0.3 * rng.normal(size=3 * size)))
+        builder.Connect(source.get_output_port(), network.GetInputPort(name))
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.02, 3 * size))
+    builder.Connect(network.GetOutputPort("correction"), hold.get_input_port())
+    simulator = Simulator(builder.Build())
+    simulator.Initialize()
+    ticks = 200 if size == 1 else 10
+
+    def advance() -> float:
+        until = simulator.get_context().get_time() + 0.02 * ticks
+        return timed(lambda: simulator.AdvanceTo(until)) / ticks
+
+    return advance
 
 
 class Stepper:

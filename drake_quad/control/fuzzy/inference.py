@@ -74,8 +74,16 @@ def elliptic_membership(u: Row, exponent: Row) -> Row:
     if u.dtype != float:
         return np.array([elliptic_membership(*pair) for pair in np.broadcast(u, exponent)])
     distance = np.abs(u)
-    inside = 1.0 - np.minimum(np.maximum(distance, _TINY), _BELOW_ONE) ** exponent
-    return inside ** (1.0 / exponent) * (distance < 1.0)
+    return _arc(_within(distance), exponent) * (distance < 1.0)
+
+
+def _within(distance: np.ndarray) -> np.ndarray:
+    return np.minimum(np.maximum(distance, _TINY), _BELOW_ONE)
+
+
+def _arc(distance: np.ndarray, exponent: Row) -> np.ndarray:
+    arc: np.ndarray = (1.0 - distance**exponent) ** (1.0 / exponent)
+    return arc
 
 
 def firing_strengths(error: Row, rate: Row, antecedents: Antecedents) -> list[Row]:
@@ -110,13 +118,17 @@ def _shares(x: Row, sets: FuzzySets, exponents: list[Row]) -> list[list[Row]]:
 def _memberships(distances: list[Row], sets: FuzzySets, exponents: list[Row]) -> list[list[Row]]:
     """For each exponent the memberships at the distances from all sets."""
     if not (_is_fast(distances[0]) and _alternate_sets_are_apart(sets)):
-        return [[elliptic_membership(u, exponent) for u in distances] for exponent in exponents]
+        # Calls are saved for sets that a number lies outside of.
+        return [
+            [0.0 if u.__class__ is float and u >= 1.0 else elliptic_membership(u, exponent) for u in distances]
+            for exponent in exponents
+        ]
     # Of every second set an input is in one at most, whose membership stands for all of them: powers take long.
-    nearest = [functools.reduce(np.minimum, distances[first::2]) for first in (0, 1) if first < len(distances)]
+    nearest = [_within(functools.reduce(np.minimum, distances[first::2])) for first in (0, 1)]
     inside = [u < 1.0 for u in distances]
     result = []
     for exponent in exponents:
-        alternate = [elliptic_membership(u, exponent) for u in nearest]
+        alternate = [_arc(u, exponent) for u in nearest]
         result.append([alternate[i % 2] * within for i, within in enumerate(inside)])
     return result
 

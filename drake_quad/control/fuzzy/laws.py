@@ -91,10 +91,11 @@ class CovarianceLaw(NamedTuple):
     def learn(self, weights: np.ndarray, memory: np.ndarray, firing: np.ndarray, signal: Row, period: float) -> None:
         """See `Law`."""
         information = covariance_times(memory, firing)
-        variance = np.add.reduce(firing * information)
+        variance = np.einsum("in,in->n", firing, information)
         growth = period * variance
-        weights -= information * (self.gain * signal * _log_of_1_plus(growth) / variance)
         subtract_square(memory, information, period / (1.0 + growth))
+        information *= self.gain * signal * _log_of_1_plus(growth) / variance
+        weights -= information
         if not _is(self.forgetting, 1.0):
             share = trace(memory, len(weights)) / (len(weights) * self.initial_covariance)
             memory /= 1.0 - (1.0 - self.forgetting) * np.maximum(1.0 - share, 0.0)
@@ -186,12 +187,12 @@ def covariance_times(memory: np.ndarray, vector: np.ndarray) -> np.ndarray:
     size, n = vector.shape
     if n < _FEW_CHANNELS:
         square = memory.take(_triangle(size).square, axis=0).reshape(size, size, n)
-        return np.add.reduce(square * vector, axis=1)
-    product = np.zeros_like(vector)
+        return np.einsum("ijn,jn->in", square, vector)
+    product, room = np.zeros_like(vector), np.empty_like(vector)
     for i, row in enumerate(_triangle(size).rows):
         part = memory[row]
-        product[i] += np.add.reduce(part * vector[i:])
-        product[i + 1 :] += part[1:] * vector[i]
+        product[i] += np.einsum("jn,jn->n", part, vector[i:])
+        product[i + 1 :] += np.multiply(part[1:], vector[i], out=room[i + 1 :])
     return product
 
 
@@ -208,8 +209,9 @@ def subtract_square(memory: np.ndarray, vector: np.ndarray, factor: Row) -> None
     if n < _FEW_CHANNELS:
         memory -= vector.take(_triangle(size).first, axis=0) * scaled.take(_triangle(size).second, axis=0)
         return
+    room = np.empty_like(vector)
     for i, row in enumerate(_triangle(size).rows):
-        memory[row] -= scaled[i] * vector[i:]
+        memory[row] -= np.multiply(vector[i:], scaled[i], out=room[i:])
 
 
 class _Triangle(NamedTuple):

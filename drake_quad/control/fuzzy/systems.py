@@ -141,6 +141,7 @@ class WeightLearning(FleetSystem):
         self._weights = self.discrete_state("weights", [initial_weight] * (num_rules * rows))
         memory = [row for row in law.memory(num_rules) for _ in range(rows)]
         self._memory = self.discrete_state(law.memory_name, memory) if memory else None
+        self._groups = range(len(self.group_names))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._learn)
         self.output("correction", 3, self._calc, uses={self.all_input_ports_ticket(), self.xd_ticket()})
         self.state_output(num_rules * rows, self._weights)
@@ -148,16 +149,18 @@ class WeightLearning(FleetSystem):
             self.output("covariance_trace", rows, self._calc_trace, uses={self.xd_ticket()})
 
     def _learn(self, context: Any, discrete_state: Any) -> None:
-        slope, *rows = [self._per_channel(row) for row in self.parameter_rows(context, self._parameters)]
-        size = len(self._law._fields)
-        law, limits = self._law(*rows[:size]), Limits(*rows[size:])
+        rows = self.parameter_rows(context, self._parameters)
+        if self.num_vehicles > 1:
+            rows = [np.tile(row, len(self._axes)) if isinstance(row, np.ndarray) else row for row in rows]
+        last = 1 + len(self._law._fields)
+        slope, law, limits = rows[0], self._law(*rows[1:last]), Limits(*rows[last:])
         firing = self._table(self.EvalVectorInput(context, self._firing))
         if law.learns_from == "surface":
             error, rate = (self._signal(context, port) for port in (self._error, self._error_rate))
             signal = rate + slope * error
         else:
             signal = self._signal(context, self._pd)
-        vectors = [discrete_state.get_mutable_vector(i) for i in range(discrete_state.num_groups())]
+        vectors = [discrete_state.get_mutable_vector(i) for i in self._groups]
         weights, *memories = tables = [self._own_table(vector) for vector in vectors]
         memory = memories[0] if memories else weights[0:0]
         if self._resets and round(context.get_time() / self._period) in self._resets:
@@ -183,11 +186,9 @@ class WeightLearning(FleetSystem):
     def _signal(self, context: Any, port: int) -> np.ndarray:
         """The (n,) channels of an input of 3 rows."""
         values = self.values(self.EvalVectorInput(context, port))
+        if self._axes[-1] - self._axes[0] < len(self._axes):  # side by side
+            return values[self._axes[0] * self.num_vehicles : (self._axes[-1] + 1) * self.num_vehicles]
         return values.reshape(3, -1)[self._axes].ravel()
-
-    def _per_channel(self, row: Row) -> Row:
-        """A row of a parameter, a number or (N,), for the channels."""
-        return np.tile(row, len(self._axes)) if isinstance(row, np.ndarray) else row
 
     def _rows_of(self, channels: np.ndarray) -> Any:
         """(n,) channels as a row for each axis."""
