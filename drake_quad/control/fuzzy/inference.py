@@ -82,6 +82,8 @@ def _within(distance: np.ndarray) -> np.ndarray:
 
 
 def _arc(distance: np.ndarray, exponent: Row) -> np.ndarray:
+    if exponent.__class__ is float and exponent == 1.0:
+        return 1.0 - distance
     arc: np.ndarray = (1.0 - distance**exponent) ** (1.0 / exponent)
     return arc
 
