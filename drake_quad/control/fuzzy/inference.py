@@ -66,7 +66,7 @@ def elliptic_membership(u: Row, exponent: Row) -> Row:
     Scalars with derivatives have none at the centre, where there is none, and none at the edge.
     """
     if u.__class__ is float:
-        return (1.0 - abs(u) ** exponent) ** (1.0 / exponent) if -1.0 < u < 1.0 else 0.0
+        return _arc(abs(u), exponent) if -1.0 < u < 1.0 else 0.0
     if not isinstance(u, np.ndarray):
         if not 0.0 < abs(u) < 1.0:
             return 0.0 * u + float(not abs(u) >= 1.0)
@@ -81,11 +81,10 @@ def _within(distance: np.ndarray) -> np.ndarray:
     return np.minimum(np.maximum(distance, _TINY), _BELOW_ONE)
 
 
-def _arc(distance: np.ndarray, exponent: Row) -> np.ndarray:
+def _arc(distance: Row, exponent: Row) -> Row:
     if exponent.__class__ is float and exponent == 1.0:
         return 1.0 - distance
-    arc: np.ndarray = (1.0 - distance**exponent) ** (1.0 / exponent)
-    return arc
+    return (1.0 - distance**exponent) ** (1.0 / exponent)
 
 
 def firing_strengths(error: Row, rate: Row, antecedents: Antecedents) -> list[Row]:
@@ -98,33 +97,26 @@ def firing_strengths(error: Row, rate: Row, antecedents: Antecedents) -> list[Ro
     """
     a1, a2, q, error_sets, rate_sets = antecedents
     if a1.__class__ is float and a1 == 1.0 and a2.__class__ is float and a2 == 1.0:
-        ((first,), (second,)) = _shares(error, error_sets, [a1]), _shares(rate, rate_sets, [a1])
+        ((first,), (second,)) = _memberships(error, error_sets, [a1]), _memberships(rate, rate_sets, [a1])
+        share = 1.0 / (sum(first) * sum(second))
+        first = [share * a for a in first]
         return [a * b for a in first for b in second]
-    (upper_1, lower_1), (upper_2, lower_2) = _shares(error, error_sets, [a1, a2]), _shares(rate, rate_sets, [a1, a2])
-    upper_1, lower_1 = [(1.0 - q) * a for a in upper_1], [q * a for a in lower_1]
+    upper_1, lower_1 = _memberships(error, error_sets, [a1, a2])
+    upper_2, lower_2 = _memberships(rate, rate_sets, [a1, a2])
+    upper, lower = (1.0 - q) / (sum(upper_1) * sum(upper_2)), q / (sum(lower_1) * sum(lower_2))
+    upper_1, lower_1 = [upper * a for a in upper_1], [lower * a for a in lower_1]
     return [a * b + c * d for a, c in zip(upper_1, lower_1) for b, d in zip(upper_2, lower_2)]
 
 
-def _shares(x: Row, sets: FuzzySets, exponents: list[Row]) -> list[list[Row]]:
-    """For each exponent the memberships of an input over their sum."""
+def _memberships(x: Row, sets: FuzzySets, exponents: list[Row]) -> list[list[Row]]:
+    """For each exponent the memberships of an input in all sets."""
     scale, centres, widths = sets
     clamped = minimum(maximum(scale * x, centres[0]), centres[-1])
     distances = [abs(clamped - c) / d for c, d in zip(centres, widths)]
-    result = []
-    for grades in _memberships(distances, sets, exponents):
-        total = sum(grades)
-        result.append([grade / total for grade in grades])
-    return result
-
-
-def _memberships(distances: list[Row], sets: FuzzySets, exponents: list[Row]) -> list[list[Row]]:
-    """For each exponent the memberships at the distances from all sets."""
-    if not (_is_fast(distances[0]) and _alternate_sets_are_apart(sets)):
-        # Calls are saved for sets that a number lies outside of.
-        return [
-            [0.0 if u.__class__ is float and u >= 1.0 else elliptic_membership(u, exponent) for u in distances]
-            for exponent in exponents
-        ]
+    if clamped.__class__ is float:
+        return [[_arc(u, exponent) if u < 1.0 else 0.0 for u in distances] for exponent in exponents]
+    if not (_is_fast(clamped) and _alternate_sets_are_apart(sets)):
+        return [[elliptic_membership(u, exponent) for u in distances] for exponent in exponents]
     # Of every second set an input is in one at most, whose membership stands for all of them: powers take long.
     nearest = [_within(functools.reduce(np.minimum, distances[first::2])) for first in (0, 1)]
     inside = [u < 1.0 for u in distances]
