@@ -175,7 +175,7 @@ class WeightLearning(FleetSystem):
         weights = self._table(context.get_discrete_state(self._weights))
         firing = self._table(self.EvalVectorInput(context, self._firing))
         rows = [0.0, 0.0, 0.0]
-        for i, row in zip(self._axes, self._rows_of(np.add.reduce(weights * firing))):
+        for i, row in zip(self._axes, self._rows_of(np.einsum("rn,rn->n", weights, firing))):
             rows[i] = row
         self.write(output, rows)
 
