@@ -99,11 +99,17 @@ class _Learning(Model):
     leakage: NonNegative = Field(default=0.0, description="rate at which the weights decay by themselves (1/s)")
 
 
-class CovarianceLearning(_Learning):
+class _SurfaceLearning(_Learning):
+    """What the laws have in common that learn from s_p of eq (15)."""
+
+    slope: Positive = Field(default=1.0, description="λ of eq (15) (1/s)")
+    deadzone: NonNegative = Field(default=0.0, description="s_p below which nothing is learned (m/s)")
+
+
+class CovarianceLearning(_SurfaceLearning):
     """The paper's law, eqs (15) to (17), with forgetting and resets as options."""
 
     kind: Literal["covariance"]
-    slope: Positive = Field(default=1.0, description="λ of eq (15) (1/s)")
     gain: Positive = Field(default=1.0, description="K_D of eq (16) (1/s)")
     initial_covariance: Positive = Field(default=1.0, description="p₀ of P₀ = p₀ I (1/s)")
     forgetting: Annotated[Number, bounded(above=0.0, most=1.0)] = Field(
@@ -112,16 +118,13 @@ class CovarianceLearning(_Learning):
     reset: Literal["never", "at_segments"] = Field(
         default="never", description="when the covariance begins anew: never, as in the paper, or with every segment"
     )
-    deadzone: NonNegative = Field(default=0.0, description="s_p below which nothing is learned (m/s)")
 
 
-class GradientLearning(_Learning):
+class GradientLearning(_SurfaceLearning):
     """Eq (16) with a constant covariance."""
 
     kind: Literal["gradient"]
-    slope: Positive = Field(default=1.0, description="λ of eq (15) (1/s)")
     rate: Positive = Field(default=1.0, description="K_D p (1/s²)")
-    deadzone: NonNegative = Field(default=0.0, description="s_p below which nothing is learned (m/s)")
 
 
 class SignLearning(_Learning):
