@@ -56,8 +56,8 @@ def journey_of(arguments: argparse.Namespace) -> Journey:
 
 @contextmanager
 def flight_progress() -> Iterator[Callable[[float, float], None]]:
-    """Gives a function of the time flown and to fly (s) that keeps a bar on standard error, if it takes long."""
-    with tqdm(total=0.0, desc="flying", delay=1.0, leave=False, bar_format=_BAR) as bar:
+    """Gives a function of the time flown and to fly (s) that keeps a bar on a terminal, if it takes long."""
+    with tqdm(total=0.0, desc="flying", delay=1.0, leave=False, bar_format=_BAR, disable=None) as bar:
 
         def show(flown: float, duration: float) -> None:
             bar.total = duration

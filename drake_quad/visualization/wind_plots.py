@@ -31,7 +31,8 @@ class _Plane(NamedTuple):
 def plot_wind(flight: Flight) -> Figure:
     """The mean wind in a level and in an upright plane, and the wind at the vehicle over time.
 
-    The maps show what is steady: fans and steady wind. Gusts and turbulence are in the wind at the vehicle.
+    The maps show what is steady: fans and steady wind, if there are any. Gusts and turbulence are in the wind at the
+    vehicle.
     """
     fans = jets(flight.scenario)
     places = np.vstack([flight["state"][:, 0:3], flight["reference"][:, 0:3], *[jet.position for jet in fans]])
@@ -43,12 +44,15 @@ def plot_wind(flight: Flight) -> Figure:
     long, short = (1, 0) if high[1] - low[1] > high[0] - low[0] else (0, 1)
     planes = _Plane(long, short, 2, middle[2]), _Plane(long, 2, short, middle[short])
     heights = [(high[plane.up] - low[plane.up]) / (high[long] - low[long]) for plane in planes]
+    fields = [_mean_wind(flight, plane, low, high) for plane in planes]
+    top = max(float(speed.max()) for *_, speed in fields)
     with styled():
+        if top < _STILL:
+            figure = new_figure(9.0, 2.6)
+            _draw_series(figure.subplots(), flight)
+            return figure
         figure = new_figure(9.0, 2.6 + 7.2 * sum(heights))
         above, side, series = figure.subplots(3, 1, height_ratios=[*heights, 0.22])
-        fields = [_mean_wind(flight, plane, low, high) for plane in planes]
-        top = max(float(speed.max()) for *_, speed in fields)
-        top = top if top > _STILL else 0.0
         for axes, plane, field in zip((above, side), planes, fields, strict=True):
             shades = _draw_map(axes, plane, field, top)
             _draw_flight(axes, plane, flight, fans)
@@ -77,17 +81,14 @@ def _mean_wind(flight: Flight, plane: _Plane, low: np.ndarray, high: np.ndarray)
 def _draw_map(axes: Axes, plane: _Plane, field: tuple[np.ndarray, ...], top: float) -> QuadMesh:
     """Shades of the speed, and arrows of the velocity where there is any to speak of."""
     across, up, velocity, speed = field
-    shades = axes.pcolormesh(across, up, speed, cmap=SHADING, vmin=0.0, vmax=max(top, _STILL), rasterized=True)
+    shades = axes.pcolormesh(across, up, speed, cmap=SHADING, vmin=0.0, vmax=top, rasterized=True)
     every = _SHADES // _ARROWS
     thin = slice(every // 2, None, every), slice(every // 2, None, every)
-    felt = speed[thin] > max(0.03 * top, _STILL)
+    felt = speed[thin] > 0.03 * top
     a, b = (coordinate[thin][felt] for coordinate in np.meshgrid(across, up))
     v_a, v_b = (velocity[axis][thin][felt] for axis in (plane.across, plane.up))
-    if felt.any():
-        per_metre = top / (every * (across[1] - across[0]))  # the longest arrow reaches to the next one
-        axes.quiver(a, b, v_a, v_b, color="0.25", angles="xy", scale_units="xy", scale=per_metre, width=0.0016)
-    else:
-        axes.annotate("no mean wind", (0.02, 0.95), xycoords="axes fraction", va="top", bbox=PLATE)
+    per_metre = top / (every * (across[1] - across[0]))  # the longest arrow reaches to the next one
+    axes.quiver(a, b, v_a, v_b, color="0.25", angles="xy", scale_units="xy", scale=per_metre, width=0.0016)
     axes.set(xlabel=f"{_NAMES[plane.across]} (m)", ylabel=f"{_NAMES[plane.up]} (m)")
     axes.set_title(
         f"{'From the side' if plane.up == 2 else 'From above'}: wind at {_NAMES[plane.third]} = {plane.level:.1f} m",
