@@ -3,18 +3,15 @@
 from typing import Literal, NamedTuple
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
 
 from drake_quad.analysis.cascade_design import attitude_plant_in_flight, position_plant, with_gains
 from drake_quad.analysis.closed_loop import laboratory_plant
+from drake_quad.analysis.comparison import fly_samples
 from drake_quad.analysis.gain_design import PdGains
 from drake_quad.analysis.margins import fast_margins, frequencies
 from drake_quad.analysis.sampled_system import SampledSystem
-from drake_quad.flight import fly, read_metrics
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.planning import flight_duration, plan_route
 from drake_quad.scenario import Scenario, draw_sample
-from drake_quad.tracking import build_tracking_diagram
 
 Loop = Literal["position", "attitude"]
 
@@ -67,7 +64,8 @@ def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
     """What the gains of one of a scenario's loops act on along x, with the vehicle "as it is" of `laboratory_plant`.
 
     For the position that is the plant around its own attitude loop. For the attitude it is the plant with its own
-    position loop closed: u = -k_P (θ - θ_r) - k_D q with θ_r = -(K_P x + K_D v) / g, eq (7), is a PD in θ - θ_r and q.
+    position loop closed: u = -k_P (θ - θ_r) - k_D q with θ_r = -(K_P x + K_D v) over the
+    specific thrust, eq (7), is a PD in θ - θ_r and q.
     """
     scenario = draw_sample(scenario, scenario.sample) if scenario.sample is not None else scenario
     laboratory = laboratory_plant(scenario, vehicle="as it is")
@@ -100,11 +98,5 @@ def flown_map(scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, 
     gains = {
         name: (values, values, getattr(block, name)[2]) for name, values in zip(("k_p", "k_d"), pairs, strict=True)
     }
-    varied = with_gains(scenario, {loop: gains})
-    plan = plan_route(scenario)
-    size = len(pairs[0])
-    diagram = build_tracking_diagram(varied, size, samples=[sample] * size, plan=plan)
-    simulator = Simulator(diagram)
-    fly(simulator, flight_duration(scenario, plan))
-    metrics = read_metrics(diagram, simulator.get_context())
+    metrics = fly_samples(with_gains(scenario, {loop: gains}), [sample] * len(pairs[0]))
     return Metrics(*(values.reshape(len(k_p), len(k_d)) for values in metrics))

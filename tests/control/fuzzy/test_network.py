@@ -114,7 +114,7 @@ def test_resets_begin_the_covariance_anew():
         trace = simulator.get_system().GetSubsystemByName("network").GetOutputPort("covariance_trace")
         context = network.GetMyContextFromRoot(simulator.get_context())
         traces.append(trace.Eval(context))
-    # 0.81 s is after the tick at 0.8 s: the reset is at 0.82 s, a second of learning later half of it is back.
+    # 0.81 s is after the tick at 0.8 s: the reset is at 0.82 s, and at 1.18 s much of it is left.
     assert (traces[1] > 1.05 * traces[0]).all()
     assert (traces[1] < 270.0).all()
 
