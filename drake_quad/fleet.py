@@ -4,25 +4,29 @@ A port with k rows has k·N elements, row after row (C order, shape (k, N)); for
 k-vector. `FleetSystem.rows` unpacks such a vector into k rows and `FleetSystem.write` packs rows into one, so that
 the formulas in between are written once: a row is a Python number for one vehicle and an array for a fleet.
 
-A row of a numeric parameter that is the same for all vehicles is a single number, in the context as in the formulas:
-what does not differ is neither stored nor read N times.
+A numeric parameter that is the same for all vehicles has k elements, not k·N, and its rows are numbers.
+
+Where it counts, a formula is applied to a fleet by machine code: `FleetSystem.mapped`.
 
 All the boilerplate of Drake's scalar conversion in Python is here.
 """
 
 import sys
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from functools import partial
 from types import MethodType
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from pydrake.autodiffutils import AutoDiffXd
-from pydrake.common import RandomDistribution
+from pydrake.common import RandomDistribution, cpp_template
 from pydrake.symbolic import Expression
 from pydrake.systems.framework import BasicVector_, DiagramBuilder, DiscreteStateIndex, LeafSystem_
 from pydrake.systems.primitives import Demultiplexer
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from drake_quad.compiled import fleet_map
 from drake_quad.elementary import Row
 
 if TYPE_CHECKING:
@@ -45,11 +49,10 @@ class FleetSystem(_Base):
     rows: Callable[[Any], Any]
     write: Callable[[Any, Iterable[Row]], None]
     copy: Callable[[Any, Any], None]
-    plain: bool
     parts: dict[str, int]
     random_inputs: dict[str, RandomDistribution]
     group_names: list[str]
-    _layouts: dict[int, list[int | slice] | None]
+    _parameter_rows: dict[int, int]
 
     def declare(self, *args: Any, **options: Any) -> None:
         """Declares ports, state, parameters and events; every subclass has its own."""
@@ -95,60 +98,93 @@ class FleetSystem(_Base):
     def numeric_parameter(self, rows: Iterable[Row]) -> int:
         """Declares a numeric parameter with these rows as default and returns its index.
 
-        It has one element for a number, which stands for all vehicles, and N for an (N,) array.
+        It has an element for each row if all are numbers, which stand for all vehicles, and else N for each.
         """
-        parts = [np.atleast_1d(row) for row in rows]
-        for part in parts:
-            if part.shape not in ((1,), (self.num_vehicles,)):
-                raise ValueError(f"a parameter must be a number or an array of {self.num_vehicles}, not {part.shape}")
-        vector = BasicVector_[self.scalar](np.concatenate(parts).astype(self.scalar))
-        index = int(self.DeclareNumericParameter(vector))
-        ends = np.cumsum([len(part) for part in parts]).tolist()
-        places: list[int | slice] = [
-            first if end - first == 1 else slice(first, end) for first, end in zip([0, *ends], ends, strict=False)
-        ]
-        self._layouts[index] = None if vector.size() == len(parts) else places
+        rows = list(rows)
+        for row in rows:
+            if np.shape(row) not in ((), (1,), (self.num_vehicles,)):
+                raise ValueError(
+                    f"a parameter must be a number or an array of {self.num_vehicles}, not {np.shape(row)}"
+                )
+        width = max(np.size(row) for row in rows)
+        index = int(
+            self.DeclareNumericParameter(BasicVector_[self.scalar](fleet_rows(rows, width).astype(self.scalar)))
+        )
+        self._parameter_rows[index] = len(rows)
         return index
 
-    def input_rows(self, context: Any, index: int) -> Any:
-        """The rows of an input port's value."""
-        vector = self.EvalVectorInput(context, index)
-        return vector.value().tolist() if self.plain else self.rows(vector)
-
-    def optional_input_rows(self, context: Any, index: int, *, default: Any) -> Any:
-        """The rows of an input port's value, or the default where nothing is connected."""
-        vector = self.EvalVectorInput(context, index)
-        if vector is None:
-            return default
-        return vector.value().tolist() if self.plain else self.rows(vector)
-
     def parameter_rows(self, context: Any, index: int) -> Any:
-        """The rows of a numeric parameter: a number for all vehicles, or a view of an array for a float."""
-        vector, layout = context.get_numeric_parameter(index), self._layouts[index]
-        values = vector.value() if self.scalar is float else vector.CopyToVector()
-        if layout is None:
-            return values.tolist()
-        return [values.item(place) if place.__class__ is int else values[place] for place in layout]
+        """The rows of a numeric parameter: numbers that stand for all vehicles, or arrays."""
+        values = self.values(context.get_numeric_parameter(index))
+        num_rows = self._parameter_rows[index]
+        return values.tolist() if len(values) == num_rows else values.reshape(num_rows, -1)
+
+    def parameter_table(self, context: Any, index: int) -> np.ndarray:
+        """The (k, N) elements of a numeric parameter, or (k, 1) that stand for all vehicles."""
+        return self.values(context.get_numeric_parameter(index)).reshape(self._parameter_rows[index], -1)
 
     def write_parameter(self, context: Any, index: int, rows: Iterable[Row]) -> None:
-        """Writes rows into a numeric parameter: a number for what is one for all vehicles, else also (N,) arrays."""
-        layout = self._layouts[index]
-        vector = context.get_mutable_numeric_parameter(index)
-        values = self.values(vector).copy()
-        for place, row in zip(layout or range(len(values)), rows, strict=True):
-            if np.ndim(row) and not isinstance(place, slice):
-                raise ValueError("a parameter that was one number for all vehicles at construction must stay one")
-            values[place] = row
-        vector.SetFromVector(values)
+        """Writes rows into a numeric parameter: numbers, and (N,) arrays if one of them was one at construction."""
+        rows, vector = list(rows), context.get_mutable_numeric_parameter(index)
+        width = vector.size() // self._parameter_rows[index]
+        if any(np.size(row) > width for row in rows):
+            raise ValueError("parameters that were numbers for all vehicles at construction must stay numbers")
+        vector.SetFromVector(fleet_rows(rows, width).astype(self.scalar))
 
-    def state_rows(self, context: Any, index: int) -> Any:
-        """The rows of a discrete-state group."""
-        vector = context.get_discrete_state(index)
-        return vector.value().tolist() if self.plain else self.rows(vector)
+    def mapped(
+        self, formula: Callable[..., Any], *, inputs: Sequence[int], outputs: Sequence[int]
+    ) -> Callable[..., None]:
+        """Returns the function that applies a formula to every vehicle, as machine code for float.
+
+        It takes a sequence of BasicVectors or arrays to write; a sequence of them to read, one for each group of rows
+        that the formula takes, where None stands for zeros; and the formula's numbers.
+
+        Args:
+            formula: as in `drake_quad.compiled`.
+            inputs: rows of each group that it takes.
+            outputs: rows of each group that it returns.
+        """
+        if self.scalar is not float:
+            return self.interpreted(formula, inputs=inputs)
+        apply, num_vehicles = fleet_map(formula, tuple(inputs), tuple(outputs)), self.num_vehicles
+        zeros = [BasicVector_[float](np.zeros(rows)).value() for rows in inputs]
+
+        def apply_to_vectors(targets: Sequence[Any], sources: Sequence[Any], *numbers: float) -> None:
+            apply(
+                num_vehicles,
+                tuple([_elements_to_write(vector) for vector in targets]),
+                tuple([_elements(vector, zero) for vector, zero in zip(sources, zeros)]),
+                numbers,
+            )
+
+        return apply_to_vectors
+
+    def interpreted(self, formula: Callable[..., Any], *, inputs: Sequence[int]) -> Callable[..., None]:
+        """The same without machine code, which would take longer to make for what happens once in a flight."""
+        return partial(_apply, formula, tuple(inputs), self.num_vehicles, self.write)
+
+    def parameter(self, context: Any, index: int | None) -> Any:
+        """The BasicVector of a numeric parameter; None where there is none."""
+        return None if index is None else context.get_numeric_parameter(index)
+
+    def inputs(self, context: Any, *indices: int | None) -> list[Any]:
+        """The BasicVectors at input ports; None where there is no port, or nothing connected."""
+        return [None if index is None else self.EvalVectorInput(context, index) for index in indices]
+
+    def some_rows(self, vector: Any, rows: Sequence[int]) -> np.ndarray:
+        """The elements of some rows of a BasicVector, row after row; a view for neighbours."""
+        values, n = self.values(vector), self.num_vehicles
+        if rows[-1] - rows[0] < len(rows):
+            return values[rows[0] * n : (rows[-1] + 1) * n]
+        return values.reshape(-1, n)[rows].ravel()
 
     def values(self, vector: Any) -> np.ndarray:
         """The elements of a BasicVector: a view for float, a copy for the other scalar types."""
         return vector.value() if self.scalar is float else vector.CopyToVector()
+
+    def values_to_change(self, vector: Any) -> np.ndarray:
+        """The same of a mutable BasicVector, to be changed: in place for float, else to be written back."""
+        return vector.get_mutable_value() if self.scalar is float else vector.CopyToVector()
 
     def packed(self, rows: Iterable[Row]) -> np.ndarray:
         """The rows as a vector of this system's scalar type; a number stands for a row of equal numbers."""
@@ -157,6 +193,52 @@ class FleetSystem(_Base):
     def vector(self, rows: Iterable[Row]) -> Any:
         """The rows as a BasicVector."""
         return BasicVector_[self.scalar](self.packed(rows))
+
+
+def _elements_to_write(vector: Any) -> np.ndarray:
+    elements: np.ndarray = vector if vector.__class__ is np.ndarray else vector.get_mutable_value()
+    return elements
+
+
+def _elements(vector: Any, zeros: np.ndarray) -> np.ndarray:
+    if vector is None:
+        return zeros
+    elements: np.ndarray
+    if vector.__class__ is not np.ndarray:
+        elements = vector.value()
+    else:
+        # Machine code wants arrays of one type, and Drake 1.51 gives out what must not be written.
+        elements = vector.view()
+        elements.flags.writeable = zeros.flags.writeable and vector.flags.writeable
+    return elements
+
+
+def _apply(
+    formula: Callable[..., Any],
+    inputs: Sequence[int],
+    num_vehicles: int,
+    write: Callable[[Any, Iterable[Row]], None],
+    targets: Sequence[Any],
+    sources: Sequence[Any],
+    *numbers: Any,
+) -> None:
+    """Applies a formula to the rows of BasicVectors or arrays; see `FleetSystem.mapped`."""
+    groups = []
+    for vector, rows in zip(sources, inputs, strict=True):
+        if vector is None:
+            groups.append((0.0,) * rows)
+        else:
+            values = vector if isinstance(vector, np.ndarray) else vector.CopyToVector()
+            groups.append(tuple(values.tolist() if len(values) == rows else values.reshape(rows, -1)))
+    result = [row for group in formula(*groups, *numbers) for row in group]
+    for target in targets:
+        if isinstance(target, np.ndarray):
+            rows = target.size // num_vehicles
+            target[:] = fleet_rows(result[:rows], num_vehicles)
+        else:
+            rows = target.size() // num_vehicles
+            write(target, result[:rows])
+        del result[:rows]
 
 
 def _reader(scalar: type, num_vehicles: int) -> Callable[[Any], Any]:
@@ -226,6 +308,23 @@ def fleet_rows(rows: Iterable[Row], num_vehicles: int) -> np.ndarray:
     return np.concatenate([np.broadcast_to(row, (num_vehicles,)) for row in rows])
 
 
+@contextmanager
+def _quick_templates() -> Iterator[None]:
+    """Spares Drake the search for the module in which a method is made a template.
+
+    For its name alone it reads the source of every caller: half of the time that it took to import this package.
+    """
+    search = getattr(cpp_template, "_get_module_from_stack", None)
+    if search is None:
+        yield
+        return
+    cpp_template._get_module_from_stack = lambda frame=2: sys.modules[__name__]
+    try:
+        yield
+    finally:
+        cpp_template._get_module_from_stack = search
+
+
 def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
     """Makes a FleetSystem a Drake system for these scalar types, float first, that converts between them.
 
@@ -248,10 +347,8 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
                     # Called thousands of times a second: what they depend on is decided here.
                     self.rows, self.write = _reader(T, num_vehicles), _writer(T, num_vehicles)
                     self.copy = _copier(T, num_vehicles)
-                    # One vehicle of plain numbers is worth a short cut past `rows`.
-                    self.plain = T is float and num_vehicles == 1
                     self._options = options
-                    self._layouts: dict[int, list[int | slice] | None] = {}
+                    self._parameter_rows: dict[int, int] = {}
                     self.random_inputs: dict[str, RandomDistribution] = {}
                     self.group_names: list[str] = []
                     self.declare(num_vehicles=num_vehicles, **options)
@@ -262,7 +359,8 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
             return Impl
 
         template.add_instantiations(instantiate, [(T,) for T in scalars])
-        instance = template[scalars[0]]
+        with _quick_templates():
+            instance = template[scalars[0]]
         instance.template = template
         instance.__name__ = instance.__qualname__ = cls.__name__
         return instance

@@ -12,15 +12,22 @@ and is mixed.
 
 import functools
 import hashlib
+import math
 from collections.abc import Sequence
 from enum import IntEnum
+from typing import Any
 
 import numpy as np
+
+from drake_quad.compiled import compiled, formula
+from drake_quad.elementary import log, sin_cos, sqrt
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _FACTORS = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
 # Of a number's 64 bits the first 52 make a uniform number: with half a bit more it is a float still, and below 1.
 _FRACTION = np.uint64(12)
+_SHIFTS = np.uint64(30), np.uint64(27), np.uint64(31)
+_HALF, _LOW_HALF = np.uint64(32), np.uint64(2**32 - 1)
 
 
 class Kind(IntEnum):
@@ -51,48 +58,56 @@ def _sample_words(seed: int, samples: tuple[int, ...], kind: Kind) -> np.ndarray
     return np.concatenate([sequence.generate_state(1, np.uint64) for sequence in sequences])
 
 
-def mixed(state: np.ndarray) -> np.ndarray:
+@formula
+def mixed(state: Any) -> Any:
     """SplitMix64's number for each state, uint64."""
-    result = state ^ (state >> np.uint64(30))
-    result *= _FACTORS[0]
-    result ^= result >> np.uint64(27)
-    result *= _FACTORS[1]
-    result ^= result >> np.uint64(31)
-    return result
+    state = (state ^ (state >> _SHIFTS[0])) * _FACTORS[0]
+    state = (state ^ (state >> _SHIFTS[1])) * _FACTORS[1]
+    return state ^ (state >> _SHIFTS[2])
 
 
-def words(states: np.ndarray, first: int, count: int) -> np.ndarray:
-    """The (count, N) numbers of N streams, uint64, from number `first` on."""
-    steps = np.arange(first + 1, first + 1 + count, dtype=np.uint64) * _GAMMA
-    return mixed(states + steps[:, None])
+@formula
+def word(state: Any, k: int) -> Any:
+    """Number k of a stream with this state, uint64."""
+    return mixed(state + np.uint64(k + 1) * _GAMMA)
 
 
+@formula
+def uniform_number(word: Any) -> Any:
+    """A number between 0 and 1, and neither of them, from 52 bits of a word."""
+    return (np.float64(word >> _FRACTION) + 0.5) * 2.0**-52
+
+
+@formula
+def normal_pair(word: Any) -> tuple[Any, Any]:
+    """Two normal numbers, by Box and Muller: √(-2 ln u) times sine and cosine of 2π v, u and v of 32 bits each."""
+    radius = sqrt(-2.0 * log((np.float64(word & _LOW_HALF) + 0.5) * 2.0**-32))
+    sine, cosine = sin_cos(np.float64(word >> _HALF) * (math.tau * 2.0**-32))
+    return radius * sine, radius * cosine
+
+
+@compiled
 def uniform_numbers(states: np.ndarray, first: int, count: int) -> np.ndarray:
-    """The (count, N) uniform numbers in (0, 1) of N streams, from number `first` on."""
-    numbers = (words(states, first, count) >> _FRACTION).astype(float)
-    numbers += 0.5
-    numbers *= 2.0**-52
+    """The (count, N) uniform numbers of N streams, from number `first` on."""
+    numbers = np.empty((count, states.size))
+    for k in range(count):
+        for i in range(states.size):
+            numbers[k, i] = uniform_number(word(states[i], first + k))
     return numbers
 
 
+@compiled
 def normal_pairs(states: np.ndarray, first: int, count: int) -> np.ndarray:
-    """The (2, count, N) standard normal numbers that `count` numbers of N streams make, from number `first` on.
-
-    By Box and Muller: √(-2 ln u) times sine and cosine of 2π v, with u and v from 32 bits each, in single precision.
-    """
-    halves = words(states, first, count).astype("<u8", copy=False).view("<u4").reshape(count, -1, 2)
-    radius = halves[:, :, 0].astype(np.float32)
-    radius += np.float32(0.5)
-    radius *= np.float32(2.0**-32)
-    np.log(radius, out=radius)
-    radius *= np.float32(-2.0)
-    np.sqrt(radius, out=radius)
-    angle = halves[:, :, 1].astype(np.float32)
-    angle *= np.float32(2.0 * np.pi * 2.0**-32)
-    pairs = np.empty((2, *angle.shape), np.float32)
-    np.sin(angle, out=pairs[0])
-    np.cos(angle, out=pairs[1])
-    pairs *= radius
+    """The (2, count, N) standard normal numbers that `count` words of N streams make, from word `first` on."""
+    pairs = np.empty((2, count, states.size))
+    if count > states.size:  # the inner loop should be the longer one
+        for i in range(states.size):
+            for k in range(count):
+                pairs[0, k, i], pairs[1, k, i] = normal_pair(word(states[i], first + k))
+    else:
+        for k in range(count):
+            for i in range(states.size):
+                pairs[0, k, i], pairs[1, k, i] = normal_pair(word(states[i], first + k))
     return pairs
 
 

@@ -60,8 +60,7 @@ SIGNALS: dict[str, tuple[Row, ...]] = {
 def signal_rows(name: str, size: int) -> tuple[Row, ...]:
     """What the rows of a signal of one vehicle mean.
 
-    The rows of a network are numbered: `weights` rule after rule, the axes of a rule beside each other;
-    `covariance_trace` axis after axis.
+    The rows of a network are numbered, axis after axis.
     """
     if name in _NETWORK_UNITS:
         return _rows(_NETWORK_UNITS[name], *(str(number) for number in range(1, size + 1)))

@@ -10,6 +10,7 @@ from pathlib import Path
 from tqdm import tqdm
 
 from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.compiled import telling_of_compilation
 from drake_quad.scenario import Journey, load_journey
 
 
@@ -92,10 +93,14 @@ def print_files(files: list[Path]) -> None:
         print(f"  {file}")
 
 
+COMPILING = "compiling for this machine, once: up to half a minute"
+
+
 def run(main: Callable[[], None]) -> None:
     """Runs a script: 0 done, 1 the computation failed, 2 the input was wrong, each with one sentence."""
     try:
-        main()
+        with telling_of_compilation(lambda: print(COMPILING, file=sys.stderr)):
+            main()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)

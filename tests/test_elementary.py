@@ -55,9 +55,6 @@ def test_wrapped_angles(angle):
 def test_masks():
     assert elementary.where(True, 1.0, 2.0) == 1.0
     np.testing.assert_array_equal(elementary.where(np.array([True, False]), 1.0, 2.0), [1.0, 2.0])
-    assert elementary.every(np.array([True, True]))
-    assert not elementary.every(np.array([True, False]))
-    assert not elementary.every(False)
 
 
 def test_a_float_outside_the_domain_is_nan_and_no_error():
@@ -68,11 +65,9 @@ def test_a_float_outside_the_domain_is_nan_and_no_error():
 
 @pytest.mark.parametrize("angle", [0.0, 1e-300, 0.3, -1.5, math.pi / 2, math.pi, -math.pi, 7.0, -1e5])
 def test_sine_and_cosine_together(angle):
-    expected = [math.sin(angle)], [math.cos(angle)]
-    assert elementary.sin_cos([angle]) == expected
-    array = np.full((1, 3), angle)
-    for angles in (array, list(array)):
-        np.testing.assert_allclose(np.array(elementary.sin_cos(angles))[:, :, 0], expected, rtol=0.0, atol=4e-16)
-    (sine,), (cosine,) = elementary.sin_cos([AutoDiffXd(angle, [1.0])])
-    assert (sine.value(), cosine.value()) == pytest.approx((expected[0][0], expected[1][0]), abs=1e-15)
+    expected = math.sin(angle), math.cos(angle)
+    assert elementary.sin_cos(angle) == expected
+    np.testing.assert_allclose(np.array(elementary.sin_cos(np.full(3, angle)))[:, 0], expected, rtol=0.0, atol=4e-16)
+    sine, cosine = elementary.sin_cos(AutoDiffXd(angle, [1.0]))
+    assert (sine.value(), cosine.value()) == pytest.approx(expected, abs=1e-15)
     assert (sine.derivatives()[0], cosine.derivatives()[0]) == pytest.approx((cosine.value(), -sine.value()), abs=1e-15)

@@ -8,7 +8,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.math import RollPitchYaw
 
-from drake_quad.flatness import Tilt, in_heading
+from drake_quad.flatness import angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
 
 vectors = st.tuples(*[st.floats(-4.0, 4.0)] * 3).map(np.array)
 rates = st.floats(-1.0, 1.0)
@@ -16,24 +16,24 @@ angles = st.floats(-math.pi, math.pi)
 G = np.array([0.0, 0.0, 9.81])
 
 
-def tilt_of(thrust, yaw):
-    return Tilt.of(in_heading(thrust, math.sin(yaw), math.cos(yaw)))
+def tilt_at(thrust, yaw):
+    return tilt_of(in_heading(thrust, math.sin(yaw), math.cos(yaw)))
 
 
 @given(vectors, angles, st.sampled_from([1.0, -1.0]))
 def test_the_thrust_lies_along_the_body_s_axis(acceleration, yaw, up):
     """At any yaw, and upside down: f = F z_B, with Drake's rotation matrix."""
     thrust = up * (acceleration + G)
-    tilt = tilt_of(thrust, yaw)
-    z_B = RollPitchYaw(*tilt.attitude(), yaw).ToRotationMatrix().matrix()[:, 2]
+    tilt = tilt_at(thrust, yaw)
+    z_B = RollPitchYaw(*attitude_of(tilt), yaw).ToRotationMatrix().matrix()[:, 2]
     np.testing.assert_allclose(tilt.thrust * z_B, thrust, atol=1e-12)
 
 
 def test_is_eq_7_at_zero_yaw():
     u_x, u_y, u_z = 1.2, -0.7, 0.5
     mass = 0.68
-    tilt = Tilt.of((u_x, u_y, u_z + 9.81))
-    roll, pitch = tilt.attitude()
+    tilt = tilt_of((u_x, u_y, u_z + 9.81))
+    roll, pitch = attitude_of(tilt)
     assert mass * tilt.thrust == pytest.approx(mass * math.sqrt((u_z + 9.81) ** 2 + u_x**2 + u_y**2))
     assert pitch == pytest.approx(math.atan(u_x / (u_z + 9.81)))
     assert roll == pytest.approx(math.asin(-u_y / tilt.thrust))
@@ -46,13 +46,13 @@ def test_rates_and_accelerations_are_derivatives(acceleration, jerk, snap, yaw, 
         thrust = acceleration + G + jerk * time + 0.5 * snap * time**2
         heading = yaw + yaw_rate * time + 0.5 * yaw_acceleration * time**2
         turning = yaw_rate + yaw_acceleration * time
-        tilt = tilt_of(thrust, heading)
+        tilt = tilt_at(thrust, heading)
         resolved = [in_heading(vector, math.sin(heading), math.cos(heading)) for vector in (jerk + snap * time, snap)]
-        p_q_r = tilt.body_rates(resolved[0], turning)
+        p_q_r = body_rates(tilt, resolved[0], turning)
         return (
-            np.array([*tilt.attitude(), heading]),
+            np.array([*attitude_of(tilt), heading]),
             np.array(p_q_r),
-            tilt.angular_accelerations(p_q_r, *resolved, yaw_rate=turning, yaw_acceleration=yaw_acceleration),
+            angular_accelerations(tilt, p_q_r, *resolved, turning, yaw_acceleration),
         )
 
     step = 1e-4

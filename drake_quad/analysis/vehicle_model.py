@@ -69,13 +69,13 @@ def find_trim(
     """
     hover = np.array([float(speed) for speed in hover_rotor_speeds(parameters)])
     scale = np.concatenate([[0.1, 0.1], np.maximum(hover, 1.0)])
-    motion_derivative = equations_of_motion(wind, parameters, KINEMATICS[kinematics])
 
     def accelerations(scaled: np.ndarray) -> np.ndarray:
         """Linear and angular acceleration (6,) for roll, pitch and rotor speeds in units of `scale`."""
         roll, pitch, *speeds = scaled * scale
         motion = [roll, pitch, yaw, *velocity, 0.0, 0.0, 0.0]
-        return np.array(motion_derivative(motion, (*rotor_wrench(speeds, parameters), rotor_residual(speeds)))[3:])
+        rotors = *rotor_wrench(speeds, parameters), rotor_residual(speeds)
+        return np.array(equations_of_motion(motion, rotors, wind, parameters, KINEMATICS[kinematics])[3:])
 
     program = MathematicalProgram()
     x = program.NewContinuousVariables(6)

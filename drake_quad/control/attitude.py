@@ -2,8 +2,36 @@
 
 from typing import Any
 
-from drake_quad.elementary import Rows, wrapped
+from drake_quad.compiled import formula
+from drake_quad.elementary import Row, Rows, wrapped
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
+
+
+@formula
+def attitude_law(
+    measurement: Rows, attitude: Rows, rates: Rows, accelerations: Rows, parameters: Rows
+) -> tuple[tuple[Row, Row, Row]]:
+    """The torque of an `AttitudeController`, N m.
+
+    Args:
+        measurement: 12 rows, as the vehicle's state.
+        attitude: commanded roll, pitch and yaw, rad.
+        rates: commanded p, q, r, rad/s.
+        accelerations: commanded rates of p, q, r, rad/s².
+        parameters: k_P, k_D and the moments of inertia, 9 rows.
+    """
+    p_roll, p_pitch, p_yaw, d_roll, d_pitch, d_yaw, i_xx, i_yy, i_zz = parameters
+    roll, pitch, yaw = measurement[3:6]
+    p, q, r = measurement[9:12]
+    roll_r, pitch_r, yaw_r = attitude
+    p_r, q_r, r_r = rates
+    a_x, a_y, a_z = accelerations
+    torque = (
+        i_xx * (p_roll * (roll_r - roll) + d_roll * (p_r - p) + a_x) + (i_zz - i_yy) * q_r * r_r,
+        i_yy * (p_pitch * (pitch_r - pitch) + d_pitch * (q_r - q) + a_y) + (i_xx - i_zz) * p_r * r_r,
+        i_zz * (p_yaw * wrapped(yaw_r - yaw) + d_yaw * (r_r - r) + a_z) + (i_yy - i_xx) * p_r * q_r,
+    )
+    return (torque,)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -42,20 +70,10 @@ class AttitudeController(FleetSystem):
         self._attitude = self.input("attitude_command", 3)
         self._rates = self.input("body_rate_command", 3)
         self._acceleration = self.input("angular_acceleration_command", 3)
+        self._law = self.mapped(attitude_law, inputs=(12, 3, 3, 3, 9), outputs=(3,))
         uses = {self.all_input_ports_ticket(), self.all_parameters_ticket()}
         self.output("torque", 3, self._calc, uses=uses)
 
     def _calc(self, context: Any, output: Any) -> None:
-        p_roll, p_pitch, p_yaw, d_roll, d_pitch, d_yaw, i_xx, i_yy, i_zz = self.parameter_rows(context, self._gains)
-        measurement = self.input_rows(context, self._measurement)
-        roll, pitch, yaw = measurement[3:6]
-        p, q, r = measurement[9:12]
-        roll_r, pitch_r, yaw_r = self.input_rows(context, self._attitude)
-        p_r, q_r, r_r = self.input_rows(context, self._rates)
-        a_x, a_y, a_z = self.optional_input_rows(context, self._acceleration, default=(0.0, 0.0, 0.0))
-        torque = [
-            i_xx * (p_roll * (roll_r - roll) + d_roll * (p_r - p) + a_x) + (i_zz - i_yy) * q_r * r_r,
-            i_yy * (p_pitch * (pitch_r - pitch) + d_pitch * (q_r - q) + a_y) + (i_xx - i_zz) * p_r * r_r,
-            i_zz * (p_yaw * wrapped(yaw_r - yaw) + d_yaw * (r_r - r) + a_z) + (i_yy - i_xx) * p_r * q_r,
-        ]
-        self.write(output, torque)
+        inputs = self.inputs(context, self._measurement, self._attitude, self._rates, self._acceleration)
+        self._law([output], [*inputs, self.parameter(context, self._gains)])

@@ -2,8 +2,31 @@
 
 from typing import Any
 
+from drake_quad.compiled import formula
 from drake_quad.elementary import Row, Rows, maximum, minimum
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
+
+
+@formula
+def integrated(error: Rows, correction: Rows, parameters: Rows, period: float) -> tuple[tuple[Row, Row, Row]]:
+    """The correction a tick later, m/s².
+
+    Args:
+        error: 3 rows, m.
+        correction: 3 rows, m/s².
+        parameters: k_I on X, Y, Z, the limit.
+        period: of the ticks, s.
+    """
+    k_x, k_y, k_z, limit = parameters
+    x = correction[0] - period * k_x * error[0]
+    y = correction[1] - period * k_y * error[1]
+    z = correction[2] - period * k_z * error[2]
+    within = (
+        maximum(minimum(x, limit), -limit),
+        maximum(minimum(y, limit), -limit),
+        maximum(minimum(z, limit), -limit),
+    )
+    return (within,)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -36,12 +59,11 @@ class IntegralCorrection(FleetSystem):
         self._parameters = self.numeric_parameter([*k_i, limit])
         self._error = self.input("error", 3)
         self._correction = self.discrete_state("correction", [0.0, 0.0, 0.0])
+        self._law = self.mapped(integrated, inputs=(3, 3, 4), outputs=(3,))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._integrate)
         self.state_output(3, self._correction)
 
     def _integrate(self, context: Any, discrete_state: Any) -> None:
-        *k_i, limit = self.parameter_rows(context, self._parameters)
-        error, before = self.input_rows(context, self._error), self.state_rows(context, self._correction)
-        after = [old - self._period * k * e for old, k, e in zip(before, k_i, error)]
-        within = [maximum(minimum(row, limit), -limit) for row in after]
-        self.write(discrete_state.get_mutable_vector(self._correction), within)
+        error, before = self.EvalVectorInput(context, self._error), context.get_discrete_state(self._correction)
+        after = discrete_state.get_mutable_vector(self._correction)
+        self._law([after], [error, before, self.parameter(context, self._parameters)], self._period)

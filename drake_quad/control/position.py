@@ -6,12 +6,39 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain
 
+from drake_quad.compiled import formula
 from drake_quad.elementary import Rows
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system, split_output
 
 Derivative = Literal["tracking_error", "measurement"]
 # Up to which derivative of the reference is fed forward.
 FeedForward = Literal["none", "acceleration", "jerk", "snap"]
+
+
+@formula
+def pd_law(
+    measurement: Rows, reference: Rows, gains: Rows, on_error: float, feed_forward: float
+) -> tuple[Rows, Rows, Rows, Rows]:
+    """Eq (8): the position error (m), its rate (m/s), the command τ_c and the feed-forward (m/s²), 3 rows each.
+
+    Args:
+        measurement: 12 rows, as the vehicle's state.
+        reference: 11 rows.
+        gains: k_P on X, Y, Z, then k_D.
+        on_error: 1 for the derivative of the error, 0 for that of the measurement.
+        feed_forward: share of the reference's acceleration.
+    """
+    p_x, p_y, p_z, d_x, d_y, d_z = gains
+    e_x, e_y, e_z = reference[0] - measurement[0], reference[1] - measurement[1], reference[2] - measurement[2]
+    v_x = on_error * reference[3] - measurement[6]
+    v_y = on_error * reference[4] - measurement[7]
+    v_z = on_error * reference[5] - measurement[8]
+    return (
+        (e_x, e_y, e_z),
+        (v_x, v_y, v_z),
+        (p_x * e_x + d_x * v_x, p_y * e_y + d_y * v_y, p_z * e_z + d_z * v_z),
+        (feed_forward * reference[6], feed_forward * reference[7], feed_forward * reference[8]),
+    )
 
 
 @fleet_system(float, AutoDiffXd)
@@ -48,8 +75,8 @@ class ProportionalDerivative(FleetSystem):
         feed_forward: bool = False,
     ) -> None:
         """Declares the system; see the class for the arguments."""
-        self._on_error = derivative == "tracking_error"
-        self._feed_forward = feed_forward
+        self._on_error, self._feed_forward = float(derivative == "tracking_error"), float(feed_forward)
+        self._law = self.mapped(pd_law, inputs=(12, 11, 6), outputs=(3, 3, 3, 3))
         self._gains = self.numeric_parameter([*k_p, *k_d])
         self._measurement = self.input("measurement", 12)
         self._reference = self.input("reference", 11)
@@ -58,21 +85,8 @@ class ProportionalDerivative(FleetSystem):
         self.packed_output("error_and_command", parts, self._calc, uses=uses)
 
     def _calc(self, context: Any, output: Any) -> None:
-        p_x, p_y, p_z, d_x, d_y, d_z = self.parameter_rows(context, self._gains)
-        measurement = self.input_rows(context, self._measurement)
-        reference = self.input_rows(context, self._reference)
-        x, y, z = measurement[0:3]
-        v_x, v_y, v_z = measurement[6:9]
-        x_r, y_r, z_r = reference[0:3]
-        e_x, e_y, e_z = x_r - x, y_r - y, z_r - z
-        if self._on_error:
-            x_r, y_r, z_r = reference[3:6]
-            v_x, v_y, v_z = x_r - v_x, y_r - v_y, z_r - v_z
-        else:
-            v_x, v_y, v_z = -v_x, -v_y, -v_z
-        pd = p_x * e_x + d_x * v_x, p_y * e_y + d_y * v_y, p_z * e_z + d_z * v_z
-        feed_forward = reference[6:9] if self._feed_forward else (0.0, 0.0, 0.0)
-        self.write(output, [e_x, e_y, e_z, v_x, v_y, v_z, *pd, *feed_forward])
+        inputs = self.inputs(context, self._measurement, self._reference)
+        self._law([output], [*inputs, self.parameter(context, self._gains)], self._on_error, self._feed_forward)
 
 
 def build_position_controller(

@@ -2,13 +2,13 @@
 
 from typing import Any, NamedTuple
 
+from drake_quad.compiled import formula
 from drake_quad.elementary import Row, Rows, maximum, minimum, sin_cos, sqrt
-from drake_quad.flatness import Tilt, in_heading
+from drake_quad.flatness import angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 
 # Keeps 0 / 0 away where neither a horizontal force is commanded nor one is allowed.
 _TINY = 1e-100
-_STEADY = (0.0, 0.0, 0.0)
 
 
 class ThrustLimits(NamedTuple):
@@ -25,7 +25,8 @@ class ThrustLimits(NamedTuple):
     max_thrust: Row
 
 
-def specific_thrust(acceleration: Rows, *, mass: Row, gravity: Row, limits: ThrustLimits) -> tuple[Row, Row, Row]:
+@formula
+def specific_thrust(acceleration: Rows, mass: Row, gravity: Row, limits: ThrustLimits) -> tuple[Row, Row, Row]:
     """Returns the commanded thrust over mass (m/s²) within limits.
 
     The vertical part is limited first; then the horizontal part is shortened, in its direction, to what the slope
@@ -44,6 +45,37 @@ def specific_thrust(acceleration: Rows, *, mass: Row, gravity: Row, limits: Thru
     reach = minimum(up_squared * limits.slope * limits.slope, high * high - up_squared)
     share = sqrt(reach / maximum(forward * forward + left * left, maximum(reach, _TINY)))
     return share * forward, share * left, up
+
+
+@formula
+def vectored_thrust(
+    command: Rows, measurement: Rows, reference: Rows, jerk: Rows, snap: Rows, parameters: Rows, with_snap: float
+) -> tuple[Rows, Rows, Rows, Rows]:
+    """Thrust (N), attitude (rad), body rates (rad/s) and angular accelerations (rad/s²) for an acceleration.
+
+    Args:
+        command: the acceleration, 3 rows in W, m/s².
+        measurement: 12 rows, as the vehicle's state.
+        reference: 11 rows.
+        jerk: of the reference, 3 rows, m/s³.
+        snap: of the reference (3 rows, m/s⁴) and the acceleration of its yaw (rad/s²).
+        parameters: of a `ThrustVectoring`, 5 rows.
+        with_snap: 0 if there shall be no angular acceleration.
+    """
+    mass, gravity, slope, min_thrust, max_thrust = parameters
+    sin_yaw, cos_yaw = sin_cos(measurement[5])
+    limits = ThrustLimits(slope, min_thrust, max_thrust)
+    tilt = tilt_of(specific_thrust(in_heading(command, sin_yaw, cos_yaw), mass, gravity, limits))
+    turned_jerk, turned_snap = in_heading(jerk, sin_yaw, cos_yaw), in_heading(snap[0:3], sin_yaw, cos_yaw)
+    rates = body_rates(tilt, turned_jerk, reference[10])
+    a_x, a_y, a_z = angular_accelerations(tilt, rates, turned_jerk, turned_snap, reference[10], snap[3])
+    roll, pitch = attitude_of(tilt)
+    return (
+        (mass * tilt.thrust,),
+        (roll, pitch, reference[9]),
+        rates,
+        (with_snap * a_x, with_snap * a_y, with_snap * a_z),
+    )
 
 
 @fleet_system(float, AutoDiffXd)
@@ -86,24 +118,12 @@ class ThrustVectoring(FleetSystem):
         self._reference = self.input("reference", 11)
         self._jerk = self.input("reference_jerk", 3)
         self._snap = self.input("reference_snap", 4)
+        self._vector = self.mapped(vectored_thrust, inputs=(3, 12, 11, 3, 4, 5), outputs=(1, 3, 3, 3))
         uses = {self.all_input_ports_ticket(), self.all_parameters_ticket()}
         parts = {"thrust": 1, "attitude_command": 3, "body_rate_command": 3, "angular_acceleration_command": 3}
         self.packed_output("thrust_and_attitude", parts, self._calc, uses=uses)
 
     def _calc(self, context: Any, output: Any) -> None:
-        mass, gravity, *limits = self.parameter_rows(context, self._parameters)
-        (sin_yaw,), (cos_yaw,) = sin_cos(self.input_rows(context, self._measurement)[5:6])
-        yaw_reference, yaw_rate = self.input_rows(context, self._reference)[9:11]
-        command = self.input_rows(context, self._command)
-        jerk = self.optional_input_rows(context, self._jerk, default=_STEADY)
-        snap = self.optional_input_rows(context, self._snap, default=None)
-        force = specific_thrust(
-            in_heading(command, sin_yaw, cos_yaw), mass=mass, gravity=gravity, limits=ThrustLimits(*limits)
-        )
-        tilt, jerk = Tilt.of(force), in_heading(jerk, sin_yaw, cos_yaw)
-        rates, accelerations = tilt.body_rates(jerk, yaw_rate), _STEADY
-        if snap is not None:
-            accelerations = tilt.angular_accelerations(
-                rates, jerk, in_heading(snap[0:3], sin_yaw, cos_yaw), yaw_rate=yaw_rate, yaw_acceleration=snap[3]
-            )
-        self.write(output, [mass * tilt.thrust, *tilt.attitude(), yaw_reference, *rates, *accelerations])
+        inputs = self.inputs(context, self._command, self._measurement, self._reference, self._jerk, self._snap)
+        parameters = self.parameter(context, self._parameters)
+        self._vector([output], [*inputs, parameters], 0.0 if inputs[-1] is None else 1.0)

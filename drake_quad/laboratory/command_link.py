@@ -4,9 +4,16 @@ from typing import Any
 
 from pydrake.common import RandomDistribution
 
+from drake_quad.compiled import formula
 from drake_quad.elementary import Row, Rows, is_zero, where
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.laboratory.delay_line import DelayLine
+
+
+@formula
+def sent(wrench: Rows, last: Rows, number: Rows, loss_rate: Rows) -> tuple[Rows]:
+    """The wrench, or the last one again if the packet is lost, for which the number is below the loss rate."""
+    return (where(number[0] < loss_rate[0], last, wrench),)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -53,18 +60,16 @@ class CommandLink(FleetSystem):
         self._loss_rate = None
         if not is_zero(loss_rate):
             self._loss_rate = self.numeric_parameter([loss_rate])
+            self._send = self.mapped(sent, inputs=(4, 4, 1, 1), outputs=(4,))
             self._packet_loss = self.random_input("packet_loss", 1, RandomDistribution.kUniform)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._tick)
         self.state_output(4, self._line.out)
 
     def _tick(self, context: Any, discrete_state: Any) -> None:
-        self._line.advance(context, discrete_state, lambda packet: self._send(context, packet))
-
-    def _send(self, context: Any, packet: Any) -> None:
+        wrench, packet = self.EvalVectorInput(context, self._wrench), self._line.advance(context, discrete_state)
         if self._loss_rate is None:
-            self.copy(packet, self.EvalVectorInput(context, self._wrench))
-            return
-        (loss_rate,) = self.parameter_rows(context, self._loss_rate)
-        (number,) = self.input_rows(context, self._packet_loss)
-        last, wrench = self._line.newest(context), self.input_rows(context, self._wrench)
-        self.write(packet, where(number < loss_rate, last, wrench))
+            self.copy(packet, wrench)
+        else:
+            (number,), rate = self.inputs(context, self._packet_loss), self.parameter(context, self._loss_rate)
+            self._send([packet], [wrench, self._line.newest(context), number, rate])
+        self._line.release(context, discrete_state)

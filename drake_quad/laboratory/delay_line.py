@@ -1,6 +1,6 @@
 """Whole ticks of delay for a sampled signal."""
 
-from collections.abc import Callable, Iterable
+from collections.abc import Iterable
 from typing import Any
 
 import numpy as np
@@ -37,30 +37,30 @@ class DelayLine:
         self._delay = system.numeric_parameter([delay]) if self._under_way else None
 
     def newest(self, context: Any) -> Any:
-        """The rows that were sampled last."""
-        return self._system.state_rows(context, self._under_way[0] if self._under_way else self.out)
+        """The vector that was sampled last."""
+        return context.get_discrete_state(self._under_way[0] if self._under_way else self.out)
 
-    def fill(self, discrete_state: Any, rows: Iterable[Row]) -> None:
-        """Puts the same rows everywhere on the line."""
-        rows = list(rows)
-        for group in (self.out, *self._under_way):
-            self._system.write(discrete_state.get_mutable_vector(group), rows)
+    def fill(self, discrete_state: Any) -> None:
+        """Puts what is out everywhere on the line."""
+        for group in self._under_way:
+            self._system.copy(discrete_state.get_mutable_vector(group), discrete_state.get_vector(self.out))
 
-    def advance(self, context: Any, discrete_state: Any, sample: Callable[[Any], None]) -> None:
-        """Moves everything on by a tick.
+    def advance(self, context: Any, discrete_state: Any) -> Any:
+        """Moves everything under way on by a tick, and returns the vector to write the new sample into.
 
         Args:
             context: of the system.
             discrete_state: of its discrete update.
-            sample: writes the new sample into the vector that it is given.
         """
-        vector, system = discrete_state.get_mutable_vector, self._system
-        if self._delay is None:
-            sample(vector(self.out))
-            return
         for ahead, behind in zip(self._under_way[:0:-1], self._under_way[-2::-1], strict=True):
-            system.copy(vector(ahead), context.get_discrete_state(behind))
-        sample(vector(self._under_way[0]))
+            self._system.copy(discrete_state.get_mutable_vector(ahead), context.get_discrete_state(behind))
+        return discrete_state.get_mutable_vector(self._under_way[0] if self._under_way else self.out)
+
+    def release(self, context: Any, discrete_state: Any) -> None:
+        """Lets out what has waited for its time, once the new sample is written; arguments as for `advance`."""
+        if self._delay is None:
+            return
+        vector, system = discrete_state.get_mutable_vector, self._system
         delay = plain(system.parameter_rows(context, self._delay)[0])
         shortest, longest = (
             (int(delay), int(delay)) if delay.__class__ is float else (int(delay.min()), int(delay.max()))

@@ -5,7 +5,8 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.elementary import Row, every, minimum, where
+from drake_quad.compiled import formula
+from drake_quad.elementary import Row, Rows, minimum, where
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.laboratory.metrics import NUM_SUMS, Metrics, add_tick, summarized
 
@@ -24,8 +25,54 @@ class CrashLimits(NamedTuple):
     height: float = -0.5
 
 
-# Rows of inputs that are not connected.
-_NO_COMMAND, _NO_SHORTFALL = (0.0, 0.0, 0.0), (0.0, 0.0, 0.0, 0.0)
+@formula
+def judged(
+    state: Rows,
+    reference: Rows,
+    command: Rows,
+    shortfall: Rows,
+    crash_time: Rows,
+    sums: Rows,
+    time: Row,
+    counts: float,
+    tilt: float,
+    reach: float,
+    height: float,
+) -> tuple[Rows, Rows, Rows]:
+    """Whether a vehicle has crashed (1 or 0), when (s), and its sums.
+
+    Args:
+        state: 12 rows.
+        reference: 11 rows.
+        command: commanded acceleration, 3 rows, m/s².
+        shortfall: what is given up of the wrench, 4 rows.
+        crash_time: until now, s; infinite for a vehicle that has not crashed.
+        sums: until now, 15 rows.
+        time: s.
+        counts: 1 if this tick counts for the metrics, else 0.
+        tilt: the largest, rad.
+        reach: the largest position error, m.
+        height: the least, m.
+    """
+    e_x, e_y, e_z = reference[0] - state[0], reference[1] - state[1], reference[2] - state[2]
+    total = command[0] + command[1] + command[2]
+    # Not a number is beyond any limit.
+    flying = (
+        (abs(state[3]) <= tilt)
+        & (abs(state[4]) <= tilt)
+        & (e_x * e_x + e_y * e_y + e_z * e_z <= reach * reach)
+        & (state[2] >= height)
+        & (total - total == 0.0)
+        & (crash_time[0] == math.inf)
+    )
+    lost_1, lost_2, lost_3, lost_4 = shortfall
+    saturated = where((lost_1 != 0.0) | (lost_2 != 0.0) | (lost_3 != 0.0) | (lost_4 != 0.0), 1.0, 0.0)
+    after = add_tick(sums, (e_x, e_y, e_z), command, saturated)
+    return (
+        (where(flying, 0.0, 1.0),),
+        (where(flying, crash_time[0], minimum(crash_time[0], time)),),
+        where(flying & (counts != 0.0), after, sums),
+    )
 
 
 @fleet_system(float, AutoDiffXd)
@@ -76,6 +123,7 @@ class FlightMonitor(FleetSystem):
         self._crashed = self.discrete_state("crashed", [0.0])
         self._crash_time = self.discrete_state("crash_time", [math.inf])
         self._sums = self.discrete_state("sums", [0.0] * NUM_SUMS)
+        self._judge = self.mapped(judged, inputs=(12, 11, 3, 4, 1, NUM_SUMS), outputs=(1, 1, NUM_SUMS))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._watch)
         self.state_output(1, self._crashed)
         self.state_output(1, self._crash_time)
@@ -90,39 +138,8 @@ class FlightMonitor(FleetSystem):
         return summarized(sums, context.get_discrete_state(self._crash_time).CopyToVector(), self._period)
 
     def _watch(self, context: Any, discrete_state: Any) -> None:
-        state = self.input_rows(context, self._state)
-        reference = self.input_rows(context, self._reference)
-        command = self.optional_input_rows(context, self._command, default=_NO_COMMAND)
-        error = [reference[0] - state[0], reference[1] - state[1], reference[2] - state[2]]
-        (crash_time,) = self.state_rows(context, self._crash_time)
-        within = self._within_limits(state, error, command)
-        flying = within & (crash_time == math.inf)
-        time = context.get_time()
-        if not every(flying):
-            crash_time = where(flying, crash_time, minimum(crash_time, time))
-            self.write(discrete_state.get_mutable_vector(self._crash_time), [crash_time])
-            self.write(discrete_state.get_mutable_vector(self._crashed), [where(flying, 0.0, 1.0)])
-        if self._window[0] <= time <= self._window[1]:
-            self._count(context, discrete_state.get_mutable_vector(self._sums), error, command, flying)
-
-    def _within_limits(self, state: Any, error: Any, command: Any) -> Row:
-        """Mask of the vehicles within all limits; NaN is beyond any."""
-        tilt, reach, height = self._limits
-        distance = error[0] * error[0] + error[1] * error[1] + error[2] * error[2]
-        total = command[0] + command[1] + command[2]
-        return (
-            (abs(state[3]) <= tilt)
-            & (abs(state[4]) <= tilt)
-            & (distance <= reach * reach)
-            & (state[2] >= height)
-            & (total - total == 0.0)
-        )
-
-    def _count(self, context: Any, vector: Any, error: Any, command: Any, flying: Row) -> None:
-        lost = self.optional_input_rows(context, self._shortfall, default=_NO_SHORTFALL)
-        saturated = (lost[0] != 0.0) | (lost[1] != 0.0) | (lost[2] != 0.0) | (lost[3] != 0.0)
-        before = self.rows(vector)
-        after = add_tick(before, error, command, where(saturated, 1.0, 0.0))
-        if not every(flying):
-            after = [where(flying, new, old) for new, old in zip(after, before, strict=True)]
-        self.write(vector, after)
+        time, (first, last) = context.get_time(), self._window
+        counts = 1.0 if first <= time <= last else 0.0
+        groups = [discrete_state.get_mutable_vector(i) for i in (self._crashed, self._crash_time, self._sums)]
+        inputs = self.inputs(context, self._state, self._reference, self._command, self._shortfall)
+        self._judge(groups, [*inputs, *groups[1:]], time, counts, *self._limits)

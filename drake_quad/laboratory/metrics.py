@@ -17,6 +17,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drake_quad.compiled import formula
 from drake_quad.elementary import Row, Rows, maximum, minimum
 
 # Rows of the sums: ticks, max |e|², saturated ticks, Σ e² (3), Σ u² (3), Σ |Δu| (3), the last u (3).
@@ -56,7 +57,8 @@ class Metrics(NamedTuple):
         return self.crash_time < math.inf
 
 
-def add_tick(sums: Rows, error: Rows, command: Rows, saturated: Row) -> list[Row]:
+@formula
+def add_tick(sums: Rows, error: Rows, command: Rows, saturated: Row) -> tuple[Row, ...]:
     """Returns the sums with one more tick.
 
     Args:
@@ -69,7 +71,7 @@ def add_tick(sums: Rows, error: Rows, command: Rows, saturated: Row) -> list[Row
     e_x, e_y, e_z = error[0] * error[0], error[1] * error[1], error[2] * error[2]
     u_x, u_y, u_z = command
     started = minimum(ticks, 1.0)
-    return [
+    return (
         ticks + 1.0,
         maximum(peak, e_x + e_y + e_z),
         saturated_ticks + saturated,
@@ -85,7 +87,7 @@ def add_tick(sums: Rows, error: Rows, command: Rows, saturated: Row) -> list[Row
         u_x,
         u_y,
         u_z,
-    ]
+    )
 
 
 def summarized(sums: np.ndarray, crash_time: np.ndarray, period: float) -> Metrics:

@@ -8,12 +8,12 @@ suppress initialization events, or filters begin anew:
            0          h            2h
 """
 
-import math
 from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.common import RandomDistribution
 
+from drake_quad.compiled import formula
 from drake_quad.elementary import Row, Rows, arcsin, arctan2, exp, is_zero, sin_cos, where
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.laboratory.delay_line import DelayLine
@@ -96,6 +96,7 @@ class RotationMatrix(NamedTuple):
         )
 
 
+@formula
 def attitude_of_markers(attitude: Rows, R_BM: Rows) -> tuple[Row, Row, Row]:
     """Roll, pitch and yaw (rad) of R_WB R_BM.
 
@@ -104,22 +105,149 @@ def attitude_of_markers(attitude: Rows, R_BM: Rows) -> tuple[Row, Row, Row]:
         R_BM: the nine rows of a `RotationMatrix`, of the markers' frame in B.
     """
     xx, xy, xz, yx, yy, yz, zx, zy, zz = R_BM
-    (s_r, s_p), (c_r, c_p) = sin_cos(attitude[:2])
+    roll, pitch, yaw = attitude
+    s_r, c_r = sin_cos(roll)
+    s_p, c_p = sin_cos(pitch)
     # Of Ry(θ) Rx(φ) R_BM, the product without the yaw: the first column and the last row.
     rolled_x, rolled_y, rolled_z = s_r * yx + c_r * zx, s_r * yy + c_r * zy, s_r * yz + c_r * zz
     return (
         arctan2(c_p * rolled_y - s_p * xy, c_p * rolled_z - s_p * xz),
         arcsin(s_p * xx - c_p * rolled_x),
-        attitude[2] + arctan2(c_r * yx - s_r * zx, c_p * xx + s_p * rolled_x),
+        yaw + arctan2(c_r * yx - s_r * zx, c_p * xx + s_p * rolled_x),
     )
 
 
+@formula
 def body_rates(steps: Rows, attitude: Rows) -> tuple[Row, Row, Row]:
     """Eq (2): small rotations about the axes of B for small steps of roll, pitch and yaw at an attitude, all in rad."""
     of_roll, of_pitch, of_yaw = steps
-    (s_r, s_p), (c_r, c_p) = sin_cos(attitude[:2])
+    s_r, c_r = sin_cos(attitude[0])
+    s_p, c_p = sin_cos(attitude[1])
     level = c_p * of_yaw
     return of_roll - s_p * of_yaw, c_r * of_pitch + s_r * level, c_r * level - s_r * of_pitch
+
+
+@formula
+def seen_pose(state: Rows, noise: Rows, deviations: Rows, R_BM: Rows, misaligned: float) -> tuple[Row, ...]:
+    """Six rows of position and attitude, with misalignment and noise.
+
+    Args:
+        state: of the vehicle, 12 rows.
+        noise: six normal numbers.
+        deviations: of the noise, 6 rows.
+        R_BM: the nine rows of a `RotationMatrix`, of the markers' frame in B.
+        misaligned: 0 if that frame is B.
+    """
+    x, y, z = state[0:3]
+    aligned = state[3], state[4], state[5]
+    roll, pitch, yaw = where(misaligned != 0.0, attitude_of_markers(aligned, R_BM), aligned)
+    return (
+        x + deviations[0] * noise[0],
+        y + deviations[1] * noise[1],
+        z + deviations[2] * noise[2],
+        roll + deviations[3] * noise[3],
+        pitch + deviations[4] * noise[4],
+        yaw + deviations[5] * noise[5],
+    )
+
+
+@formula
+def first_frame(
+    state: Rows, noise: Rows, deviations: Rows, R_BM: Rows, misaligned: float, share: float
+) -> tuple[Rows, Rows]:
+    """The first frame, 12 rows, with a share of velocity and body rates, and its pose.
+
+    Args:
+        state: of the vehicle, 12 rows.
+        noise: six normal numbers.
+        deviations: of the noise, 6 rows.
+        R_BM: the nine rows of a `RotationMatrix`, of the markers' frame in B.
+        misaligned: 0 if that frame is B.
+        share: 1 if velocity and body rates are seen, 0 if a filter begins at rest.
+    """
+    pose = seen_pose(state, noise, deviations, R_BM, misaligned)
+    v_x, v_y, v_z, p, q, r = state[6:12]
+    return (*pose, share * v_x, share * v_y, share * v_z, share * p, share * q, share * r), pose
+
+
+@formula
+def frame(
+    state: Rows,
+    last: Rows,
+    noise: Rows,
+    deviations: Rows,
+    number: Rows,
+    dropout_rate: Rows,
+    R_BM: Rows,
+    misaligned: float,
+) -> tuple[Rows]:
+    """A frame whose velocity and body rates are exact, 12 rows.
+
+    Args:
+        state: of the vehicle, 12 rows.
+        last: the frame before, 12 rows.
+        noise: six normal numbers.
+        deviations: of the noise, 6 rows.
+        number: one between 0 and 1.
+        dropout_rate: below which it means that the frame is lost.
+        R_BM: the nine rows of a `RotationMatrix`, of the markers' frame in B.
+        misaligned: 0 if that frame is B.
+    """
+    lost, pose = number[0] < dropout_rate[0], seen_pose(state, noise, deviations, R_BM, misaligned)
+    motion = state[6], state[7], state[8], state[9], state[10], state[11]
+    return ((*where(lost, last[0:6], pose), *where(lost, last[6:12], motion)),)
+
+
+@formula
+def filtered_frame(
+    state: Rows,
+    last: Rows,
+    noise: Rows,
+    deviations: Rows,
+    number: Rows,
+    dropout_rate: Rows,
+    R_BM: Rows,
+    before: Rows,
+    bandwidth: Rows,
+    misaligned: float,
+    period: float,
+) -> tuple[Rows, Rows]:
+    """A frame whose velocity and body rates are filtered differences, 12 rows, and the pose that is now the one before.
+
+    Args:
+        state: as for `frame`, with all that follows up to the misalignment.
+        last: likewise.
+        noise: likewise.
+        deviations: likewise.
+        number: likewise.
+        dropout_rate: likewise.
+        R_BM: likewise.
+        before: the pose before the last frame, 6 rows.
+        bandwidth: ω, rad/s.
+        misaligned: 0 if the markers' frame is B.
+        period: h, s.
+    """
+    lost = number[0] < dropout_rate[0]
+    pose = seen_pose(state, noise, deviations, R_BM, misaligned)
+    x, y, z, roll, pitch, yaw = where(lost, last[0:6], pose)
+    p, q, r = body_rates((roll - before[3], pitch - before[4], yaw - before[5]), (last[3], last[4]))
+    decay = exp(-bandwidth[0] * period)
+    gain = (1.0 - decay) / (2.0 * period)
+    seen = (
+        x,
+        y,
+        z,
+        roll,
+        pitch,
+        yaw,
+        decay * last[6] + gain * (x - before[0]),
+        decay * last[7] + gain * (y - before[1]),
+        decay * last[8] + gain * (z - before[2]),
+        decay * last[9] + gain * p,
+        decay * last[10] + gain * q,
+        decay * last[11] + gain * r,
+    )
+    return seen, last[0:6]
 
 
 @fleet_system(float, AutoDiffXd)
@@ -152,9 +280,9 @@ class MotionCapture(FleetSystem):
     `dropout` (1 row), a number between 0 and 1 for each frame, which is lost if it is below the dropout rate.
 
     Discrete-state groups: those of a `DelayLine`, 12 rows each; with a bandwidth, a last one of 6 rows, position and
-    attitude a frame before the newest. Numeric parameters of the context: the latency, if there can be any; then one
-    with the bandwidth (infinite if there is none), the deviations of the six coordinates, the dropout rate and the nine
-    rows of `RotationMatrix`. What was zero at construction is left out for good.
+    attitude a frame before the newest. Numeric parameters of the context, each if there is need for it: the
+    latency, the bandwidth, the deviations of the six coordinates, the dropout rate, the nine rows of `RotationMatrix`.
+    What was zero at construction is left out for good.
 
     Args:
         num_vehicles: N.
@@ -177,67 +305,56 @@ class MotionCapture(FleetSystem):
         self.period = period
         self._state = self.input("state", 12)
         self._line = DelayLine(self, "measurement", [0.0] * 12, latency_frames)
-        self._derives = derivative_bandwidth is not None
-        if self._derives:
+        self._first = self.interpreted(first_frame, inputs=(12, 6, 6, 9))
+        inputs = [12, 12, 6, 6, 1, 1, 9]
+        self._before = self._bandwidth = None
+        if derivative_bandwidth is None:
+            self._map = self.mapped(frame, inputs=inputs, outputs=(12,))
+        else:
             self._before = self.discrete_state("measurement_before", [0.0] * 6)
-        parameters = [derivative_bandwidth if self._derives else math.inf]
-
-        def places(*rows: Row) -> slice:
-            """Where these rows are among the parameters."""
-            parameters.extend(rows)
-            return slice(len(parameters) - len(rows), len(parameters))
-
-        self._deviations = self._dropout_rate = self._misalignment = None
+            self._bandwidth = self.numeric_parameter([derivative_bandwidth])
+            self._map = self.mapped(filtered_frame, inputs=[*inputs, 6, 1], outputs=(12, 6))
+        self._noise = self._deviations = self._dropout = self._dropout_rate = self._R_BM = None
         if not (is_zero(errors.position_noise) and is_zero(errors.attitude_noise)):
-            self._deviations = places(*[errors.position_noise] * 3, *[errors.attitude_noise] * 3)
             self._noise = self.random_input("camera_noise", 6, RandomDistribution.kGaussian)
+            self._deviations = self.numeric_parameter([*[errors.position_noise] * 3, *[errors.attitude_noise] * 3])
         if not is_zero(errors.dropout_rate):
-            self._dropout_rate = places(errors.dropout_rate)
             self._dropout = self.random_input("dropout", 1, RandomDistribution.kUniform)
+            self._dropout_rate = self.numeric_parameter([errors.dropout_rate])
         if not all(is_zero(angle) for angle in errors.misalignment):
-            self._misalignment = places(*RotationMatrix.of(*errors.misalignment))
-        self._parameters = self.numeric_parameter(parameters)
+            self._R_BM = self.numeric_parameter(RotationMatrix.of(*errors.misalignment))
         self.DeclareInitializationDiscreteUpdateEvent(self._first_frame)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._next_frame)
         self.state_output(12, self._line.out)
 
     def _first_frame(self, context: Any, discrete_state: Any) -> None:
-        parameters, state = self.parameter_rows(context, self._parameters), self.input_rows(context, self._state)
-        pose = self._pose(context, parameters, state)
-        motion = [0.0] * 6 if self._derives else state[6:12]
-        self._line.fill(discrete_state, [*pose, *motion])
-        if self._derives:
-            self.write(discrete_state.get_mutable_vector(self._before), pose)
+        state, noise = self.inputs(context, self._state, self._noise)
+        sources = [state, noise, self.parameter(context, self._deviations), self.parameter(context, self._R_BM)]
+        groups = [self._line.out] if self._before is None else [self._line.out, self._before]
+        targets = [discrete_state.get_mutable_vector(group) for group in groups]
+        self._first(targets, sources, self._misaligned, 1.0 if self._before is None else 0.0)
+        self._line.fill(discrete_state)
 
     def _next_frame(self, context: Any, discrete_state: Any) -> None:
-        last = self._line.newest(context)
-        self._line.advance(context, discrete_state, lambda frame: self.write(frame, self._frame(context, last)))
-        if self._derives:
-            self.write(discrete_state.get_mutable_vector(self._before), last[0:6])
+        state, noise, number = self.inputs(context, self._state, self._noise, self._dropout)
+        sources = [
+            state,
+            self._line.newest(context),
+            noise,
+            self.parameter(context, self._deviations),
+            number,
+            self.parameter(context, self._dropout_rate),
+            self.parameter(context, self._R_BM),
+        ]
+        frame = self._line.advance(context, discrete_state)
+        if self._before is None:
+            self._map([frame], sources, self._misaligned)
+        else:
+            before, bandwidth = context.get_discrete_state(self._before), self.parameter(context, self._bandwidth)
+            targets = [frame, discrete_state.get_mutable_vector(self._before)]
+            self._map(targets, [*sources, before, bandwidth], self._misaligned, self.period)
+        self._line.release(context, discrete_state)
 
-    def _frame(self, context: Any, last: Rows) -> list[Row]:
-        """The 12 rows of the frame of this instant, given those of the one before."""
-        parameters, state = self.parameter_rows(context, self._parameters), self.input_rows(context, self._state)
-        pose, motion = self._pose(context, parameters, state), state[6:12]
-        if self._dropout_rate is not None:
-            (number,), (rate,) = self.input_rows(context, self._dropout), parameters[self._dropout_rate]
-            lost = number < rate
-            pose = where(lost, last[0:6], pose)
-            motion = motion if self._derives else where(lost, last[6:12], motion)
-        if self._derives:
-            decay = exp(-parameters[0] * self.period)
-            gain = (1.0 - decay) / (2.0 * self.period)
-            steps = [new - old for new, old in zip(pose, self.state_rows(context, self._before))]
-            steps[3:6] = body_rates(steps[3:6], last[3:6])
-            motion = [decay * old + gain * step for old, step in zip(last[6:12], steps)]
-        return [*pose, *motion]
-
-    def _pose(self, context: Any, parameters: Rows, state: Rows) -> Rows:
-        """Six rows of position and attitude, with misalignment and noise."""
-        pose = state[0:6]
-        if self._misalignment is not None:
-            pose = [*state[0:3], *attitude_of_markers(state[3:6], parameters[self._misalignment])]
-        if self._deviations is None:
-            return pose
-        noise = self.input_rows(context, self._noise)
-        return [x + deviation * n for x, deviation, n in zip(pose, parameters[self._deviations], noise)]
+    @property
+    def _misaligned(self) -> float:
+        return 0.0 if self._R_BM is None else 1.0

@@ -2,7 +2,8 @@
 
 from typing import Any, NamedTuple
 
-from drake_quad.elementary import Row, Rows, every, maximum, minimum, sqrt
+from drake_quad.compiled import formula
+from drake_quad.elementary import Row, Rows, maximum, minimum, sqrt
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
@@ -39,7 +40,8 @@ class RotorModel(NamedTuple):
         )
 
 
-def allocate(wrench: Rows, rotors: RotorModel) -> tuple[list[Row], list[Row]]:
+@formula
+def allocate(wrench: Rows, rotors: Rows) -> tuple[Rows, Rows]:
     """Returns the rotor speeds for a wrench, or for the part of it that the rotors can give, and what is given up.
 
     Where they cannot give all, yaw torque is given up first, then roll and pitch torque in equal shares, and thrust
@@ -53,7 +55,7 @@ def allocate(wrench: Rows, rotors: RotorModel) -> tuple[list[Row], list[Row]]:
 
     Args:
         wrench: F_z (N), τ_x, τ_y, τ_z (N m).
-        rotors: as believed.
+        rotors: a `RotorModel`, as believed, or its five rows.
 
     Returns:
         Four rotor speeds (rad/s), and the four parts of the wrench that are given up (N, N m): exactly zero where
@@ -64,27 +66,27 @@ def allocate(wrench: Rows, rotors: RotorModel) -> tuple[list[Row], list[Row]]:
     low, high = min_speed * min_speed, max_speed * max_speed
     lever = 2.0 * length * b
 
-    level, roll, pitch, yaw = thrust / (4.0 * b), tau_x / lever, tau_y / lever, tau_z / (4.0 * d)
-    squares = level - pitch + yaw, level - roll - yaw, level + pitch + yaw, level + roll - yaw
-    smallest = minimum(minimum(squares[0], squares[1]), minimum(squares[2], squares[3]))
-    largest = maximum(maximum(squares[0], squares[1]), maximum(squares[2], squares[3]))
-    if every((smallest >= low) & (largest <= high)):
-        return [sqrt(square) for square in squares], [0.0, 0.0, 0.0, 0.0]
-
-    wanted_level, wanted_yaw = level, yaw
-    level = minimum(maximum(level, low), high)
-    share = _share_of_roll_and_pitch(level, abs(roll), abs(pitch), yaw, low, high)
-    roll, pitch = share * roll, share * pitch
+    wanted_level, wanted_roll, wanted_pitch = thrust / (4.0 * b), tau_x / lever, tau_y / lever
+    wanted_yaw = tau_z / (4.0 * d)
+    level = minimum(maximum(wanted_level, low), high)
+    share = _share_of_roll_and_pitch(level, abs(wanted_roll), abs(wanted_pitch), wanted_yaw, low, high)
+    roll, pitch = share * wanted_roll, share * wanted_pitch
     across, along, above, below = abs(roll), abs(pitch), high - level, level - low
-    yaw = maximum(minimum(yaw, minimum(above - along, below - across)), maximum(along - below, across - above))
-    squares = level - pitch + yaw, level - roll - yaw, level + pitch + yaw, level + roll - yaw
+    least, most = maximum(along - below, across - above), minimum(above - along, below - across)
+    yaw = maximum(minimum(wanted_yaw, most), least)
     given_up = 1.0 - share
     return (
-        [sqrt(maximum(square, low)) for square in squares],
-        [4.0 * b * (wanted_level - level), given_up * tau_x, given_up * tau_y, 4.0 * d * (wanted_yaw - yaw)],
+        (
+            sqrt(maximum(level - pitch + yaw, low)),
+            sqrt(maximum(level - roll - yaw, low)),
+            sqrt(maximum(level + pitch + yaw, low)),
+            sqrt(maximum(level + roll - yaw, low)),
+        ),
+        (4.0 * b * (wanted_level - level), given_up * tau_x, given_up * tau_y, 4.0 * d * (wanted_yaw - yaw)),
     )
 
 
+@formula
 def _share_of_roll_and_pitch(level: Row, across: Row, along: Row, yaw: Row, low: Row, high: Row) -> Row:
     """The largest share, at most 1, of roll and pitch that leaves a yaw between none and the wanted one.
 
@@ -101,11 +103,12 @@ def _share_of_roll_and_pitch(level: Row, across: Row, along: Row, yaw: Row, low:
     room_along = minimum(minimum(below + left, above - right), half)
     room_across = minimum(minimum(above + left, below - right), half)
     room_both = 2.0 * minimum(above, below)
-    shares = [
-        room / maximum(demand, maximum(room, _TINY))
-        for room, demand in ((room_along, along), (room_across, across), (room_both, along + across))
-    ]
-    return minimum(minimum(shares[0], shares[1]), shares[2])
+    return minimum(minimum(_share(room_along, along), _share(room_across, across)), _share(room_both, along + across))
+
+
+@formula
+def _share(room: Row, demand: Row) -> Row:
+    return room / maximum(demand, maximum(room, _TINY))
 
 
 @fleet_system(float, AutoDiffXd)
@@ -135,11 +138,10 @@ class Allocation(FleetSystem):
         """Declares the system; see the class for the arguments."""
         self._rotors = self.numeric_parameter(rotors)
         self._wrench = self.input("wrench", 4)
+        self._allocate = self.mapped(allocate, inputs=(4, 5), outputs=(4, 4))
         uses = [self.all_input_ports_ticket(), self.all_parameters_ticket()]
         parts = {"rotor_speed_command": 4, "shortfall": 4}
         self.packed_output("rotor_speed_command_and_shortfall", parts, self._calc, uses=uses)
 
     def _calc(self, context: Any, output: Any) -> None:
-        rotors = RotorModel(*self.parameter_rows(context, self._rotors))
-        rotor_speed, shortfall = allocate(self.input_rows(context, self._wrench), rotors)
-        self.write(output, rotor_speed + shortfall)
+        self._allocate([output], [self.EvalVectorInput(context, self._wrench), self.parameter(context, self._rotors)])

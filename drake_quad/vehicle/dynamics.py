@@ -15,13 +15,13 @@ by (-y F_z, x F_z, 0). Drag acts at the centre of mass.
 The rotors' spin enters as the gyroscopic torque of the total angular momentum J_r ω_r along z; the reaction to its
 rate of change is left out, as in the paper.
 
-Every function takes and returns rows: numbers for one vehicle, arrays for a fleet.
+All functions are of rows: numbers for one vehicle, arrays for a fleet.
 """
 
 from collections.abc import Callable
-from typing import Any
 
-from drake_quad.elementary import Row, Rows, is_zero, maximum, minimum, sin_cos, sqrt
+from drake_quad.compiled import formula
+from drake_quad.elementary import Row, Rows, maximum, minimum, sin_cos, sqrt
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # An airspeed of zero must not make the derivative of the square root infinite; 1e-200 changes no float above 1e-92.
@@ -30,6 +30,7 @@ _TINY = 1e-200
 AttitudeKinematics = Callable[[Rows, Row, Row, Row, Row], tuple[Row, Row, Row]]
 
 
+@formula
 def rotor_wrench(rotor_speed: Rows, parameters: QuadrotorParameters) -> tuple[Row, Row, Row, Row]:
     """Eq (5): thrust (N) of the rotors and their torques about the centre of mass (N m), in B.
 
@@ -37,17 +38,28 @@ def rotor_wrench(rotor_speed: Rows, parameters: QuadrotorParameters) -> tuple[Ro
         rotor_speed: ω₁ to ω₄, rad/s.
         parameters: of the vehicle.
     """
-    w_1, w_2, w_3, w_4 = [speed * speed for speed in rotor_speed]
+    w_1, w_2, w_3, w_4 = rotor_speed
+    w_1, w_2, w_3, w_4 = w_1 * w_1, w_2 * w_2, w_3 * w_3, w_4 * w_4
     b_1, b_2, b_3, b_4 = parameters.thrust_factor
     f_1, f_2, f_3, f_4 = b_1 * w_1, b_2 * w_2, b_3 * w_3, b_4 * w_4
-    length = parameters.arm_length
-    thrust, tau_x, tau_y = f_1 + f_2 + f_3 + f_4, length * (f_4 - f_2), length * (f_3 - f_1)
     x, y = parameters.centre_of_mass
-    if not (is_zero(x) and is_zero(y)):
-        tau_x, tau_y = tau_x - y * thrust, tau_y + x * thrust
-    return thrust, tau_x, tau_y, parameters.drag_factor * (w_1 - w_2 + w_3 - w_4)
+    thrust = f_1 + f_2 + f_3 + f_4
+    return (
+        thrust,
+        parameters.arm_length * (f_4 - f_2) - y * thrust,
+        parameters.arm_length * (f_3 - f_1) + x * thrust,
+        parameters.drag_factor * (w_1 - w_2 + w_3 - w_4),
+    )
 
 
+@formula
+def rotor_residual(rotor_speed: Rows) -> Row:
+    """Eq (4): ω_r, rad/s."""
+    w_1, w_2, w_3, w_4 = rotor_speed
+    return w_2 + w_4 - w_1 - w_3
+
+
+@formula
 def drag(airspeed: Rows, linear: Row, quadratic: Row) -> tuple[Row, Row, Row]:
     """The force D of eq (3) in W (N): (c₁ + c₂ |v|) v.
 
@@ -61,6 +73,7 @@ def drag(airspeed: Rows, linear: Row, quadratic: Row) -> tuple[Row, Row, Row]:
     return factor * x, factor * y, factor * z
 
 
+@formula
 def rigid_kinematics(
     body_rates: Rows, sin_roll: Row, cos_roll: Row, sin_pitch: Row, cos_pitch: Row
 ) -> tuple[Row, Row, Row]:
@@ -70,6 +83,7 @@ def rigid_kinematics(
     return p + sin_pitch * yaw_rate, q * cos_roll - r * sin_roll, yaw_rate
 
 
+@formula
 def small_angle_kinematics(
     body_rates: Rows, sin_roll: Row, cos_roll: Row, sin_pitch: Row, cos_pitch: Row
 ) -> tuple[Row, Row, Row]:
@@ -78,48 +92,67 @@ def small_angle_kinematics(
     return p, q, r
 
 
+@formula
 def equations_of_motion(
-    wind: Rows, parameters: QuadrotorParameters, kinematics: AttitudeKinematics
-) -> Callable[[Rows, Rows], list[Row]]:
-    """Eq (3) without its first three lines, as a function of motion and rotors.
-
-    It takes the 9 rows of the motion, roll, pitch, yaw (rad), velocity in W (m/s), p, q, r (rad/s); and the 5 rows of
-    the rotors, F_z (N), τ_x, τ_y, τ_z (N m) in B, ω_r of eq (4) (rad/s). It returns the derivatives of the former.
-    What stays the same over a step is taken out here, before the function is called four times.
+    motion: Rows, rotors: Rows, wind: Rows, parameters: QuadrotorParameters, kinematics: AttitudeKinematics
+) -> tuple[Row, ...]:
+    """Eq (3) without its first three lines: the derivatives of the 9 rows of the motion.
 
     Args:
+        motion: roll, pitch, yaw (rad); velocity in W (m/s); p, q, r (rad/s).
+        rotors: F_z (N), τ_x, τ_y, τ_z (N m) in B; ω_r of eq (4) (rad/s).
         wind: velocity of the air in W, m/s.
         parameters: of the vehicle.
         kinematics: `rigid_kinematics` or `small_angle_kinematics`.
     """
-    mass, gravity, (i_xx, i_yy, i_zz) = parameters.mass, parameters.gravity, parameters.inertia
-    rotor_inertia = parameters.rotor_inertia
+    roll, pitch, yaw, v_x, v_y, v_z, p, q, r = motion
+    thrust, tau_x, tau_y, tau_z, residual = rotors
     wind_x, wind_y, wind_z = wind
-    c_1, c_2 = parameters.linear_drag, parameters.quadratic_drag
-    feels_air = not (is_zero(c_1) and is_zero(c_2))
-
-    def derivative(motion: Rows, rotors: Rows) -> list[Row]:
-        v_x, v_y, v_z, p, q, r = motion[3:]
-        thrust, tau_x, tau_y, tau_z, residual = rotors
-        (sin_roll, sin_pitch, sin_yaw), (cos_roll, cos_pitch, cos_yaw) = sin_cos(motion[:3])
-        forward = sin_pitch * cos_roll
-        drag_x = drag_y = drag_z = 0.0
-        if feels_air:
-            drag_x, drag_y, drag_z = drag((wind_x - v_x, wind_y - v_y, wind_z - v_z), c_1, c_2)
-        spin = rotor_inertia * residual
-        return [
-            *kinematics((p, q, r), sin_roll, cos_roll, sin_pitch, cos_pitch),
-            ((sin_yaw * sin_roll + cos_yaw * forward) * thrust + drag_x) / mass,
-            ((sin_yaw * forward - cos_yaw * sin_roll) * thrust + drag_y) / mass,
-            (cos_pitch * cos_roll * thrust + drag_z) / mass - gravity,
-            (q * ((i_yy - i_zz) * r - spin) + tau_x) / i_xx,
-            (p * ((i_zz - i_xx) * r + spin) + tau_y) / i_yy,
-            ((i_xx - i_yy) * p * q + tau_z) / i_zz,
-        ]
-
-    return derivative
+    mass, (i_xx, i_yy, i_zz) = parameters.mass, parameters.inertia
+    sin_roll, cos_roll = sin_cos(roll)
+    sin_pitch, cos_pitch = sin_cos(pitch)
+    sin_yaw, cos_yaw = sin_cos(yaw)
+    forward = sin_pitch * cos_roll
+    airspeed = wind_x - v_x, wind_y - v_y, wind_z - v_z
+    drag_x, drag_y, drag_z = drag(airspeed, parameters.linear_drag, parameters.quadratic_drag)
+    spin = parameters.rotor_inertia * residual
+    roll_rate, pitch_rate, yaw_rate = kinematics((p, q, r), sin_roll, cos_roll, sin_pitch, cos_pitch)
+    return (
+        roll_rate,
+        pitch_rate,
+        yaw_rate,
+        ((sin_yaw * sin_roll + cos_yaw * forward) * thrust + drag_x) / mass,
+        ((sin_yaw * forward - cos_yaw * sin_roll) * thrust + drag_y) / mass,
+        (cos_pitch * cos_roll * thrust + drag_z) / mass - parameters.gravity,
+        (q * ((i_yy - i_zz) * r - spin) + tau_x) / i_xx,
+        (p * ((i_zz - i_xx) * r + spin) + tau_y) / i_yy,
+        ((i_xx - i_yy) * p * q + tau_z) / i_zz,
+    )
 
 
+@formula
+def held_rotor_speed(command: Rows, parameters: QuadrotorParameters, speed_factor: Rows) -> tuple[Row, Row, Row, Row]:
+    """Where the rotors go under a held command, rad/s.
+
+    A command is clipped to what the rotors can do, idle if it is not a number; a faulty rotor gets a share of that.
+
+    Args:
+        command: ω₁ to ω₄, rad/s.
+        parameters: of the vehicle.
+        speed_factor: the share of each rotor, 1 if it is not faulty.
+    """
+    w_1, w_2, w_3, w_4 = command
+    s_1, s_2, s_3, s_4 = speed_factor
+    low, high = parameters.min_rotor_speed, parameters.max_rotor_speed
+    return (
+        s_1 * minimum(maximum(w_1, low), high),
+        s_2 * minimum(maximum(w_2, low), high),
+        s_3 * minimum(maximum(w_3, low), high),
+        s_4 * minimum(maximum(w_4, low), high),
+    )
+
+
+@formula
 def rigid_body_derivative(
     state: Rows,
     wrench: Rows,
@@ -127,7 +160,7 @@ def rigid_body_derivative(
     wind: Rows,
     parameters: QuadrotorParameters,
     kinematics: AttitudeKinematics,
-) -> list[Row]:
+) -> tuple[Row, ...]:
     """Time derivative of the 12 rows of the rigid body's state: eq (3).
 
     Args:
@@ -138,14 +171,8 @@ def rigid_body_derivative(
         parameters: of the vehicle.
         kinematics: `rigid_kinematics` or `small_angle_kinematics`.
     """
-    motion_derivative = equations_of_motion(wind, parameters, kinematics)
-    return [*state[6:9], *motion_derivative(state[3:12], (*wrench, rotor_residual))]
-
-
-def rotor_residual(rotor_speed: Rows) -> Row:
-    """Eq (4): ω_r, rad/s."""
-    w_1, w_2, w_3, w_4 = rotor_speed
-    return w_2 + w_4 - w_1 - w_3
+    motion = equations_of_motion(state[3:12], (*wrench, rotor_residual), wind, parameters, kinematics)
+    return (state[6], state[7], state[8], *motion)
 
 
 def hover_rotor_speeds(parameters: QuadrotorParameters) -> list[Row]:
@@ -168,35 +195,15 @@ def hover_rotor_speeds(parameters: QuadrotorParameters) -> list[Row]:
     return [sqrt(maximum(0.5 * force / b, 0.0)) for force, b in zip(forces, (b_1, b_2, b_3, b_4), strict=True)]
 
 
-def held_rotor_speed(command: Any, parameters: QuadrotorParameters, speed_factor: Any) -> Any:
-    """Where the rotors go under a held command, rad/s.
-
-    A command is clipped to what the rotors can do, idle if it is not a number; a faulty rotor gets a share of that.
-
-    Args:
-        command: ω₁ to ω₄, rad/s; a list for one vehicle, a (4, N) array for a fleet.
-        parameters: of the vehicle.
-        speed_factor: four rows; None if no rotor is faulty.
-    """
-    low, high = parameters.min_rotor_speed, parameters.max_rotor_speed
-    if isinstance(command, list):
-        targets = [minimum(maximum(speed, low), high) for speed in command]
-    else:
-        targets = minimum(maximum(command, low), high)
-    if speed_factor is not None:
-        for i, factor in enumerate(speed_factor):
-            targets[i] = targets[i] * factor
-    return targets
-
-
+@formula
 def quadrotor_derivative(
     state: Rows,
     rotor_speed_command: Rows,
     wind: Rows,
     parameters: QuadrotorParameters,
     kinematics: AttitudeKinematics,
-    speed_factor: Any = None,
-) -> list[Row]:
+    speed_factor: Rows = (1.0, 1.0, 1.0, 1.0),
+) -> tuple[Row, ...]:
     """Time derivative of the 16 rows of rigid body and rotors together.
 
     Args:
@@ -207,10 +214,10 @@ def quadrotor_derivative(
         kinematics: `rigid_kinematics` or `small_angle_kinematics`.
         speed_factor: of `held_rotor_speed`.
     """
-    rotor_speed = state[12:]
+    rotor_speed = state[12:16]
     wrench, residual = rotor_wrench(rotor_speed, parameters), rotor_residual(rotor_speed)
-    target = held_rotor_speed(rotor_speed_command, parameters, speed_factor)
-    return [
-        *rigid_body_derivative(state[:12], wrench, residual, wind, parameters, kinematics),
-        *[(end - speed) / parameters.rotor_time_constant for end, speed in zip(target, rotor_speed, strict=True)],
-    ]
+    body = rigid_body_derivative(state[0:12], wrench, residual, wind, parameters, kinematics)
+    t_1, t_2, t_3, t_4 = held_rotor_speed(rotor_speed_command, parameters, speed_factor)
+    w_1, w_2, w_3, w_4 = rotor_speed
+    lag = parameters.rotor_time_constant
+    return (*body, (t_1 - w_1) / lag, (t_2 - w_2) / lag, (t_3 - w_3) / lag, (t_4 - w_4) / lag)

@@ -3,7 +3,8 @@
 import math
 from typing import NamedTuple
 
-from drake_quad.elementary import Row, Rows, every, maximum, where
+from drake_quad.compiled import formula
+from drake_quad.elementary import Row, Rows, maximum, where
 
 
 class RotorFaults(NamedTuple):
@@ -24,10 +25,20 @@ class RotorFaults(NamedTuple):
         battery_sag, failure_time, failure_factor = self
         return [battery_sag, failure_time, *failure_factor]
 
-    def speed_factor(self, time: Row) -> list[Row]:
-        """What is left of the speed of the four rotors at a time (s)."""
-        charge = maximum(1.0 - self.battery_sag * time, 0.0)
-        sound = time < self.failure_time
-        if every(sound):
-            return [charge] * 4
-        return [charge * where(sound, 1.0, factor) for factor in self.failure_factor]
+
+@formula
+def rotor_speed_factor(faults: Rows, time: Row) -> tuple[Row, Row, Row, Row]:
+    """What is left of the speed of the four rotors.
+
+    Args:
+        faults: the 6 rows of `RotorFaults`.
+        time: s.
+    """
+    battery_sag, failure_time, s_1, s_2, s_3, s_4 = faults
+    charge, failed = maximum(1.0 - battery_sag * time, 0.0), time >= failure_time
+    return (
+        charge * where(failed, s_1, 1.0),
+        charge * where(failed, s_2, 1.0),
+        charge * where(failed, s_3, 1.0),
+        charge * where(failed, s_4, 1.0),
+    )

@@ -9,7 +9,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike
 
-from drake_quad.flatness import Tilt, in_heading
+from drake_quad.flatness import angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
 from drake_quad.vehicle.dynamics import rotor_wrench
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
@@ -47,14 +47,12 @@ def rotor_demand(
     """
     heading, yaw_rate, yaw_acceleration = np.broadcast_arrays(*np.asarray(yaw, dtype=float), acceleration[0])[:3]
     gravity = np.array([[0.0], [0.0], [parameters.gravity]])
-    thrust, *derivatives = (
+    thrust, turned_jerk, turned_snap = (
         in_heading(vector, np.sin(heading), np.cos(heading)) for vector in (acceleration + gravity, jerk, snap)
     )
-    tilt = Tilt.of(thrust)
-    p, q, r = tilt.body_rates(derivatives[0], yaw_rate)
-    p_dot, q_dot, r_dot = tilt.angular_accelerations(
-        (p, q, r), *derivatives, yaw_rate=yaw_rate, yaw_acceleration=yaw_acceleration
-    )
+    tilt = tilt_of(thrust)
+    p, q, r = rates = body_rates(tilt, turned_jerk, yaw_rate)
+    p_dot, q_dot, r_dot = angular_accelerations(tilt, rates, turned_jerk, turned_snap, yaw_rate, yaw_acceleration)
     i_xx, i_yy, i_zz = parameters.inertia
     wrench = np.array(
         [
@@ -67,7 +65,7 @@ def rotor_demand(
     squares = np.linalg.solve(_wrench_matrix(parameters), wrench)
     return RotorDemand(
         np.sqrt(np.maximum(squares, 0.0)),
-        np.array([*tilt.attitude(), heading]),
+        np.array([*attitude_of(tilt), heading]),
         np.array([p, q, r]),
         wrench,
     )

@@ -1,7 +1,8 @@
 """The numbers that make a quadrotor."""
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
+from drake_quad.compiled import formula
 from drake_quad.elementary import Row, Rows
 
 
@@ -47,7 +48,22 @@ class QuadrotorParameters(NamedTuple):
         mass, inertia, rotor_inertia, thrust_factor, *rest, centre_of_mass = self
         return [mass, *inertia, rotor_inertia, *thrust_factor, *rest, *centre_of_mass]
 
-    @classmethod
-    def from_rows(cls, rows: Any) -> "QuadrotorParameters":
-        """The inverse of `to_rows`."""
-        return cls._make((rows[0], rows[1:4], rows[4], rows[5:9], *rows[9:17], rows[17:19]))
+
+@formula
+def parameters_from_rows(rows: Rows) -> QuadrotorParameters:
+    """The inverse of `QuadrotorParameters.to_rows`."""
+    return QuadrotorParameters(
+        rows[0],
+        rows[1:4],
+        rows[4],
+        rows[5:9],
+        rows[9],
+        rows[10],
+        rows[11],
+        rows[12],
+        rows[13],
+        rows[14],
+        rows[15],
+        rows[16],
+        rows[17:19],
+    )

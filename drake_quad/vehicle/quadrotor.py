@@ -3,23 +3,22 @@
 from typing import Any, Literal
 
 import numpy as np
+from pydrake.systems.framework import BasicVector_
 
 from drake_quad.elementary import Row, Rows
 from drake_quad.fleet import AutoDiffXd, Expression, FleetSystem, fleet_system
 from drake_quad.vehicle.dynamics import (
     hover_rotor_speeds,
-    quadrotor_derivative,
     rigid_kinematics,
     small_angle_kinematics,
 )
 from drake_quad.vehicle.faults import RotorFaults
-from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.stepping import quadrotor_step
+from drake_quad.vehicle.parameters import QuadrotorParameters, parameters_from_rows
+from drake_quad.vehicle.stepping import rigid_slope, rigid_step, small_angle_slope, small_angle_step
 
 Kinematics = Literal["exact", "small_angle"]
 KINEMATICS = {"exact": rigid_kinematics, "small_angle": small_angle_kinematics}
-
-_STILL_AIR = (0.0, 0.0, 0.0)
+_MOTION = {"exact": (rigid_step, rigid_slope), "small_angle": (small_angle_step, small_angle_slope)}
 
 
 @fleet_system(float, AutoDiffXd, Expression)
@@ -80,7 +79,13 @@ class Quadrotor(FleetSystem):
     ) -> None:
         """Declares the system; see the class for the arguments."""
         self.time_step = time_step
-        self._kinematics = KINEMATICS[kinematics]
+        step, slope = _MOTION[kinematics]
+        sizes = [4, 3, 1, 19, 6]
+        if time_step > 0.0:
+            self._map = self.mapped(step, inputs=[12, 4, *sizes], outputs=(12, 4))
+        else:
+            self._map = self.mapped(slope, inputs=[16, *sizes], outputs=(16,))
+        self._no_faults = BasicVector_[float](RotorFaults().to_rows()).value()
         self._parameters = self.numeric_parameter(parameters.to_rows())
         self._faults = None if faults is None else self.numeric_parameter(faults.to_rows())
         self._command = self.input("rotor_speed_command", 4)
@@ -103,7 +108,7 @@ class Quadrotor(FleetSystem):
     def get_parameters(self, context: Any) -> QuadrotorParameters:
         """A copy of the parameters in the context."""
         rows = self.parameter_rows(context, self._parameters)
-        return QuadrotorParameters.from_rows([row.copy() if isinstance(row, np.ndarray) else row for row in rows])
+        return parameters_from_rows(rows.copy())
 
     def set_parameters(self, context: Any, parameters: QuadrotorParameters) -> None:
         """Puts parameters into the context; what was a number at construction must be one, else also an (N,) array."""
@@ -128,58 +133,28 @@ class Quadrotor(FleetSystem):
         """Drake's hook for a continuous state."""
         if self.time_step > 0.0:
             return
+        state = context.get_continuous_state_vector().CopyToVector()
+        slope = np.empty_like(state)
+        # Without faults nothing depends on the time; an Expression of it could not be compared.
+        time = 0.0 if self._faults is None else context.get_time()
         # The floating-point flags that arithmetic on objects leaves behind mean nothing.
         with np.errstate(all=None if self.scalar is float else "ignore"):
-            slope = quadrotor_derivative(
-                self._continuous_rows(context),
-                self.input_rows(context, self._command),
-                self.optional_input_rows(context, self._wind, default=_STILL_AIR),
-                self._current_parameters(context),
-                self._kinematics,
-                self._speed_factor(context, context.get_time()),
-            )
-        crashed = self._crashed_vehicles(context)
-        if crashed is not None:
-            slope = [np.where(crashed, 0.0, row) for row in slope]
-        derivatives.get_mutable_vector().SetFromVector(self.packed(slope))
+            self._map([slope], [state, *self._sources(context)], time)
+        derivatives.get_mutable_vector().SetFromVector(slope)
 
     def _step(self, context: Any, state: Any) -> None:
-        crashed = self._crashed_vehicles(context)
-        if context.get_time() == 0.0 or (crashed is not None and crashed.all()):
+        time = context.get_time()
+        if time == 0.0:
             return
         groups = state.get_mutable_discrete_state()
         vectors = groups.get_mutable_vector(0), groups.get_mutable_vector(1)
-        before = rigid_body, rotor_speed = self.rows(vectors[0]), self.rows(vectors[1])
-        after = quadrotor_step(
-            rigid_body,
-            rotor_speed,
-            self.input_rows(context, self._command),
-            self.optional_input_rows(context, self._wind, default=_STILL_AIR),
-            self._current_parameters(context),
-            self._kinematics,
-            self.time_step,
-            self._speed_factor(context, context.get_time() - 0.5 * self.time_step),
-        )
-        for vector, old, new in zip(vectors, before, after):
-            self.write(vector, new if crashed is None else [np.where(crashed, a, b) for a, b in zip(old, new)])
+        self._map(vectors, [*vectors, *self._sources(context)], time, self.time_step)
 
-    def _current_parameters(self, context: Any) -> QuadrotorParameters:
-        return QuadrotorParameters.from_rows(self.parameter_rows(context, self._parameters))
-
-    def _speed_factor(self, context: Any, time: Row) -> Any:
-        """Four rows, as `held_rotor_speed` takes them: the speed over that commanded; None without faults."""
-        if self._faults is None:
-            return None
-        battery_sag, failure_time, *failure_factor = self.parameter_rows(context, self._faults)
-        return RotorFaults(battery_sag, failure_time, failure_factor).speed_factor(time)
-
-    def _crashed_vehicles(self, context: Any) -> np.ndarray | None:
-        """The (N,) mask of the vehicles that have crashed, or None where there is none."""
-        vector = self.EvalVectorInput(context, self._crashed)
-        if vector is None or (self.num_vehicles == 1 and vector.GetAtIndex(0) == 0.0):
-            return None
-        crashed: np.ndarray = self.values(vector) != 0.0
-        return crashed if crashed.any() else None
+    def _sources(self, context: Any) -> list[Any]:
+        """What a step or a slope depends on beside the state."""
+        faults = self._no_faults if self._faults is None else self.parameter(context, self._faults)
+        inputs = self.inputs(context, self._command, self._wind, self._crashed)
+        return [*inputs, self.parameter(context, self._parameters), faults]
 
     def _continuous_rows(self, context: Any) -> Any:
         values = context.get_continuous_state_vector().CopyToVector()

@@ -1,131 +1,177 @@
-"""One step of the vehicle over an interval in which its inputs are held.
+"""What the vehicle does under its inputs: a step over an interval in which they are held, or the slope at an instant.
 
 The rotors do not feel the rigid body, and their lag behind a held command has a closed form. So the step takes the
 rotors exactly, at the beginning, the middle and the end of the interval, and integrates the rigid body under their
 wrench by the classical fourth-order Runge–Kutta method.
 """
 
-from collections.abc import Callable, Sequence
 from typing import Any
 
-import numpy as np
-
-from drake_quad.elementary import Row, Rows, exp
+from drake_quad.compiled import formula
+from drake_quad.elementary import Row, Rows, exp, where
 from drake_quad.vehicle.dynamics import (
     AttitudeKinematics,
     equations_of_motion,
     held_rotor_speed,
+    quadrotor_derivative,
+    rigid_kinematics,
     rotor_residual,
     rotor_wrench,
+    small_angle_kinematics,
 )
-from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.faults import rotor_speed_factor
+from drake_quad.vehicle.parameters import QuadrotorParameters, parameters_from_rows
+
+_AT_REST = (0.0,) * 16
 
 
+@formula
 def quadrotor_step(
-    rigid_body: Any,
-    rotor_speed: Any,
-    rotor_speed_command: Any,
-    wind: Rows,
-    parameters: QuadrotorParameters,
     kinematics: AttitudeKinematics,
+    rigid_body: Rows,
+    rotor_speed: Rows,
+    rotor_speed_command: Rows,
+    wind: Rows,
+    crashed: Rows,
+    parameters: Rows,
+    faults: Rows,
+    time: Row,
     time_step: float,
-    speed_factor: Any = None,
-) -> tuple[Any, Any]:
-    """Returns the rigid body's state and the rotor speeds a time step later.
+) -> tuple[Rows, Rows]:
+    """Returns the rigid body's state and the rotor speeds at the end of a step.
 
     Args:
-        rigid_body: the 12 rows of `rigid_body_derivative`: a list for one vehicle, a (12, N) array for a fleet.
-        rotor_speed: ω₁ to ω₄, rad/s; a list or a (4, N) array.
-        rotor_speed_command: rad/s, likewise; what lies outside the rotors' limits is clipped.
-        wind: velocity of the air in W, m/s.
-        parameters: of the vehicle.
         kinematics: `rigid_kinematics` or `small_angle_kinematics`.
-        time_step: s.
-        speed_factor: of `held_rotor_speed`.
+        rigid_body: the 12 rows of `rigid_body_derivative`.
+        rotor_speed: ω₁ to ω₄, rad/s.
+        rotor_speed_command: likewise; what lies outside the rotors' limits is clipped.
+        wind: velocity of the air in W, m/s.
+        crashed: a row; a vehicle for which it is not zero stays as it is.
+        parameters: the 19 rows of `QuadrotorParameters`.
+        faults: the 6 rows of `RotorFaults`, taken at the middle of the step.
+        time: at the end of the step, s.
+        time_step: h, s.
     """
-    decay = exp(-0.5 * time_step / parameters.rotor_time_constant)
-    command = held_rotor_speed(rotor_speed_command, parameters, speed_factor)
-    if isinstance(rigid_body, list):
-        middle = [lagging(speed, target, decay) for speed, target in zip(rotor_speed, command)]
-        end = [lagging(speed, target, decay) for speed, target in zip(middle, command)]
-    else:
-        middle = lagging(rotor_speed, command, decay)
-        end = lagging(middle, command, decay)
-    rotors = [(*rotor_wrench(speed, parameters), rotor_residual(speed)) for speed in (rotor_speed, middle, end)]
-    slope = equations_of_motion(wind, parameters, kinematics)
+    vehicle = parameters_from_rows(parameters)
+    body, rotors = step_of_flight(
+        kinematics,
+        rigid_body,
+        rotor_speed,
+        held_rotor_speed(rotor_speed_command, vehicle, rotor_speed_factor(faults, time - 0.5 * time_step)),
+        wind,
+        vehicle,
+        time_step,
+    )
+    stays = crashed[0] != 0.0
+    return where(stays, rigid_body, body), where(stays, rotor_speed, rotors)
 
-    def block_slope(motion: np.ndarray, rotors: Any) -> np.ndarray:
-        return np.concatenate(slope(motion, rotors)).reshape(motion.shape)
 
-    motion = rigid_body[3:12]
-    if isinstance(rigid_body, list):
-        stages = runge_kutta_4(slope, motion, rotors, time_step)
-    else:
-        stages = runge_kutta_4_of_block(block_slope, motion, rotors, time_step)
+@formula
+def step_of_flight(
+    kinematics: AttitudeKinematics,
+    rigid_body: Rows,
+    rotor_speed: Rows,
+    target: Rows,
+    wind: Rows,
+    vehicle: QuadrotorParameters,
+    time_step: float,
+) -> tuple[Rows, Rows]:
+    """The same for a vehicle that has not crashed and whose rotors are on their way to a target (rad/s)."""
+    decay = exp(-0.5 * time_step / vehicle.rotor_time_constant)
+    middle = lagging(rotor_speed, target, decay)
+    end = lagging(middle, target, decay)
+    rotors_1 = (*rotor_wrench(rotor_speed, vehicle), rotor_residual(rotor_speed))
+    rotors_2 = (*rotor_wrench(middle, vehicle), rotor_residual(middle))
+    rotors_3 = (*rotor_wrench(end, vehicle), rotor_residual(end))
+
+    motion_1 = rigid_body[3:12]
+    slope_1 = equations_of_motion(motion_1, rotors_1, wind, vehicle, kinematics)
+    motion_2 = moved(motion_1, slope_1, 0.5 * time_step)
+    slope_2 = equations_of_motion(motion_2, rotors_2, wind, vehicle, kinematics)
+    motion_3 = moved(motion_1, slope_2, 0.5 * time_step)
+    slope_3 = equations_of_motion(motion_3, rotors_2, wind, vehicle, kinematics)
+    motion_4 = moved(motion_1, slope_3, time_step)
+    slope_4 = equations_of_motion(motion_4, rotors_3, wind, vehicle, kinematics)
+
+    sixth, third = time_step / 6.0, time_step / 3.0
+    motion = moved(moved(moved(moved(motion_1, slope_1, sixth), slope_2, third), slope_3, third), slope_4, sixth)
     # Nothing depends on the position: its part of the method is a weighted mean of the stages' velocities.
-    sixth = time_step / 6.0
-    velocities = [stage[3:6] for stage in (motion, *stages[:3])]
-    position = [x + sixth * (v_1 + 2.0 * (v_2 + v_3) + v_4) for x, v_1, v_2, v_3, v_4 in zip(rigid_body, *velocities)]
-    return [*position, *stages[3]], end
+    position = (
+        rigid_body[0] + sixth * (motion_1[3] + 2.0 * (motion_2[3] + motion_3[3]) + motion_4[3]),
+        rigid_body[1] + sixth * (motion_1[4] + 2.0 * (motion_2[4] + motion_3[4]) + motion_4[4]),
+        rigid_body[2] + sixth * (motion_1[5] + 2.0 * (motion_2[5] + motion_3[5]) + motion_4[5]),
+    )
+    return (*position, *motion), end
 
 
-def lagging(speed: Row, target: Row, decay: Row) -> Row:
-    """A rotor speed some time later, on its way to a target: the decay is exp(-time / time constant)."""
-    return target + (speed - target) * decay
+@formula
+def lagging(speed: Rows, target: Rows, decay: Row) -> tuple[Row, Row, Row, Row]:
+    """Rotor speeds some time later, on their way to a target: the decay is exp(-time / time constant)."""
+    w_1, w_2, w_3, w_4 = speed
+    t_1, t_2, t_3, t_4 = target
+    return (
+        t_1 + (w_1 - t_1) * decay,
+        t_2 + (w_2 - t_2) * decay,
+        t_3 + (w_3 - t_3) * decay,
+        t_4 + (w_4 - t_4) * decay,
+    )
 
 
-def runge_kutta_4(
-    derivative: Callable[[Rows, Any], Rows], state: Rows, inputs: Sequence[Any], step: float
-) -> tuple[Rows, Rows, Rows, Rows]:
-    """One step of the classical fourth-order Runge–Kutta method.
-
-    Args:
-        derivative: of the state, given the state and an input.
-        state: rows at the beginning of the step.
-        inputs: three, at the beginning, the middle and the end of the step.
-        step: its length, s.
-
-    Returns:
-        The states at which the derivative was taken for the second, third and fourth time, and the state after the
-        step.
-    """
-    start, middle, end = inputs
-    half, sixth = 0.5 * step, step / 6.0
-    k_1 = derivative(state, start)
-    x_2 = [x + half * k for x, k in zip(state, k_1)]
-    k_2 = derivative(x_2, middle)
-    x_3 = [x + half * k for x, k in zip(state, k_2)]
-    k_3 = derivative(x_3, middle)
-    x_4 = [x + step * k for x, k in zip(state, k_3)]
-    k_4 = derivative(x_4, end)
-    result = [x + sixth * (a + 2.0 * (b + c) + d) for x, a, b, c, d in zip(state, k_1, k_2, k_3, k_4)]
-    return x_2, x_3, x_4, result
+@formula
+def moved(motion: Rows, slope: Rows, time: Row) -> tuple[Row, ...]:
+    """The 9 rows of a motion after a time with a slope."""
+    roll, pitch, yaw, v_x, v_y, v_z, p, q, r = motion
+    d_roll, d_pitch, d_yaw, a_x, a_y, a_z, d_p, d_q, d_r = slope
+    return (
+        roll + time * d_roll,
+        pitch + time * d_pitch,
+        yaw + time * d_yaw,
+        v_x + time * a_x,
+        v_y + time * a_y,
+        v_z + time * a_z,
+        p + time * d_p,
+        q + time * d_q,
+        r + time * d_r,
+    )
 
 
-def runge_kutta_4_of_block(
-    derivative: Callable[[np.ndarray, Any], np.ndarray], state: np.ndarray, inputs: Sequence[Any], step: float
-) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
-    """The same for an array, in the memory of its derivatives: fresh memory would take twice the time.
+@formula
+def rigid_step(*rows_and_numbers: Any) -> tuple[Rows, Rows]:
+    """The step with `rigid_kinematics`."""
+    return quadrotor_step(rigid_kinematics, *rows_and_numbers)
 
-    With the stages x₂ = x + h/2 k₁, x₃ = x + h/2 k₂, x₄ = x + h k₃ in place of the slopes, the step becomes
-    (x₂ + 2 x₃ + x₄ - x + h/2 k₄) / 3. Arguments as for `runge_kutta_4`; the derivative must return new arrays.
-    """
-    start, middle, end = inputs
 
-    def shifted(slope: np.ndarray, length: float) -> np.ndarray:
-        slope *= length
-        slope += state
-        return slope
+@formula
+def small_angle_step(*rows_and_numbers: Any) -> tuple[Rows, Rows]:
+    """The step with `small_angle_kinematics`."""
+    return quadrotor_step(small_angle_kinematics, *rows_and_numbers)
 
-    x_2 = shifted(derivative(state, start), 0.5 * step)
-    x_3 = shifted(derivative(x_2, middle), 0.5 * step)
-    x_4 = shifted(derivative(x_3, middle), step)
-    result = derivative(x_4, end)
-    result *= 0.5 * step
-    result += x_2
-    result += x_3
-    result += x_3
-    result += x_4
-    result -= state
-    result /= 3.0
-    return x_2, x_3, x_4, result
+
+@formula
+def quadrotor_slope(
+    kinematics: AttitudeKinematics,
+    state: Rows,
+    rotor_speed_command: Rows,
+    wind: Rows,
+    crashed: Rows,
+    parameters: Rows,
+    faults: Rows,
+    time: Row,
+) -> tuple[Rows]:
+    """Returns the time derivatives of the 16 rows of rigid body and rotors; arguments as for `quadrotor_step`."""
+    factor = rotor_speed_factor(faults, time)
+    vehicle = parameters_from_rows(parameters)
+    slope = quadrotor_derivative(state, rotor_speed_command, wind, vehicle, kinematics, factor)
+    return (where(crashed[0] != 0.0, _AT_REST, slope),)
+
+
+@formula
+def rigid_slope(*rows_and_numbers: Any) -> tuple[Rows]:
+    """The slope with `rigid_kinematics`."""
+    return quadrotor_slope(rigid_kinematics, *rows_and_numbers)
+
+
+@formula
+def small_angle_slope(*rows_and_numbers: Any) -> tuple[Rows]:
+    """The slope with `small_angle_kinematics`."""
+    return quadrotor_slope(small_angle_kinematics, *rows_and_numbers)

@@ -155,7 +155,7 @@ def _draw_gains(axes: Axes, errors: np.ndarray, own: np.ndarray, triangles: np.n
 
 def _weights(flight: Flight) -> np.ndarray:
     """(ticks, R, axes) weights."""
-    return flight["weights"].reshape(len(flight.time), -1, len(_controller(flight).axes))
+    return flight["weights"].reshape(len(flight.time), len(_controller(flight).axes), -1).swapaxes(1, 2)
 
 
 def _controller(flight: Flight) -> Type1Position | Type2Position:

@@ -57,7 +57,7 @@ def test_gives_up_yaw_first_then_roll_and_pitch_and_thrust_last(wrench):
 
 def test_a_yaw_torque_that_does_not_fit_leaves_roll_untouched():
     _, shortfall = allocate((6.67, 0.3, 0.0, 0.3), ROTORS)
-    assert shortfall[:3] == [0.0, 0.0, 0.0]
+    assert shortfall[:3] == (0.0, 0.0, 0.0)
     assert 0.0 < shortfall[3] < 0.3
 
 

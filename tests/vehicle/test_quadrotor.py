@@ -120,12 +120,14 @@ def test_parameters_live_in_the_context():
     heavy = QuadrotorParameters(mass=np.array([0.68, 0.9]))
     vehicle.set_parameters(context, heavy)
     np.testing.assert_array_equal(vehicle.get_parameters(context).mass, [0.68, 0.9])
-    # What is the same for all vehicles is one number, and stays one.
-    assert context.get_numeric_parameter(0).size() == 18 + 2
-    assert vehicle.get_parameters(context).arm_length == 0.17
-    with pytest.raises(ValueError, match="one number for all vehicles at construction"):
-        vehicle.set_parameters(context, QuadrotorParameters(arm_length=np.array([0.17, 0.2])))
-    np.testing.assert_array_equal(vehicle.get_parameters(context).mass, [0.68, 0.9])
+    # Parameters that are the same for all vehicles are numbers, and stay numbers.
+    alike = Quadrotor(num_vehicles=2)
+    context_of_alike = alike.CreateDefaultContext()
+    assert context_of_alike.get_numeric_parameter(0).size() == 19
+    assert alike.get_parameters(context_of_alike).arm_length == 0.17
+    with pytest.raises(ValueError, match="numbers for all vehicles at construction"):
+        alike.set_parameters(context_of_alike, heavy)
+    assert alike.get_parameters(context_of_alike).mass == 0.68
     with pytest.raises(ValueError, match=r"a number or an array of 2, not \(3,\)"):
         Quadrotor(num_vehicles=2, parameters=QuadrotorParameters(mass=np.array([0.68, 0.7, 0.8])))
     # What is read can be changed and written back.

@@ -12,14 +12,12 @@ strengths are W_ij = q μ̲̃_1i μ̲̃_2j + (1 - q) μ̄̃_1i μ̄̃_2j, their 
 Outside all sets (10) is 0 / 0: inputs are clamped to the universe, from the first centre to the last.
 """
 
-import functools
 from typing import NamedTuple
 
-import numpy as np
+from drake_quad.compiled import formula
+from drake_quad.elementary import Row, Rows, exp, log, maximum, minimum, where
 
-from drake_quad.elementary import Row, Rows, every, exp, log, maximum, minimum
-
-# Powers of 0 and 1 take long in arrays: what is this small is none, and the largest float below one is one.
+# Logarithms are of nothing smaller, and of nothing between this and one.
 _TINY, _BELOW_ONE = 1e-250, 1.0 - 2.0**-53
 
 
@@ -59,35 +57,30 @@ class Antecedents(NamedTuple):
         """R = I J."""
         return len(self.error.centres) * len(self.rate.centres)
 
+    def to_rows(self) -> tuple[tuple[Row, ...], tuple[Row, ...], tuple[Row, ...]]:
+        """A1, a2, q and the scales of error and rate; centre and width of each set of the error; and of the rate."""
+        pairs = [
+            tuple(row for pair in zip(sets.centres, sets.widths, strict=True) for row in pair)
+            for sets in (self.error, self.rate)
+        ]
+        return (self.a1, self.a2, self.q, self.error.scale, self.rate.scale), pairs[0], pairs[1]
 
+
+@formula
 def elliptic_membership(u: Row, exponent: Row) -> Row:
     """(11), (12): the membership at a distance |u| from the centre, over the width.
 
-    Scalars with derivatives have none at the centre, where there is none, and none at the edge.
+    It has no derivative at the centre, where there is none, and none outside.
     """
-    if u.__class__ is float:
-        return _arc(abs(u), exponent) if -1.0 < u < 1.0 else 0.0
-    if not isinstance(u, np.ndarray):
-        if not 0.0 < abs(u) < 1.0:
-            return 0.0 * u + float(not abs(u) >= 1.0)
-        return exp(log(1.0 - exp(exponent * log(abs(u)))) / exponent)
-    if u.dtype != float:
-        return np.array([elliptic_membership(*pair) for pair in np.broadcast(u, exponent)])
-    distance = np.abs(u)
-    return _arc(_within(distance), exponent) * (distance < 1.0)
+    distance = abs(u)
+    within = minimum(maximum(distance, _TINY), _BELOW_ONE)
+    rest = maximum(1.0 - exp(exponent * log(within)), _TINY)
+    # A triangle has no rounded powers.
+    arc = where(exponent == 1.0, 1.0 - within, exp((1.0 / exponent) * log(rest)))
+    return where(distance < 1.0, arc, 0.0 * distance)
 
 
-def _within(distance: np.ndarray) -> np.ndarray:
-    return np.minimum(np.maximum(distance, _TINY), _BELOW_ONE)
-
-
-def _arc(distance: Row, exponent: Row) -> Row:
-    if exponent.__class__ is float and exponent == 1.0:
-        return 1.0 - distance
-    return (1.0 - distance**exponent) ** (1.0 / exponent)
-
-
-def firing_strengths(error: Row, rate: Row, antecedents: Antecedents) -> list[Row]:
+def firing_strengths(error: Row, rate: Row, antecedents: Antecedents) -> tuple[Row, ...]:
     """W: the R normalised firing strengths, rule ij in place i J + j.
 
     Args:
@@ -95,43 +88,71 @@ def firing_strengths(error: Row, rate: Row, antecedents: Antecedents) -> list[Ro
         rate: ė, m/s.
         antecedents: of the rules.
     """
-    a1, a2, q, error_sets, rate_sets = antecedents
-    if a1.__class__ is float and a1 == 1.0 and a2.__class__ is float and a2 == 1.0:
-        ((first,), (second,)) = _memberships(error, error_sets, [a1]), _memberships(rate, rate_sets, [a1])
-        share = 1.0 / (sum(first) * sum(second))
-        first = [share * a for a in first]
-        return [a * b for a in first for b in second]
-    upper_1, lower_1 = _memberships(error, error_sets, [a1, a2])
-    upper_2, lower_2 = _memberships(rate, rate_sets, [a1, a2])
-    upper, lower = (1.0 - q) / (sum(upper_1) * sum(upper_2)), q / (sum(lower_1) * sum(lower_2))
-    upper_1, lower_1 = [upper * a for a in upper_1], [lower * a for a in lower_1]
-    return [a * b + c * d for a, c in zip(upper_1, lower_1) for b, d in zip(upper_2, lower_2)]
+    numbers, error_sets, rate_sets = antecedents.to_rows()
+    (firing,) = firing_on_axes((error,), (rate,), numbers, error_sets, rate_sets)
+    return firing
 
 
-def _memberships(x: Row, sets: FuzzySets, exponents: list[Row]) -> list[list[Row]]:
-    """For each exponent the memberships of an input in all sets."""
-    scale, centres, widths = sets
-    clamped = minimum(maximum(scale * x, centres[0]), centres[-1])
-    distances = [abs(clamped - c) / d for c, d in zip(centres, widths)]
-    if clamped.__class__ is float:
-        return [[_arc(u, exponent) if u < 1.0 else 0.0 for u in distances] for exponent in exponents]
-    if not (_is_fast(clamped) and _alternate_sets_are_apart(sets)):
-        return [[elliptic_membership(u, exponent) for u in distances] for exponent in exponents]
-    # Of every second set an input is in one at most, whose membership stands for all of them: powers take long.
-    nearest = [_within(functools.reduce(np.minimum, distances[first::2])) for first in (0, 1)]
-    inside = [u < 1.0 for u in distances]
-    result = []
-    for exponent in exponents:
-        alternate = [_arc(u, exponent) for u in nearest]
-        result.append([alternate[i % 2] * within for i, within in enumerate(inside)])
-    return result
+@formula
+def firing_on_axes(error: Rows, rate: Rows, numbers: Rows, error_sets: Rows, rate_sets: Rows) -> tuple[Rows, ...]:
+    """The firing strengths on each axis of a network, R rows each.
+
+    Args:
+        error: e on each axis, m.
+        rate: ė on each axis, m/s.
+        numbers: of `Antecedents.to_rows`.
+        error_sets: likewise.
+        rate_sets: likewise.
+    """
+    if len(error) == 0:
+        return ()
+    a1, a2, q, error_scale, rate_scale = numbers
+    x_1, x_2 = _clamped(error_scale * error[0], error_sets), _clamped(rate_scale * rate[0], rate_sets)
+    upper_1, upper_2 = shares(memberships(x_1, error_sets, a1)), shares(memberships(x_2, rate_sets, a1))
+    lower_1, lower_2 = shares(memberships(x_1, error_sets, a2)), shares(memberships(x_2, rate_sets, a2))
+    firing = summed(products(scaled(1.0 - q, upper_1), upper_2), products(scaled(q, lower_1), lower_2))
+    return (firing, *firing_on_axes(error[1:], rate[1:], numbers, error_sets, rate_sets))
 
 
-def _is_fast(row: Row) -> bool:
-    return isinstance(row, np.ndarray) and row.dtype == float
+@formula
+def _clamped(x: Row, sets: Rows) -> Row:
+    """An input within the universe: from the first centre to the last."""
+    return minimum(maximum(x, sets[0]), sets[-2])
 
 
-def _alternate_sets_are_apart(sets: FuzzySets) -> bool:
-    """Whether no set reaches into the next but one."""
-    ends = [(c - d, c + d) for c, d in zip(sets.centres, sets.widths)]
-    return all(every(high <= low) for (_, high), (low, _) in zip(ends, ends[2:]))
+@formula
+def memberships(x: Row, sets: Rows, exponent: Row) -> tuple[Row, ...]:
+    """The membership of an input in each set, given by centre and width, one set after another."""
+    if len(sets) == 0:
+        return ()
+    return (elliptic_membership((x - sets[0]) / sets[1], exponent), *memberships(x, sets[2:], exponent))
+
+
+@formula
+def shares(values: Rows) -> tuple[Row, ...]:
+    """Values over their sum."""
+    return scaled(1.0 / total(values), values)
+
+
+@formula
+def total(values: Rows) -> Row:
+    """The sum of at least one value."""
+    return values[0] if len(values) == 1 else values[0] + total(values[1:])
+
+
+@formula
+def scaled(factor: Row, values: Rows) -> tuple[Row, ...]:
+    """Each value times a factor."""
+    return () if len(values) == 0 else (factor * values[0], *scaled(factor, values[1:]))
+
+
+@formula
+def summed(first: Rows, second: Rows) -> tuple[Row, ...]:
+    """The sums of values in the same places."""
+    return () if len(first) == 0 else (first[0] + second[0], *summed(first[1:], second[1:]))
+
+
+@formula
+def products(first: Rows, second: Rows) -> tuple[Row, ...]:
+    """Each value of the first times each of the second, the second running faster."""
+    return () if len(first) == 0 else (*scaled(first[0], second), *products(first[1:], second))

@@ -7,10 +7,11 @@ from typing import Any, Literal
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
-from drake_quad.control.fuzzy.laws import CovarianceLaw, Limits, learn, trace
+from drake_quad.control.fuzzy.inference import Antecedents, firing_on_axes
+from drake_quad.control.fuzzy.laws import CovarianceLaw, Limits
+from drake_quad.control.fuzzy.learning import LEARNING, traces, weighted_firing
 from drake_quad.elementary import Row
-from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_rows, fleet_system
 
 Axis = Literal["x", "y", "z"]
 
@@ -34,10 +35,10 @@ class FuzzyRules(FleetSystem):
         - firing
 
     `error` (3 rows, m) and `error_rate` (3 rows, m/s) are those of the position controller. `firing` has the normalised
-    firing strengths, R rows for each axis of the network: those of the first rule on all axes, then those of the next.
+    firing strengths, R rows for each axis of the network, one axis after another.
 
-    One numeric parameter of the context: a1, a2, q; then scale, centres and widths of the error's sets; then of the
-    rate's.
+    Numeric parameters of the context, as in `Antecedents.to_rows`: 0 a1, a2, q and the scales of error and rate; 1
+    centre and width of each set of the error; 2 those of the rate.
 
     Args:
         num_vehicles: N.
@@ -54,27 +55,19 @@ class FuzzyRules(FleetSystem):
     ) -> None:
         """Declares the system; see the class for the arguments."""
         self._axes = places(axes)
-        *numbers, error, rate = antecedents
-        self._sizes = len(error.centres), len(rate.centres)
-        sets = [row for scale, centres, widths in (error, rate) for row in (scale, *centres, *widths)]
-        self._parameters = self.numeric_parameter([*numbers, *sets])
+        parameters = antecedents.to_rows()
+        self._parameters = [self.numeric_parameter(rows) for rows in parameters]
         self._error, self._error_rate = self.input("error", 3), self.input("error_rate", 3)
+        num_axes, outputs = len(self._axes), [antecedents.num_rules] * len(self._axes)
+        sizes = [len(rows) for rows in parameters]
+        self._fire = self.mapped(firing_on_axes, inputs=(num_axes, num_axes, *sizes), outputs=outputs)
         uses = {self.all_input_ports_ticket(), self.all_parameters_ticket()}
-        self.output("firing", antecedents.num_rules * len(self._axes), self._calc, uses=uses)
+        self.output("firing", sum(outputs), self._calc, uses=uses)
 
     def _calc(self, context: Any, output: Any) -> None:
-        antecedents = self._antecedents(context)
-        error, rate = self.input_rows(context, self._error), self.input_rows(context, self._error_rate)
-        firing = [firing_strengths(error[i], rate[i], antecedents) for i in self._axes]
-        self.write(output, [row for rule in zip(*firing) for row in rule])
-
-    def _antecedents(self, context: Any) -> Antecedents:
-        rows = self.parameter_rows(context, self._parameters)
-        first, second = self._sizes
-        middle = 4 + 2 * first
-        error = FuzzySets(rows[3], rows[4 : 4 + first], rows[4 + first : middle])
-        rate = FuzzySets(rows[middle], rows[middle + 1 : middle + 1 + second], rows[middle + 1 + second :])
-        return Antecedents(rows[0], rows[1], rows[2], error, rate)
+        inputs = self.inputs(context, self._error, self._error_rate)
+        parameters = [context.get_numeric_parameter(index) for index in self._parameters]
+        self._fire([output], [*(self.some_rows(vector, self._axes) for vector in inputs), *parameters])
 
 
 @fleet_system(float, AutoDiffXd)
@@ -96,11 +89,11 @@ class WeightLearning(FleetSystem):
     `correction` (3 rows, m/s²) is τ_f = Fᵀ W of the `firing` strengths from `FuzzyRules`, zero on axes that the network
     does not have. The weights F learn at every tick from s_p = ė + λ e, eq (15), of `error` (3 rows, m) and
     `error_rate` (3 rows, m/s). A law that learns from the PD's command has the input `pd` (3 rows, m/s²) in their
-    place. `weights` shows F, R rows for each axis of the network, in the order of `firing`; `covariance_trace`, with
-    the law that has one, a row for each axis.
+    place. `weights` shows F in the order of `firing`; `covariance_trace`, with the law that has one, a row for each
+    axis.
 
     Discrete-state groups: 0 `weights`; 1 the memory of the law, if it has one. One numeric parameter of the context:
-    λ, the rows of the law, the rows of `Limits`.
+    λ, zero for a law that learns from the PD's command; the rows of the law; those of `Limits`.
 
     Args:
         num_vehicles: N.
@@ -128,80 +121,49 @@ class WeightLearning(FleetSystem):
         reset_times: Sequence[float] = (),
     ) -> None:
         """Declares the system; see the class for the arguments."""
-        self._axes = places(axes)
+        self._axes = np.array(places(axes))
         self._period, self._law, self._rules = period, law.__class__, num_rules
+        self._step = LEARNING[self._law]
         self._resets = {math.ceil(time / period - 1e-9) for time in reset_times}
-        self._parameters = self.numeric_parameter([slope, *law, *limits])
-        rows = len(self._axes)
-        self._firing = self.input("firing", num_rules * rows)
+        self._firing = self.input("firing", num_rules * len(self._axes))
         if law.learns_from == "surface":
-            self._error, self._error_rate = self.input("error", 3), self.input("error_rate", 3)
+            self._signals = [self.input("error", 3), self.input("error_rate", 3)]
         else:
-            self._pd = self.input("pd", 3)
-        self._weights = self.discrete_state("weights", [initial_weight] * (num_rules * rows))
-        memory = [row for row in law.memory(num_rules) for _ in range(rows)]
+            self._signals, slope = [self.input("pd", 3)] * 2, 0.0
+        self._parameters = self.numeric_parameter([slope, *law, *limits])
+        num_weights = num_rules * len(self._axes)
+        self._weights = self.discrete_state("weights", [initial_weight] * num_weights)
+        memory = law.memory(num_rules) * len(self._axes)
         self._memory = self.discrete_state(law.memory_name, memory) if memory else None
-        self._groups = range(len(self.group_names))
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._learn)
         self.output("correction", 3, self._calc, uses={self.all_input_ports_ticket(), self.xd_ticket()})
-        self.state_output(num_rules * rows, self._weights)
+        self.state_output(num_weights, self._weights)
         if law.memory_name == "covariance":
-            self.output("covariance_trace", rows, self._calc_trace, uses={self.xd_ticket()})
+            self.output("covariance_trace", len(self._axes), self._calc_trace, uses={self.xd_ticket()})
 
     def _learn(self, context: Any, discrete_state: Any) -> None:
-        rows = self.parameter_rows(context, self._parameters)
-        if self.num_vehicles > 1:
-            rows = [np.tile(row, len(self._axes)) if isinstance(row, np.ndarray) else row for row in rows]
-        last = 1 + len(self._law._fields)
-        slope, law, limits = rows[0], self._law(*rows[1:last]), Limits(*rows[last:])
-        firing = self._table(self.EvalVectorInput(context, self._firing))
-        if law.learns_from == "surface":
-            error, rate = (self._signal(context, port) for port in (self._error, self._error_rate))
-            signal = rate + slope * error
-        else:
-            signal = self._signal(context, self._pd)
-        vectors = [discrete_state.get_mutable_vector(i) for i in self._groups]
-        weights, *memories = tables = [self._own_table(vector) for vector in vectors]
+        groups = [self._weights] if self._memory is None else [self._weights, self._memory]
+        vectors = [discrete_state.get_mutable_vector(group) for group in groups]
+        weights, *memories = arrays = [self.values_to_change(vector) for vector in vectors]
         memory = memories[0] if memories else weights[0:0]
         if self._resets and round(context.get_time() / self._period) in self._resets:
-            for row, start in zip(memory, law.memory(self._rules)):
-                row[:] = start
-        learn(law, limits, weights, memory, firing, signal, self._period)
+            _, *law = self.parameter_rows(context, self._parameters)[: 1 + len(self._law._fields)]
+            memory[:] = fleet_rows(self._law(*law).memory(self._rules) * len(self._axes), self.num_vehicles)
+        inputs = self.inputs(context, self._firing, *self._signals)
+        firing, error, rate = (self.values(vector) for vector in inputs)
+        parameters = self.parameter_table(context, self._parameters)
+        self._step(weights, memory, firing, error, rate, parameters, self._axes, self._rules, self._period)
         if self.scalar is not float:
-            for vector, table in zip(vectors, tables):
-                vector.SetFromVector(table.ravel())
+            for vector, array in zip(vectors, arrays, strict=True):
+                vector.SetFromVector(array)
 
     def _calc(self, context: Any, output: Any) -> None:
-        weights = self._table(context.get_discrete_state(self._weights))
-        firing = self._table(self.EvalVectorInput(context, self._firing))
-        rows = [0.0, 0.0, 0.0]
-        for i, row in zip(self._axes, self._rows_of(np.einsum("rn,rn->n", weights, firing))):
-            rows[i] = row
-        self.write(output, rows)
+        weights, firing = context.get_discrete_state(self._weights), self.EvalVectorInput(context, self._firing)
+        output.SetFromVector(weighted_firing(self.values(weights), self.values(firing), self._axes, self._rules))
 
     def _calc_trace(self, context: Any, output: Any) -> None:
-        covariance = self._table(context.get_discrete_state(self._memory))
-        self.write(output, self._rows_of(trace(covariance, self._rules)))
-
-    def _signal(self, context: Any, port: int) -> np.ndarray:
-        """The (n,) channels of an input of 3 rows."""
-        values = self.values(self.EvalVectorInput(context, port))
-        if self._axes[-1] - self._axes[0] < len(self._axes):  # side by side
-            return values[self._axes[0] * self.num_vehicles : (self._axes[-1] + 1) * self.num_vehicles]
-        return values.reshape(3, -1)[self._axes].ravel()
-
-    def _rows_of(self, channels: np.ndarray) -> Any:
-        """(n,) channels as a row for each axis."""
-        return channels.tolist() if self.num_vehicles == 1 else channels.reshape(len(self._axes), -1)
-
-    def _table(self, vector: Any) -> np.ndarray:
-        """The elements of a BasicVector as rows of channels."""
-        return self.values(vector).reshape(-1, len(self._axes) * self.num_vehicles)
-
-    def _own_table(self, vector: Any) -> np.ndarray:
-        """The same, to be changed in place for float; for other scalar types a copy."""
-        values = vector.get_mutable_value() if self.scalar is float else vector.CopyToVector()
-        return values.reshape(-1, len(self._axes) * self.num_vehicles)
+        memory = self.values(context.get_discrete_state(self._memory))
+        output.SetFromVector(traces(memory, len(self._axes), self._rules))
 
 
 def build_fuzzy_network(

@@ -22,6 +22,7 @@ import numpy as np
 from pydrake.common import RandomDistribution
 from scipy.special import gammainc
 
+from drake_quad.compiled import formula
 from drake_quad.elementary import Row, Rows
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 
@@ -106,35 +107,66 @@ class SampledFilter(NamedTuple):
         transfer = [x * np.exp(-x) for x in eta[1:]]
         return cls(*(np.exp(-x) for x in eta), *transfer, *noise_f, *noise_shared, *noise_g)
 
-    def step(self, state: Rows, noise: Rows) -> list[Row]:
-        """The state a period later.
 
-        Args:
-            state: f_u, f_v, f_w, g_v, g_w.
-            noise: five normal numbers.
-        """
-        f_u, f_v, f_w, g_v, g_w = state
-        n_1, n_2, n_3, n_4, n_5 = noise
-        p_u, p_v, p_w, t_v, t_w, b_u, b_v, b_w, c_v, c_w, d_v, d_w = self
-        return [
-            p_u * f_u + b_u * n_1,
-            p_v * f_v + b_v * n_2,
-            p_w * f_w + b_w * n_3,
-            t_v * f_v + p_v * g_v + c_v * n_2 + d_v * n_4,
-            t_w * f_w + p_w * g_w + c_w * n_3 + d_w * n_5,
-        ]
+@formula
+def filtered(state: Rows, noise: Rows, sampled: Rows) -> tuple[Row, Row, Row, Row, Row]:
+    """The state of the filter a period later.
+
+    Args:
+        state: f_u, f_v, f_w, g_v, g_w.
+        noise: five normal numbers.
+        sampled: the 12 rows of a `SampledFilter`.
+    """
+    f_u, f_v, f_w, g_v, g_w = state
+    n_1, n_2, n_3, n_4, n_5 = noise
+    p_u, p_v, p_w, t_v, t_w, b_u, b_v, b_w, c_v, c_w, d_v, d_w = sampled
+    return (
+        p_u * f_u + b_u * n_1,
+        p_v * f_v + b_v * n_2,
+        p_w * f_w + b_w * n_3,
+        t_v * f_v + p_v * g_v + c_v * n_2 + d_v * n_4,
+        t_w * f_w + p_w * g_w + c_w * n_3 + d_w * n_5,
+    )
 
 
-def stationary_state(noise: Rows) -> list[Row]:
+@formula
+def stationary_state(noise: Rows) -> tuple[Row, Row, Row, Row, Row]:
     """A state of the filter that is as likely as any later one, from five normal numbers."""
     f_u, f_v, f_w, n_v, n_w = noise
-    return [f_u, f_v, f_w, 0.5 * (f_v + n_v), 0.5 * (f_w + n_w)]
+    return f_u, f_v, f_w, 0.5 * (f_v + n_v), 0.5 * (f_w + n_w)
 
 
+@formula
 def filtered_velocity(state: Rows, deviation: Rows) -> tuple[Row, Row, Row]:
     """The turbulence u, v, w (m/s) of a state of the filter."""
     f_u, f_v, f_w, g_v, g_w = state
     return deviation[0] * f_u, deviation[1] * (_OF_F * f_v + _OF_G * g_v), deviation[2] * (_OF_F * f_w + _OF_G * g_w)
+
+
+@formula
+def first_sample(noise: Rows, parameters: Rows) -> tuple[Rows, Rows]:
+    """The state of the filter and the wind in W (m/s) at the beginning.
+
+    Args:
+        noise: five normal numbers.
+        parameters: of a `DrydenTurbulence`, 17 rows.
+    """
+    state = stationary_state(noise)
+    return state, _wind(state, parameters)
+
+
+@formula
+def next_sample(state: Rows, noise: Rows, parameters: Rows) -> tuple[Rows, Rows]:
+    """The state of the filter and the wind in W (m/s) a period later; other arguments as for `first_sample`."""
+    later = filtered(state, noise, parameters[0:12])
+    return later, _wind(later, parameters)
+
+
+@formula
+def _wind(state: Rows, parameters: Rows) -> tuple[Row, Row, Row]:
+    u, v, w = filtered_velocity(state, parameters[12:15])
+    cos_heading, sin_heading = parameters[15], parameters[16]
+    return u * cos_heading - v * sin_heading, u * sin_heading + v * cos_heading, w
 
 
 @fleet_system(float, AutoDiffXd)
@@ -173,24 +205,21 @@ class DrydenTurbulence(FleetSystem):
         self._noise = self.random_input("turbulence_noise", 5, RandomDistribution.kGaussian)
         self._wind = self.discrete_state("wind", [0.0] * 3)
         self._state = self.discrete_state("filter", [0.0] * 5)
+        self._first = self.interpreted(first_sample, inputs=(5, 17))
+        self._next = self.mapped(next_sample, inputs=(5, 5, 17), outputs=(5, 3))
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
         self.state_output(3, self._wind)
 
     def _start(self, context: Any, discrete_state: Any) -> None:
-        state = stationary_state(self.input_rows(context, self._noise))
-        self._hold(discrete_state, state, self.parameter_rows(context, self._parameters))
+        noise, parameters = self.EvalVectorInput(context, self._noise), self.parameter(context, self._parameters)
+        self._first(self._groups(discrete_state), [noise, parameters])
 
     def _sample(self, context: Any, discrete_state: Any) -> None:
         if context.get_time() == 0.0:
             return  # the start has used up the numbers of this instant
-        parameters = self.parameter_rows(context, self._parameters)
-        state, noise = self.state_rows(context, self._state), self.input_rows(context, self._noise)
-        self._hold(discrete_state, SampledFilter(*parameters[0:12]).step(state, noise), parameters)
+        noise, parameters = self.EvalVectorInput(context, self._noise), self.parameter(context, self._parameters)
+        self._next(self._groups(discrete_state), [context.get_discrete_state(self._state), noise, parameters])
 
-    def _hold(self, discrete_state: Any, state: Rows, parameters: Rows) -> None:
-        u, v, w = filtered_velocity(state, parameters[12:15])
-        cos_heading, sin_heading = parameters[15], parameters[16]
-        self.write(discrete_state.get_mutable_vector(self._state), state)
-        wind = [u * cos_heading - v * sin_heading, u * sin_heading + v * cos_heading, w]
-        self.write(discrete_state.get_mutable_vector(self._wind), wind)
+    def _groups(self, discrete_state: Any) -> list[Any]:
+        return [discrete_state.get_mutable_vector(self._state), discrete_state.get_mutable_vector(self._wind)]

@@ -15,6 +15,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.common import RandomDistribution
 
+from drake_quad.compiled import formula
 from drake_quad.elementary import Row, Rows, exp, maximum, sqrt, where
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 
@@ -66,6 +67,7 @@ class Jet(NamedTuple):
         return jet_speed(place, self.to_rows())
 
 
+@formula
 def jet_speed(place: Rows, jet: Rows) -> tuple[Row, Row]:
     """The mean speed of a jet at a place (m/s) and the half-width there (m).
 
@@ -83,6 +85,61 @@ def jet_speed(place: Rows, jet: Rows) -> tuple[Row, Row]:
     flank = maximum(across - core, 0.0) / half_width
     centreline = exit_speed * reach / maximum(along, reach)
     return where(along > 0.0, centreline * exp(-_LN_2 * flank * flank), 0.0), half_width
+
+
+@formula
+def air(place: Rows, jets: Rows) -> tuple[Row, Row, Row, Row, Row]:
+    """What the jets do at a place, summed: mean wind in W (m/s), variance (m²/s²) and rate (1/s) of its turbulence.
+
+    Args:
+        place: in W, in the first 3 rows, m.
+        jets: the 9 rows of each `Jet`.
+    """
+    if len(jets) == 0:
+        return 0.0, 0.0, 0.0, 0.0, 0.0
+    x, y, z, variance, rate = air(place, jets[9:])
+    speed, half_width = jet_speed(place, jets[0:9])
+    swing = jets[8] * speed
+    return (
+        x + speed * jets[3],
+        y + speed * jets[4],
+        z + speed * jets[5],
+        variance + swing * swing,
+        rate + speed / half_width,
+    )
+
+
+@formula
+def first_sample(state: Rows, noise: Rows, jets: Rows) -> tuple[Rows, Rows]:
+    """The turbulence over its deviation and the wind in W (m/s) at the beginning.
+
+    Args:
+        state: of the vehicle, 12 rows.
+        noise: three normal numbers.
+        jets: the 9 rows of each `Jet`.
+    """
+    x, y, z, variance, _ = air(state, jets)
+    return noise, _gusty((x, y, z), variance, noise)
+
+
+@formula
+def next_sample(state: Rows, eddies: Rows, noise: Rows, jets: Rows, period: float) -> tuple[Rows, Rows]:
+    """The same a period (s) later, with the turbulence of before."""
+    x, y, z, variance, rate = air(state, jets)
+    decay = exp(-period * rate)
+    fresh = sqrt(maximum(1.0 - decay * decay, _TINY))
+    later = (
+        decay * eddies[0] + fresh * noise[0],
+        decay * eddies[1] + fresh * noise[1],
+        decay * eddies[2] + fresh * noise[2],
+    )
+    return later, _gusty((x, y, z), variance, later)
+
+
+@formula
+def _gusty(mean: Rows, variance: Row, eddies: Rows) -> tuple[Row, Row, Row]:
+    deviation = sqrt(maximum(variance, _TINY))
+    return mean[0] + deviation * eddies[0], mean[1] + deviation * eddies[1], mean[2] + deviation * eddies[2]
 
 
 @fleet_system(float, AutoDiffXd)
@@ -116,47 +173,27 @@ class Fans(FleetSystem):
     def declare(self, *, num_vehicles: int = 1, period: float = 0.01, jets: Sequence[Jet]) -> None:
         """Declares the system; see the class for the arguments."""
         self.period = period
-        self._num_jets = len(jets)
         self._jets = self.numeric_parameter([row for jet in jets for row in jet.to_rows()])
         self._vehicle = self.input("state", 12)
         self._noise = self.random_input("jet_noise", 3, RandomDistribution.kGaussian)
         self._wind = self.discrete_state("wind", [0.0] * 3)
         self._eddies = self.discrete_state("eddies", [0.0] * 3)
+        self._first = self.interpreted(first_sample, inputs=(12, 3, 9 * len(jets)))
+        self._next = self.mapped(next_sample, inputs=(12, 3, 3, 9 * len(jets)), outputs=(3, 3))
         self.DeclareInitializationDiscreteUpdateEvent(self._start)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
         self.state_output(3, self._wind)
 
     def _start(self, context: Any, discrete_state: Any) -> None:
-        mean, deviation, _ = self._air(context)
-        self._hold(discrete_state, mean, deviation, self.input_rows(context, self._noise))
+        vehicle, noise = self.inputs(context, self._vehicle, self._noise)
+        self._first(self._groups(discrete_state), [vehicle, noise, self.parameter(context, self._jets)])
 
     def _sample(self, context: Any, discrete_state: Any) -> None:
         if context.get_time() == 0.0:
             return  # the start has used up the numbers of this instant
-        mean, deviation, rate = self._air(context)
-        decay = exp(-self.period * rate)
-        fresh = sqrt(maximum(1.0 - decay * decay, _TINY))
-        e_x, e_y, e_z = self.state_rows(context, self._eddies)
-        n_x, n_y, n_z = self.input_rows(context, self._noise)
-        eddies = decay * e_x + fresh * n_x, decay * e_y + fresh * n_y, decay * e_z + fresh * n_z
-        self._hold(discrete_state, mean, deviation, eddies)
+        vehicle, noise = self.inputs(context, self._vehicle, self._noise)
+        eddies, jets = context.get_discrete_state(self._eddies), self.parameter(context, self._jets)
+        self._next(self._groups(discrete_state), [vehicle, eddies, noise, jets], self.period)
 
-    def _air(self, context: Any) -> tuple[Rows, Row, Row]:
-        """The mean wind at the vehicle, 3 rows (m/s), the deviation (m/s) and the rate (1/s) of its turbulence."""
-        place = self.input_rows(context, self._vehicle)
-        rows = self.parameter_rows(context, self._jets)
-        x, y, z, variance, rate = 0.0, 0.0, 0.0, 0.0, 0.0
-        for first in range(0, 9 * self._num_jets, 9):
-            jet = rows[first : first + 9]
-            _, _, _, d_x, d_y, d_z, _, _, turbulence = jet
-            speed, half_width = jet_speed(place, jet)
-            x, y, z = x + speed * d_x, y + speed * d_y, z + speed * d_z
-            swing = turbulence * speed
-            variance, rate = variance + swing * swing, rate + speed / half_width
-        return (x, y, z), sqrt(maximum(variance, _TINY)), rate
-
-    def _hold(self, discrete_state: Any, mean: Rows, deviation: Row, eddies: Rows) -> None:
-        (x, y, z), (e_x, e_y, e_z) = mean, eddies
-        self.write(discrete_state.get_mutable_vector(self._eddies), eddies)
-        wind = x + deviation * e_x, y + deviation * e_y, z + deviation * e_z
-        self.write(discrete_state.get_mutable_vector(self._wind), wind)
+    def _groups(self, discrete_state: Any) -> list[Any]:
+        return [discrete_state.get_mutable_vector(self._eddies), discrete_state.get_mutable_vector(self._wind)]

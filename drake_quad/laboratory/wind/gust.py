@@ -3,6 +3,7 @@
 import math
 from typing import Any, NamedTuple
 
+from drake_quad.compiled import formula
 from drake_quad.elementary import Row, Rows, cos, maximum, minimum
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 
@@ -28,6 +29,7 @@ class GustParameters(NamedTuple):
         return [*velocity, *times]
 
 
+@formula
 def gust_share(time: Row, start: Row, rise_time: Row, hold_time: Row) -> Row:
     """The share of its height that a gust has at a time: (1 - cos(π x / d)) / 2, and the same backwards.
 
@@ -37,6 +39,13 @@ def gust_share(time: Row, start: Row, rise_time: Row, hold_time: Row) -> Row:
     rising = (time - start) / rise_time
     falling = (start + hold_time - time) / rise_time + 2.0
     return 0.5 - 0.5 * cos(math.pi * maximum(minimum(minimum(rising, falling), 1.0), 0.0))
+
+
+@formula
+def gust_wind(gust: Rows, time: Row) -> tuple[Rows]:
+    """The velocity of the air in W (m/s) at a time (s), given the 6 rows of `GustParameters`."""
+    share = gust_share(time, gust[3], gust[4], gust[5])
+    return ((share * gust[0], share * gust[1], share * gust[2]),)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -64,11 +73,11 @@ class Gust(FleetSystem):
         self._period = period
         self._gust = self.numeric_parameter(gust.to_rows())
         self._wind = self.discrete_state("wind", [0.0, 0.0, 0.0])
+        self._blow = self.mapped(gust_wind, inputs=(6,), outputs=(3,))
         self.DeclareInitializationDiscreteUpdateEvent(self._sample)
         self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
         self.state_output(3, self._wind)
 
     def _sample(self, context: Any, discrete_state: Any) -> None:
-        v_x, v_y, v_z, *times = self.parameter_rows(context, self._gust)
-        share = gust_share(context.get_time() + 0.5 * self._period, *times)
-        self.write(discrete_state.get_mutable_vector(self._wind), [share * v_x, share * v_y, share * v_z])
+        middle, wind = context.get_time() + 0.5 * self._period, discrete_state.get_mutable_vector(self._wind)
+        self._blow([wind], [self.parameter(context, self._gust)], middle)

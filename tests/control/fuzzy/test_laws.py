@@ -8,16 +8,8 @@ import pytest
 from scipy.integrate import solve_ivp
 
 from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
-from drake_quad.control.fuzzy.laws import (
-    CovarianceLaw,
-    GradientLaw,
-    Limits,
-    SignLaw,
-    covariance_times,
-    learn,
-    subtract_square,
-    trace,
-)
+from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
+from drake_quad.control.fuzzy.learning import LEARNING, covariance_times, subtract_square, trace
 
 H = 0.02
 
@@ -42,6 +34,16 @@ def started(law, num_rules, n):
     return np.zeros((num_rules, n)), memory
 
 
+def learn(law, limits, weights, memory, firing, signal, period):
+    """Learning on X alone by a law that is the same for all vehicles, from a signal as it is."""
+    parameters = np.array([0.0, *law, *limits])[:, None]
+    signals = np.zeros((3, len(signal)))
+    signals[0] = signal
+    arrays = [array.ravel() for array in (weights, memory, firing, signals, signals)]
+    assert np.shares_memory(arrays[0], weights)
+    LEARNING[law.__class__](*arrays, parameters, np.array([0]), len(firing), period)
+
+
 def strengths(rng, n):
     """(9, n) firing strengths somewhere."""
     return np.array(firing_strengths(rng.uniform(-1.2, 1.2, n), rng.uniform(-1.2, 1.2, n), Antecedents()))
@@ -55,9 +57,9 @@ def test_the_triangle_is_the_matrix(n, size):
     half = rng.normal(size=(n, size, size))
     P, g, factor = half @ half.transpose(0, 2, 1), rng.normal(size=(size, n)), rng.uniform(0.1, 1.0, n)
     memory = triangles(P)
-    np.testing.assert_allclose(covariance_times(memory, g), np.einsum("nij,jn->in", P, g), rtol=1e-12, atol=1e-12)
+    np.testing.assert_allclose(covariance_times(memory, g, 0, n), np.einsum("nij,jn->in", P, g), rtol=1e-12, atol=1e-12)
     np.testing.assert_allclose(trace(memory, size), np.trace(P, axis1=1, axis2=2), rtol=1e-12)
-    subtract_square(memory, g, factor)
+    subtract_square(memory, g, factor, 0)
     expected = P - factor[:, None, None] * np.einsum("in,jn->nij", g, g)
     np.testing.assert_allclose(square(memory, size), expected, rtol=1e-12, atol=1e-12)
 

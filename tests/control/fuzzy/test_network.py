@@ -12,7 +12,8 @@ from pydrake.trajectories import PiecewisePolynomial
 from drake_quad import load_scenario, simulate
 from drake_quad.analysis.comparison import fly_samples, share_of
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
-from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw, learn
+from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
+from drake_quad.control.fuzzy.learning import LEARNING
 from drake_quad.control.fuzzy.systems import build_fuzzy_network
 
 ROOT = Path(__file__).parent.parent.parent.parent
@@ -22,6 +23,14 @@ H = 0.02
 
 def scenario_with(controller, *overrides, place="nominal"):
     return load_scenario(ROOT / "diagrams" / f"laboratory.yaml:{place}", overrides, layers=[f"{PAPER}:{controller}"])
+
+
+def learn_alone(law, weights, memory, firing, signal):
+    """Learning of a single vehicle on X alone, from a signal as it is, without limits."""
+    signals = np.array([signal[0], 0.0, 0.0])
+    parameters = np.array([0.0, *law, *Limits()])[:, None]
+    arrays = [array.ravel() for array in (weights, memory, firing)]
+    LEARNING[law.__class__](*arrays, signals, signals, parameters, np.array([0]), 9, H)
 
 
 def driven(network, inputs, ticks, num_vehicles=1):
@@ -74,7 +83,7 @@ def test_the_diagram_is_the_mathematics(law, axes):
             firing = np.array(firing_strengths(e, rate, sets))[:, None]
             assert found[tick, i, 0] == pytest.approx((firing * weights).sum(), abs=1e-12)
             signal = np.array([rate + 1.7 * e if law.learns_from == "surface" else pd])
-            learn(law, Limits(), weights, memory, firing, signal, H)
+            learn_alone(law, weights, memory, firing, signal)
     others = [i for i in range(3) if "xyz"[i] not in axes]
     np.testing.assert_array_equal(found[:, others], 0.0)
 
@@ -131,7 +140,7 @@ def test_with_the_other_sign_of_eq_14_the_loop_runs_away():
             e, rate = -x, -v
             firing = np.array(firing_strengths(e, rate, sets))[:, None]
             u = 1.4 * e + 1.4 * rate - sign * (firing * weights).sum()
-            learn(law, Limits(), weights, memory, firing, np.array([rate + 2.1 * e]), H)
+            learn_alone(law, weights, memory, firing, np.array([rate + 2.1 * e]))
             x, v = x + H * v, v + H * (u + 0.5)
         errors[sign] = abs(x)
     assert errors[1.0] < 0.05 < 0.5 / 1.4 < errors[-1.0]

@@ -17,6 +17,7 @@ from drake_quad.laboratory.wind.dryden import (
     DrydenTurbulence,
     SampledFilter,
     Turbulence,
+    filtered,
     filtered_velocity,
     stationary_state,
 )
@@ -31,8 +32,8 @@ def matrices(turbulence, period):
     sampled = SampledFilter.of(turbulence, period)
     unit = np.eye(5)
     none = np.zeros(5)
-    A = np.column_stack([sampled.step(list(column), none) for column in unit])
-    B = np.column_stack([sampled.step(list(none), column) for column in unit])
+    A = np.column_stack([filtered(list(column), none, sampled) for column in unit])
+    B = np.column_stack([filtered(list(none), column, sampled) for column in unit])
     C = np.column_stack([filtered_velocity(list(column), turbulence.deviation) for column in unit])
     return A, B, C
 
@@ -93,7 +94,7 @@ def test_power_spectral_density_over_two_decades():
     record = np.empty((ticks, 3, count))
     for tick in range(ticks):
         record[tick] = filtered_velocity(state, turbulence.deviation)
-        state = np.array(sampled.step(state, rng.standard_normal((5, count))))
+        state = np.array(filtered(state, rng.standard_normal((5, count)), sampled))
     frequency, density = welch(record, fs=1.0 / period, nperseg=2**14, axis=0, detrend=False)
     density = density.mean(axis=2)
     bands = np.geomspace(0.05, 5.0, 13)
