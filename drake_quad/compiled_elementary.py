@@ -1,9 +1,9 @@
 """What `drake_quad.elementary` is in machine code: plain arithmetic, so that a loop over vehicles becomes vectors.
 
-The functions agree with those of a mathematical library to about 1e-16 of the result, where they have one: angles
-beyond a million are not a number, and what is smaller than 1e-307 may be zero. They reduce the argument and
-take the minimax approximations of S. L. Moshier, "Methods and Programs for Mathematical Functions", 1989, as in his
-Cephes library.
+The functions agree with those of a mathematical library within two units in the last place. Other than there, angles
+beyond a million are not a number, and what is smaller than 1e-307 may be zero. They reduce the argument and take the
+minimax approximations of S. L. Moshier, "Methods and Programs for Mathematical Functions", 1989, as in his Cephes
+library.
 """
 
 import math

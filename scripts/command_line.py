@@ -93,7 +93,7 @@ def print_files(files: list[Path]) -> None:
         print(f"  {file}")
 
 
-COMPILING = "compiling for this machine, once: up to half a minute"
+COMPILING = "compiling for this machine, once: about half a minute"
 
 
 def run(main: Callable[[], None]) -> None:

@@ -111,7 +111,7 @@ class Quadrotor(FleetSystem):
         return parameters_from_rows(rows.copy())
 
     def set_parameters(self, context: Any, parameters: QuadrotorParameters) -> None:
-        """Puts parameters into the context; what was a number at construction must be one, else also an (N,) array."""
+        """Puts parameters into the context: numbers, and also (N,) arrays if one was an array at construction."""
         self.write_parameter(context, self._parameters, parameters.to_rows())
 
     def set_hover(self, context: Any, position: Rows, yaw: Row) -> None:

@@ -1,8 +1,9 @@
 """How the consequents learn by a law, as loops over arrays.
 
-It is machine code for numbers, and Python for other scalar types. The functions of the laws have one signature: they
-change weights F (R, n) in m/s² and memory (m, n) in place, given the firing strengths W (R, n), the signal (n,) that is
-learned from, the rows of the law (k, n), and the period h in s. A covariance is kept as its upper triangle, row by row.
+It is machine code for numbers, and Python for other scalar types. The functions of the laws have one signature. In
+place they change the weights F (R, n), in m/s², and the memory (m, n) of an axis, for some vehicles from `first` on,
+given all firing strengths W (R, n), the signal (count,) that those vehicles learn from, the rows (k, count) of their
+law, and the period h, in s. A covariance is kept as its upper triangle, row by row.
 """
 
 from collections.abc import Callable
