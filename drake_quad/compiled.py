@@ -67,7 +67,6 @@ def fleet_map(formula: Callable[..., Any], inputs: tuple[int, ...], outputs: tup
     load, store = _load(inputs), _store(outputs, num_inputs)
     sources = fingerprint(formula)
 
-    @_kept
     def apply(num_vehicles: int, targets: Any, arrays: Any, numbers: Any) -> None:
         sources  # noqa: B018
         tile = np.empty((num_rows, TILE))
@@ -101,7 +100,9 @@ def fleet_map(formula: Callable[..., Any], inputs: tuple[int, ...], outputs: tup
                         values[place] = tile[row, place]
                     row += 1
 
-    machine_code: Callable[..., None] = apply
+    machine_code: Callable[..., None] = _kept(
+        apply, f"{formula.__module__}.{formula.__qualname__}", inputs, outputs, sources
+    )
     return machine_code
 
 
@@ -112,10 +113,11 @@ def compiled(function: _Function) -> _Function:
     """
     sources, marked = fingerprint(function), formula(function)
 
-    @_kept
-    def machine_code(*arguments: Any) -> Any:
+    def run(*arguments: Any) -> Any:
         sources  # noqa: B018
         return marked(*arguments)
+
+    machine_code = _kept(run, function.__module__, function.__qualname__, sources)
 
     @functools.wraps(function)
     def call(*arguments: Any) -> Any:
@@ -125,8 +127,15 @@ def compiled(function: _Function) -> _Function:
     return cast("_Function", wrapped)
 
 
-def _kept(function: Callable[..., Any]) -> Any:
-    """Compiles a function when it is first called, and keeps the machine code on the disk if there is a place."""
+def _kept(function: Callable[..., Any], *identity: Any) -> Any:
+    """Compiles a function when it is first called, and keeps the machine code on the disk if there is a place.
+
+    Numba calls machine code after the function's name and a number that counts up in each process. So functions of one
+    name, compiled by different processes, could be taken for each other when a third one reads them from the disk: each
+    gets a name that is made of its identity.
+    """
+    digest = hashlib.sha256(repr(identity).encode()).hexdigest()[:16]
+    function.__name__ = function.__qualname__ = f"{function.__name__}_{digest}"
     try:
         return njit(cache=True, **_OPTIONS)(function)
     except RuntimeError:  # neither the package's folder nor the user's can be written
@@ -168,13 +177,17 @@ def fingerprint(function: Callable[..., Any]) -> str:
 
 
 def source_files(function: Callable[..., Any]) -> list[str]:
-    """The files of this package that a function's code comes from, and that of all functions and classes it uses."""
+    """The files that the code of a function comes from, and that of the functions and classes it uses.
+
+    Those are of this package and of the function's own; other packages do not change.
+    """
     files = {__file__, compiled_elementary.__file__}
+    roots = {module.split(".")[0] for module in (__name__, function.__module__)}
     pending: list[Any] = [function]
     seen = set()
     while pending:
         found = inspect.unwrap(pending.pop())
-        if found in seen or not found.__module__.startswith(__package__):
+        if found in seen or found.__module__.split(".")[0] not in roots:
             continue
         seen.add(found)
         files.add(inspect.getfile(found))
@@ -190,17 +203,19 @@ def _load(inputs: tuple[int, ...]) -> Callable[..., Any]:
     for size in inputs:
         groups.append("".join(f"tile[{row + k}, place], " for k in range(size)))
         row += size
-    return _written("load", f"def load(tile, place): return ({' '.join(f'({group}),' for group in groups)})")
+    name = "_".join(map(str, ("load", *inputs)))
+    return _written(name, f"def {name}(tile, place): return ({' '.join(f'({group}),' for group in groups)})")
 
 
 def _store(outputs: tuple[int, ...], row: int) -> Callable[..., Any]:
     """The function that writes a vehicle's groups into a tile, from a row on."""
-    lines = []
+    lines, first = [], row
     for group, size in enumerate(outputs):
         for k in range(size):
             lines.append(f"    tile[{row}, place] = groups[{group}][{k}]")
             row += 1
-    return _written("store", "def store(tile, place, groups):\n" + "\n".join(lines))
+    name = "_".join(map(str, ("store", first, *outputs)))
+    return _written(name, f"def {name}(tile, place, groups):\n" + "\n".join(lines))
 
 
 def _written(name: str, source: str) -> Callable[..., Any]:
