@@ -92,10 +92,11 @@ def where(mask: Row, x: Row, y: Row) -> Row:
 
 
 def is_zero(x: Row) -> bool:
-    """Whether a row is zero for every vehicle and, being of plain numbers, has no derivatives."""
-    if x.__class__ is float:
-        return x == 0.0
-    return isinstance(x, np.ndarray) and x.dtype == float and x[0] == 0.0 and not x.any()
+    """Whether a row is the number zero, so that what it stands for can be left out.
+
+    An array is not, whatever it holds: another batch of samples may hold something else.
+    """
+    return x.__class__ is float and x == 0.0
 
 
 def wrapped(angle: Row) -> Row:

@@ -45,6 +45,7 @@ class FleetSystem(_Base):
     """
 
     scalar: type
+    declared_by: "type[FleetSystem]"
     num_vehicles: int
     rows: Callable[[Any], Any]
     write: Callable[[Any, Iterable[Row]], None]
@@ -340,6 +341,7 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
             class Impl(cls, LeafSystem_[T]):  # type: ignore[misc, valid-type]
                 __doc__ = cls.__doc__
                 scalar = T
+                declared_by = cls
 
                 def _construct(self, *, converter: Any = None, num_vehicles: int = 1, **options: Any) -> None:
                     LeafSystem_[T].__init__(self, converter)

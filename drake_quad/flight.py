@@ -8,14 +8,13 @@ from typing import Any
 import numpy as np
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Diagram
-from ruamel.yaml import YAML
 
 from drake_quad.files import output_folder, write_whole
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.laboratory.recorder import read_recorder
 from drake_quad.planning import flight_duration, plan_route, refuse_distributions
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Scenario, distributions_in, draw_sample
+from drake_quad.scenario import Scenario, distributions_in, draw_sample, save_scenario
 from drake_quad.signals import signal_rows
 from drake_quad.tracking import build_tracking_diagram
 
@@ -64,10 +63,6 @@ class Flight:
         table = np.column_stack([self.time, *self.signals.values()])
         header = ",".join(["time (s)", *columns])
 
-        def write_scenario(path: Path) -> None:
-            body = self.scenario.model_dump(mode="json", exclude={"name"})
-            YAML().dump({self.scenario.name: body}, path)
-
         def save_arrays(path: Path) -> None:
             arrays: dict[str, Any] = {"time": self.time, **self.signals}
             np.savez_compressed(path, **arrays)
@@ -78,7 +73,7 @@ class Flight:
                 target / "flight.csv",
                 lambda path: np.savetxt(path, table, fmt="%.9g", delimiter=",", header=header, comments=""),
             ),
-            write_whole(target / "scenario.yaml", write_scenario),
+            write_whole(target / "scenario.yaml", lambda path: save_scenario(self.scenario, path)),
         ]
 
 

@@ -11,10 +11,12 @@ from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_quad import parts
 from drake_quad.control.cascade import POSITION_SIGNALS
 from drake_quad.laboratory.recorder import build_recorder
-from drake_quad.laboratory.tape import Samples
+from drake_quad.laboratory.tape import Samples, TapePlayer
+from drake_quad.parts.control import build_control, control_parts
+from drake_quad.parts.laboratory import build_laboratory_of, laboratory_parts, monitor_part
+from drake_quad.parts.part import Part, has_subsystem, subsystem
 from drake_quad.planning import flight_duration, plan_route, refuse_distributions
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
@@ -38,6 +40,7 @@ def build_tracking_diagram(
     control: Any = None,
     plan: Plan | None = None,
     record: bool = False,
+    drake_random: bool = False,
 ) -> Diagram:
     """Builds the closed loop of a scenario.
 
@@ -56,6 +59,8 @@ def build_tracking_diagram(
             (4 rows: F_z in N; τ_x, τ_y, τ_z in N m). The diagram takes it over.
         plan: flown instead of that of the scenario's route.
         record: whether to add a recorder of all signals, sampled at every tick of the control.
+        drake_random: whether wind and noise come from Drake's random sources, for its own Monte Carlo tools, in place
+            of the samples' tapes.
 
     Raises:
         InputError: the scenario holds a distribution and no samples are given, or one in its route; or the rotors
@@ -70,14 +75,15 @@ def build_tracking_diagram(
         raise ValueError(f"{num_vehicles} vehicles cannot fly {len(samples)} samples, one each")
     drawn = draw_samples(scenario, samples)
     plan = plan or plan_route(drawn)
-    duration = flight_duration(drawn, plan)
+    tapes = None if drake_random else Samples(drawn.seed, samples)
 
     builder = DiagramBuilder()
     systems = {
         "reference": build_reference(plan, num_vehicles=num_vehicles),
-        "control": control or parts.control(drawn, plan, num_vehicles, position_controller),
-        "laboratory": parts.laboratory(drawn, plan, duration, Samples(drawn.seed, samples)),
-        "monitor": parts.monitor(drawn, num_vehicles),
+        "control": control
+        or build_control(drawn, control_parts(drawn, plan, num_vehicles), position_controller=position_controller),
+        "laboratory": build_laboratory_of(_laboratory_parts(scenario, drawn, plan, num_vehicles), tapes),
+        "monitor": monitor_part(drawn, num_vehicles).build(),
     }
     for name, part in systems.items():
         builder.AddNamedSystem(name, part)
@@ -102,6 +108,43 @@ def build_tracking_diagram(
     diagram = builder.Build()
     diagram.set_name(scenario.name)
     return diagram
+
+
+def put_samples(diagram: Diagram, context: Any, scenario: Scenario, samples: Sequence[int], plan: Plan) -> None:
+    """Makes a context what it would be by default, had its diagram been built for other samples, as many.
+
+    Args:
+        diagram: from `build_tracking_diagram`, for samples of the same scenario and with the same plan.
+        context: of the diagram.
+        scenario: with or without distributions.
+        samples: N numbers of samples of the scenario's study.
+        plan: that is flown.
+
+    Raises:
+        InputError: as `build_tracking_diagram`.
+    """
+    num_vehicles = len(samples)
+    drawn = draw_samples(scenario, samples)
+    diagram.SetDefaultContext(context)
+    context.SetTime(0.0)
+    laboratory, control = diagram.GetSubsystemByName("laboratory"), diagram.GetSubsystemByName("control")
+    for path, part in _laboratory_parts(scenario, drawn, plan, num_vehicles).items():
+        _put(part, subsystem(laboratory, path), context)
+    for path, part in control_parts(drawn, plan, num_vehicles).items():
+        # A controller of the user's own has no numbers of the scenario's.
+        if has_subsystem(control, path, part.system):
+            _put(part, subsystem(control, path), context)
+    for system in laboratory.GetSystems():
+        if isinstance(system, TapePlayer):
+            system.put_samples(system.GetMyMutableContextFromRoot(context), Samples(drawn.seed, samples))
+
+
+def _put(part: Part, system: Any, context: Any) -> None:
+    part.put(system, system.GetMyMutableContextFromRoot(context))
+
+
+def _laboratory_parts(scenario: Scenario, drawn: Scenario, plan: Plan, num_vehicles: int) -> dict[str, Part]:
+    return laboratory_parts(scenario, drawn, plan, flight_duration(drawn, plan), num_vehicles)
 
 
 def _add_recorder(builder: DiagramBuilder, sources: dict[str, Any], period: float) -> None:

@@ -10,6 +10,7 @@ import time
 from collections.abc import Callable
 from importlib.metadata import version
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from command_line import run
@@ -18,7 +19,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
 from drake_quad import Scenario, build_tracking_diagram, load_scenario
-from drake_quad.control.fuzzy.systems import build_fuzzy_network
+from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
 from drake_quad.flight import fly
 from drake_quad.planning import flight_duration, plan_route
 from drake_quad.reference.minimum_snap import minimum_snap
@@ -85,7 +86,9 @@ def spread(costs: list[float], size: int) -> str:
 def network_tick(size: int) -> Callable[[], float]:
     """A function that advances a network of a fleet by some ticks and returns the seconds that one takes."""
     builder = DiagramBuilder()
-    network = builder.AddNamedSystem("network", build_fuzzy_network(num_vehicles=size, axes=("x", "y", "z")))
+    options: dict[str, Any] = {"num_vehicles": size, "axes": ("x", "y", "z")}
+    rules, learning = FuzzyRules(**options), WeightLearning(**options)
+    network = builder.AddNamedSystem("network", build_fuzzy_network(rules=rules, learning=learning))
     rng = np.random.default_rng(0)
     for name in ("error", "error_rate"):
         source = builder.AddNamedSystem(name, ConstantVectorSource(0.3 * rng.normal(size=3 * size)))

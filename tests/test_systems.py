@@ -36,7 +36,7 @@ VECTORING = {"mass": 0.68, "gravity": 9.81, "limits": ThrustLimits(0.7, 2.0, 12.
 
 def cascade():
     return build_cascade(
-        position=build_position_controller(**GAINS),
+        position=build_position_controller(ProportionalDerivative(**GAINS)),
         thrust_vectoring=ThrustVectoring(**VECTORING),
         attitude=AttitudeController(**GAINS, inertia=(1.0, 1.0, 1.0)),
         feed_forward="snap",
@@ -51,6 +51,12 @@ JET = Jet((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), exit_speed=6.0, diameter=0.7, turbul
 def motion_capture():
     errors = CameraErrors(1e-3, 4e-3, dropout_rate=0.1, misalignment=(0.1, 0.2, 0.3))
     return MotionCapture(num_vehicles=2, errors=errors, derivative_bandwidth=100.0, latency_frames=2)
+
+
+def network():
+    return build_fuzzy_network(
+        rules=FuzzyRules(num_vehicles=2), learning=WeightLearning(num_vehicles=2, initial_weight=0.5)
+    )
 
 
 def sources():
@@ -105,9 +111,12 @@ SYSTEMS = [
         lambda: WeightLearning(num_vehicles=2, axes=("x", "z"), law=CovarianceLaw(1.0, 20.0), num_rules=4),
     ),
     (build_cascade, cascade),
-    (build_fuzzy_network, lambda: build_fuzzy_network(num_vehicles=2, initial_weight=0.5)),
+    (build_fuzzy_network, network),
     (build_laboratory, laboratory),
-    (build_position_controller, lambda: build_position_controller(**GAINS, feed_forward="jerk")),
+    (
+        build_position_controller,
+        lambda: build_position_controller(ProportionalDerivative(**GAINS, feed_forward=True)),
+    ),
     (build_wind, wind),
     (build_reference, lambda: build_reference(Plan.hover([0.0, 0.0, 1.0], duration=1.0), num_vehicles=2)),
 ]

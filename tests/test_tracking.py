@@ -9,7 +9,7 @@ from pydrake.systems.analysis import InitializeParams, ResetIntegratorFromFlags,
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
-from drake_quad.control.position import build_position_controller
+from drake_quad.control.position import ProportionalDerivative, build_position_controller
 from drake_quad.flight import flight_duration, fly, read_metrics
 from drake_quad.laboratory.recorder import read_recorder
 from drake_quad.planning import plan_route
@@ -76,9 +76,10 @@ def test_each_vehicle_of_a_fleet_flies_as_it_would_alone(figure_eight):
     n = 3
     law = scenario.control.position
     k_p, k_d = ([np.array([gain, 20.0, gain]) for gain in gains] for gains in (law.k_p, law.k_d))
-    position = build_position_controller(
-        num_vehicles=n, k_p=k_p, k_d=k_d, derivative=law.derivative, feed_forward=law.feed_forward
+    pd = ProportionalDerivative(
+        num_vehicles=n, k_p=k_p, k_d=k_d, derivative=law.derivative, feed_forward=law.feed_forward != "none"
     )
+    position = build_position_controller(pd)
     fleet = build_tracking_diagram(scenario, n, position_controller=position)
     simulator = Simulator(fleet)
     duration = flight_duration(scenario, plan_route(scenario))

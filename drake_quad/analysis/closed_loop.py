@@ -5,11 +5,11 @@ from typing import Any, Literal, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Diagram
 
-from drake_quad import parts
 from drake_quad.analysis.context_vector import ContextVector
 from drake_quad.analysis.sampled_system import SampledSystem, at_tick, linearize
 from drake_quad.errors import InputError
 from drake_quad.laboratory.tape import Samples
+from drake_quad.parts.laboratory import build_laboratory_of, laboratory_parts, vehicle_parameters
 from drake_quad.planning import nominal_parameters, plan_route
 from drake_quad.scenario import Scenario, distributions_in
 from drake_quad.scenario.models import Airframe, Vehicle, Window
@@ -176,9 +176,9 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
         if not 0.0 < other <= period:
             raise InputError(f"{name} is {other:g} s, but gains are designed for periods up to {period:g} s, a tick")
     plan = plan_route(resting)
-    laboratory = parts.laboratory(resting, plan, plan.duration, Samples(0, [0]))
+    laboratory = build_laboratory_of(laboratory_parts(resting, resting, plan, plan.duration, 1), Samples(0, [0]))
     context = laboratory.CreateDefaultContext()
-    parameters = parts.vehicle_parameters(resting.vehicle)
+    parameters = vehicle_parameters(resting.vehicle)
     hover = hover_rotor_speeds(parameters)
     if not max(hover) < parameters.max_rotor_speed or not min(hover) > parameters.min_rotor_speed:
         raise InputError(

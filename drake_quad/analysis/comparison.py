@@ -3,13 +3,10 @@
 from collections.abc import Callable, Sequence
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
 
-from drake_quad.flight import fly, read_metrics
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.planning import flight_duration, plan_route
-from drake_quad.scenario import Scenario, draw_samples
-from drake_quad.tracking import build_tracking_diagram
+from drake_quad.scenario import Scenario
+from drake_quad.study_fleet import StudyFleet
 
 
 def fly_samples(
@@ -28,12 +25,7 @@ def fly_samples(
     Raises:
         InputError: the route holds a distribution, or the rotors cannot fly it.
     """
-    drawn = draw_samples(scenario, samples)
-    plan = plan_route(drawn)
-    diagram = build_tracking_diagram(scenario, len(samples), samples=samples, plan=plan)
-    simulator = Simulator(diagram)
-    fly(simulator, flight_duration(drawn, plan), progress=progress)
-    return read_metrics(diagram, simulator.get_context())
+    return StudyFleet(scenario, len(samples)).fly(samples, progress=progress)
 
 
 def share_of(metrics: Metrics, baseline: Metrics) -> np.ndarray:

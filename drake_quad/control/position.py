@@ -43,7 +43,7 @@ def pd_law(
 
 @fleet_system(float, AutoDiffXd)
 class ProportionalDerivative(FleetSystem):
-    """The PD law, eq (8), as `build_position_controller` uses it.
+    """The PD law, eq (8).
 
     .. pydrake_system::
 
@@ -89,16 +89,8 @@ class ProportionalDerivative(FleetSystem):
         self._law([output], [*inputs, self.parameter(context, self._gains)], self._on_error, self._feed_forward)
 
 
-def build_position_controller(
-    *,
-    num_vehicles: int = 1,
-    k_p: Rows,
-    k_d: Rows,
-    derivative: Derivative = "tracking_error",
-    feed_forward: FeedForward = "none",
-    correction: Any = None,
-) -> Diagram:
-    """Builds the diagram `position`: the PD law of eq (8), command = `pd` - `correction` + feed-forward, eq (14).
+def build_position_controller(pd: Any, *, correction: Any = None) -> Diagram:
+    """Builds the diagram `position`, eq (14): command = `pd` - `correction` + feed-forward.
 
     .. pydrake_system::
 
@@ -122,20 +114,12 @@ def build_position_controller(
     Any system with these two inputs and the first output can stand in its place.
 
     Args:
-        num_vehicles: N.
-        k_p: 3 rows, 1/s².
-        k_d: 3 rows, 1/s.
-        derivative: "tracking_error" or "measurement".
-        feed_forward: unless "none", the reference's acceleration is added to the command. What "jerk" and "snap" mean
-            beyond that is done by thrust vectoring.
+        pd: a `ProportionalDerivative`.
         correction: a system from any of `error`, `error_rate` and `pd` to `correction`, such as a network that learns.
     """
     builder = DiagramBuilder()
-    pd = ProportionalDerivative(
-        num_vehicles=num_vehicles, k_p=k_p, k_d=k_d, derivative=derivative, feed_forward=feed_forward != "none"
-    )
     parts = split_output(builder, "pd", pd)
-    size = 3 * num_vehicles
+    size = 3 * pd.num_vehicles
     summands = [parts["pd"], parts["feed_forward"]]
     if correction is None:
         correction = builder.AddNamedSystem("correction", ConstantVectorSource(np.zeros(size)))

@@ -40,6 +40,7 @@ class CommandLink(FleetSystem):
         num_vehicles: N.
         period: of the ticks, s; the paper's controllers run at 50 Hz.
         delay_ticks: whole number of ticks from sampling to arrival; a number or an (N,) array.
+        longest_delay: that it will ever be in a context; if not given, no longer than these.
         loss_rate: share of the packets that are lost, 1; likewise.
         initial: 4 rows, the wrench that is out before the first one arrives.
     """
@@ -50,13 +51,14 @@ class CommandLink(FleetSystem):
         num_vehicles: int = 1,
         period: float = 0.02,
         delay_ticks: Row = 0,
+        longest_delay: int | None = None,
         loss_rate: Row = 0.0,
         initial: Rows = (0.0, 0.0, 0.0, 0.0),
     ) -> None:
         """Declares the system; see the class for the arguments."""
         self.period = period
         self._wrench = self.input("wrench", 4)
-        self._line = DelayLine(self, "wrench", initial, delay_ticks)
+        self._line = DelayLine(self, "wrench", initial, delay_ticks, longest_delay)
         self._loss_rate = None
         if not is_zero(loss_rate):
             self._loss_rate = self.numeric_parameter([loss_rate])

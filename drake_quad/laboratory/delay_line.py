@@ -19,20 +19,23 @@ class DelayLine:
         1 tick of delay initial    u₀         u₁
 
     The groups are one for what is out, `out`, then those under way, the newest first. If there can be any delay, it is
-    a numeric parameter of the context, one row; none may be longer than the longest at construction.
+    a numeric parameter of the context, one row.
 
     Args:
         system: that the groups are declared in.
         name: of the group that is out; the others are called after their age.
         initial: rows that are out before the first sample is.
         delay: in whole ticks; a number, or an (N,) array for a fleet.
+        longest: that a delay in the context will ever be; the longest of these if not given.
     """
 
-    def __init__(self, system: FleetSystem, name: str, initial: Iterable[Row], delay: Row) -> None:
+    def __init__(
+        self, system: FleetSystem, name: str, initial: Iterable[Row], delay: Row, longest: int | None = None
+    ) -> None:
         self._system = system
         initial = list(initial)
         self.out = system.discrete_state(name, initial)
-        longest = int(np.max(delay))
+        longest = int(np.max(delay)) if longest is None else longest
         self._under_way = [system.discrete_state(f"{name}_{i}_ticks_old", initial) for i in range(longest)]
         self._delay = system.numeric_parameter([delay]) if self._under_way else None
 

@@ -19,13 +19,19 @@ from typing import Any
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.fleet import split_output
-from drake_quad.laboratory.tape import Samples, connect_tapes, random_ports
+from drake_quad.laboratory.tape import Samples, connect_random_sources, connect_tapes, random_ports
 from drake_quad.laboratory.wind.wind import build_wind
 from drake_quad.randomness import Kind
 
 
 def build_laboratory(
-    *, vehicle: Any, allocation: Any, motion_capture: Any, command_link: Any, wind: Mapping[str, Any], samples: Samples
+    *,
+    vehicle: Any,
+    allocation: Any,
+    motion_capture: Any,
+    command_link: Any,
+    wind: Mapping[str, Any],
+    samples: Samples | None,
 ) -> Diagram:
     """Builds the diagram `laboratory` around a vehicle.
 
@@ -52,14 +58,15 @@ def build_laboratory(
         motion_capture: from `state` to `measurement`.
         command_link: from `wrench` to `wrench`.
         wind: sources of it, as `build_wind` takes them.
-        samples: that the vehicles fly; what the random input ports are fed from.
+        samples: that the vehicles fly, from whose tapes the random input ports are fed; or None, to feed them from
+            Drake's random sources.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("command_link", command_link)
     allocated = split_output(builder, "allocation", allocation)
     builder.AddNamedSystem("vehicle", vehicle)
     builder.AddNamedSystem("motion_capture", motion_capture)
-    sum_of_wind = builder.AddNamedSystem("wind", build_wind(wind, num_vehicles=len(samples.numbers)))
+    sum_of_wind = builder.AddNamedSystem("wind", build_wind(wind, num_vehicles=vehicle.num_vehicles))
 
     builder.Connect(command_link.GetOutputPort("wrench"), allocation.GetInputPort("wrench"))
     builder.Connect(allocated["rotor_speed_command"], vehicle.GetInputPort("rotor_speed_command"))
@@ -69,7 +76,11 @@ def build_laboratory(
             builder.Connect(vehicle.GetOutputPort("state"), watcher.GetInputPort("state"))
     noisy = {"motion_capture": motion_capture, "command_link": command_link}
     gusty = [each._replace(port=sum_of_wind.GetInputPort(each.stream.name)) for each in random_ports(wind, Kind.WIND)]
-    connect_tapes(builder, [*random_ports(noisy, Kind.NOISE), *gusty], samples)
+    ports = [*random_ports(noisy, Kind.NOISE), *gusty]
+    if samples is None:
+        connect_random_sources(builder, ports)
+    else:
+        connect_tapes(builder, ports, samples)
 
     builder.ExportInput(command_link.GetInputPort("wrench"), "wrench")
     builder.ExportInput(vehicle.GetInputPort("crashed"), "crashed")

@@ -57,6 +57,15 @@ class Metrics(NamedTuple):
         return self.crash_time < math.inf
 
 
+UNITS = {
+    **dict.fromkeys(("rmse", "rmse_x", "rmse_y", "rmse_z", "peak_error"), "m"),
+    **dict.fromkeys(("effort_x", "effort_y", "effort_z"), "m²/s⁴"),
+    **dict.fromkeys(("variation_x", "variation_y", "variation_z"), "m/s³"),
+    "saturation_share": "1",
+    "crash_time": "s",
+}
+
+
 @formula
 def add_tick(sums: Rows, error: Rows, command: Rows, saturated: Row) -> tuple[Row, ...]:
     """Returns the sums with one more tick.

@@ -290,6 +290,7 @@ class MotionCapture(FleetSystem):
         errors: each entry a number or an (N,) array.
         derivative_bandwidth: ω, rad/s; likewise.
         latency_frames: whole number of periods; likewise.
+        longest_latency: that it will ever be in a context; if not given, no longer than these.
     """
 
     def declare(
@@ -300,11 +301,12 @@ class MotionCapture(FleetSystem):
         errors: CameraErrors = CameraErrors(),
         derivative_bandwidth: Row | None = None,
         latency_frames: Row = 0,
+        longest_latency: int | None = None,
     ) -> None:
         """Declares the system; see the class for the arguments."""
         self.period = period
         self._state = self.input("state", 12)
-        self._line = DelayLine(self, "measurement", [0.0] * 12, latency_frames)
+        self._line = DelayLine(self, "measurement", [0.0] * 12, latency_frames, longest_latency)
         self._first = self.interpreted(first_frame, inputs=(12, 6, 6, 9))
         inputs = [12, 12, 6, 6, 1, 1, 9]
         self._before = self._bandwidth = None

@@ -7,6 +7,7 @@ import numpy as np
 from pydrake.common import RandomDistribution
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import RandomSource
 
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system, split_output
 from drake_quad.randomness import Kind, normal_pairs, stream_states, uniform_numbers
@@ -62,6 +63,10 @@ class Tape:
         self._ticks = 2 * max(1, _BLOCK_SIZE // self.size)
         self._number, self._block = -1, np.empty((0, 0))
 
+    def of(self, samples: Samples) -> "Tape":
+        """The tape of the same streams for other samples."""
+        return Tape(samples, self.streams, period=self._period)
+
     def at(self, time: float) -> np.ndarray:
         """The (rows · N,) numbers at the tick nearest to a time from 0 on (s), row after row."""
         number, place = divmod(round(time / self._period), self._ticks)
@@ -108,6 +113,11 @@ class TapePlayer(FleetSystem):
         uses = {self.time_ticket(), self.all_parameters_ticket()}
         parts = {stream.name: stream.rows for tape in tapes for stream in tape.streams}
         self.packed_output("random", parts, self._calc, uses=uses)
+
+    def put_samples(self, context: Any, samples: Samples) -> None:
+        """Puts the tapes of other samples, as many, into a context."""
+        tapes = context.get_mutable_abstract_parameter(self._tapes)
+        tapes.set_value(tuple(tape.of(samples) for tape in tapes.get_value()))
 
     def _calc(self, context: Any, output: Any) -> None:
         tapes = context.get_abstract_parameter(self._tapes).get_value()
@@ -172,3 +182,11 @@ def connect_tapes(builder: DiagramBuilder, ports: Sequence[RandomPort], samples:
         played = split_output(builder, "tapes", TapePlayer(tapes=tapes))
         for port, stream, _ in ports:
             builder.Connect(played[stream.name], port)
+
+
+def connect_random_sources(builder: DiagramBuilder, ports: Sequence[RandomPort]) -> None:
+    """Connects random input ports to Drake's random sources, which are added to the builder."""
+    for port, stream, period in ports:
+        source = RandomSource(stream.distribution, port.size(), period)
+        builder.AddNamedSystem(f"random_{stream.name}", source)
+        builder.Connect(source.get_output_port(), port)

@@ -2,7 +2,8 @@
 
 from drake_quad.scenario.loading import distributions_in, load_journey, load_scenario
 from drake_quad.scenario.models import Journey, Scenario
-from drake_quad.scenario.sampling import draw_sample, draw_samples
+from drake_quad.scenario.sampling import draw_sample, draw_samples, drawn_numbers
+from drake_quad.scenario.saving import save_scenario
 
 __all__ = [
     "Journey",
@@ -10,6 +11,8 @@ __all__ = [
     "distributions_in",
     "draw_sample",
     "draw_samples",
+    "drawn_numbers",
     "load_journey",
     "load_scenario",
+    "save_scenario",
 ]

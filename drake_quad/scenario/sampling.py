@@ -55,6 +55,23 @@ def draw_samples(scenario: Scenario, samples: Sequence[int], *, seed: int | None
     return drawn.model_copy(update={"seed": seed})
 
 
+def drawn_numbers(scenario: Scenario, samples: Sequence[int]) -> dict[str, np.ndarray]:
+    """The (n,) numbers drawn for each field that holds a distribution, by its path.
+
+    Args:
+        scenario: of the study.
+        samples: n numbers of samples.
+    """
+    found: dict[str, np.ndarray] = {}
+
+    def draw(distribution: Distribution, path: str) -> np.ndarray:
+        found[path] = np.asarray(distribution.quantile(parameter_numbers(scenario.seed, samples, path)))
+        return found[path]
+
+    _replaced(scenario, "", draw)
+    return found
+
+
 def _checked(scenario: Scenario, seed: int | None, samples: Sequence[int]) -> int:
     seed = scenario.seed if seed is None else seed
     for name, number, limit in [("seed", seed, 2**63), *(("sample", sample, 2**31) for sample in samples)]:

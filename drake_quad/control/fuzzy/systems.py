@@ -166,15 +166,8 @@ class WeightLearning(FleetSystem):
         output.SetFromVector(traces(memory, len(self._axes), self._rules))
 
 
-def build_fuzzy_network(
-    *,
-    num_vehicles: int = 1,
-    period: float = 0.02,
-    axes: Sequence[Axis] = ("x", "y"),
-    antecedents: Antecedents = Antecedents(),
-    **learning: Any,
-) -> Diagram:
-    """Builds the diagram `network`, a `FuzzyRules` with its `WeightLearning`.
+def build_fuzzy_network(*, rules: Any, learning: Any) -> Diagram:
+    """Builds the diagram `network`.
 
     .. pydrake_system::
 
@@ -191,29 +184,21 @@ def build_fuzzy_network(
     those of the two; a law that learns from the PD's command makes `pd` a third input.
 
     Args:
-        num_vehicles: N.
-        period: of the ticks, s.
-        axes: of the network.
-        antecedents: of the rules.
-        learning: other arguments of `WeightLearning`.
+        rules: a `FuzzyRules`.
+        learning: a `WeightLearning` on the same axes, for as many rules.
     """
     builder = DiagramBuilder()
-    rules = builder.AddNamedSystem("rules", FuzzyRules(num_vehicles=num_vehicles, axes=axes, antecedents=antecedents))
-    learner = builder.AddNamedSystem(
-        "learning",
-        WeightLearning(
-            num_vehicles=num_vehicles, period=period, axes=axes, num_rules=antecedents.num_rules, **learning
-        ),
-    )
-    builder.Connect(rules.get_output_port(), learner.GetInputPort("firing"))
+    builder.AddNamedSystem("rules", rules)
+    builder.AddNamedSystem("learning", learning)
+    builder.Connect(rules.get_output_port(), learning.GetInputPort("firing"))
     for name in ("error", "error_rate"):
         builder.ExportInput(rules.GetInputPort(name), name)
-        if learner.HasInputPort(name):
-            builder.ConnectInput(name, learner.GetInputPort(name))
-    if learner.HasInputPort("pd"):
-        builder.ExportInput(learner.GetInputPort("pd"), "pd")
-    for i in range(learner.num_output_ports()):
-        port = learner.get_output_port(i)
+        if learning.HasInputPort(name):
+            builder.ConnectInput(name, learning.GetInputPort(name))
+    if learning.HasInputPort("pd"):
+        builder.ExportInput(learning.GetInputPort("pd"), "pd")
+    for i in range(learning.num_output_ports()):
+        port = learning.get_output_port(i)
         builder.ExportOutput(port, port.get_name())
     network = builder.Build()
     network.set_name("network")

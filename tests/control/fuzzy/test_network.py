@@ -14,7 +14,7 @@ from drake_quad.analysis.comparison import fly_samples, share_of
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
 from drake_quad.control.fuzzy.learning import LEARNING
-from drake_quad.control.fuzzy.systems import build_fuzzy_network
+from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
 
 ROOT = Path(__file__).parent.parent.parent.parent
 PAPER = ROOT / "diagrams" / "controllers" / "paper.yaml"
@@ -72,7 +72,8 @@ def test_the_diagram_is_the_mathematics(law, axes):
     """Tick by tick: the correction of a tick is that of the weights before it."""
     rng = np.random.default_rng(3)
     inputs, sets = waves(rng, 1), Antecedents(1.3, 0.7, 0.4, FuzzySets(1.5), FuzzySets(0.7))
-    network = build_fuzzy_network(axes=axes, antecedents=sets, law=law, slope=1.7, initial_weight=0.2)
+    learning = WeightLearning(axes=axes, law=law, slope=1.7, initial_weight=0.2)
+    network = build_fuzzy_network(rules=FuzzyRules(axes=axes, antecedents=sets), learning=learning)
     _, found = driven(network, inputs, 80)
     for axis in axes:
         i = "xyz".index(axis)
@@ -99,7 +100,8 @@ def test_a_fleet_learns_as_its_vehicles_do():
     def network(pick, count):
         sets = Antecedents(pick(rows["a1"]), 0.7, pick(q), FuzzySets(pick(scale)), FuzzySets(0.7))
         law = CovarianceLaw(pick(rows["gain"]), 30.0)
-        return build_fuzzy_network(num_vehicles=count, antecedents=sets, law=law, slope=pick(slope))
+        learning = WeightLearning(num_vehicles=count, law=law, slope=pick(slope))
+        return build_fuzzy_network(rules=FuzzyRules(num_vehicles=count, antecedents=sets), learning=learning)
 
     _, fleet = driven(network(lambda row: row, n), inputs, 60, n)
     for i in (0, 7, 39):
@@ -118,7 +120,8 @@ def test_resets_begin_the_covariance_anew():
     inputs = waves(np.random.default_rng(5), 1)
     traces = []
     for reset_times in ((), (0.81,)):
-        network = build_fuzzy_network(law=CovarianceLaw(0.8, 30.0), reset_times=reset_times)
+        learning = WeightLearning(law=CovarianceLaw(0.8, 30.0), reset_times=reset_times)
+        network = build_fuzzy_network(rules=FuzzyRules(), learning=learning)
         simulator, _ = driven(network, inputs, 60)
         trace = simulator.get_system().GetSubsystemByName("network").GetOutputPort("covariance_trace")
         context = network.GetMyContextFromRoot(simulator.get_context())

@@ -1,0 +1,139 @@
+"""Worker processes, and what becomes of batches whose worker fails."""
+
+import gc
+import multiprocessing
+import os
+import signal
+import sys
+import threading
+from collections import deque
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drake_quad.analysis.monte_carlo.worker import heed
+from drake_quad.errors import InputError
+
+
+class Workers:
+    """Processes on this machine that fly batches, as a context manager; what is under way at its end is given up.
+
+    They are forked from this process where that is safe, with all that it has loaded: on Linux, while it has a single
+    thread. Elsewhere they begin anew, which takes two seconds.
+
+    Args:
+        num_workers: how many.
+    """
+
+    def __init__(self, num_workers: int) -> None:
+        self.num_workers = num_workers
+        self._forks = sys.platform == "linux" and threading.active_count() == 1
+        self._context = multiprocessing.get_context("fork" if self._forks else "spawn")
+        self._stop = self._context.Event()
+        self._pool: ProcessPoolExecutor | None = None
+
+    @property
+    def inherit(self) -> bool:
+        """Whether the processes are still to begin, with what this one has by then."""
+        return self._forks and self._pool is None
+
+    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
+        """As `concurrent.futures.Executor.submit`, with new processes if one of the old ones has ended."""
+        for _ in range(2):
+            if self._pool is None:
+                self._pool = ProcessPoolExecutor(
+                    self.num_workers, self._context, initializer=_begin, initargs=(self._stop,)
+                )
+            try:
+                return self._pool.submit(function, *arguments)
+            except BrokenExecutor:
+                self._pool.shutdown(wait=True)  # no thread of it may be left when the next processes are forked
+                self._pool = None
+        raise BrokenExecutor("the worker processes end as soon as they begin")
+
+    def __enter__(self) -> "Workers":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._stop.set()
+        if self._pool is not None:
+            self._pool.shutdown(wait=True, cancel_futures=True)
+
+
+def _begin(stop: Any) -> None:
+    """Readies a worker process: it leaves Ctrl-C to its parent, and ends when its parent does."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    threading.Thread(target=_end_with_parent, daemon=True).start()
+    heed(stop)
+    gc.freeze()  # what came with the fork is not looked through again, and stays shared
+
+
+def _end_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        parent.join()
+        os._exit(1)
+
+
+class Outcome(NamedTuple):
+    """What became of a batch.
+
+    Attributes:
+        samples: of the batch.
+        rows: (n, columns) of them, if it was flown.
+        reason: why it could not be, else.
+    """
+
+    samples: Sequence[int]
+    rows: np.ndarray | None
+    reason: str
+
+
+def fly_batches(
+    submit: Callable[..., Future[Any]],
+    function: Callable[[Sequence[int]], np.ndarray],
+    batches: Sequence[Sequence[int]],
+    *,
+    at_once: int,
+) -> Iterator[Outcome]:
+    """Flies batches and yields what becomes of them, in the order in which they are done.
+
+    A batch that fails is flown once more, alone: a worker that ends takes down what others have under way, and so it
+    is clear whose fault it was.
+
+    Args:
+        submit: that of an executor.
+        function: flies a batch.
+        batches: numbers of samples.
+        at_once: how many batches to have with the executor at a time.
+
+    Raises:
+        InputError: a sample is not what the scenario may say.
+    """
+    waiting, suspects = deque(batches), deque[Sequence[int]]()
+    under_way: dict[Future[Any], tuple[Sequence[int], bool]] = {}
+    try:
+        while waiting or suspects or under_way:
+            if suspects and not under_way:
+                samples = suspects.popleft()
+                under_way[submit(function, samples)] = samples, True
+            while waiting and not suspects and len(under_way) < at_once:
+                samples = waiting.popleft()
+                under_way[submit(function, samples)] = samples, False
+            done, _ = wait(under_way, return_when=FIRST_COMPLETED)
+            for future in done:
+                samples, again = under_way.pop(future)
+                try:
+                    yield Outcome(samples, future.result(), "")
+                except InputError:
+                    raise
+                except Exception as error:
+                    if again:
+                        yield Outcome(samples, None, f"{type(error).__name__}: {error}")
+                    else:
+                        suspects.append(samples)
+    finally:
+        for future in under_way:
+            future.cancel()

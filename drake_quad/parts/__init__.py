@@ -1,0 +1,1 @@
+"""What a scenario's numbers make: the systems of its control and of its laboratory."""
