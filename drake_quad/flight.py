@@ -1,5 +1,6 @@
 """Flying a scenario, and what a flight leaves behind."""
 
+import math
 from collections.abc import Callable
 from dataclasses import dataclass
 from pathlib import Path
@@ -46,7 +47,7 @@ class Flight:
         return self.signals[name]
 
     def save(self, folder: Path | str) -> list[Path]:
-        """Writes the signals as compressed NumPy and as CSV, and the scenario as YAML that can be flown again.
+        """Writes the signals as compressed NumPy and as CSV, the metrics as CSV, and the scenario as YAML to fly again.
 
         Returns:
             The files.
@@ -67,12 +68,17 @@ class Flight:
             arrays: dict[str, Any] = {"time": self.time, **self.signals}
             np.savez_compressed(path, **arrays)
 
+        def save_metrics(path: Path) -> None:
+            values = ["" if not math.isfinite(value) else f"{value:.12g}" for value in self.metrics]
+            path.write_text(f"{','.join(Metrics._fields)}\n{','.join(values)}\n", encoding="utf-8")
+
         return [
             write_whole(target / "flight.npz", save_arrays),
             write_whole(
                 target / "flight.csv",
                 lambda path: np.savetxt(path, table, fmt="%.9g", delimiter=",", header=header, comments=""),
             ),
+            write_whole(target / "metrics.csv", save_metrics),
             write_whole(target / "scenario.yaml", lambda path: save_scenario(self.scenario, path)),
         ]
 

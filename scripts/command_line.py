@@ -67,6 +67,22 @@ def flight_progress() -> Iterator[Callable[[float, float], None]]:
         yield show
 
 
+@contextmanager
+def study_progress(name: str) -> Iterator[Callable[[int, int], None]]:
+    """Gives a function of the number of samples that are done, and of all, that keeps a bar on a terminal."""
+    # Its thread would be in the way of processes that are forked later.
+    tqdm.monitor_interval = 0
+    with tqdm(desc=name, unit=" flights", leave=False, disable=None, mininterval=0.2) as bar:
+
+        def show(done: int, total: int) -> None:
+            if bar.total is None:
+                bar.reset(total)
+                bar.initial = done
+            bar.update(done - bar.n)
+
+        yield show
+
+
 _BAR = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f} of {total:.0f} s flown, {remaining} to go"
 
 
@@ -84,6 +100,11 @@ def print_columns(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
     for line in table:
         cells = [cell.rjust(width) for cell, width in zip(line, widths, strict=True)]
         print("  ".join([line[0].ljust(widths[0]), *cells[1:-1], line[-1]]).rstrip())
+
+
+def remark(sentence: str) -> None:
+    """Prints what a person may not have meant."""
+    print(f"remark: {sentence}", file=sys.stderr)
 
 
 def print_files(files: list[Path]) -> None:
@@ -110,6 +131,6 @@ def run(main: Callable[[], None]) -> None:
     except (RuntimeError, OSError) as error:
         print(f"failed: {error}", file=sys.stderr)
         sys.exit(1)
-    except KeyboardInterrupt:
-        print("interrupted: nothing was written", file=sys.stderr)
+    except KeyboardInterrupt as interruption:
+        print(str(interruption) or "interrupted: nothing was written", file=sys.stderr)
         sys.exit(1)

@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 from pydrake.systems.primitives import ConstantVectorSource
 
-from drake_quad.elementary import Row, Rows, is_zero, where
+from drake_quad.elementary import Row, Rows, is_zero, sin_cos, where
 from drake_quad.errors import InputError
 from drake_quad.fleet import fleet_rows
 from drake_quad.laboratory.command_link import CommandLink
@@ -98,7 +98,7 @@ def _check_step(scenario: Scenario) -> None:
     """Raises InputError if drag stops a vehicle so fast that its steps would not be stable."""
     vehicle = scenario.vehicle
     sources = scenario.laboratory.wind
-    gusts = [source.velocity for source in sources if isinstance(source, wind.Gust)]
+    gusts = [_velocity(source) for source in sources if isinstance(source, wind.Gust)]
     speeds = [np.sqrt(sum(part * part for part in velocity)) for velocity in (steady_wind(scenario), *gusts)]
     airspeed = sum(speeds) + sum(jet.exit_speed for jet in jets(scenario))
     rate = np.max((vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed) / vehicle.mass)
@@ -167,7 +167,7 @@ def _wind(scenario: Scenario, num_vehicles: int) -> dict[str, Part]:
         match source:
             case wind.Gust():
                 hold_time = math.inf if source.hold_time is None else source.hold_time
-                gust = GustParameters(source.velocity, source.start, source.rise_time, hold_time)
+                gust = GustParameters(_velocity(source), source.start, source.rise_time, hold_time)
                 sources[name] = Part(Gust, {**common, "gust": gust})
             case wind.Dryden():
                 turbulence, heading = _dryden(source, mean)
@@ -179,8 +179,16 @@ def _wind(scenario: Scenario, num_vehicles: int) -> dict[str, Part]:
 
 def steady_wind(scenario: Scenario) -> list[Row]:
     """The sum of all steady wind, 3 rows in W, m/s."""
-    steady = [source.velocity for source in scenario.laboratory.wind if isinstance(source, wind.SteadyWind)]
+    steady = [_velocity(source) for source in scenario.laboratory.wind if isinstance(source, wind.SteadyWind)]
     return [sum((velocity[axis] for velocity in steady), start=0.0) for axis in range(3)]
+
+
+def _velocity(source: wind.SteadyWind | wind.Gust) -> Rows:
+    """The velocity of the air, 3 rows in W, m/s."""
+    if source.velocity is not None:
+        return source.velocity
+    sin_heading, cos_heading = sin_cos(source.heading)
+    return source.speed * cos_heading, source.speed * sin_heading, 0.0
 
 
 def jets(scenario: Scenario) -> list[Jet]:

@@ -2,25 +2,41 @@
 
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, bounded, excludes_zero
 
 
-class SteadyWind(Model):
+class _Blowing(Model):
+    """Air that moves at a velocity, or level at a speed in a heading."""
+
+    velocity: Position | None = Field(default=None, description="of the air at its height, in W (m/s)")
+    speed: NonNegative | None = Field(default=None, description="of the air, in place of a velocity (m/s)")
+    heading: Number | None = Field(default=None, description="to which it blows, with a speed, from X towards Y (rad)")
+
+    @model_validator(mode="after")
+    def _one_motion(self) -> "_Blowing":
+        given = [name for name in ("velocity", "speed", "heading") if getattr(self, name) is not None]
+        if given not in (["velocity"], ["speed", "heading"]):
+            found = " and ".join(given) or "neither"
+            raise PydanticCustomError(
+                "motion", "must have a velocity, or speed and heading, not {found}", {"found": found}
+            )
+        return self
+
+
+class SteadyWind(_Blowing):
     """The same wind everywhere, always."""
 
     kind: Literal["steady"]
-    velocity: Position = Field(description="of the air, in W (m/s)")
 
 
-class Gust(Model):
+class Gust(_Blowing):
     """A 1-cosine gust: it comes over the rise time, stays, and goes as it came."""
 
     kind: Literal["gust"]
-    velocity: Position = Field(description="of the air at its height, in W (m/s)")
     start: NonNegative = Field(description="when it begins (s)")
     rise_time: Positive = Field(description="from nothing to full height (s)")
     hold_time: NonNegative | None = Field(

@@ -1,7 +1,6 @@
 """Flying a study."""
 
 import math
-import os
 import uuid
 from collections.abc import Callable, Sequence
 from concurrent.futures import Executor
@@ -13,14 +12,12 @@ from typing import Any
 from drake_quad.analysis.monte_carlo.study import Study
 from drake_quad.analysis.monte_carlo.study_folder import open_study
 from drake_quad.analysis.monte_carlo.worker import Job, fly_batch, forget, prepare
-from drake_quad.analysis.monte_carlo.workers import Workers, fly_batches
-from drake_quad.errors import InputError
+from drake_quad.analysis.monte_carlo.workers import Workers, check_counts, fly_batches, num_cores
 from drake_quad.planning import flight_duration, plan_route
 from drake_quad.scenario import Scenario
 
 # Vehicles of a fleet. With about a thousand, what Drake does once a step hardly counts any more.
 _BATCH_SIZE = 1024
-_MOST_SAMPLES = 2**31 - 1
 
 
 class StudyInterrupted(KeyboardInterrupt):
@@ -72,17 +69,14 @@ def run_monte_carlo(
         OSError: rows could not be written; those before them are saved.
         StudyInterrupted: by Ctrl-C; what is done is saved.
     """
-    num_workers = _cores() if num_workers is None else num_workers
-    for name, number in (("num_samples", num_samples), ("num_workers", num_workers), ("batch_size", batch_size)):
-        if number is not None and not 1 <= number <= _MOST_SAMPLES:
-            raise InputError(f"{name} is {number}, but must be between 1 and {_MOST_SAMPLES}")
+    num_workers = num_cores() if num_workers is None else num_workers
+    check_counts(samples=num_samples, workers=num_workers, batch=1 if batch_size is None else batch_size)
     scenario = scenario.model_copy(update={"seed": scenario.seed if seed is None else seed, "sample": None})
     plan = plan_route(scenario)
     own = {"position_controller": position_controller, "control": control}
     with open_study(folder, scenario, num_samples, flight_duration(scenario, plan), own, resume=resume) as rows:
         batches = _batches(rows.missing, num_workers, batch_size)
         job = Job(uuid.uuid4().hex, scenario, plan, max(map(len, batches), default=1), **own)
-        before = len(rows)
 
         def report() -> None:
             if progress is not None:
@@ -103,7 +97,7 @@ def run_monte_carlo(
             raise OSError(f"{error}; {rows.saved}") from error
         finally:
             forget()
-    return rows.study(num_flown=len(rows) - before)
+    return rows.study()
 
 
 def _batches(samples: Sequence[int], num_workers: int, batch_size: int | None) -> list[Sequence[int]]:
@@ -112,8 +106,3 @@ def _batches(samples: Sequence[int], num_workers: int, batch_size: int | None) -
         rounds = math.ceil(len(samples) / (num_workers * _BATCH_SIZE))
         batch_size = math.ceil(len(samples) / max(rounds * num_workers, 1))
     return [samples[first : first + batch_size] for first in range(0, len(samples), max(batch_size, 1))]
-
-
-def _cores() -> int:
-    """The cores that this process may use."""
-    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1

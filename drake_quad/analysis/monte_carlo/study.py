@@ -32,7 +32,7 @@ class Study:
         parameters: (n,) numbers drawn for each field that holds a distribution.
         metrics: (n,) arrays; NaN where no tick counted.
         failures: why samples could not be flown, by their number.
-        num_flown: how many of them were flown just now, and not read from a file.
+        flown_time: seconds of flight that were flown just now, and not read from a file.
     """
 
     scenario: Scenario
@@ -41,11 +41,11 @@ class Study:
     parameters: Mapping[str, np.ndarray]
     metrics: Metrics
     failures: Mapping[int, str] = field(default_factory=dict)
-    num_flown: int = 0
+    flown_time: float = 0.0
 
     @classmethod
     def of_rows(
-        cls, scenario: Scenario, duration: float, rows: np.ndarray, failures: Mapping[int, str], num_flown: int
+        cls, scenario: Scenario, duration: float, rows: np.ndarray, failures: Mapping[int, str], flown_time: float
     ) -> "Study":
         """The study of a table with the columns of `columns_of`, by rising samples."""
         columns = dict(zip(columns_of(scenario), rows.T, strict=True))
@@ -56,7 +56,7 @@ class Study:
             {path: columns[path] for path in distributions_in(scenario)},
             Metrics(*(columns[name] for name in Metrics._fields)),
             dict(failures),
-            num_flown,
+            flown_time,
         )
 
     @property
@@ -85,7 +85,7 @@ def read_study(folder: Path | str) -> Study:
     folder = Path(folder)
     record, scenario = load_record(folder), load_scenario(folder / SCENARIO)
     _, rows, _ = read_rows(folder / RESULTS, columns_of(scenario))
-    return Study.of_rows(scenario, float(record["duration"]), rows[np.argsort(rows[:, 0])], {}, 0)
+    return Study.of_rows(scenario, float(record["duration"]), rows[np.argsort(rows[:, 0])], {}, 0.0)
 
 
 def record_of(

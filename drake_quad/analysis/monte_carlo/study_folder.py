@@ -44,6 +44,7 @@ class StudyRows:
         self._table = np.full((num_samples, len(columns_of(scenario))), np.nan)
         self._table[known[:, 0].astype(int)] = known
         self.failures: dict[int, str] = {}
+        self._flown_time = 0.0
 
     def __len__(self) -> int:
         return self._num_samples - len(self.missing)
@@ -73,11 +74,12 @@ class StudyRows:
         if self._file is not None:
             self._file.append(outcome.rows)
         self._table[list(outcome.samples)] = outcome.rows
+        self._flown_time += float(np.minimum(outcome.rows[:, -1], self._duration).sum())
 
-    def study(self, num_flown: int) -> Study:
+    def study(self) -> Study:
         """The study so far."""
         rows = self._table[~np.isnan(self._table[:, 0])]
-        return Study.of_rows(self._scenario, self._duration, rows, self.failures, num_flown)
+        return Study.of_rows(self._scenario, self._duration, rows, self.failures, self._flown_time)
 
 
 @contextmanager

@@ -16,6 +16,20 @@ import numpy as np
 from drake_quad.analysis.monte_carlo.worker import heed
 from drake_quad.errors import InputError
 
+_MOST = 2**31 - 1
+
+
+def check_counts(**counts: int) -> None:
+    """Raises InputError if one of these is no number of things that a study can have."""
+    for name, number in counts.items():
+        if not 1 <= number <= _MOST:
+            raise InputError(f"{name} is {number}, but must be between 1 and {_MOST}")
+
+
+def num_cores() -> int:
+    """The cores that this process may use."""
+    return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
+
 
 class Workers:
     """Processes on this machine that fly batches, as a context manager; what is under way at its end is given up.
@@ -24,11 +38,15 @@ class Workers:
     thread. Elsewhere they begin anew, which takes two seconds.
 
     Args:
-        num_workers: how many.
+        num_workers: how many; as many as there are cores if not given.
+
+    Raises:
+        InputError: that is no number of processes.
     """
 
-    def __init__(self, num_workers: int) -> None:
-        self.num_workers = num_workers
+    def __init__(self, num_workers: int | None = None) -> None:
+        self.num_workers = num_cores() if num_workers is None else num_workers
+        check_counts(workers=self.num_workers)
         self._forks = sys.platform == "linux" and threading.active_count() == 1
         self._context = multiprocessing.get_context("fork" if self._forks else "spawn")
         self._stop = self._context.Event()

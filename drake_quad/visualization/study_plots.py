@@ -1,0 +1,177 @@
+"""What the samples of a study look like."""
+
+from collections.abc import Mapping
+from itertools import cycle
+
+import numpy as np
+from matplotlib.figure import Figure
+from matplotlib.patches import Patch
+from matplotlib.ticker import FuncFormatter, PercentFormatter
+
+from drake_quad.analysis.monte_carlo.statistics import (
+    crash_probability,
+    influences,
+    of_survivors,
+    quantile_interval,
+    running_mean,
+    with_crashes,
+)
+from drake_quad.analysis.monte_carlo.study import Study
+from drake_quad.laboratory.metrics import UNITS
+from drake_quad.scenario.description import unit_at
+from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, new_figure, styled
+
+_LINES = [(BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"), (ORANGE, "-"), (SKY, "--"), (BLACK, "-.")]
+_NAMES = {"rmse": "RMSE", "peak_error": "peak error", "saturation_share": "share of ticks with saturated rotors"}
+# So many of the fields that matter most.
+_MOST_FIELDS = 16
+
+
+def metric_label(name: str) -> str:
+    """A metric with its unit, as on an axis."""
+    if name == "crashed":
+        return "share of the samples that crashed"
+    words = name.split("_")
+    if words[-1] in ("x", "y", "z"):
+        base = {"rmse": "RMSE", "effort": "control effort", "variation": "total variation of the command"}[words[0]]
+        return f"{base} on {words[-1].upper()} ({UNITS[name]})"
+    return f"{_NAMES.get(name, name)} ({UNITS[name]})"
+
+
+def plot_distribution(studies: Mapping[str, Study], name: str = "rmse") -> Figure:
+    """The share of all samples with at most a metric's value, a line a controller; crashed ones have none.
+
+    The bands hold the whole true distribution with 95 % confidence, by the inequality of Dvoretzky, Kiefer, Wolfowitz
+    and Massart.
+
+    Args:
+        studies: by controller.
+        name: of the metric.
+    """
+    with styled():
+        figure = new_figure(7.0, 4.2)
+        axes = figure.subplots()
+        for (controller, study), (color, style) in zip(studies.items(), cycle(_LINES), strict=False):
+            values = np.sort(with_crashes(study.metrics, name))
+            n = len(values)
+            finite = values[np.isfinite(values)]
+            share = np.arange(1, len(finite) + 1) / n
+            reach = np.sqrt(np.log(2.0 / 0.05) / (2.0 * n))
+            label = controller
+            if study.metrics.crashed.any():
+                label += f" ({100.0 * crash_probability(study.metrics).value:.2g} % crashed)"
+            axes.step(finite, share, where="post", color=color, linestyle=style, label=label)
+            axes.fill_between(
+                finite,
+                np.maximum(share - reach, 0.0),
+                np.minimum(share + reach, 1.0),
+                step="post",
+                color=color,
+                alpha=0.15,
+                linewidth=0.0,
+            )
+        axes.set(xlabel=metric_label(name), ylabel="share of the samples", ylim=(0.0, 1.02))
+        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+        axes.set_title(f"{_count(studies)}; bands: 95 % confidence", loc="left")
+        axes.legend(loc="lower right")
+        return figure
+
+
+def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure:
+    """How mean and 95 % quantile of a metric settle as samples come in, in their order.
+
+    Args:
+        studies: by controller.
+        name: of the metric.
+    """
+    with styled():
+        figure = new_figure(9.0, 3.8)
+        left, right = figure.subplots(1, 2)
+        for (controller, study), (color, style) in zip(studies.items(), cycle(_LINES), strict=False):
+            values = of_survivors(study.metrics, name)
+            if len(values) < 2:
+                continue
+            # The intervals of the first few are so wide that nothing else could be seen.
+            first = min(10, len(values)) - 1
+            count, (mean, low, high) = np.arange(1, len(values) + 1)[first:], (x[first:] for x in running_mean(values))
+            left.plot(count, mean, color=color, linestyle=style, label=controller)
+            left.fill_between(count, low, high, color=color, alpha=0.15, linewidth=0.0)
+            every = with_crashes(study.metrics, name)
+            stops = np.unique(np.geomspace(min(20, len(every)), len(every), 60).astype(int))
+            quantiles = np.array([quantile_interval(every[:stop], 0.95) for stop in stops])
+            quantiles[~np.isfinite(quantiles)] = np.nan
+            right.plot(stops, quantiles[:, 0], color=color, linestyle=style, label=controller)
+            right.fill_between(stops, quantiles[:, 1], quantiles[:, 2], color=color, alpha=0.15, linewidth=0.0)
+        for axes, title in (
+            (left, "mean of flights that went to the end"),
+            (right, "95 % quantile of all samples"),
+        ):
+            axes.set(xscale="log", xlabel="samples", ylabel=metric_label(name))
+            axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
+            axes.set_title(title, loc="left")
+        if left.lines:
+            left.legend(loc="best")
+        return figure
+
+
+def plot_influences(study: Study, name: str = "rmse") -> Figure:
+    """A tornado: the mean of a metric where a drawn number is among the least tenth, and among the largest.
+
+    Args:
+        study: with distributions.
+        name: of the metric, or "crashed".
+    """
+    found = influences(study, name)
+    with styled():
+        figure = new_figure(8.6, 1.4 + 0.34 * max(min(len(found), _MOST_FIELDS), 1))
+        axes = figure.subplots()
+        mean = float(np.mean(study.metrics.crashed if name == "crashed" else of_survivors(study.metrics, name)))
+        for place, each in enumerate(found[:_MOST_FIELDS]):
+            for end, color, offset in ((each.low, SKY, -0.18), (each.high, ORANGE, 0.18)):
+                axes.barh(place + offset, end.value - mean, 0.36, left=mean, color=color)
+                axes.plot([end.low, end.high], [place + offset] * 2, color="0.25", linewidth=1.0)
+            rho = each.correlation
+            text = f"{rho.value:+.2f} [{rho.low:+.2f}, {rho.high:+.2f}]" if np.isfinite(rho.low) else "–"
+            axes.annotate(text, (1.01, place), xycoords=("axes fraction", "data"), va="center", fontsize=8.5)
+        labels = [_field_label(study, each.path) for each in found[:_MOST_FIELDS]]
+        axes.set_yticks(range(len(labels)), labels)
+        axes.set_ylim(max(len(labels), 1) - 0.5, -0.5)
+        axes.grid(visible=False, axis="y")
+        axes.set_xlabel(metric_label(name))
+        axes.axvline(mean, color="0.3", linewidth=1.0)
+        bars = [Patch(color=color) for color in (SKY, ORANGE)]
+        axes.legend(
+            bars,
+            ["least tenth of the number", "largest tenth"],
+            loc="lower left",
+            bbox_to_anchor=(0.0, 1.0),
+            ncols=2,
+            borderaxespad=0.2,
+        )
+        axes.annotate(
+            "rank correlation\nand its 95 % interval",
+            (1.01, 1.0),
+            xycoords="axes fraction",
+            xytext=(0, 4),
+            textcoords="offset points",
+            fontsize=8.5,
+        )
+        return figure
+
+
+def _field_label(study: Study, path: str) -> str:
+    unit = unit_at(study.scenario, path)
+    short = path.removeprefix("laboratory.").replace("motion_capture.", "cameras: ").replace("command_link.", "link: ")
+    for i, source in enumerate(study.scenario.laboratory.wind):
+        short = short.replace(f"wind[{i}].", f"{source.kind} [{i}]: ")
+    short = short.removeprefix("vehicle.").replace("_", " ")
+    return f"{short} ({unit})" if unit not in ("", "1") else short
+
+
+def _count(studies: Mapping[str, Study]) -> str:
+    counts = {len(study.samples) for study in studies.values()}
+    return (
+        f"{counts.pop():,} samples each"
+        if len(counts) == 1 and len(studies) > 1
+        else " and ".join(f"{count:,} samples" for count in sorted(counts))
+    )

@@ -1,0 +1,236 @@
+"""Flies thousands of samples of a scenario in fleets, on all cores or a cluster, and says how they went."""
+
+import argparse
+import math
+import time
+from collections.abc import Iterator, Mapping
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+from command_line import parser, print_columns, print_files, remark, run, scenario_of, study_progress
+
+from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.analysis.monte_carlo import Study, run_monte_carlo
+from drake_quad.analysis.monte_carlo.cluster import dask_executor
+from drake_quad.analysis.monte_carlo.statistics import (
+    Interval,
+    compare,
+    crash_probability,
+    mean_interval,
+    of_survivors,
+    quantile_interval,
+    with_crashes,
+    worst,
+)
+from drake_quad.analysis.monte_carlo.workers import Workers
+from drake_quad.files import output_folder, write_whole
+from drake_quad.laboratory.metrics import UNITS
+from drake_quad.scenario import distributions_in
+from drake_quad.visualization.study_plots import plot_convergence, plot_distribution, plot_influences
+
+# Of each, the name, the unit in which it is printed, its size in SI units and the digits.
+_SHOWN = [
+    ("rmse", "cm", 0.01, 2),
+    ("rmse_x", "cm", 0.01, 2),
+    ("rmse_y", "cm", 0.01, 2),
+    ("rmse_z", "cm", 0.01, 2),
+    ("peak_error", "cm", 0.01, 1),
+    ("effort_x", "m²/s⁴", 1.0, 4),
+    ("effort_y", "m²/s⁴", 1.0, 4),
+    ("saturation_share", "% of the ticks", 0.01, 2),
+]
+
+
+def main() -> None:
+    options = parser(
+        description=__doc__,
+        example="python scripts/monte_carlo.py diagrams/robustness.yaml --samples 200 --workers 2",
+        output="out/monte_carlo",
+        scenario="robustness.yaml",
+    )
+    options.add_argument("--samples", type=int, default=1000, help="how many flights (default: %(default)s)")
+    options.add_argument(
+        "--controller",
+        action="append",
+        default=[],
+        metavar="FILE:NAME",
+        help="laid over the scenario; several fly the same samples and are compared with the first",
+    )
+    options.add_argument("--workers", type=int, help="processes (default: as many as there are cores)")
+    options.add_argument("--batch", type=int, help="vehicles in a fleet (default: about a thousand)")
+    options.add_argument("--cluster", metavar="ADDRESS", help="of a Dask scheduler whose workers fly")
+    options.add_argument("--resume", action="store_true", help="go on with the study in the folder, if there is one")
+    options.add_argument(
+        "--metric",
+        choices=[name for name in UNITS if name != "crash_time"],
+        default="rmse",
+        help="that is drawn and compared (default: %(default)s)",
+    )
+    arguments = options.parse_args()
+    scenarios = scenarios_of(arguments)
+    folder = output_folder(arguments.output / next(iter(scenarios.values())).name)
+    folders = {name: folder / name if arguments.controller else folder for name in scenarios}
+    studies: dict[str, Study] = {}
+    began = time.perf_counter()
+    with executor_of(arguments) as (executor, num_workers):
+        for name, scenario in scenarios.items():
+            with study_progress(name) as progress:
+                studies[name] = run_monte_carlo(
+                    scenario,
+                    arguments.samples,
+                    folder=folders[name],
+                    resume=arguments.resume,
+                    num_workers=num_workers,
+                    batch_size=arguments.batch,
+                    executor=executor,
+                    progress=progress,
+                )
+    seconds = time.perf_counter() - began
+    files = [folders[name] / "results.csv" for name in studies]
+    files += save_plots(studies, folder, arguments.metric)
+    for name, study in studies.items():
+        print_study(name, study, folders[name])
+    if len(studies) > 1:
+        print_comparison(studies, arguments.metric)
+    print_files(files)
+    print_rate(studies, seconds)
+    if any(study.failures for study in studies.values()):
+        raise RuntimeError(failure(studies, folders))
+
+
+def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
+    """The scenario to fly, or one for each controller, by name."""
+    if not arguments.controller:
+        scenario = scenario_of(arguments)
+        found = {scenario.name: scenario}
+    else:
+        overrides = [*arguments.set, *([] if arguments.seed is None else [f"seed={arguments.seed}"])]
+        found = {}
+        for controller in arguments.controller:
+            name = Path(controller.rpartition(":")[2]).stem
+            if name in found:
+                raise InputError(f"--controller {controller}: {name} is to be flown already; give each its own name")
+            found[name] = load_scenario(arguments.scenario, overrides, layers=[controller])
+    for name, scenario in found.items():
+        if not distributions_in(scenario):
+            remark(f"{name} holds no distribution: its samples differ by wind and noise, if it has any, and else not")
+            break
+    return found
+
+
+@contextmanager
+def executor_of(arguments: argparse.Namespace) -> Iterator[tuple[Executor | Workers, int]]:
+    """What flies the batches, and how many at a time: processes of this machine, or a cluster."""
+    if arguments.cluster is not None:
+        with dask_executor(arguments.cluster) as (executor, threads):
+            yield executor, threads if arguments.workers is None else arguments.workers
+    else:
+        with Workers(arguments.workers) as workers:
+            yield workers, workers.num_workers
+
+
+def save_plots(studies: Mapping[str, Study], folder: Path, metric: str) -> list[Path]:
+    """Draws distribution and convergence of all studies, and what matters in each."""
+    figures = {"distribution": plot_distribution(studies, metric), "convergence": plot_convergence(studies, metric)}
+    for name, study in studies.items():
+        suffix = f"_{name}" if len(studies) > 1 else ""
+        if study.parameters and len(of_survivors(study.metrics, metric)):
+            figures[f"influences{suffix}"] = plot_influences(study, metric)
+        if study.parameters and study.metrics.crashed.any():
+            figures[f"crash_influences{suffix}"] = plot_influences(study, "crashed")
+    return [write_whole(folder / f"{name}.png", figure.savefig) for name, figure in figures.items()]
+
+
+def print_study(name: str, study: Study, folder: Path) -> None:
+    """Prints how the flights went, and the commands that fly the worst of them again."""
+    count, metrics = len(study.samples), study.metrics
+    crashes = crash_probability(metrics)
+    print(
+        f"{name}: {count:,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each;"
+        f" {int(metrics.crashed.sum()):,} crashed, {percent(crashes)}"
+    )
+    rows = []
+    for metric, unit, size, digits in _SHOWN:
+        values, everyone = of_survivors(metrics, metric), with_crashes(metrics, metric)
+        spread = np.std(values, ddof=1) / size if len(values) > 1 else math.nan
+        quantiles = (quantile_interval(everyone, share) for share in (0.05, 0.5, 0.95))
+        rows.append(
+            (
+                metric,
+                bounded(mean_interval(values), size, digits),
+                f"{spread:.{digits}f}" if math.isfinite(spread) else "–",
+                *(bounded(quantile, size, digits) for quantile in quantiles),
+                unit,
+            )
+        )
+    print_columns(("", "mean", "deviation", "5 % quantile", "median", "95 % quantile", ""), rows)
+    print("the worst:")
+    for sample in worst(study):
+        place = int(np.searchsorted(study.samples, sample))
+        crash_time = metrics.crash_time[place]
+        error = f"crashed at {crash_time:.2f} s" if crash_time < math.inf else f"{100.0 * metrics.rmse[place]:.1f} cm"
+        print(f"  {error:<18}  python scripts/simulate.py {folder / 'scenario.yaml'} --sample {sample}")
+
+
+def print_comparison(studies: Mapping[str, Study], metric: str) -> None:
+    """Prints each controller beside the first, on the samples that both flew to the end."""
+    (first, baseline), *others = studies.items()
+    rows = []
+    for name, study in others:
+        found = compare(study, baseline, metric)
+        rows.append(
+            (
+                name,
+                f"{found.difference.value:+.4g} [{found.difference.low:+.4g}, {found.difference.high:+.4g}]",
+                percent(found.share),
+                percent(found.better),
+                f"{found.num_pairs:,}",
+                f"{found.crashed:,} : {found.baseline_crashed:,}",
+                f"p = {found.crash_significance:.2g}",
+            )
+        )
+    print(f"beside {first}, sample by sample:")
+    print_columns(
+        ("", f"difference of {metric} ({UNITS[metric]})", "share", "better on", "pairs", "crashed alone", ""), rows
+    )
+
+
+def print_rate(studies: Mapping[str, Study], seconds: float) -> None:
+    """Prints how fast it went, the start of the workers included."""
+    flown = sum(study.flown_time for study in studies.values())
+    if flown > 0.0:
+        print(f"{flown / seconds:,.0f} vehicle-seconds per second")
+    else:
+        print("nothing was left to fly")
+
+
+def failure(studies: Mapping[str, Study], folders: Mapping[str, Path]) -> str:
+    """How many samples could not be flown, and why the first of them."""
+    failures = [(name, *each) for name, study in studies.items() for each in sorted(study.failures.items())]
+    name, sample, reason = failures[0]
+    return (
+        f"{len(failures):,} samples could not be flown (sample {sample} of {name}: {reason});"
+        f" all of them are in {folders[name] / 'failed.csv'}, and --resume tries them again"
+    )
+
+
+def bounded(estimate: Interval, size: float, digits: int) -> str:
+    """An estimate and its interval in a unit; a dash where there is none, and what is infinite as a crash."""
+
+    def number(value: float) -> str:
+        if math.isnan(value):
+            return "–"
+        return f"{value / size:.{digits}f}" if math.isfinite(value) else "crash" if value > 0.0 else "–"
+
+    return f"{number(estimate.value)} [{number(estimate.low)}, {number(estimate.high)}]"
+
+
+def percent(share: Interval) -> str:
+    """A share and its interval in per cent."""
+    return f"{100.0 * share.value:.3g} % [{100.0 * share.low:.3g}, {100.0 * share.high:.3g}]"
+
+
+if __name__ == "__main__":
+    run(main)
