@@ -5,6 +5,7 @@ from typing import Any
 
 from pydrake.systems.analysis import Simulator
 
+from drake_quad.errors import InputError
 from drake_quad.flight import fly, read_metrics
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.planning import flight_duration, plan_route
@@ -27,7 +28,7 @@ class StudyFleet:
         control: makes one for the whole cascade; likewise.
 
     Raises:
-        InputError: the route holds a distribution, or the rotors cannot fly it.
+        InputError: the route holds a distribution, or the rotors cannot fly it; or the vehicle has no time step.
     """
 
     def __init__(
@@ -39,17 +40,16 @@ class StudyFleet:
         position_controller: Callable[[int], Any] | None = None,
         control: Callable[[int], Any] | None = None,
     ) -> None:
+        if scenario.vehicle.time_step == 0.0:
+            # An integrator chooses its steps by all vehicles of a fleet.
+            raise InputError("vehicle.time_step is 0; samples fly alike in any fleet only with a time step")
         self._scenario, self.num_vehicles = scenario, num_vehicles
         self._plan = plan or plan_route(scenario)
         self.duration = flight_duration(scenario, self._plan)
-        diagram = build_tracking_diagram(
-            scenario,
-            num_vehicles,
-            samples=range(num_vehicles),
-            position_controller=None if position_controller is None else position_controller(num_vehicles),
-            control=None if control is None else control(num_vehicles),
-            plan=self._plan,
-        )
+        makers = {"position_controller": position_controller, "control": control}
+        own = {name: make(num_vehicles) for name, make in makers.items() if make is not None}
+        self._own = tuple(own)
+        diagram = build_tracking_diagram(scenario, num_vehicles, samples=range(num_vehicles), plan=self._plan, **own)
         self._simulator = Simulator(diagram)
 
     def fly(
@@ -75,7 +75,7 @@ class StudyFleet:
             raise ValueError(f"a fleet of {self.num_vehicles} cannot fly {len(samples)} samples at once")
         diagram, context = self._simulator.get_system(), self._simulator.get_mutable_context()
         flown = [*samples, *[samples[-1]] * missing]
-        put_samples(diagram, context, self._scenario, flown, self._plan)
+        put_samples(diagram, context, self._scenario, flown, self._plan, own=self._own)
         self._simulator.Initialize()
         fly(self._simulator, self.duration if duration is None else duration, progress=progress)
         return Metrics(*(values[: len(samples)] for values in read_metrics(diagram, context)))

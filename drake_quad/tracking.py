@@ -16,7 +16,7 @@ from drake_quad.laboratory.recorder import build_recorder
 from drake_quad.laboratory.tape import Samples, TapePlayer
 from drake_quad.parts.control import build_control, control_parts
 from drake_quad.parts.laboratory import build_laboratory_of, laboratory_parts, monitor_part
-from drake_quad.parts.part import Part, has_subsystem, subsystem
+from drake_quad.parts.part import Part, subsystem
 from drake_quad.planning import flight_duration, plan_route, refuse_distributions
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
@@ -110,7 +110,15 @@ def build_tracking_diagram(
     return diagram
 
 
-def put_samples(diagram: Diagram, context: Any, scenario: Scenario, samples: Sequence[int], plan: Plan) -> None:
+def put_samples(
+    diagram: Diagram,
+    context: Any,
+    scenario: Scenario,
+    samples: Sequence[int],
+    plan: Plan,
+    *,
+    own: Sequence[str] = (),
+) -> None:
     """Makes a context what it would be by default, had its diagram been built for other samples, as many.
 
     Args:
@@ -119,6 +127,8 @@ def put_samples(diagram: Diagram, context: Any, scenario: Scenario, samples: Seq
         scenario: with or without distributions.
         samples: N numbers of samples of the scenario's study.
         plan: that is flown.
+        own: which of "position_controller" and "control" were given to `build_tracking_diagram`: no numbers of the
+            scenario's are in them.
 
     Raises:
         InputError: as `build_tracking_diagram`.
@@ -130,10 +140,10 @@ def put_samples(diagram: Diagram, context: Any, scenario: Scenario, samples: Seq
     laboratory, control = diagram.GetSubsystemByName("laboratory"), diagram.GetSubsystemByName("control")
     for path, part in _laboratory_parts(scenario, drawn, plan, num_vehicles).items():
         _put(part, subsystem(laboratory, path), context)
-    for path, part in control_parts(drawn, plan, num_vehicles).items():
-        # A controller of the user's own has no numbers of the scenario's.
-        if has_subsystem(control, path, part.system):
-            _put(part, subsystem(control, path), context)
+    if "control" not in own:
+        for path, part in control_parts(drawn, plan, num_vehicles).items():
+            if "position_controller" not in own or not path.startswith("position."):
+                _put(part, subsystem(control, path), context)
     for system in laboratory.GetSystems():
         if isinstance(system, TapePlayer):
             system.put_samples(system.GetMyMutableContextFromRoot(context), Samples(drawn.seed, samples))

@@ -33,16 +33,6 @@ class Part(NamedTuple):
             put_defaults(system, context, **options)
 
 
-def has_subsystem(diagram: Diagram, path: str, system: Any) -> bool:
-    """Whether a diagram has a subsystem of a class at a path."""
-    found: Any = diagram
-    for name in path.split("."):
-        if not (isinstance(found, Diagram) and found.HasSubsystemNamed(name)):
-            return False
-        found = found.GetSubsystemByName(name)
-    return isinstance(found, system)
-
-
 def subsystem(diagram: Diagram, path: str) -> Any:
     """The subsystem at a path, such as `laboratory.vehicle`."""
     system: Any = diagram

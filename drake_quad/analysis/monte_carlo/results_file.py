@@ -116,9 +116,9 @@ def _header(columns: Sequence[str]) -> bytes:
 
 
 def _text(rows: np.ndarray) -> bytes:
-    pattern = ",".join([_NUMBER] * rows.shape[1])
-    lines = [(pattern % tuple(row)).replace("nan", "").replace("inf", "") for row in rows.tolist()]
-    return ("\n".join(lines) + "\n").encode()
+    pattern = ",".join([_NUMBER] * rows.shape[1]) + "\n"
+    text = "".join([pattern % tuple(row) for row in rows.tolist()])
+    return text.replace("nan", "").replace("inf", "").encode()
 
 
 def _length(file: BinaryIO) -> int:

@@ -145,9 +145,13 @@ def influences(study: Study, name: str = "rmse") -> list[Influence]:
         drawn = numbers[kept]
         if len(drawn):
             low, high = np.quantile(drawn, (0.1, 0.9))
-            ends = mean_interval(values[drawn <= low]), mean_interval(values[drawn >= high])
+            ends = (_level(values[tenth], name) for tenth in (drawn <= low, drawn >= high))
             found.append(Influence(path, rank_correlation(drawn, values), *ends))
     return sorted(found, key=lambda each: -abs(np.nan_to_num(each.correlation.value)))
+
+
+def _level(values: np.ndarray, name: str) -> Interval:
+    return share_interval(int(values.sum()), len(values)) if name == "crashed" else mean_interval(values)
 
 
 class Comparison(NamedTuple):

@@ -1,0 +1,273 @@
+"""A study is the same however it is flown, and survives whatever happens to it."""
+
+import multiprocessing
+import os
+import random
+import signal
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.analysis.monte_carlo import StudyInterrupted, read_study, run_monte_carlo
+from drake_quad.analysis.monte_carlo import run as run_module
+from drake_quad.analysis.monte_carlo.worker import fly_batch
+from drake_quad.analysis.monte_carlo.workers import Workers
+
+N = 24
+OVERRIDES = ["duration=0.4", "crash.position_error=0.018"]
+
+
+def study(*overrides):
+    return load_scenario("diagrams/robustness.yaml", [*OVERRIDES, *overrides])
+
+
+def run(folder=None, num_samples=N, **options):
+    return run_monte_carlo(study(), num_samples, 5, **{"folder": folder, "num_workers": 2, "batch_size": 5, **options})
+
+
+def assert_same(found, expected):
+    np.testing.assert_array_equal(found.samples, expected.samples)
+    for name, values in expected.parameters.items():
+        np.testing.assert_allclose(found.parameters[name], values, rtol=1e-9)
+    for ours, others in zip(found.metrics, expected.metrics, strict=True):
+        np.testing.assert_allclose(ours, others, rtol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    found = run(folder)
+    return folder, found
+
+
+def test_some_samples_crash_and_others_do_not(whole):
+    assert 3 < whole[1].metrics.crashed.sum() < N - 3
+
+
+@pytest.mark.parametrize("options", [{"batch_size": 1}, {"batch_size": 7, "num_workers": 1}, {"batch_size": None}])
+def test_batches_and_workers_do_not_matter(whole, options, tmp_path):
+    assert_same(run(tmp_path, **options), whole[1])
+    assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
+
+
+def test_nor_does_the_executor(whole):
+    with ThreadPoolExecutor(2) as executor:
+        assert_same(run(executor=executor), whole[1])
+    with Workers(2) as workers:
+        for _ in range(2):
+            assert_same(run(executor=workers), whole[1])
+
+
+def test_a_sample_flown_alone_has_the_metrics_of_its_row(whole):
+    """To 1e-9, and the first to crash."""
+    for sample in {0, int(np.argmin(whole[1].metrics.crash_time))}:
+        alone = simulate(study(), seed=5, sample=sample)
+        row = [values[sample] for values in whole[1].metrics]
+        np.testing.assert_allclose(alone.metrics, row, rtol=1e-9)
+        assert alone.scenario.vehicle.mass == pytest.approx(whole[1].parameters["vehicle.mass"][sample], rel=1e-12)
+
+
+def test_what_is_read_is_what_was_flown(whole):
+    assert_same(read_study(whole[0]), whole[1])
+    assert read_study(whole[0]).scenario == study("seed=5")
+    assert whole[1].flown_time == pytest.approx(whole[1].flight_time.sum())
+
+
+def test_more_samples_can_be_flown_later(whole, tmp_path):
+    seen = []
+    run(tmp_path, num_samples=9)
+    found = run(tmp_path, resume=True, progress=lambda done, total: seen.append((done, total)))
+    assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
+    assert seen[0] == (9, N)
+    assert seen[-1] == (N, N)
+    assert found.flown_time == pytest.approx(whole[1].flight_time[9:].sum())
+    assert run(tmp_path, resume=True).flown_time == 0.0
+
+
+def children(pid):
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def runs(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc")
+def test_kill_at_ten_random_moments_and_resume(whole, tmp_path):
+    """Nothing is flown twice, no worker is left behind, and the file is the one of an undisturbed study."""
+    rng, context = random.Random(1), multiprocessing.get_context("fork")
+    path, flown = tmp_path / "results.csv", set()
+    for _ in range(10):
+        process = context.Process(target=run, args=(tmp_path,), kwargs={"resume": True, "batch_size": 2})
+        process.start()
+        time.sleep(rng.uniform(0.0, 0.6))
+        workers = children(process.pid)
+        os.kill(process.pid, signal.SIGKILL)
+        process.join()
+        before, flown = flown, {int(line.split(",")[0]) for line in _whole_lines(path)}
+        assert flown >= before
+        deadline = time.monotonic() + 10.0
+        while any(map(runs, workers)) and time.monotonic() < deadline:
+            time.sleep(0.02)
+        assert not any(map(runs, workers))
+    assert flown
+    run(tmp_path, resume=True)
+    for name in ("results.csv", "scenario.yaml", "study.yaml"):
+        assert (tmp_path / name).read_bytes() == (whole[0] / name).read_bytes()
+
+
+def _whole_lines(path):
+    return path.read_text().split("\n")[1:-1] if path.exists() else []
+
+
+def test_ctrl_c_keeps_what_is_done(whole, tmp_path):
+    def interrupt(done, total):
+        if 0 < done < total:
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(StudyInterrupted, match=r"interrupted: \d+ of 24 samples are in .*results.csv"):
+        run(tmp_path, progress=interrupt)
+    assert 0 < len(read_study(tmp_path).samples) < N
+    run(tmp_path, resume=True)
+    assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
+
+
+class Failing:
+    """Flies batches, but for those with a sample, which it fails for some times."""
+
+    def __init__(self, folder, how, times):
+        self.folder, self.how, self.times = folder, how, times
+
+    def __call__(self, job, samples):
+        if 7 in samples:
+            attempt = len(list(self.folder.iterdir()))
+            (self.folder / str(attempt)).touch()
+            if attempt < self.times:
+                if self.how == "dies":
+                    os.kill(os.getpid(), signal.SIGKILL)
+                raise ArithmeticError("sample 7 is cursed")
+        return fly_batch(job, samples)
+
+
+@pytest.mark.parametrize("how", ["raises", "dies"])
+def test_a_batch_that_fails_once_is_flown_again(whole, how, tmp_path, monkeypatch):
+    monkeypatch.setattr(run_module, "fly_batch", Failing(tmp_path, how, 1))
+    found = run()
+    assert_same(found, whole[1])
+    assert not found.failures
+
+
+@pytest.mark.parametrize(("how", "reason"), [("raises", "ArithmeticError: sample 7"), ("dies", "BrokenProcessPool")])
+def test_a_batch_that_fails_again_is_reported_and_the_study_goes_on(whole, how, reason, tmp_path, monkeypatch):
+    """Only its own samples, also when it takes down what other workers fly; a later run mends it."""
+    attempts, folder = tmp_path / "attempts", tmp_path / "study"
+    attempts.mkdir()
+    with monkeypatch.context() as patch:
+        patch.setattr(run_module, "fly_batch", Failing(attempts, how, 99))
+        found = run(folder)
+    assert len(list(attempts.iterdir())) == 2
+    assert sorted(found.failures) == [5, 6, 7, 8, 9]
+    assert all(reason in each for each in found.failures.values())
+    np.testing.assert_array_equal(found.samples, [*range(5), *range(10, N)])
+    assert len((folder / "failed.csv").read_text().splitlines()) == 6
+    run(folder, resume=True)
+    assert (folder / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
+    assert not (folder / "failed.csv").exists()
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"num_samples": 0}, "samples is 0"),
+        ({"num_samples": -3}, "samples is -3"),
+        ({"num_workers": 0}, "workers is 0"),
+        ({"batch_size": 0}, "batch is 0"),
+    ],
+)
+def test_numbers_that_are_none_are_refused(options, words, tmp_path):
+    with pytest.raises(InputError, match=words):
+        run(tmp_path / "study", **options)
+    assert not (tmp_path / "study").exists()
+
+
+def test_a_study_is_not_overwritten(whole):
+    before = (whole[0] / "results.csv").read_bytes()
+    with pytest.raises(InputError, match="holds a study already"):
+        run(whole[0])
+    assert (whole[0] / "results.csv").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("overrides", "seed", "words"),
+    [
+        (["vehicle.mass.normal.mean=0.7"], 5, r"its vehicle.mass.normal.mean is 0.68, not 0.7"),
+        (["duration=0.5"], 5, r"its duration is 0.4, not 0.5"),
+        ([], 6, "its seed is 5, not 6"),
+    ],
+)
+def test_another_study_is_not_gone_on_with(whole, overrides, seed, words):
+    before = {path: path.read_bytes() for path in whole[0].iterdir()}
+    with pytest.raises(InputError, match=words):
+        run_monte_carlo(study(*overrides), N, seed, folder=whole[0], resume=True)
+    assert {path: path.read_bytes() for path in whole[0].iterdir()} == before
+
+
+def test_fewer_samples_than_there_are_are_refused(whole):
+    with pytest.raises(InputError, match="holds sample 23 already"):
+        run(whole[0], num_samples=10, resume=True)
+
+
+def test_a_table_that_is_no_study_is_not_gone_on_with(tmp_path):
+    (tmp_path / "results.csv").write_text("time,x\n0,1\n")
+    with pytest.raises(InputError, match=r"study.yaml"):
+        run(tmp_path, resume=True)
+    with pytest.raises(InputError, match=r"study.yaml"):
+        read_study(tmp_path)
+    assert (tmp_path / "results.csv").read_text() == "time,x\n0,1\n"
+
+
+def test_rows_that_cannot_be_written_end_the_study_and_leave_the_others(whole, tmp_path, monkeypatch):
+    """What a full disk does in the middle of a study."""
+    from drake_quad.analysis.monte_carlo.results_file import ResultsFile
+
+    append, count = ResultsFile.append, iter(range(N))
+
+    def failing(self, rows):
+        if next(count) == 2:
+            raise OSError(28, "No space left on device")
+        append(self, rows)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ResultsFile, "append", failing)
+        with pytest.raises(OSError, match=r"No space left on device; 10 of 24 samples are in"):
+            run(tmp_path)
+    run(tmp_path, resume=True)
+    assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
+
+
+def test_workers_begin_anew_where_a_fork_would_not_be_safe():
+    """While there is another thread, which a forked process would find half-way through something."""
+    done = threading.Event()
+    thread = threading.Thread(target=done.wait)
+    thread.start()
+    try:
+        assert not Workers(1).inherit
+    finally:
+        done.set()
+        thread.join()
+    assert Workers(1).inherit
+
+
+def test_a_scenario_without_distributions_flies_too(tmp_path):
+    found = run_monte_carlo(load_scenario("diagrams/laboratory.yaml:nominal", ["duration=0.3"]), 6, folder=tmp_path)
+    assert not found.parameters
+    assert len(np.unique(found.metrics.rmse)) == 6
+    assert (tmp_path / "results.csv").read_text().startswith("sample,rmse,")
