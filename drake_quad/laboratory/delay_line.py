@@ -5,6 +5,7 @@ from typing import Any
 
 import numpy as np
 
+from drake_quad.compiled import compiled
 from drake_quad.elementary import Row, plain, where
 from drake_quad.fleet import FleetSystem
 
@@ -65,18 +66,25 @@ class DelayLine:
             return
         vector, system = discrete_state.get_mutable_vector, self._system
         delay = plain(system.parameter_rows(context, self._delay)[0])
-        shortest, longest = (
-            (int(delay), int(delay)) if delay.__class__ is float else (int(delay.min()), int(delay.max()))
-        )
-
-        def aged(ticks: int) -> Any:
-            """What was sampled so many ticks ago."""
-            return context.get_discrete_state(self._under_way[ticks - 1]) if ticks else vector(self._under_way[0])
-
-        if shortest == longest:
-            system.copy(vector(self.out), aged(shortest))
+        if delay.__class__ is float:
+            source = (
+                context.get_discrete_state(self._under_way[int(delay) - 1]) if delay else vector(self._under_way[0])
+            )
+            system.copy(vector(self.out), source)
             return
-        rows = system.rows(aged(shortest))
-        for ticks in range(shortest + 1, longest + 1):
-            rows = where(delay == ticks, system.rows(aged(ticks)), rows)
-        system.write(vector(self.out), rows)
+        out = system.values_to_change(vector(self.out))
+        put_aged(out, delay, system.values(vector(self._under_way[0])), 0)
+        for ticks in range(1, len(self._under_way) + 1):
+            put_aged(out, delay, system.values(context.get_discrete_state(self._under_way[ticks - 1])), ticks)
+        if system.scalar is not float:
+            vector(self.out).SetFromVector(out)
+
+
+@compiled
+def put_aged(out: np.ndarray, delay: np.ndarray, aged: np.ndarray, ticks: int) -> None:
+    """Lets out what was sampled so many ticks ago, rows of N, for vehicles with that delay (N,)."""
+    n = len(delay)
+    for first in range(0, len(out), n):
+        row, source = out[first : first + n], aged[first : first + n]
+        for i in range(n):
+            row[i] = where(delay[i] == ticks, source[i], row[i])
