@@ -33,6 +33,10 @@ figures: $(VENV)/.installed
 	cp out/stability/nominal/position_map.png docs/stability.png
 	$(VENV)/bin/python scripts/compare_controllers.py
 	cp out/comparison/comparison.png docs/comparison.png
+	rm -rf out/monte_carlo/robustness
+	$(VENV)/bin/python scripts/monte_carlo.py $(foreach name,pd pd_t1fnn pd_t2fnn pd_feed_forward, \
+		--controller diagrams/controllers/paper.yaml:$(name))
+	cp out/monte_carlo/robustness/distribution.png docs/robustness.png
 
 $(VENV)/bin/python:
 	@test -n "$(PYTHON)" || { echo "no Python from 3.11 on was found on PATH or under pyenv"; exit 2; }

@@ -1,4 +1,4 @@
-"""Measures the speed of one flight, of fleets and of planning, as a table in Markdown."""
+"""Measures the speed of one flight, of fleets, of studies and of planning, as a table in Markdown."""
 
 import argparse
 import gc
@@ -6,11 +6,12 @@ import itertools
 import os
 import platform
 import statistics
+import tempfile
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from importlib.metadata import version
 from pathlib import Path
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from command_line import run
@@ -19,6 +20,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
 from drake_quad import Scenario, build_tracking_diagram, load_scenario
+from drake_quad.analysis.monte_carlo import run_monte_carlo
 from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
 from drake_quad.flight import fly
 from drake_quad.planning import flight_duration, plan_route
@@ -52,17 +54,28 @@ def main() -> None:
     parser.add_argument("--quick", action="store_true", help="fewer repetitions and sizes")
     quick = parser.parse_args().quick
     repetitions = 5 if quick else 15
+    print(f"{machine()}; medians (and best) of {repetitions} runs on one core, of studies {repetitions // 3}.\n")
+    print_flights(repetitions, (1, 64, 1024) if quick else (1, 64, 256, 1024, 2048, 3072, 4096))
+    print_ticks(repetitions)
+    print_studies(repetitions // 3, 3_000 if quick else 10_000)
+    print_planning(repetitions)
+
+
+def print_flights(repetitions: int, sizes: Sequence[int]) -> None:
+    """Prints how fast fleets of some sizes fly."""
     ideal = load_scenario(_DIAGRAMS / "figure_eight.yaml")
     real = load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", _EVERYTHING)
     learning = load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", _EVERYTHING, layers=[_NETWORK])
-
-    print(f"{machine()}; one core, medians (and best) of {repetitions} runs.\n")
     print("| | ideal laboratory | with every imperfection, noise and wind | and type-2 networks on X and Y |")
     print("|---|---|---|---|")
-    for size in (1, 64, 1024) if quick else (1, 64, 256, 1024, 2048, 3072, 4096):
+    for size in sizes:
         name = f"fleet of {size:,}, vehicle-seconds per second" if size > 1 else "one recorded flight, × real time"
         costs = interleaved([Stepper(scenario, size) for scenario in (ideal, real, learning)], repetitions)
         print(f"| {name} | {' | '.join(spread(cost, size) for cost in costs)} |")
+
+
+def print_ticks(repetitions: int) -> None:
+    """Prints what a tick of a network takes."""
     print("\n| a tick of a type-2 network on three axes, with its learning | |")
     print("|---|---|")
     for size in (1, 1024, 3072):
@@ -70,6 +83,54 @@ def main() -> None:
         times = [1e6 * tick() / size for _ in range(3 * repetitions)]
         name = f"in a fleet of {size:,}, per vehicle" if size > 1 else "of one vehicle"
         print(f"| {name} | {statistics.median(times):.3g} ({min(times):.3g}) µs |")
+
+
+def print_studies(repetitions: int, largest: int) -> None:
+    """Prints how fast Monte Carlo studies are, and two workers beside one."""
+    scenario, workers = load_scenario(_DIAGRAMS / "robustness.yaml"), (1, 2)
+    sizes = (1_000, 2_000, largest)
+    rounds = [{(size, n): study(scenario, size, n) for size in sizes for n in workers} for _ in range(repetitions)]
+    print("\n| Monte Carlo study of `robustness.yaml`, vehicle-seconds per second | one worker | two workers |")
+    print("|---|---|---|")
+    for size in (1_000, largest):
+        cells = [spread([times[size, n].cost for times in rounds], 1) for n in workers]
+        print(f"| {size:,} flights, from the start of the workers to the result | {' | '.join(cells)} |")
+    # What the start takes drops out of the difference.
+    further = [spread([times[largest, n].beyond(times[2_000, n]) for times in rounds], 1) for n in workers]
+    print(f"| from 2,000 to {largest:,} flights | {' | '.join(further)} |")
+
+
+class StudyTime(NamedTuple):
+    """What a study took.
+
+    Attributes:
+        seconds: from the call to the result.
+        flown: seconds of flight of all vehicles.
+    """
+
+    seconds: float
+    flown: float
+
+    @property
+    def cost(self) -> float:
+        """Seconds for a second of flight."""
+        return self.seconds / self.flown
+
+    def beyond(self, shorter: "StudyTime") -> float:
+        """The same for what it flew beyond a shorter study."""
+        return (self.seconds - shorter.seconds) / (self.flown - shorter.flown)
+
+
+def study(scenario: Scenario, num_samples: int, num_workers: int) -> StudyTime:
+    """Flies a study and writes it to a folder."""
+    with tempfile.TemporaryDirectory() as folder:
+        began = time.perf_counter()
+        flown = run_monte_carlo(scenario, num_samples, folder=folder, num_workers=num_workers).flown_time
+        return StudyTime(time.perf_counter() - began, flown)
+
+
+def print_planning(repetitions: int) -> None:
+    """Prints what plans take."""
     print("\n| planning | |")
     print("|---|---|")
     for count in (10, 50, 200):

@@ -13,6 +13,9 @@ from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.compiled import telling_of_compilation
 from drake_quad.scenario import Journey, load_journey
 
+# The thread that watches bars would be in the way of worker processes, which are forked from a process with one thread.
+tqdm.monitor_interval = 0
+
 
 def parser(description: str, example: str, *, output: str | None, scenario: str) -> argparse.ArgumentParser:
     """Returns a parser with the arguments that every script has.
@@ -70,8 +73,6 @@ def flight_progress() -> Iterator[Callable[[float, float], None]]:
 @contextmanager
 def study_progress(name: str) -> Iterator[Callable[[int, int], None]]:
     """Gives a function of the number of samples that are done, and of all, that keeps a bar on a terminal."""
-    # Its thread would be in the way of processes that are forked later.
-    tqdm.monitor_interval = 0
     with tqdm(desc=name, unit=" flights", leave=False, disable=None, mininterval=0.2) as bar:
 
         def show(done: int, total: int) -> None:

@@ -25,7 +25,7 @@ from drake_quad.analysis.monte_carlo.statistics import (
     worst,
 )
 from drake_quad.analysis.monte_carlo.workers import Workers
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import write_whole
 from drake_quad.laboratory.metrics import UNITS
 from drake_quad.scenario import distributions_in
 from drake_quad.visualization.study_plots import plot_convergence, plot_distribution, plot_influences
@@ -70,7 +70,7 @@ def main() -> None:
     )
     arguments = options.parse_args()
     scenarios = scenarios_of(arguments)
-    folder = output_folder(arguments.output / next(iter(scenarios.values())).name)
+    folder = arguments.output / next(iter(scenarios.values())).name
     folders = {name: folder / name if arguments.controller else folder for name in scenarios}
     studies: dict[str, Study] = {}
     began = time.perf_counter()

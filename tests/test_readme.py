@@ -17,7 +17,7 @@ def blocks(language):
 def test_every_block_of_python_runs(block, tmp_path, monkeypatch, capsys):
     (tmp_path / "diagrams").symlink_to(ROOT / "diagrams")
     monkeypatch.chdir(tmp_path)
-    exec(compile(block, "README.md", "exec"), {"__name__": "readme"})
+    exec(compile(block, "README.md", "exec"), {"__name__": "__main__"})
     assert " cm" in capsys.readouterr().out
 
 

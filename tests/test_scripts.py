@@ -1,5 +1,6 @@
 """Every script as a person runs it."""
 
+import csv
 import re
 import runpy
 import subprocess
@@ -272,3 +273,80 @@ def test_analyses_refuse_wrong_input_in_one_sentence(run, tmp_path, script, argu
     assert len(result.stderr.splitlines()) == 1
     assert result.stdout == ""
     assert not list(tmp_path.rglob("*.*"))
+
+
+def monte_carlo(run, folder, *arguments):
+    short = ("--set", "duration=0.4", "--samples", 6, "--workers", 1, "--output", folder)
+    return run("monte_carlo.py", "diagrams/robustness.yaml", *short, *arguments)
+
+
+def test_monte_carlo_prints_what_the_samples_did(run, tmp_path):
+    result = monte_carlo(run, tmp_path, "--seed", 3)
+    assert (result.returncode, result.stderr) == (0, "")
+    lines = result.stdout.splitlines()
+    assert lines[0].startswith("robustness: 6 samples of seed 3, 0.40 s each; 0 crashed, 0 % [0, 45.9]")
+    assert re.fullmatch(r"[\d,]+ vehicle-seconds per second", lines[-1])
+    files = {path.name for path in (tmp_path / "robustness").iterdir()}
+    assert {"results.csv", "scenario.yaml", "study.yaml", "distribution.png", "influences.png"} <= files
+    again = monte_carlo(run, tmp_path, "--seed", 3, "--resume")
+    assert again.stdout.splitlines()[-1] == "nothing was left to fly"
+
+
+def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
+    """With the metrics of its row, to 1e-9."""
+    result = monte_carlo(run, tmp_path, "--seed", 3)
+    command = re.search(r"python scripts/(\S+) (\S+) --sample (\d+)", result.stdout)
+    assert run(command[1], command[2], "--sample", command[3], "--output", tmp_path).returncode == 0
+    with (tmp_path / "robustness" / "results.csv").open() as file:
+        row = next(row for row in csv.DictReader(file) if row["sample"] == command[3])
+    with (tmp_path / "robustness" / "metrics.csv").open() as file:
+        (metrics,) = csv.DictReader(file)
+    assert len(metrics) == 13
+    for name, value in metrics.items():
+        assert row[name] == value or float(row[name]) == pytest.approx(float(value), rel=1e-9)
+
+
+def test_monte_carlo_compares_controllers_on_the_same_samples(run, tmp_path):
+    chosen = [word for name in ("pd", "pid") for word in ("--controller", f"diagrams/controllers/paper.yaml:{name}")]
+    result = monte_carlo(run, tmp_path, *chosen)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "beside pd, sample by sample:" in result.stdout
+    for name in ("pd", "pid"):
+        assert load_scenario(tmp_path / "robustness" / name / "scenario.yaml").control.position.kind == name
+        assert (tmp_path / "robustness" / f"influences_{name}.png").exists()
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["--samples", 0], "samples is 0"),
+        (["--workers", -2], "workers is -2"),
+        (["--batch", 0], "batch is 0"),
+        (["--seed", -1], "seed"),
+        (["--cluster", "nowhere"], "no Dask scheduler can be reached at nowhere"),
+        (["--output", "/proc/nowhere"], "cannot be written"),
+        (["--set", "route.radius={uniform: {min: 1.2, max: 1.4}}"], "route.radius is a distribution"),
+    ],
+)
+def test_monte_carlo_refuses_what_it_cannot_fly(run, tmp_path, arguments, words):
+    result = monte_carlo(run, tmp_path / "study", *arguments)
+    assert result.returncode == 2
+    assert words in result.stderr
+    assert not (tmp_path / "study").exists()
+
+
+def test_monte_carlo_remarks_on_a_scenario_without_distributions(run, tmp_path):
+    options = ("--set", "duration=0.2", "--samples", 3, "--workers", 1, "--output", tmp_path)
+    result = run("monte_carlo.py", "diagrams/figure_eight.yaml", *options)
+    assert result.returncode == 0
+    assert result.stderr.startswith("remark: figure_eight holds no distribution")
+
+
+def test_a_study_that_is_there_is_neither_overwritten_nor_mixed_with_another(run, tmp_path):
+    assert monte_carlo(run, tmp_path).returncode == 0
+    before = (tmp_path / "robustness" / "results.csv").read_bytes()
+    for arguments, words in (([], "holds a study already"), (["--resume", "--seed", 9], "its seed is 0, not 9")):
+        result = monte_carlo(run, tmp_path, *arguments)
+        assert result.returncode == 2
+        assert words in result.stderr
+    assert (tmp_path / "robustness" / "results.csv").read_bytes() == before
