@@ -5,6 +5,7 @@ So a study builds one and writes the numbers of batch after batch into its conte
 follow from a system's numbers is in its `declare`, and nowhere else: it is run again, and what it declares is kept.
 """
 
+import functools
 from collections.abc import Callable, Iterable
 from typing import Any
 
@@ -81,5 +82,6 @@ class _Kept:
         raise AttributeError(name)
 
 
+@functools.cache
 def _kept_declaration(declared_by: type[FleetSystem]) -> Any:
     return type(declared_by.__name__, (_Kept, declared_by), {})

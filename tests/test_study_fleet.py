@@ -1,5 +1,8 @@
 """Samples put into a fleet that is there fly as in one that is built for them."""
 
+import resource
+from pathlib import Path
+
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
@@ -128,3 +131,18 @@ def test_too_many_samples_or_none_are_refused():
 def test_what_would_make_samples_depend_on_each_other_is_refused(override):
     with pytest.raises(InputError, match=override.partition("=")[0]):
         StudyFleet(scenario(override), 2)
+
+
+@pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs Linux's /proc")
+def test_batch_after_batch_takes_no_more_memory():
+    """A diagram that was built for each, or a context, would be megabytes a time."""
+
+    def resident():
+        return int(Path("/proc/self/statm").read_text().split()[1]) * resource.getpagesize()
+
+    fleet = StudyFleet(scenario(), 512)
+    for batch in range(40):
+        if batch == 10:
+            before = resident()
+        fleet.fly(range(512 * batch, 512 * (batch + 1)), duration=0.02)
+    assert resident() - before < 5e6
