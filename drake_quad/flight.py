@@ -78,8 +78,8 @@ class Flight:
                 target / "flight.csv",
                 lambda path: np.savetxt(path, table, fmt="%.9g", delimiter=",", header=header, comments=""),
             ),
-            write_whole(target / "metrics.csv", save_metrics),
             write_whole(target / "scenario.yaml", lambda path: save_scenario(self.scenario, path)),
+            write_whole(target / "metrics.csv", save_metrics),
         ]
 
 

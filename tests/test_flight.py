@@ -19,7 +19,7 @@ def flight():
 
 
 def test_saved_files_hold_the_flight(flight, tmp_path):
-    arrays, table, scenario = flight.save(tmp_path / "deep" / "folder")
+    arrays, table, scenario, metrics = flight.save(tmp_path / "deep" / "folder")
     with np.load(arrays) as loaded:
         np.testing.assert_array_equal(loaded["time"], flight.time)
         for name, values in flight.signals.items():
@@ -29,7 +29,12 @@ def test_saved_files_hold_the_flight(flight, tmp_path):
     assert len(rows) == len(flight.time) == 151
     np.testing.assert_allclose([float(row["state.z (m)"]) for row in rows], flight["state"][:, 2], rtol=1e-8)
     assert load_scenario(scenario) == flight.scenario
-    assert sorted(path.name for path in arrays.parent.iterdir()) == ["flight.csv", "flight.npz", "scenario.yaml"]
+    with metrics.open(encoding="utf-8") as file:
+        (row,) = csv.DictReader(file)
+    assert row.pop("crash_time") == ""
+    np.testing.assert_allclose([float(value) for value in row.values()], flight.metrics[:-1], rtol=1e-11)
+    names = ["flight.csv", "flight.npz", "metrics.csv", "scenario.yaml"]
+    assert sorted(path.name for path in arrays.parent.iterdir()) == names
 
 
 def test_a_saved_scenario_flies_the_same_again(flight, tmp_path):

@@ -7,7 +7,7 @@ from contextlib import contextmanager
 from drake_quad.errors import InputError
 
 # Longer than any handshake on a network that works, s.
-_PATIENCE = 10.0
+_PATIENCE = 5.0
 
 
 @contextmanager

@@ -1,20 +1,23 @@
-"""The same rows from a Dask cluster: a scheduler and two workers, as the README starts them."""
+"""The same rows from a Dask cluster: a scheduler and two workers, as the README starts them.
+
+Everything of Dask's runs in other processes: its threads stay, and those of this one are forked elsewhere.
+"""
 
 import json
+import signal
 import socket
 import subprocess
 import sys
 import time
+from pathlib import Path
 
-import numpy as np
 import pytest
 
-from drake_quad import InputError, load_scenario
-from drake_quad.analysis.monte_carlo import run_monte_carlo
-from drake_quad.analysis.monte_carlo.cluster import dask_executor
+from drake_quad import load_scenario, read_study, run_monte_carlo
 
 pytest.importorskip("distributed", reason="needs dask[distributed], the extra `cluster`")
-pytestmark = pytest.mark.filterwarnings("default")  # Dask's own are not ours to mend
+ROOT = Path(__file__).parents[3]
+OVERRIDES = ["duration=0.3"]
 
 
 def start(program, *options):
@@ -39,27 +42,41 @@ def cluster(tmp_path):
             process.wait()
 
 
-def test_a_cluster_flies_the_same_study(cluster):
-    from distributed import Client
-
-    with Client(cluster) as client:
-        client.wait_for_workers(2, timeout=60)
-    scenario = load_scenario("diagrams/robustness.yaml", ["duration=0.3"])
-    with dask_executor(cluster) as (executor, threads):
-        assert threads == 2
-        found = run_monte_carlo(scenario, 21, executor=executor, num_workers=threads, batch_size=4)
-    here = run_monte_carlo(scenario, 21, num_workers=1)
-    for ours, others in zip(found.metrics, here.metrics, strict=True):
-        np.testing.assert_allclose(ours, others, rtol=1e-9)
+def monte_carlo(address, folder, *options):
+    script = [sys.executable, ROOT / "scripts" / "monte_carlo.py", ROOT / "diagrams" / "robustness.yaml"]
+    overrides = [word for override in OVERRIDES for word in ("--set", override)]
+    command = [*script, *overrides, "--cluster", address, "--output", folder, *options]
+    return subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
-def test_a_cluster_that_is_not_there_is_named(monkeypatch):
-    monkeypatch.setattr("drake_quad.analysis.monte_carlo.cluster._PATIENCE", 0.5)
+def test_a_cluster_flies_the_same_study(cluster, tmp_path):
+    """Also after Ctrl-C: what it had done by then is gone on with."""
+    options = ("--samples", "600", "--batch", "3", "--workers", "2")
+    interrupted = monte_carlo(cluster, tmp_path, *options)
+    results = tmp_path / "robustness" / "results.csv"
+    while interrupted.poll() is None and not (results.exists() and results.read_text().count("\n") > 3):
+        time.sleep(0.05)
+    interrupted.send_signal(signal.SIGINT)
+    _, stderr = interrupted.communicate(timeout=60)
+    assert interrupted.returncode == 1, stderr
+    assert stderr.splitlines()[-1].startswith("interrupted: ")  # Dask may have logged before
+    assert 0 < len(read_study(tmp_path / "robustness").samples) < 600
+
+    gone_on = monte_carlo(cluster, tmp_path, "--samples", "600", "--batch", "200", "--resume")
+    stdout, stderr = gone_on.communicate(timeout=120)
+    assert (gone_on.returncode, stderr) == (0, "")
+    assert stdout.splitlines()[-1].endswith("vehicle-seconds per second")
+    run_monte_carlo(load_scenario(ROOT / "diagrams" / "robustness.yaml", OVERRIDES), 600, folder=tmp_path / "here")
+    assert results.read_bytes() == (tmp_path / "here" / "results.csv").read_bytes()
+
+
+def test_a_cluster_that_is_not_there_is_named(tmp_path):
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
-        address = f"tcp://127.0.0.1:{free.getsockname()[1]}"
-        with pytest.raises(InputError, match=f"no Dask scheduler can be reached at {address}"), dask_executor(address):
-            pass
-    for nonsense in ("nonsense://x", "", "127.0.0.1:what"):
-        with pytest.raises(InputError, match="no Dask scheduler can be reached at"), dask_executor(nonsense):
-            pass
+        addresses = [f"tcp://127.0.0.1:{free.getsockname()[1]}", "nonsense://x"]
+        runs = [monte_carlo(address, tmp_path / "study") for address in addresses]
+        for address, process in zip(addresses, runs, strict=True):
+            _, stderr = process.communicate(timeout=60)
+            assert process.returncode == 2
+            assert f"error: no Dask scheduler can be reached at {address}" in stderr
+    assert not (tmp_path / "study").exists()

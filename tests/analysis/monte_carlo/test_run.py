@@ -208,7 +208,11 @@ def test_a_study_is_not_overwritten(whole):
 @pytest.mark.parametrize(
     ("overrides", "seed", "words"),
     [
-        (["vehicle.mass.normal.mean=0.7"], 5, r"its vehicle.mass.normal.mean is 0.68, not 0.7"),
+        (
+            ["vehicle.mass={normal: {mean: 0.7, standard_deviation: 0.01, min: 0.64, max: 0.72}}"],
+            5,
+            "its vehicle.mass.normal.mean is 0.68, not 0.7",
+        ),
         (["duration=0.5"], 5, r"its duration is 0.4, not 0.5"),
         ([], 6, "its seed is 5, not 6"),
     ],
