@@ -43,11 +43,12 @@ class StudyRows:
         self._scenario, self._num_samples, self._duration, self._file = scenario, num_samples, duration, file
         self._table = np.full((num_samples, len(columns_of(scenario))), np.nan)
         self._table[known[:, 0].astype(int)] = known
+        self._count = len(known)
         self.failures: dict[int, str] = {}
         self._flown_time = 0.0
 
     def __len__(self) -> int:
-        return self._num_samples - len(self.missing)
+        return self._count
 
     @property
     def missing(self) -> list[int]:
@@ -74,6 +75,7 @@ class StudyRows:
         if self._file is not None:
             self._file.append(outcome.rows)
         self._table[list(outcome.samples)] = outcome.rows
+        self._count += len(outcome.samples)
         self._flown_time += float(np.minimum(outcome.rows[:, -1], self._duration).sum())
 
     def study(self) -> Study:
