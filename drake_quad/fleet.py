@@ -45,7 +45,7 @@ class FleetSystem(_Base):
     """
 
     scalar: type
-    declared_by: "type[FleetSystem]"
+    declared_by: Any
     num_vehicles: int
     rows: Callable[[Any], Any]
     write: Callable[[Any, Iterable[Row]], None]
