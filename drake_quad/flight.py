@@ -1,7 +1,7 @@
 """Flying a scenario, and what a flight leaves behind."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -122,17 +122,46 @@ def simulate(
     # For a vehicle with a continuous state; a stepping one does not use the integrator.
     ResetIntegratorFromFlags(simulator, "runge_kutta5", _MAX_STEP).set_target_accuracy(_ACCURACY)
     fly(simulator, duration, progress=progress)
-    context = simulator.get_context()
+    return _flights([scenario], plan, diagram, simulator.get_context())[0]
+
+
+def simulate_samples(
+    scenario: Scenario, samples: Sequence[int], *, seed: int | None = None, plan: Plan | None = None
+) -> list[Flight]:
+    """Flies samples of a study side by side and records every signal of each, as `simulate` does of one.
+
+    Every signal of every vehicle is kept: a few megabytes a flight of half a minute.
+
+    Args:
+        scenario: of the study.
+        samples: their numbers in it.
+        seed: of the study, in place of the scenario's.
+        plan: flown instead of that of the scenario's route.
+
+    Raises:
+        InputError: the route holds a distribution, or the rotors cannot fly it.
+    """
+    scenario = scenario.model_copy(update={"seed": scenario.seed if seed is None else seed})
+    plan = plan or plan_route(scenario)
+    diagram = build_tracking_diagram(scenario, len(samples), samples=samples, plan=plan, record=True)
+    simulator = Simulator(diagram)
+    fly(simulator, flight_duration(scenario, plan))
+    drawn = [draw_sample(scenario, sample) for sample in samples]
+    return _flights(drawn, plan, diagram, simulator.get_context())
+
+
+def _flights(scenarios: Sequence[Scenario], plan: Plan, diagram: Diagram, context: Any) -> list[Flight]:
+    """The flights of a diagram's vehicles so far, each of a scenario."""
     metrics = read_metrics(diagram, context)
     time, signals = read_recorder(diagram.GetSubsystemByName("recorder"), context)
-    kept = time <= metrics.crash_time[0]
-    return Flight(
-        scenario,
-        plan,
-        time[kept],
-        {name: values[kept] for name, values in signals.items()},
-        Metrics(*(float(value[0]) for value in metrics)),
-    )
+    rows = {name: values.reshape(len(time), -1, len(scenarios)) for name, values in signals.items()}
+    flights = []
+    for i, scenario in enumerate(scenarios):
+        own = Metrics(*(float(value[i]) for value in metrics))
+        kept = time <= own.crash_time
+        mine = {name: values[kept, :, i] for name, values in rows.items()}
+        flights.append(Flight(scenario, plan, time[kept], mine, own))
+    return flights
 
 
 def fly(simulator: Simulator, duration: float, *, progress: Callable[[float, float], None] | None = None) -> None:

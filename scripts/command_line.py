@@ -84,6 +84,14 @@ def study_progress(name: str) -> Iterator[Callable[[int, int], None]]:
         yield show
 
 
+def bar_over(items: Sequence[str], words: str) -> Iterator[str]:
+    """Gives items one after the other, with a bar on a terminal."""
+    with tqdm(items, desc=words, leave=False, disable=None) as bar:
+        for item in bar:
+            bar.set_postfix_str(item)
+            yield item
+
+
 _BAR = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f} of {total:.0f} s flown, {remaining} to go"
 
 

@@ -349,3 +349,9 @@ def test_a_study_that_is_there_is_neither_overwritten_nor_mixed_with_another(run
         assert result.returncode == 2
         assert words in result.stderr
     assert (tmp_path / "robustness" / "results.csv").read_bytes() == before
+
+
+def test_calibrate_paper_refuses_too_few_samples(run, tmp_path):
+    result = run("calibrate_paper.py", "--samples", 1, "--output", tmp_path / "folder")
+    assert (result.returncode, result.stderr) == (2, "error: --samples is 1, but must be between 2 and 10000\n")
+    assert not (tmp_path / "folder").exists()

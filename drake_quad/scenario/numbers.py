@@ -1,7 +1,9 @@
 """Single numbers of a scenario, by the path of their field."""
 
+from collections.abc import Sequence
 from typing import Any
 
+import numpy as np
 from pydantic import ValidationError
 
 from drake_quad.errors import InputError
@@ -57,3 +59,30 @@ def _keys(tree: Any, path: str) -> list[Any]:
             raise InputError(f"there is no field {path} in the scenario") from None
         keys.append(key)
     return keys
+
+
+def with_rows(scenario: Scenario, path: str, values: np.ndarray) -> Scenario:
+    """The scenario with an array in a field, an entry a vehicle, as `draw_samples` makes them.
+
+    Nothing checks whether the field may have these values.
+
+    Raises:
+        InputError: there is no such field.
+    """
+    try:
+        replaced: Scenario = _replaced(scenario, path.split("."), values)
+    except (AttributeError, IndexError, ValueError):
+        raise InputError(f"there is no field {path} in the scenario") from None
+    return replaced
+
+
+def _replaced(value: Any, steps: Sequence[str], new: Any) -> Any:
+    """A copy of a part of a scenario with something else at the end of a path."""
+    if not steps:
+        return new
+    step, *rest = steps
+    if isinstance(value, tuple):
+        items = list(value)
+        items[int(step)] = _replaced(items[int(step)], rest, new)
+        return tuple(items)
+    return value.model_copy(update={step: _replaced(getattr(value, step), rest, new)})

@@ -1,0 +1,81 @@
+"""One scenario with other numbers, many times, on the same samples."""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.scenario import Scenario
+from drake_quad.scenario.numbers import with_rows
+from drake_quad.study_fleet import StudyFleet
+
+
+class Sweep(NamedTuple):
+    """Flights of some settings, all on the same samples.
+
+    Attributes:
+        settings: (settings,) value of each number that differs.
+        metrics: (settings, samples).
+    """
+
+    settings: Mapping[str, np.ndarray]
+    metrics: Metrics
+
+
+# The exponents of Table II, and the triangles of type 1.
+EXPONENTS = {"pd_t1fnn": (1.0, 1.0), "pd_t2fnn": (1.2, 0.8), "pd_t2fnn_wide": (1.4, 0.6)}
+NOISE = (0.0, 0.001, 0.005, 0.01, 0.02)
+SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+_POSITION = "control.position"
+# Around the calibrated gains, 1.447 and 1.684, as far as the loop is stable and beyond.
+_K_P, _K_D = (0.3, 6.0), (0.3, 6.0)
+
+
+def noise_settings() -> dict[str, np.ndarray]:
+    """Every noise of the cameras, "noise" in m, with every pair of exponents."""
+    levels, exponents = np.meshgrid(NOISE, range(len(EXPONENTS)), indexing="ij")
+    return {"noise": levels.ravel(), **_exponents(exponents.ravel())}
+
+
+def share_settings() -> dict[str, np.ndarray]:
+    """Every "q" with every pair of exponents."""
+    shares, exponents = np.meshgrid(SHARES, range(len(EXPONENTS)), indexing="ij")
+    return {"q": shares.ravel(), **_exponents(exponents.ravel())}
+
+
+def _exponents(which: np.ndarray) -> dict[str, np.ndarray]:
+    pairs = np.array(list(EXPONENTS.values()))[which]
+    return {"a1": pairs[:, 0], "a2": pairs[:, 1]}
+
+
+def gain_settings(count: int) -> dict[str, np.ndarray]:
+    """A grid of so many "k_p" (1/s²) and "k_d" (1/s) on X and Y."""
+    k_p, k_d = np.meshgrid(np.geomspace(*_K_P, count), np.geomspace(*_K_D, count), indexing="ij")
+    return {"k_p": k_p.ravel(), "k_d": k_d.ravel()}
+
+
+_PATHS = {
+    "noise": ["laboratory.motion_capture.position_noise"],
+    "q": [f"{_POSITION}.network.q"],
+    "a1": [f"{_POSITION}.network.a1"],
+    "a2": [f"{_POSITION}.network.a2"],
+    "k_p": [f"{_POSITION}.k_p.{axis}" for axis in (0, 1)],
+    "k_d": [f"{_POSITION}.k_d.{axis}" for axis in (0, 1)],
+}
+
+
+def fly_settings(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> Metrics:
+    """The (settings, samples) metrics of a scenario with other numbers, in one fleet."""
+    count = len(next(iter(settings.values())))
+    varied = with_settings(scenario, settings, len(samples))
+    metrics = StudyFleet(varied, count * len(samples)).fly([*samples] * count)
+    return Metrics(*(values.reshape(count, -1) for values in metrics))
+
+
+def with_settings(scenario: Scenario, settings: Mapping[str, np.ndarray], repetitions: int) -> Scenario:
+    """The scenario of a fleet that flies settings one after the other, each so many times."""
+    for name, values in settings.items():
+        for path in _PATHS[name]:
+            scenario = with_rows(scenario, path, np.repeat(values, repetitions))
+    return scenario
