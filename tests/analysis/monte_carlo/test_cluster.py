@@ -49,6 +49,19 @@ def monte_carlo(address, folder, *options):
     return subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+@pytest.fixture(scope="module", autouse=True)
+def unreachable(tmp_path_factory):
+    """Studies for clusters that are not there; they wait for them while the other test runs."""
+    folder = tmp_path_factory.mktemp("unreachable") / "study"
+    with socket.socket() as free:
+        free.bind(("127.0.0.1", 0))
+        addresses = [f"tcp://127.0.0.1:{free.getsockname()[1]}", "nonsense://x"]
+        runs = {address: monte_carlo(address, folder) for address in addresses}
+        yield folder, runs
+    for process in runs.values():
+        process.kill()
+
+
 def test_a_cluster_flies_the_same_study(cluster, tmp_path):
     """Also after Ctrl-C: what it had done by then is gone on with."""
     options = ("--samples", "600", "--batch", "3", "--workers", "2")
@@ -70,13 +83,10 @@ def test_a_cluster_flies_the_same_study(cluster, tmp_path):
     assert results.read_bytes() == (tmp_path / "here" / "results.csv").read_bytes()
 
 
-def test_a_cluster_that_is_not_there_is_named(tmp_path):
-    with socket.socket() as free:
-        free.bind(("127.0.0.1", 0))
-        addresses = [f"tcp://127.0.0.1:{free.getsockname()[1]}", "nonsense://x"]
-        runs = [monte_carlo(address, tmp_path / "study") for address in addresses]
-        for address, process in zip(addresses, runs, strict=True):
-            _, stderr = process.communicate(timeout=60)
-            assert process.returncode == 2
-            assert f"error: no Dask scheduler can be reached at {address}" in stderr
-    assert not (tmp_path / "study").exists()
+def test_a_cluster_that_is_not_there_is_named(unreachable):
+    folder, runs = unreachable
+    for address, process in runs.items():
+        _, stderr = process.communicate(timeout=60)
+        assert process.returncode == 2
+        assert f"error: no Dask scheduler can be reached at {address}" in stderr
+    assert not folder.exists()

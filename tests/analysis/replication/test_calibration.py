@@ -1,4 +1,4 @@
-"""The declared numbers of diagrams/paper.yaml are those that the calibration gives."""
+"""The declared numbers of diagrams/controllers/calibrated.yaml are those that the calibration gives."""
 
 import pytest
 
