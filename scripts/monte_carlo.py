@@ -44,31 +44,7 @@ _SHOWN = [
 
 
 def main() -> None:
-    options = parser(
-        description=__doc__,
-        example="python scripts/monte_carlo.py diagrams/robustness.yaml --samples 200 --workers 2",
-        output="out/monte_carlo",
-        scenario="robustness.yaml",
-    )
-    options.add_argument("--samples", type=int, default=1000, help="how many flights (default: %(default)s)")
-    options.add_argument(
-        "--controller",
-        action="append",
-        default=[],
-        metavar="FILE:NAME",
-        help="laid over the scenario; several fly the same samples and are compared with the first",
-    )
-    options.add_argument("--workers", type=int, help="processes (default: as many as there are cores)")
-    options.add_argument("--batch", type=int, help="vehicles in a fleet (default: about a thousand)")
-    options.add_argument("--cluster", metavar="ADDRESS", help="of a Dask scheduler whose workers fly")
-    options.add_argument("--resume", action="store_true", help="go on with the study in the folder, if there is one")
-    options.add_argument(
-        "--metric",
-        choices=[name for name in UNITS if name != "crash_time"],
-        default="rmse",
-        help="that is drawn and compared (default: %(default)s)",
-    )
-    arguments = options.parse_args()
+    arguments = command_line()
     scenarios = scenarios_of(arguments)
     folder = arguments.output / next(iter(scenarios.values())).name
     folders = {name: folder / name if arguments.controller else folder for name in scenarios}
@@ -98,6 +74,35 @@ def main() -> None:
     print_rate(studies, seconds)
     if any(study.failures for study in studies.values()):
         raise RuntimeError(failure(studies, folders))
+
+
+def command_line() -> argparse.Namespace:
+    """What the command line asks for."""
+    options = parser(
+        description=__doc__,
+        example="python scripts/monte_carlo.py diagrams/robustness.yaml --samples 200 --workers 2",
+        output="out/monte_carlo",
+        scenario="robustness.yaml",
+    )
+    options.add_argument("--samples", type=int, default=1000, help="how many flights (default: %(default)s)")
+    options.add_argument(
+        "--controller",
+        action="append",
+        default=[],
+        metavar="FILE:NAME",
+        help="laid over the scenario; several fly the same samples and are compared with the first",
+    )
+    options.add_argument("--workers", type=int, help="processes (default: as many as there are cores)")
+    options.add_argument("--batch", type=int, help="vehicles in a fleet (default: about a thousand)")
+    options.add_argument("--cluster", metavar="ADDRESS", help="of a Dask scheduler whose workers fly")
+    options.add_argument("--resume", action="store_true", help="go on with the study in the folder, if there is one")
+    options.add_argument(
+        "--metric",
+        choices=[name for name in UNITS if name != "crash_time"],
+        default="rmse",
+        help="that is drawn and compared (default: %(default)s)",
+    )
+    return options.parse_args()
 
 
 def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:

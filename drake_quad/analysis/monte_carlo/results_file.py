@@ -65,16 +65,16 @@ def open_results(path: Path, columns: Sequence[str]) -> Iterator[tuple[ResultsFi
             file.truncate(0)
             file.write(header)
         else:
-            end, rows, _ = read_rows(path, columns)
+            end, rows = read_rows(path, columns)
             file.truncate(end)
         yield ResultsFile(path, file, columns), rows
 
 
-def read_rows(path: Path, columns: Sequence[str]) -> tuple[int, np.ndarray, list[bytes]]:
+def read_rows(path: Path, columns: Sequence[str]) -> tuple[int, np.ndarray]:
     """Reads a results file.
 
     Returns:
-        Where its last whole row ends, its (n, columns) rows, and their lines.
+        Where its last whole row ends, and its (n, columns) rows.
 
     Raises:
         InputError: it holds something else than rows of these columns.
@@ -83,11 +83,11 @@ def read_rows(path: Path, columns: Sequence[str]) -> tuple[int, np.ndarray, list
     if not content.startswith(header):
         raise InputError(f"{path} is not a results file of this study: its columns are others")
     end = content.rfind(b"\n") + 1
-    lines = content[len(header) : end].splitlines(keepends=True)
+    lines = content[len(header) : end].splitlines()
     rows = np.empty((len(lines), len(columns)))
     for i, line in enumerate(lines):
         try:
-            rows[i] = [float(cell) if cell else np.nan for cell in line.strip().split(b",")]
+            rows[i] = [float(cell) if cell else np.nan for cell in line.split(b",")]
         except ValueError:
             raise InputError(f"{path}, line {i + 2}: is not a row of a results file") from None
     # An empty cell is a metric that there is not; that of the time of a crash stands for never.
@@ -95,18 +95,17 @@ def read_rows(path: Path, columns: Sequence[str]) -> tuple[int, np.ndarray, list
     samples = rows[:, 0]
     if not (np.isfinite(samples).all() and len(np.unique(samples)) == len(samples)):
         raise InputError(f"{path} holds a sample twice, or a row without the number of its sample")
-    return end, rows, lines
+    return end, rows
 
 
-def sort_results(path: Path, columns: Sequence[str]) -> None:
+def sort_results(path: Path) -> None:
     """Puts the rows of a results file in the order of their samples; batches finish in any order."""
-    _, rows, lines = read_rows(path, columns)
-    order = np.argsort(rows[:, 0])
-    if not (order == np.arange(len(order))).all():
-        text = b"".join([_header(columns), *(lines[i] for i in order)])
+    header, *lines = path.read_bytes().splitlines(keepends=True)
+    ordered = sorted(lines, key=lambda line: int(line.partition(b",")[0]))
+    if ordered != lines:
 
         def write(target: Path) -> None:
-            target.write_bytes(text)
+            target.write_bytes(b"".join([header, *ordered]))
 
         write_whole(path, write)
 

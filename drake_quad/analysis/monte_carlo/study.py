@@ -84,7 +84,7 @@ def read_study(folder: Path | str) -> Study:
     """
     folder = Path(folder)
     record, scenario = load_record(folder), load_scenario(folder / SCENARIO)
-    _, rows, _ = read_rows(folder / RESULTS, columns_of(scenario))
+    _, rows = read_rows(folder / RESULTS, columns_of(scenario))
     return Study.of_rows(scenario, float(record["duration"]), rows[np.argsort(rows[:, 0])], {}, 0.0)
 
 

@@ -131,7 +131,7 @@ def open_study(
         write_whole(folder / FAILED, lambda path: _write_failures(path, rows.failures))
     else:
         (folder / FAILED).unlink(missing_ok=True)
-    sort_results(folder / RESULTS, columns)
+    sort_results(folder / RESULTS)
 
 
 def _gone_on_with(folder: Path, scenario: Scenario, record: dict[str, Any], *, resume: bool) -> dict[str, Any]:

@@ -24,7 +24,7 @@ def write(path, rows=ROWS):
 def test_rows_come_back_as_they_were(tmp_path):
     path = tmp_path / "results.csv"
     assert len(write(path)) == 0
-    _, rows, _ = read_rows(path, COLUMNS)
+    _, rows = read_rows(path, COLUMNS)
     np.testing.assert_allclose(rows, ROWS, rtol=1e-11)
     assert path.read_text().splitlines()[2] == "1,0.7,,4.02"
 
@@ -49,7 +49,7 @@ def test_rows_are_put_in_the_order_of_their_samples(tmp_path):
     path = tmp_path / "results.csv"
     write(path)
     lines = path.read_text().splitlines()
-    sort_results(path, COLUMNS)
+    sort_results(path)
     assert path.read_text().splitlines() == [lines[0], lines[3], lines[2], lines[1]]
 
 
