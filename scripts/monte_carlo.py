@@ -137,7 +137,10 @@ def executor_of(arguments: argparse.Namespace) -> Iterator[tuple[Executor | Work
 
 
 def save_plots(studies: Mapping[str, Study], folder: Path, metric: str) -> list[Path]:
-    """Draws distribution and convergence of all studies, and what matters in each."""
+    """Draws distribution and convergence of all studies that flew, and what matters in each."""
+    studies = {name: study for name, study in studies.items() if len(study.samples)}
+    if not studies:
+        return []
     figures = {"distribution": plot_distribution(studies, metric), "convergence": plot_convergence(studies, metric)}
     for name, study in studies.items():
         suffix = f"_{name}" if len(studies) > 1 else ""
@@ -152,6 +155,7 @@ def print_study(name: str, study: Study, folder: Path) -> None:
     """Prints how the flights went, and the commands that fly the worst of them again."""
     count, metrics = len(study.samples), study.metrics
     crashes = crash_probability(metrics)
+    beyond = "crash" if metrics.crashed.any() else "–"
     print(
         f"{name}: {count:,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each;"
         f" {int(metrics.crashed.sum()):,} crashed, {percent(crashes)}"
@@ -166,12 +170,13 @@ def print_study(name: str, study: Study, folder: Path) -> None:
                 metric,
                 bounded(mean_interval(values), size, digits),
                 f"{spread:.{digits}f}" if math.isfinite(spread) else "–",
-                *(bounded(quantile, size, digits) for quantile in quantiles),
+                *(bounded(quantile, size, digits, beyond) for quantile in quantiles),
                 unit,
             )
         )
     print_columns(("", "mean", "deviation", "5 % quantile", "median", "95 % quantile", ""), rows)
-    print("the worst:")
+    if count:
+        print("the worst:")
     for sample in worst(study):
         place = int(np.searchsorted(study.samples, sample))
         crash_time = metrics.crash_time[place]
@@ -188,7 +193,8 @@ def print_comparison(studies: Mapping[str, Study], metric: str) -> None:
         rows.append(
             (
                 name,
-                f"{found.difference.value:+.4g} [{found.difference.low:+.4g}, {found.difference.high:+.4g}]",
+                f"{number(found.difference.value, '+.4g')} [{number(found.difference.low, '+.4g')},"
+                f" {number(found.difference.high, '+.4g')}]",
                 percent(found.share),
                 percent(found.better),
                 f"{found.num_pairs:,}",
@@ -221,20 +227,23 @@ def failure(studies: Mapping[str, Study], folders: Mapping[str, Path]) -> str:
     )
 
 
-def bounded(estimate: Interval, size: float, digits: int) -> str:
-    """An estimate and its interval in a unit; a dash where there is none, and what is infinite as a crash."""
+def number(value: float, form: str, beyond: str = "–") -> str:
+    """A number; a dash where there is none, and other words where it is infinite."""
+    if math.isfinite(value):
+        return f"{value:{form}}"
+    return beyond if value > 0.0 else "–"
 
-    def number(value: float) -> str:
-        if math.isnan(value):
-            return "–"
-        return f"{value / size:.{digits}f}" if math.isfinite(value) else "crash" if value > 0.0 else "–"
 
-    return f"{number(estimate.value)} [{number(estimate.low)}, {number(estimate.high)}]"
+def bounded(estimate: Interval, size: float, digits: int, beyond: str = "–") -> str:
+    """An estimate and its interval in a unit."""
+    value, low, high = (number(each / size, f".{digits}f", beyond) for each in estimate)
+    return f"{value} [{low}, {high}]"
 
 
 def percent(share: Interval) -> str:
     """A share and its interval in per cent."""
-    return f"{100.0 * share.value:.3g} % [{100.0 * share.low:.3g}, {100.0 * share.high:.3g}]"
+    value, low, high = (number(100.0 * each, ".3g") for each in share)
+    return f"{value} % [{low}, {high}]"
 
 
 if __name__ == "__main__":

@@ -355,3 +355,11 @@ def test_calibrate_paper_refuses_too_few_samples(run, tmp_path):
     result = run("calibrate_paper.py", "--samples", 1, "--output", tmp_path / "folder")
     assert (result.returncode, result.stderr) == (2, "error: --samples is 1, but must be between 2 and 10000\n")
     assert not (tmp_path / "folder").exists()
+
+
+def test_a_study_in_which_everything_crashes_is_told_too(run, tmp_path):
+    result = monte_carlo(run, tmp_path, "--set", "crash.position_error=0.001")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "6 crashed, 100 % [54.1, 100]" in result.stdout
+    assert "nan" not in result.stdout
+    assert "crashed at 0.1" in result.stdout
