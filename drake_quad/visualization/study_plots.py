@@ -9,11 +9,13 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, PercentFormatter
 
 from drake_quad.analysis.monte_carlo.statistics import (
+    Interval,
     crash_probability,
     influences,
     of_survivors,
     quantile_interval,
     running_mean,
+    share_interval,
     with_crashes,
 )
 from drake_quad.analysis.monte_carlo.study import Study
@@ -78,40 +80,58 @@ def plot_distribution(studies: Mapping[str, Study], name: str = "rmse") -> Figur
 
 
 def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure:
-    """How mean and 95 % quantile of a metric settle as samples come in, in their order.
+    """How the mean of a metric settles as samples come in, in their order, and the share of crashes.
+
+    If none crashed it is the 95 % quantile in place of crashes.
 
     Args:
         studies: by controller.
         name: of the metric.
     """
+    crashes = any(study.metrics.crashed.any() for study in studies.values())
     with styled():
         figure = new_figure(9.0, 3.8)
         left, right = figure.subplots(1, 2)
         for (controller, study), (color, style) in zip(studies.items(), cycle(_LINES), strict=False):
-            values = of_survivors(study.metrics, name)
-            if len(values) < 2:
-                continue
-            # The intervals of the first few are so wide that nothing else could be seen.
-            first = min(10, len(values)) - 1
-            count, (mean, low, high) = np.arange(1, len(values) + 1)[first:], (x[first:] for x in running_mean(values))
-            left.plot(count, mean, color=color, linestyle=style, label=controller)
-            left.fill_between(count, low, high, color=color, alpha=0.15, linewidth=0.0)
-            every = with_crashes(study.metrics, name)
-            stops = np.unique(np.geomspace(min(20, len(every)), len(every), 60).astype(int))
-            quantiles = np.array([quantile_interval(every[:stop], 0.95) for stop in stops])
-            quantiles[~np.isfinite(quantiles)] = np.nan
-            right.plot(stops, quantiles[:, 0], color=color, linestyle=style, label=controller)
-            right.fill_between(stops, quantiles[:, 1], quantiles[:, 2], color=color, alpha=0.15, linewidth=0.0)
-        for axes, title in (
-            (left, "mean of flights that went to the end"),
-            (right, "95 % quantile of all samples"),
-        ):
-            axes.set(xscale="log", xlabel="samples", ylabel=metric_label(name))
+            count, *ends = _running(study, name)
+            left.plot(count, ends[0], color=color, linestyle=style, label=controller)
+            left.fill_between(count, ends[1], ends[2], color=color, alpha=0.15, linewidth=0.0)
+            stops = np.unique(np.geomspace(min(20, len(study.samples)), len(study.samples), 60).astype(int))
+            values = study.metrics.crashed if crashes else getattr(study.metrics, name)
+            estimate = _share_of_true if crashes else _upper_quantile
+            found = np.array([estimate(values[:stop]) for stop in stops])
+            found[~np.isfinite(found)] = np.nan
+            right.plot(stops, found[:, 0], color=color, linestyle=style, label=controller)
+            right.fill_between(stops, found[:, 1], found[:, 2], color=color, alpha=0.15, linewidth=0.0)
+        left.set_title("mean of the flights that went to the end", loc="left")
+        left.set_ylabel(metric_label(name))
+        right.set_title("crashes" if crashes else "95 % quantile", loc="left")
+        right.set_ylabel(metric_label("crashed" if crashes else name))
+        if crashes:
+            right.yaxis.set_major_formatter(PercentFormatter(1.0))
+        for axes in (left, right):
+            # An axis without anything on it cannot be logarithmic.
+            drawn = any(len(line.get_xdata()) for line in axes.lines)
+            axes.set(xscale="log" if drawn else "linear", xlabel="samples")
             axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
-            axes.set_title(title, loc="left")
-        if left.lines:
-            left.legend(loc="best")
+        left.legend(loc="best")
         return figure
+
+
+def _running(study: Study, name: str) -> tuple[np.ndarray, ...]:
+    """How many of the flights that went to the end, and the mean of their metric with the ends of its interval."""
+    values = of_survivors(study.metrics, name)
+    # The intervals of the first few are so wide that nothing else could be seen.
+    first = max(min(10, len(values)) - 1, 0)
+    return np.arange(1, len(values) + 1)[first:], *(each[first:] for each in running_mean(values))
+
+
+def _share_of_true(values: np.ndarray) -> Interval:
+    return share_interval(int(values.sum()), len(values))
+
+
+def _upper_quantile(values: np.ndarray) -> Interval:
+    return quantile_interval(values, 0.95)
 
 
 def plot_influences(study: Study, name: str = "rmse") -> Figure:
