@@ -21,6 +21,7 @@ import numpy as np
 
 from drake_quad.compiled import compiled, formula
 from drake_quad.elementary import log, sin_cos, sqrt
+from drake_quad.seeding import child_words
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _FACTORS = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
@@ -54,8 +55,7 @@ def stream_states(seed: int, samples: Sequence[int], kind: Kind, name: str) -> n
 @functools.lru_cache(maxsize=8)
 def _sample_words(seed: int, samples: tuple[int, ...], kind: Kind) -> np.ndarray:
     """The (N,) numbers that tell the samples apart, uint64."""
-    sequences = [np.random.SeedSequence(entropy=seed, spawn_key=(sample, int(kind))) for sample in samples]
-    return np.concatenate([sequence.generate_state(1, np.uint64) for sequence in sequences])
+    return child_words(seed, np.array(samples), int(kind))
 
 
 @formula
