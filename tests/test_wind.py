@@ -8,7 +8,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from scipy.integrate import solve_ivp
 
-from drake_quad import load_scenario, simulate
+from drake_quad import InputError, load_scenario, simulate
 from drake_quad.laboratory.wind.gust import Gust, GustParameters
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor
@@ -103,3 +103,24 @@ def test_turbulence_follows_the_steady_wind_where_it_does_not_say_otherwise(diag
         winds.append(simulate(scenario)["wind"])
     np.testing.assert_allclose(winds[0], winds[1], atol=1e-12)
     assert winds[0].std() > 0.1
+
+
+def test_wind_may_be_given_by_speed_and_heading():
+    sources = "[{{kind: steady, {0}}}, {{kind: gust, {1}, start: 0.1, rise_time: 0.2}}]"
+    by_velocity = sources.format("velocity: [0.0, 2.0, 0.0]", "velocity: [-1.5, 0.0, 0.0]")
+    by_speed = sources.format(f"speed: 2.0, heading: {0.5 * math.pi}", f"speed: 1.5, heading: {math.pi}")
+    flights = [
+        simulate(load_scenario("diagrams/laboratory.yaml:nominal", ["duration=1", f"laboratory.wind={wind}"]))
+        for wind in (by_velocity, by_speed)
+    ]
+    np.testing.assert_allclose(flights[0]["wind"], flights[1]["wind"], atol=1e-12)
+    assert np.abs(flights[0]["wind"][-1]).max() > 1.9
+
+
+@pytest.mark.parametrize(
+    "motion", ["speed: 2.0", "heading: 1.0", "velocity: [1, 0, 0], speed: 1.0, heading: 0.0", "kind: steady"]
+)
+def test_wind_without_one_motion_is_refused(motion):
+    wind = "{kind: steady}" if motion == "kind: steady" else f"{{kind: steady, {motion}}}"
+    with pytest.raises(InputError, match="must have a velocity, or speed and heading, not"):
+        load_scenario("diagrams/laboratory.yaml:nominal", [f"laboratory.wind=[{wind}]"])

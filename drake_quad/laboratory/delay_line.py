@@ -20,7 +20,7 @@ class DelayLine:
         1 tick of delay initial    u₀         u₁
 
     The groups are one for what is out, `out`, then those under way, the newest first. If there can be any delay, it is
-    a numeric parameter of the context, one row.
+    a numeric parameter of the context, one row; none there may be longer than the longest at construction.
 
     Args:
         system: that the groups are declared in.

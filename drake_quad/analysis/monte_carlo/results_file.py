@@ -25,12 +25,11 @@ class ResultsFile:
 
     Args:
         path: of the file.
-        file: open for reading and writing, at its end.
-        columns: of a row.
+        file: open for reading and writing, unbuffered.
     """
 
-    def __init__(self, path: Path, file: BinaryIO, columns: Sequence[str]) -> None:
-        self.path, self._file, self._columns = path, file, columns
+    def __init__(self, path: Path, file: BinaryIO) -> None:
+        self.path, self._file = path, file
 
     def append(self, rows: np.ndarray) -> None:
         """Appends (n, columns) rows and hands them to the operating system.
@@ -67,7 +66,7 @@ def open_results(path: Path, columns: Sequence[str]) -> Iterator[tuple[ResultsFi
         else:
             end, rows = read_rows(path, columns)
             file.truncate(end)
-        yield ResultsFile(path, file, columns), rows
+        yield ResultsFile(path, file), rows
 
 
 def read_rows(path: Path, columns: Sequence[str]) -> tuple[int, np.ndarray]:
