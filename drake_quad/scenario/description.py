@@ -25,6 +25,6 @@ def description_at(scenario: Journey, path: str) -> str:
 
 
 def unit_at(scenario: Journey, path: str) -> str:
-    """The unit of a field: what stands in parentheses in its description; "" if there is none."""
-    found = re.findall(r"\(([^()]*)\)", description_at(scenario, path))
+    """The unit of a field: what stands in parentheses in its description, not after "eq"; "" if there is none."""
+    found = re.findall(r"(?<!eq )\(([^()]*)\)", description_at(scenario, path))
     return found[0] if found else ""

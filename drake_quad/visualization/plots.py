@@ -1,6 +1,5 @@
 """Plots of one flight."""
 
-import itertools
 from collections.abc import Callable
 from pathlib import Path
 
@@ -17,6 +16,7 @@ from drake_quad.visualization.learning_plots import (
     plot_secant_gains,
     plot_surfaces,
 )
+from drake_quad.visualization.leg_marks import number_legs, shade_legs
 from drake_quad.visualization.style import AXES, BLUE, LIMIT, PLATE, REFERENCE, ROTORS, VERMILION, new_figure, styled
 from drake_quad.visualization.wind_plots import plot_wind
 
@@ -41,7 +41,7 @@ def plot_path(flight: Flight) -> Figure:
         plane.plot(*flown[:2], color=BLUE, label="flown")
         plane.plot(*wanted[:2], label="reference", **REFERENCE)
         plane.plot(*flown[:2, :1], color=BLUE, marker="o", markersize=4, linestyle="none", label="start")
-        _number_legs(plane, flight)
+        number_legs(plane, flight.plan)
         _mark_crash(plane, flight, flown[:2, -1])
         plane.set(xlabel="X (m)", ylabel="Y (m)", title="From above")
         plane.margins(0.1)
@@ -67,7 +67,7 @@ def plot_errors(flight: Flight) -> Figure:
             lower.annotate(f"RMSE {rmse:.2f} cm", (flight.time[-1], rmse), ha="right", va="bottom", bbox=PLATE)
         lower.set(xlabel="time (s)", ylabel="Euclidean error (cm)", ylim=(0.0, None))
         for axes in (upper, lower):
-            _shade_legs(axes, flight)
+            shade_legs(axes, flight.plan, float(flight.time[-1]), height=0.02)
         return figure
 
 
@@ -143,46 +143,6 @@ def save_plots(flight: Flight, folder: Path | str) -> list[Path]:
             "secant_gains": plot_secant_gains,
         }
     return [write_whole(target / f"{name}.png", plot(flight).savefig) for name, plot in plots.items()]
-
-
-def _shade_legs(axes: Axes, flight: Flight) -> None:
-    """Numbers the legs of the route along the top and shades every other one."""
-    starts = [*flight.plan.leg_times, float(flight.time[-1])]
-    if len(starts) < 3:
-        return
-    for i, (start, end) in enumerate(itertools.pairwise(starts)):
-        if start >= flight.time[-1]:
-            break
-        if i % 2:
-            axes.axvspan(start, end, color="0.95", zorder=0, linewidth=0)
-        middle = 0.5 * (start + min(end, flight.time[-1]))
-        axes.annotate(str(i + 1), (middle, 0.02), xycoords=("data", "axes fraction"), ha="center", color="0.4")
-
-
-def _number_legs(axes: Axes, flight: Flight) -> None:
-    """Writes the number of each leg of the route at its middle, seen from above."""
-    times = [*flight.plan.leg_times, float(flight.plan.path.times[-1])]
-    if len(times) < 3:
-        return
-    position, velocity = flight.plan.derivative(0), flight.plan.derivative(1)
-    for i, (start, end) in enumerate(itertools.pairwise(times)):
-        middle = 0.5 * (start + end)
-        x, y, _ = position.value(middle)[:, 0]
-        v_x, v_y, _ = velocity.value(middle)[:, 0]
-        speed = np.hypot(v_x, v_y)
-        # A leg that goes straight up is a point from above; its number would lie on top of others.
-        if speed > 0.2:
-            beside = (11.0 * v_y / speed, -11.0 * v_x / speed)
-            axes.annotate(
-                str(i + 1),
-                (x, y),
-                beside,
-                textcoords="offset points",
-                ha="center",
-                va="center",
-                color="0.35",
-                bbox=PLATE,
-            )
 
 
 def _mark_crash(axes: Axes, flight: Flight, place: np.ndarray) -> None:

@@ -3,24 +3,34 @@
 All are paired: a sample is the same wind and the same noise, whoever flies it.
 """
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from dataclasses import dataclass
+import shutil
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import Future, ThreadPoolExecutor, as_completed
 from pathlib import Path
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.analysis.monte_carlo import Study, run_monte_carlo
+from drake_quad.analysis.monte_carlo import run_monte_carlo
 from drake_quad.analysis.monte_carlo.workers import Workers
-from drake_quad.analysis.replication.legs import LegErrors, fly_legs
-from drake_quad.analysis.replication.printed import CONTROLLERS, WINDS, Cell
-from drake_quad.analysis.replication.sweeps import Sweep, fly_settings, gain_settings, noise_settings, share_settings
+from drake_quad.analysis.replication.legs import fly_legs
+from drake_quad.analysis.replication.measures import measures
+from drake_quad.analysis.replication.printed import CONTROLLERS, Cell
+from drake_quad.analysis.replication.results import FAIR, MAPPED, TunedLegs, cells_of, write_recorded
+from drake_quad.analysis.replication.sweeps import (
+    INTEGRALS,
+    Sweep,
+    fly_settings,
+    gain_settings,
+    integral_settings,
+    noise_settings,
+    share_settings,
+)
 from drake_quad.flight import Flight, simulate_samples
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario import Scenario
 
-# Controllers that the paper does not have, for a fair comparison.
-FAIR = {"pid": "PID", "pd_feed_forward": "PD with feed-forward"}
+# Vehicles of a fleet, at most.
 _VEHICLES = 1024
 
 
@@ -29,7 +39,7 @@ class Sizes(NamedTuple):
 
     Attributes:
         cells: samples of each cell.
-        recorded: samples of each cell with all signals.
+        recorded: samples of each cell of Table II with all signals.
         sweep: samples of each setting of noise and network.
         grid: gains along each axis of the map.
         map: samples of each pair of gains.
@@ -41,134 +51,142 @@ class Sizes(NamedTuple):
     grid: int = 14
     map: int = 4
 
+    @property
+    def flights(self) -> int:
+        """How many flights that is."""
+        sweeps = len(noise_settings()["noise"]) + len(share_settings()["q"]) + len(INTEGRALS)
+        cells = len(cells_of((*CONTROLLERS, *FAIR))) * self.cells + len(cells_of(CONTROLLERS)) * self.recorded
+        legs = (self.grid // 2) ** 2 + 2 * self.leg_samples
+        return cells + sweeps * self.sweep + len(MAPPED) * self.grid**2 * self.map + legs
 
-QUICK = Sizes(cells=40, recorded=3, sweep=6, grid=6, map=2)
-
-
-class TunedLegs(NamedTuple):
-    """A PD tuned on straight lines and one tuned on curves.
-
-    Attributes:
-        k_p: of the two, 1/s².
-        k_d: 1/s.
-        errors: (2, samples) of both, on samples that they were not tuned on.
-    """
-
-    k_p: np.ndarray
-    k_d: np.ndarray
-    errors: LegErrors
+    @property
+    def leg_samples(self) -> int:
+        """Samples that the PD's tuned on straight lines and on curves fly."""
+        return max(self.sweep // 3, 2)
 
 
-@dataclass(frozen=True)
-class Experiment:
-    """Everything that was flown.
-
-    Attributes:
-        cells: study of each cell, of the controllers of Table II and of `FAIR`.
-        flights: recorded samples of each cell of Table II.
-        noise: networks without wind over the noise of the cameras: numbers "noise" (m), "a1", "a2".
-        shares: the same over "q" at the paper's noise.
-        maps: PD and PD+T2FNN without wind over "k_p" (1/s²) and "k_d" (1/s).
-        legs: the PD's with the gains that are best on straight legs, and with those that are best on curved ones.
-    """
-
-    cells: Mapping[Cell, Study]
-    flights: Mapping[Cell, Sequence[Flight]]
-    noise: Sweep
-    shares: Sweep
-    maps: Mapping[str, Sweep]
-    legs: TunedLegs
+QUICK = Sizes(cells=24, recorded=2, sweep=4, grid=6, map=2)
 
 
-def run_experiment(
+def fly_experiment(
     load: Callable[[Cell], Scenario],
     sizes: Sizes,
     folder: Path,
     workers: Workers,
     *,
     resume: bool = False,
-    progress: Callable[[str, int, int], None] | None = None,
-) -> Experiment:
-    """Flies everything.
+    progress: Callable[[str, int], None] | None = None,
+) -> dict[Cell, Flight]:
+    """Flies everything, and writes all numbers to a folder, from which `read_experiment` reads them.
 
     Args:
         load: gives the scenario of a cell.
         sizes: of it.
-        folder: to which the rows of each cell go, each to one of its own.
+        folder: where everything is written; cells that an earlier experiment left there are replaced.
         workers: that fly.
-        resume: whether to go on with cells that are in the folder.
-        progress: called with what is flown, and how many of how many samples are done.
+        resume: whether to go on with the cells that are in the folder instead.
+        progress: called with what has been flown just now, and how many of `sizes.flights` flights are done.
+
+    Returns:
+        Sample 0 of each cell of Table II, to be drawn.
+
+    Raises:
+        RuntimeError: a sample could not be flown.
     """
-
-    def told(what: str) -> Callable[[int, int], None]:
-        return lambda done, total: progress(what, done, total) if progress is not None else None
-
-    cells = {}
-    for wind in WINDS:
-        for controller in (*CONTROLLERS, *FAIR):
-            cell = Cell(wind, controller)
-            cells[cell] = run_monte_carlo(
-                load(cell),
-                sizes.cells,
-                folder=folder / cell.scenario,
-                resume=resume,
-                num_workers=workers.num_workers,
-                executor=workers,
-                progress=told(cell.scenario),
-            )
-    recorded = [Cell(wind, controller) for wind in WINDS for controller in CONTROLLERS]
-    jobs = {cell: workers.submit(simulate_samples, load(cell), range(sizes.recorded)) for cell in recorded}
-    flights = dict(_awaited(jobs, told("recorded flights")))
-    network = load(Cell("no_wind", "pd_t2fnn"))
-    samples = range(sizes.sweep)
-    noise = _sweep(workers, network, noise_settings(), samples, told("noise"))
-    shares = _sweep(workers, network, share_settings(), samples, told("q"))
-    maps = {
-        controller: _sweep(
-            workers, load(Cell("no_wind", controller)), gain_settings(sizes.grid), range(sizes.map), told("gains")
-        )
-        for controller in ("pd", "pd_t2fnn")
+    jobs = _Jobs(workers)
+    for cell in cells_of((*CONTROLLERS, *FAIR)):
+        target = folder / "cells" / cell.scenario
+        if target.exists() and not resume:
+            shutil.rmtree(target)
+        jobs.submit(cell.scenario, sizes.cells, _fly_cell, load(cell), sizes.cells, target, resume)
+    recorded = {
+        cell: jobs.submit("recorded flights", sizes.recorded, _record, load(cell), sizes.recorded)
+        for cell in cells_of(CONTROLLERS)
     }
-    told("legs")(0, 2)
-    legs = _tuned_legs(workers, load(Cell("no_wind", "pd")), sizes)
-    return Experiment(cells, flights, noise, shares, maps, legs)
+    network = load(Cell("no_wind", "pd_t2fnn"))
+    sweeps = {
+        "noise": (network, noise_settings(), sizes.sweep),
+        "q": (network, share_settings(), sizes.sweep),
+        "integral": (load(Cell("no_wind", "pid")), integral_settings(), sizes.sweep),
+        **{f"map_{name}": (load(Cell("no_wind", name)), gain_settings(sizes.grid), sizes.map) for name in MAPPED},
+    }
+    parts = {name: _submit_sweep(jobs, name, *sweep) for name, sweep in sweeps.items()}
+    gains, samples = gain_settings(sizes.grid // 2), range(1, 1 + sizes.leg_samples)
+    count = len(gains["k_p"]) + 2 * len(samples)
+    legs = jobs.submit("legs", count, _tuned_legs, load(Cell("no_wind", "pd")), gains, samples)
+
+    jobs.wait(progress)
+    write_recorded(folder / "recorded.csv", {cell: job.result()[1] for cell, job in recorded.items()})
+    for name, (_, settings, count) in sweeps.items():
+        found = [job.result() for job in parts[name]]
+        metrics = Metrics(*(np.concatenate(values) for values in zip(*found, strict=True)))
+        Sweep(settings, np.arange(count), metrics).save(folder / f"{name}.csv")
+    legs.result().save(folder / "legs.csv")
+    return {cell: job.result()[0] for cell, job in recorded.items()}
 
 
-def _tuned_legs(workers: Workers, scenario: Scenario, sizes: Sizes) -> TunedLegs:
-    settings = gain_settings(sizes.grid // 2)
-    found = workers.submit(fly_legs, scenario, settings, [0]).result()
+def _fly_cell(scenario: Scenario, count: int, folder: Path, resume: bool) -> None:
+    # A worker flies all of a cell: the larger the fleet, the faster.
+    with ThreadPoolExecutor(1) as executor:
+        study = run_monte_carlo(scenario, count, folder=folder, resume=resume, num_workers=1, executor=executor)
+    if study.failures:
+        sample, reason = next(iter(study.failures.items()))
+        raise RuntimeError(f"sample {sample} of {scenario.name} could not be flown: {reason}")
+
+
+def _record(scenario: Scenario, count: int) -> tuple[Flight, dict[str, np.ndarray]]:
+    """Sample 0, and the (count,) numbers of that and the next samples."""
+    flights = simulate_samples(scenario, range(count))
+    rows = [measures(flight) for flight in flights]
+    return flights[0], {name: np.array([row[name] for row in rows]) for name in rows[0]}
+
+
+def _tuned_legs(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> TunedLegs:
+    """The best gains of sample 0 on straight legs and on curved ones, and how they fly other samples."""
+    found = fly_legs(scenario, settings, [0])
     best = [int(np.nanargmin(errors[:, 0])) for errors in (found.straight, found.curved)]
     tuned = {name: values[best] for name, values in settings.items()}
-    return TunedLegs(**tuned, errors=workers.submit(fly_legs, scenario, tuned, range(1, 1 + sizes.sweep // 3)).result())
+    return TunedLegs(**tuned, samples=np.array(samples), errors=fly_legs(scenario, tuned, samples))
 
 
-def _sweep(
-    workers: Workers,
-    scenario: Scenario,
-    settings: Mapping[str, np.ndarray],
-    samples: Sequence[int],
-    told: Callable[[int, int], None],
-) -> Sweep:
-    """Flies all settings on the same samples, in fleets."""
-    count = len(next(iter(settings.values())))
-    at_once = max(1, min(_VEHICLES // len(samples), -(-count // workers.num_workers)))
-    jobs = {
-        first: workers.submit(
+def _submit_sweep(
+    jobs: "_Jobs", name: str, scenario: Scenario, settings: Mapping[str, np.ndarray], count: int
+) -> list[Future]:
+    """Begins to fly all settings on the same samples, in fleets, and gives their metrics in order."""
+    total = len(next(iter(settings.values())))
+    at_once = max(_VEHICLES // count, 1)
+    return [
+        jobs.submit(
+            name,
+            count * min(at_once, total - first),
             fly_settings,
             scenario,
-            {name: values[first : first + at_once] for name, values in settings.items()},
-            samples,
+            {number: values[first : first + at_once] for number, values in settings.items()},
+            range(count),
         )
-        for first in range(0, count, at_once)
-    }
-    found = dict(_awaited(jobs, told))
-    metrics = Metrics(*(np.concatenate(values) for values in zip(*found.values(), strict=True)))
-    return Sweep(settings, metrics)
+        for first in range(0, total, at_once)
+    ]
 
 
-def _awaited(jobs: Mapping, told: Callable[[int, int], None]) -> Iterator:
-    """The results of jobs, in their order."""
-    for i, (name, job) in enumerate(jobs.items()):
-        told(i, len(jobs))
-        yield name, job.result()
-    told(len(jobs), len(jobs))
+class _Jobs:
+    """What workers do, and how many flights that is."""
+
+    def __init__(self, workers: Workers) -> None:
+        self._workers = workers
+        self._jobs: dict[Future, tuple[str, int]] = {}
+
+    def submit(self, what: str, flights: int, function: Callable[..., Any], *arguments: Any) -> Future:
+        """Begins a job."""
+        job = self._workers.submit(function, *arguments)
+        self._jobs[job] = what, flights
+        return job
+
+    def wait(self, progress: Callable[[str, int], None] | None) -> None:
+        """Waits for all jobs; raises what the first that fails raised."""
+        done = 0
+        for job in as_completed(self._jobs):
+            job.result()
+            what, flights = self._jobs[job]
+            done += flights
+            if progress is not None:
+                progress(what, done)

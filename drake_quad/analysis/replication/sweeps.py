@@ -1,10 +1,12 @@
 """One scenario with other numbers, many times, on the same samples."""
 
 from collections.abc import Mapping, Sequence
+from pathlib import Path
 from typing import NamedTuple
 
 import numpy as np
 
+from drake_quad.analysis.replication.columns import read_columns, write_columns
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.numbers import with_rows
@@ -16,17 +18,41 @@ class Sweep(NamedTuple):
 
     Attributes:
         settings: (settings,) value of each number that differs.
+        samples: (samples,) their numbers.
         metrics: (settings, samples).
     """
 
     settings: Mapping[str, np.ndarray]
+    samples: np.ndarray
     metrics: Metrics
+
+    def save(self, path: Path) -> Path:
+        """Writes a row for each setting and sample."""
+        count = len(self.samples)
+        table = {name: np.repeat(values, count) for name, values in self.settings.items()}
+        table |= {"sample": np.tile(self.samples, len(self.metrics.rmse))}
+        return write_columns(path, table | {name: np.ravel(values) for name, values in self.metrics._asdict().items()})
+
+    @classmethod
+    def load(cls, path: Path) -> "Sweep":
+        """Reads what `save` wrote.
+
+        Raises:
+            InputError: the file cannot be read.
+        """
+        table = read_columns(path)
+        samples = np.unique(table["sample"]).astype(int)
+        metrics = Metrics(*(table.pop(name).reshape(-1, len(samples)) for name in Metrics._fields))
+        table.pop("sample")
+        return cls({name: values[:: len(samples)] for name, values in table.items()}, samples, metrics)
 
 
 # The exponents of Table II, and the triangles of type 1.
 EXPONENTS = {"pd_t1fnn": (1.0, 1.0), "pd_t2fnn": (1.2, 0.8), "pd_t2fnn_wide": (1.4, 0.6)}
 NOISE = (0.0, 0.001, 0.005, 0.01, 0.02)
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
+# Below k_P k_D = 2.44 1/s³ an integral leaves the ideal loop stable.
+INTEGRALS = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.5, 1.8, 2.1, 2.4)
 _POSITION = "control.position"
 # Around the calibrated gains, 1.447 and 1.684, as far as the loop is stable and beyond.
 _K_P, _K_D = (0.3, 6.0), (0.3, 6.0)
@@ -49,6 +75,11 @@ def _exponents(which: np.ndarray) -> dict[str, np.ndarray]:
     return {"a1": pairs[:, 0], "a2": pairs[:, 1]}
 
 
+def integral_settings() -> dict[str, np.ndarray]:
+    """Integral gains "k_i" (1/s³) on X and Y."""
+    return {"k_i": np.array(INTEGRALS)}
+
+
 def gain_settings(count: int) -> dict[str, np.ndarray]:
     """A grid of so many "k_p" (1/s²) and "k_d" (1/s) on X and Y."""
     k_p, k_d = np.meshgrid(np.geomspace(*_K_P, count), np.geomspace(*_K_D, count), indexing="ij")
@@ -62,6 +93,7 @@ _PATHS = {
     "a2": [f"{_POSITION}.network.a2"],
     "k_p": [f"{_POSITION}.k_p.{axis}" for axis in (0, 1)],
     "k_d": [f"{_POSITION}.k_d.{axis}" for axis in (0, 1)],
+    "k_i": [f"{_POSITION}.k_i.{axis}" for axis in (0, 1)],
 }
 
 

@@ -1,6 +1,5 @@
 """Table II again: three runs and their mean as the paper has, and the mean of all samples with its interval."""
 
-import csv
 import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -10,6 +9,7 @@ import numpy as np
 
 from drake_quad.analysis.monte_carlo import Study
 from drake_quad.analysis.monte_carlo.statistics import Interval, mean_interval, of_survivors
+from drake_quad.analysis.replication.columns import write_columns
 from drake_quad.analysis.replication.printed import CONTROLLERS, WINDS, Cell, Runs, table_ii
 
 # Columns of Table II, and the metrics that stand for them.
@@ -52,7 +52,8 @@ def table_entries(cells: Mapping[Cell, Study]) -> list[Entry]:
             for controller in CONTROLLERS:
                 cell = Cell(wind, controller)
                 study = cells[cell]
-                first, second, third = (float(value) for value in getattr(study.metrics, quantity)[:3])
+                values = np.where(study.metrics.crashed, np.nan, getattr(study.metrics, quantity))
+                first, second, third = (float(value) for value in values[:3])
                 entries.append(
                     Entry(
                         cell,
@@ -66,16 +67,21 @@ def table_entries(cells: Mapping[Cell, Study]) -> list[Entry]:
     return entries
 
 
-def write_table(path: Path, entries: Sequence[Entry]) -> None:
-    """Writes a line for each number."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        runs = [f"{whose}_{which}" for whose in ("printed", "ours") for which in ("run1", "run2", "run3", "mean")]
-        writer.writerow(["wind", "controller", "quantity", *runs, "mean", "low", "high", "crashed"])
-        for entry in entries:
-            numbers = [*entry.printed.runs, entry.printed.mean, *entry.runs.runs, entry.runs.mean, *entry.mean]
-            cells = ["" if math.isnan(number) else f"{number:.9g}" for number in numbers]
-            writer.writerow([*entry.cell, entry.quantity, *cells, entry.crashed])
+def write_table(path: Path, entries: Sequence[Entry]) -> Path:
+    """Writes a row for each number and returns the path."""
+    columns: dict[str, list] = {
+        "wind": [entry.cell.wind for entry in entries],
+        "controller": [entry.cell.controller for entry in entries],
+        "quantity": [entry.quantity for entry in entries],
+    }
+    for whose in ("printed", "runs"):
+        name = "ours" if whose == "runs" else whose
+        for i in range(3):
+            columns[f"{name}_run{i + 1}"] = [getattr(entry, whose).runs[i] for entry in entries]
+        columns[f"{name}_mean"] = [getattr(entry, whose).mean for entry in entries]
+    for end, column in zip(Interval._fields, ("mean", "low", "high"), strict=True):
+        columns[column] = [getattr(entry.mean, end) for entry in entries]
+    return write_columns(path, columns | {"crashed": [entry.crashed for entry in entries]})
 
 
 def table_markdown(entries: Sequence[Entry], quantity: str) -> str:

@@ -1,0 +1,82 @@
+"""The numbers of a route's legs, over time and along the path."""
+
+import itertools
+from typing import NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+
+from drake_quad.reference.plan import Plan
+from drake_quad.visualization.style import PLATE
+
+# From above, a leg that is slower than this in its middle goes straight up, m/s.
+_SLOW = 0.2
+
+
+class LegMark(NamedTuple):
+    """Where the number of a leg stands.
+
+    Attributes:
+        number: from 1 on.
+        place: of the middle of the leg, (3,), m.
+        beside: (2,) direction to its right, seen from above; zero if the leg is a point from there.
+    """
+
+    number: int
+    place: np.ndarray
+    beside: np.ndarray
+
+
+def leg_marks(plan: Plan) -> list[LegMark]:
+    """The marks of a plan's legs; none if it has but one."""
+    position, velocity = plan.derivative(0), plan.derivative(1)
+    marks = []
+    for number, (start, end) in enumerate(_legs(plan), start=1):
+        middle = 0.5 * (start + end)
+        v_x, v_y, _ = velocity.value(middle)[:, 0]
+        speed = np.hypot(v_x, v_y)
+        beside = np.array([v_y, -v_x]) / speed if speed > _SLOW else np.zeros(2)
+        marks.append(LegMark(number, position.value(middle)[:, 0], beside))
+    return marks
+
+
+def number_legs(axes: Axes, plan: Plan) -> None:
+    """Writes the number of each leg beside its middle, seen from above."""
+    for number, place, beside in leg_marks(plan):
+        # The number of a leg that is a point from above would lie on top of others.
+        if np.any(beside):
+            axes.annotate(
+                str(number),
+                (place[0], place[1]),
+                (11.0 * beside[0], 11.0 * beside[1]),
+                textcoords="offset points",
+                ha="center",
+                va="center",
+                color="0.35",
+                bbox=PLATE,
+            )
+
+
+def shade_legs(axes: Axes, plan: Plan, last_time: float, *, height: float) -> None:
+    """Numbers the legs over time and shades every other one.
+
+    Args:
+        axes: over time, s.
+        plan: with the legs.
+        last_time: that is drawn, s.
+        height: of the numbers, as a share of the axes.
+    """
+    for number, (start, end) in enumerate(_legs(plan), start=1):
+        if start >= last_time:
+            break
+        if number % 2 == 0:
+            axes.axvspan(start, min(end, last_time), color="0.95", zorder=0, linewidth=0)
+        middle = 0.5 * (start + min(end, last_time))
+        place = (middle, height)
+        axes.annotate(str(number), place, xycoords=("data", "axes fraction"), ha="center", color="0.4", bbox=PLATE)
+
+
+def _legs(plan: Plan) -> list[tuple[float, float]]:
+    """Start and end of each leg, s."""
+    ends = [*plan.leg_times, float(plan.path.times[-1])]
+    return list(itertools.pairwise(ends)) if len(ends) > 2 else []

@@ -1,0 +1,111 @@
+"""Flies the paper's experiment again, and writes its table, its figures, a verdict on each claim, and a report."""
+
+import argparse
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from pathlib import Path
+
+from command_line import print_columns, print_files, run
+from tqdm import tqdm
+
+from drake_quad import Scenario, load_scenario
+from drake_quad.analysis.monte_carlo.workers import Workers
+from drake_quad.analysis.replication.experiment import QUICK, Sizes, fly_experiment
+from drake_quad.analysis.replication.printed import CONTROLLERS, WINDS, Cell
+from drake_quad.analysis.replication.report import FIGURES, report_html, report_markdown
+from drake_quad.analysis.replication.results import read_experiment
+from drake_quad.analysis.replication.table import Entry
+from drake_quad.analysis.replication.tables import read_tables, write_tables
+from drake_quad.files import output_folder, write_whole
+from drake_quad.visualization.replication_plots import paper_figures, save_small
+
+_TOP = Path(__file__).parent.parent
+_PAPER, _CALIBRATION = _TOP / "diagrams" / "paper.yaml", _TOP / "docs" / "replication" / "calibration.csv"
+
+
+def main() -> None:
+    arguments = command_line()
+    sizes = QUICK if arguments.quick else Sizes()
+    folder = output_folder(arguments.output or Path("out/paper_quick" if arguments.quick else "out/paper"))
+    with Workers(arguments.workers) as workers, flights_bar(sizes.flights) as progress:
+        flights = fly_experiment(load, sizes, folder, workers, resume=arguments.resume, progress=progress)
+    shutil.copyfile(_CALIBRATION, folder / "calibration.csv")
+    found = read_experiment(folder)
+    tables = read_tables(folder, found)
+    files = write_tables(folder, tables)
+    drawings = output_folder(folder / "figures")
+    with tqdm(total=len(FIGURES), desc="drawing", leave=False, disable=None) as bar:
+        for name, figure in paper_figures(found, flights):
+            save_small(figure, drawings / f"{name}.png")
+            bar.update()
+    text = report_markdown(found, tables)
+    files.append(write_text(folder / "report.md", text))
+    files.append(write_text(folder / "report.html", report_html(text, folder)))
+    print_errors(tables.entries)
+    print_columns(("claim", "verdict"), [(claim.words, claim.verdict) for claim in tables.claims])
+    print_files([*files, drawings])
+
+
+def command_line() -> argparse.Namespace:
+    """What the command line asks for."""
+    options = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="example: python scripts/reproduce_paper.py --quick",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    options.add_argument("--quick", action="store_true", help="fewer samples, to see whether everything works")
+    options.add_argument("--workers", type=int, help="processes (default: as many as there are cores)")
+    options.add_argument("--resume", action="store_true", help="keep the cells that are in the folder already")
+    options.add_argument("--output", type=Path, help="folder (default: out/paper, or out/paper_quick)")
+    return options.parse_args()
+
+
+def load(cell: Cell) -> Scenario:
+    """The scenario of a cell."""
+    return load_scenario(f"{_PAPER}:{cell.scenario}")
+
+
+@contextmanager
+def flights_bar(total: int) -> Iterator[Callable[[str, int], None]]:
+    """Gives a function of what was flown and how many flights are done that keeps a bar on a terminal."""
+    with tqdm(total=total, desc="flying", unit=" flights", leave=False, disable=None) as bar:
+
+        def show(what: str, done: int) -> None:
+            bar.set_postfix_str(what, refresh=False)
+            bar.update(done - bar.n)
+
+        bar.refresh()
+        yield show
+
+
+def write_text(path: Path, text: str) -> Path:
+    """Writes a text file whole and returns the path."""
+
+    def write(target: Path) -> None:
+        target.write_text(text, encoding="utf-8")
+
+    return write_whole(path, write)
+
+
+def print_errors(entries: Sequence[Entry]) -> None:
+    """Prints the errors of Table II beside the printed ones."""
+    rows = []
+    for entry in entries:
+        if entry.quantity == "rmse":
+            mean = entry.mean
+            there = entry.off == entry.off
+            rows.append(
+                (
+                    WINDS[entry.cell.wind],
+                    CONTROLLERS[entry.cell.controller],
+                    f"{mean.value:.3f} [{mean.low:.3f}, {mean.high:.3f}]",
+                    f"{entry.printed.mean:.3f}" if there else "–",
+                    f"{100.0 * entry.off:+.1f} %" if there else "–",
+                )
+            )
+    print_columns(("", "", "RMSE (m)", "printed", "off by"), rows)
+
+
+if __name__ == "__main__":
+    run(main)
