@@ -12,7 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.analysis.monte_carlo import run_monte_carlo
-from drake_quad.analysis.monte_carlo.workers import Workers
+from drake_quad.analysis.monte_carlo.study import rows_of
+from drake_quad.analysis.monte_carlo.study_folder import open_study
+from drake_quad.analysis.monte_carlo.workers import Outcome, Workers
 from drake_quad.analysis.replication.legs import fly_legs
 from drake_quad.analysis.replication.measures import measures
 from drake_quad.analysis.replication.printed import CONTROLLERS, Cell
@@ -28,6 +30,7 @@ from drake_quad.analysis.replication.sweeps import (
 )
 from drake_quad.flight import Flight, simulate_samples
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.planning import flight_duration, plan_route
 from drake_quad.scenario import Scenario
 
 # Vehicles of a fleet, at most.
@@ -39,7 +42,7 @@ class Sizes(NamedTuple):
 
     Attributes:
         cells: samples of each cell.
-        recorded: samples of each cell of Table II with all signals.
+        recorded: as many of them with all signals, if the cell is of Table II.
         sweep: samples of each setting of noise and network.
         grid: gains along each axis of the map.
         map: samples of each pair of gains.
@@ -55,7 +58,7 @@ class Sizes(NamedTuple):
     def flights(self) -> int:
         """How many flights that is."""
         sweeps = len(noise_settings()["noise"]) + len(share_settings()["q"]) + len(INTEGRALS)
-        cells = len(cells_of((*CONTROLLERS, *FAIR))) * self.cells + len(cells_of(CONTROLLERS)) * self.recorded
+        cells = len(cells_of((*CONTROLLERS, *FAIR))) * self.cells
         legs = (self.grid // 2) ** 2 + 2 * self.leg_samples
         return cells + sweeps * self.sweep + len(MAPPED) * self.grid**2 * self.map + legs
 
@@ -65,7 +68,7 @@ class Sizes(NamedTuple):
         return max(self.sweep // 3, 2)
 
 
-QUICK = Sizes(cells=24, recorded=2, sweep=4, grid=6, map=2)
+QUICK = Sizes(cells=8, sweep=4, grid=6, map=2)
 
 
 def fly_experiment(
@@ -94,15 +97,16 @@ def fly_experiment(
         RuntimeError: a sample could not be flown.
     """
     jobs = _Jobs(workers)
+    recorded = {}
     for cell in cells_of((*CONTROLLERS, *FAIR)):
         target = folder / "cells" / cell.scenario
         if target.exists() and not resume:
             shutil.rmtree(target)
-        jobs.submit(cell.scenario, sizes.cells, _fly_cell, load(cell), sizes.cells, target, resume)
-    recorded = {
-        cell: jobs.submit("recorded flights", sizes.recorded, _record, load(cell), sizes.recorded)
-        for cell in cells_of(CONTROLLERS)
-    }
+        study = load(cell), sizes.cells, target
+        if cell.controller in CONTROLLERS:
+            recorded[cell] = jobs.submit(cell.scenario, sizes.cells, _record_cell, *study, sizes.recorded)
+        else:
+            jobs.submit(cell.scenario, sizes.cells, _fly_cell, *study)
     network = load(Cell("no_wind", "pd_t2fnn"))
     sweeps = {
         "noise": (network, noise_settings(), sizes.sweep),
@@ -125,20 +129,30 @@ def fly_experiment(
     return {cell: job.result()[0] for cell, job in recorded.items()}
 
 
-def _fly_cell(scenario: Scenario, count: int, folder: Path, resume: bool) -> None:
-    # A worker flies all of a cell: the larger the fleet, the faster.
+def _fly_cell(scenario: Scenario, count: int, folder: Path) -> None:
+    """Flies what is missing of a study. A worker flies all of it: the larger the fleet, the faster."""
     with ThreadPoolExecutor(1) as executor:
-        study = run_monte_carlo(scenario, count, folder=folder, resume=resume, num_workers=1, executor=executor)
+        study = run_monte_carlo(scenario, count, folder=folder, resume=True, num_workers=1, executor=executor)
     if study.failures:
         sample, reason = next(iter(study.failures.items()))
         raise RuntimeError(f"sample {sample} of {scenario.name} could not be flown: {reason}")
 
 
-def _record(scenario: Scenario, count: int) -> tuple[Flight, dict[str, np.ndarray]]:
-    """Sample 0, and the (count,) numbers of that and the next samples."""
-    flights = simulate_samples(scenario, range(count))
-    rows = [measures(flight) for flight in flights]
-    return flights[0], {name: np.array([row[name] for row in rows]) for name in rows[0]}
+def _record_cell(scenario: Scenario, count: int, folder: Path, recorded: int) -> tuple[Flight, dict[str, np.ndarray]]:
+    """The same, the first samples with all signals; gives sample 0, and (recorded,) numbers of each of these."""
+    flights = simulate_samples(scenario, range(recorded))
+    with open_study(folder, scenario, count, _duration(scenario), {}, resume=True) as rows:
+        new = [sample for sample in rows.missing if sample < recorded]
+        if new:
+            metrics = Metrics(*np.array([flights[sample].metrics for sample in new]).T)
+            rows.add(Outcome(new, rows_of(new, {}, metrics), ""))
+    _fly_cell(scenario, count, folder)
+    numbers = [measures(flight) for flight in flights]
+    return flights[0], {name: np.array([each[name] for each in numbers]) for name in numbers[0]}
+
+
+def _duration(scenario: Scenario) -> float:
+    return flight_duration(scenario, plan_route(scenario))
 
 
 def _tuned_legs(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> TunedLegs:
