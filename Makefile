@@ -1,5 +1,6 @@
 # make fly   sets up a virtual environment and flies the figure eight
 # make test  sets it up and runs the tests
+# make paper  flies the paper's experiment again and writes a report
 # make lint  checks style and types
 # make benchmark  measures speed
 # make figures  draws again what the docs show
@@ -8,13 +9,16 @@ VENV ?= .venv
 PYTHON ?= $(firstword $(shell .ci/pythons))
 PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
-.PHONY: fly test lint benchmark figures
+.PHONY: fly test paper lint benchmark figures
 
 fly: $(VENV)/.installed
 	$(VENV)/bin/python scripts/simulate.py diagrams/figure_eight.yaml
 
 test: $(VENV)/.installed-test
 	$(VENV)/bin/python -m pytest
+
+paper: $(VENV)/.installed
+	$(VENV)/bin/python scripts/reproduce_paper.py
 
 lint: $(VENV)/.installed-lint
 	$(VENV)/bin/ruff check
@@ -37,6 +41,10 @@ figures: $(VENV)/.installed
 	$(VENV)/bin/python scripts/monte_carlo.py $(foreach name,pd pd_t1fnn pd_t2fnn pd_feed_forward, \
 		--controller diagrams/controllers/paper.yaml:$(name))
 	cp out/monte_carlo/robustness/distribution.png docs/robustness.png
+	$(VENV)/bin/python scripts/calibrate_paper.py
+	cp out/calibration/calibration.csv docs/replication
+	$(VENV)/bin/python scripts/reproduce_paper.py
+	cp -r $(addprefix out/paper/,report.md report.html figures table_ii.csv claims.csv fair.csv effort.csv) docs/replication
 
 $(VENV)/bin/python:
 	@test -n "$(PYTHON)" || { echo "no Python from 3.11 on was found on PATH or under pyenv"; exit 2; }

@@ -40,15 +40,15 @@ def leg_marks(plan: Plan) -> list[LegMark]:
     return marks
 
 
-def number_legs(axes: Axes, plan: Plan) -> None:
-    """Writes the number of each leg beside its middle, seen from above."""
+def number_legs(axes: Axes, plan: Plan, *, distance: float = 11.0) -> None:
+    """Writes the number of each leg beside its middle, seen from above, at a distance in points."""
     for number, place, beside in leg_marks(plan):
         # The number of a leg that is a point from above would lie on top of others.
         if np.any(beside):
             axes.annotate(
                 str(number),
                 (place[0], place[1]),
-                (11.0 * beside[0], 11.0 * beside[1]),
+                (distance * beside[0], distance * beside[1]),
                 textcoords="offset points",
                 ha="center",
                 va="center",

@@ -123,13 +123,14 @@ def figure_7(flights: Flights) -> Figure:
             x, y, z = place + 0.35 * np.array([*beside, 0.0])
             axes.text(x, y, z, str(number), color="0.2", fontsize=8, fontweight="bold", ha="center", va="center")
         axes.set(xlabel="X (m)", ylabel="Y (m)", zlabel="Z (m)")
-        axes.set_box_aspect(np.maximum(np.ptp(wanted, axis=1), 1.5), zoom=1.15)
+        axes.set_box_aspect(np.maximum(np.ptp(wanted, axis=1), 1.5), zoom=0.98)
         axes.view_init(elev=28.0, azim=-38.0)
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
             axis.set_major_locator(MaxNLocator(4))
-            axis.labelpad = -4.0
+            axis.labelpad = -5.0
         axes.tick_params(pad=-2.0)
-        axes.yaxis.labelpad = 2.0
+        axes.yaxis.labelpad = 0.0
+        axes.zaxis.labelpad = -6.0
         figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3, columnspacing=1.0)
         return figure
 
@@ -145,7 +146,7 @@ def figure_8(flights: Flights) -> Figure:
             color, style = _LINES[name]
             path = flights[Cell("no_wind", name)]["state"][:, 0:2].T
             axes.plot(*path, color=color, linestyle=style, label=CONTROLLERS[name])
-        number_legs(axes, flight.plan)
+        number_legs(axes, flight.plan, distance=17.0)
         axes.set(xlabel="X (m)", ylabel="Y (m)")
         axes.set_aspect("equal")
         axes.margins(0.08)
@@ -266,7 +267,7 @@ def table_figure(found: Experiment) -> Figure:
 def fair_figure(found: Experiment) -> Figure:
     """PD and PD+T2FNN as calibrated beside controllers that the paper does not have, on the same samples."""
     with _in_print():
-        figure = new_figure(_COLUMN, 2.4)
+        figure = new_figure(_COLUMN, 3.0)
         axes = figure.subplots()
         styles = zip(WINDS.items(), (BLUE, ORANGE, VERMILION), (-0.24, 0.0, 0.24), strict=True)
         for (wind, words), color, offset in styles:
@@ -338,7 +339,7 @@ def gain_figure(found: Experiment) -> Figure:
             for axis in (axes.xaxis, axes.yaxis):
                 axis.set_major_formatter("{x:g}")
                 axis.set_minor_locator(NullLocator())
-                axis.set_ticks([0.5, 1.0, 2.0, 5.0])
+                axis.set_ticks([0.5, 1.0, 2.0, 5.0, 10.0])
             axes.grid(visible=False)
         row[0].set_ylabel("$k_P$ (1/s²)")
         bar = figure.colorbar(shades, ax=list(row), label="RMSE (m)", fraction=0.06, pad=0.02, extend="max")

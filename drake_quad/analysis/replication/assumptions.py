@@ -57,7 +57,7 @@ def _of_vehicle(scenario: Scenario) -> list[Assumption]:
         Assumption(
             "limits of the rotors",
             f"{vehicle.min_rotor_speed:g} to {vehicle.max_rotor_speed:g} rad/s",
-            "hover takes 201 rad/s; with more, thrust is 2.2 times the weight, as usual for such a vehicle",
+            "hover takes 201 rad/s; the top gives 2.2 times the thrust of hover, a usual ratio",
         ),
         Assumption("lag of the rotors", f"{vehicle.rotor_time_constant:g} s", "usual for propellers of 8 inches"),
         Assumption(
@@ -76,7 +76,11 @@ def _of_laboratory(scenario: Scenario) -> list[Assumption]:
     bandwidth = cameras.derivative_bandwidth
     assert bandwidth is not None
     return [
-        Assumption("noise of the positions", f"{1e3 * cameras.position_noise:g} mm", "1 mm, taken for a deviation"),
+        Assumption(
+            "noise of the positions",
+            f"{1e3 * cameras.position_noise:g} mm",
+            "the paper's 1 mm, taken for a standard deviation",
+        ),
         Assumption(
             "noise of the angles",
             f"{1e3 * cameras.attitude_noise:g} mrad",

@@ -15,13 +15,14 @@ from drake_quad.analysis.monte_carlo import run_monte_carlo
 from drake_quad.analysis.monte_carlo.study import rows_of
 from drake_quad.analysis.monte_carlo.study_folder import open_study
 from drake_quad.analysis.monte_carlo.workers import Outcome, Workers
-from drake_quad.analysis.replication.legs import fly_legs
-from drake_quad.analysis.replication.measures import measures
+from drake_quad.analysis.replication.measures import LegErrors, measures
 from drake_quad.analysis.replication.printed import CONTROLLERS, Cell
-from drake_quad.analysis.replication.results import FAIR, MAPPED, TunedLegs, cells_of, write_recorded
+from drake_quad.analysis.replication.results import FAIR, MAPPED, cells_of, write_recorded
 from drake_quad.analysis.replication.sweeps import (
     INTEGRALS,
     Sweep,
+    best_gain_settings,
+    fly_legs,
     fly_settings,
     gain_settings,
     integral_settings,
@@ -46,29 +47,25 @@ class Sizes(NamedTuple):
         sweep: samples of each setting of noise and network.
         grid: gains along each axis of the map.
         map: samples of each pair of gains.
+        legs: samples of each pair of gains of which errors are known leg by leg.
     """
 
     cells: int = 1000
     recorded: int = 8
     sweep: int = 60
-    grid: int = 14
+    grid: int = 16
     map: int = 4
+    legs: int = 6
 
     @property
     def flights(self) -> int:
         """How many flights that is."""
         sweeps = len(noise_settings()["noise"]) + len(share_settings()["q"]) + len(INTEGRALS)
         cells = len(cells_of((*CONTROLLERS, *FAIR))) * self.cells
-        legs = (self.grid // 2) ** 2 + 2 * self.leg_samples
-        return cells + sweeps * self.sweep + len(MAPPED) * self.grid**2 * self.map + legs
-
-    @property
-    def leg_samples(self) -> int:
-        """Samples that the PD's tuned on straight lines and on curves fly."""
-        return max(self.sweep // 3, 2)
+        return cells + sweeps * self.sweep + (len(MAPPED) * self.map + self.legs) * self.grid**2
 
 
-QUICK = Sizes(cells=8, sweep=4, grid=6, map=2)
+QUICK = Sizes(cells=8, sweep=4, grid=6, map=2, legs=2)
 
 
 def fly_experiment(
@@ -115,17 +112,15 @@ def fly_experiment(
         **{f"map_{name}": (load(Cell("no_wind", name)), gain_settings(sizes.grid), sizes.map) for name in MAPPED},
     }
     parts = {name: _submit_sweep(jobs, name, *sweep) for name, sweep in sweeps.items()}
-    gains, samples = gain_settings(sizes.grid // 2), range(1, 1 + sizes.leg_samples)
-    count = len(gains["k_p"]) + 2 * len(samples)
-    legs = jobs.submit("legs", count, _tuned_legs, load(Cell("no_wind", "pd")), gains, samples)
+    pd, gains = load(Cell("no_wind", "pd")), best_gain_settings(sizes.grid)
+    legs = [jobs.submit("legs", sizes.grid**2, fly_legs, pd, gains, [sample]) for sample in range(sizes.legs)]
 
     jobs.wait(progress)
     write_recorded(folder / "recorded.csv", {cell: job.result()[1] for cell, job in recorded.items()})
     for name, (_, settings, count) in sweeps.items():
-        found = [job.result() for job in parts[name]]
-        metrics = Metrics(*(np.concatenate(values) for values in zip(*found, strict=True)))
+        metrics = Metrics(*_joined(parts[name], axis=0))
         Sweep(settings, np.arange(count), metrics).save(folder / f"{name}.csv")
-    legs.result().save(folder / "legs.csv")
+    Sweep(gains, np.arange(sizes.legs), LegErrors(*_joined(legs, axis=1))).save(folder / "legs.csv")
     return {cell: job.result()[0] for cell, job in recorded.items()}
 
 
@@ -155,12 +150,9 @@ def _duration(scenario: Scenario) -> float:
     return flight_duration(scenario, plan_route(scenario))
 
 
-def _tuned_legs(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> TunedLegs:
-    """The best gains of sample 0 on straight legs and on curved ones, and how they fly other samples."""
-    found = fly_legs(scenario, settings, [0])
-    best = [int(np.nanargmin(errors[:, 0])) for errors in (found.straight, found.curved)]
-    tuned = {name: values[best] for name, values in settings.items()}
-    return TunedLegs(**tuned, samples=np.array(samples), errors=fly_legs(scenario, tuned, samples))
+def _joined(jobs: Sequence[Future], axis: int) -> list[np.ndarray]:
+    """Each of the rows that jobs found, along an axis."""
+    return [np.concatenate(values, axis) for values in zip(*(job.result() for job in jobs), strict=True)]
 
 
 def _submit_sweep(

@@ -1,6 +1,6 @@
-"""Numbers of recorded flights: control effort as others define it, the PD's output, and the distance to the path."""
+"""Numbers of recorded flights: effort as others define it, the PD's output, distance to the path, errors leg by leg."""
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -10,6 +10,10 @@ from drake_quad.flight import Flight
 
 # Between points of the path to which the distance is measured, s; at 2 m/s they are 4 mm apart.
 _FINE = 0.002
+
+
+STRAIGHT = ("climb", "straight", "descent", "return")
+CURVED = ("circle", "turn", "curve")
 
 
 class Effort(NamedTuple):
@@ -117,3 +121,38 @@ def _path_error(flight: Flight) -> float:
     path = KDTree(flight.plan.derivative(0).vector_values(np.arange(0.0, flight.time[-1], _FINE)).T)
     distance, _ = path.query(flight["state"][:, 0:3])
     return float(np.sqrt(np.mean(distance**2)))
+
+
+class LegErrors(NamedTuple):
+    """RMSE over the straight and over the curved legs, m, and how much the command swings on the straight ones.
+
+    Attributes:
+        straight: m.
+        curved: m.
+        swing: total variation of the horizontal command a second on the straight legs, m/s³.
+    """
+
+    straight: np.ndarray
+    curved: np.ndarray
+    swing: np.ndarray
+
+
+def leg_errors(flights: Sequence[Flight]) -> LegErrors:
+    """(flights,) errors of flights of the paper's route; NaN for those that crashed."""
+    rows = [_of_flight(flight) if not flight.metrics.crashed else (np.nan,) * 3 for flight in flights]
+    return LegErrors(*np.array(rows).T)
+
+
+def _of_flight(flight: Flight) -> tuple[float, float, float]:
+    names = np.array([leg.name for leg in flight.plan.legs])
+    leg = names[np.searchsorted(flight.plan.leg_times, flight.time, side="right") - 1]
+    squared = np.sum((flight["reference"][:, 0:3] - flight["state"][:, 0:3]) ** 2, axis=1)
+    straight, curved = np.isin(leg, STRAIGHT), np.isin(leg, CURVED)
+    steps = np.abs(np.diff(flight["acceleration_command"][:, 0:2], axis=0)).sum(axis=1)
+    both = straight[1:] & straight[:-1]
+    period = flight.time[1] - flight.time[0]
+    return (
+        float(np.sqrt(squared[straight].mean())),
+        float(np.sqrt(squared[curved].mean())),
+        float(steps[both].sum() / (both.sum() * period)),
+    )

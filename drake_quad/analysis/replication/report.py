@@ -152,8 +152,8 @@ def _of_claims(claims: Sequence[Claim]) -> dict[str, str]:
     for number, claim in enumerate(claims, start=1):
         title = claim.words[0].upper() + claim.words[1:]
         parts.append(
-            f"### {number}. {title}\n\nThe paper: {claim.printed}. Here: {claim.ours}."
-            f" **{claim.verdict[0].upper()}{claim.verdict[1:]}**: {claim.rule}."
+            f"### {number}. {title}\n\nThe paper: {claim.printed}. Here: {claim.ours}.\n\nVerdict:"
+            f" **{claim.verdict}**. Rule: {claim.rule}."
         )
         if claim.details:
             parts.append(f"Cell by cell: {claim.details}.")
@@ -212,11 +212,11 @@ def _of_effort(matches: Sequence[EffortMatch]) -> dict[str, str]:
         words = EFFORTS[match.name].words + (" (ours)" if match.name == OUR_EFFORT else "")
         x, y = match.shares
         rows.append((words, f"{x:.2f}", f"{y:.2f}", ratio(match.distance)))
-    closest = EFFORTS[matches[0].name].words
+    near = [EFFORTS[match.name].words for match in matches if match.distance.low <= matches[0].distance.high]
     return {
         "effort": _table(("definition", "ratio on X", "ratio on Y", "off by a factor of"), rows),
         "scatter": f"{printed_scatter():.2f}",
-        "closest": f"The {closest}",
+        "closest": f"the {near[0]}" + "".join(f", then the {words}" for words in near[1:]),
     }
 
 
@@ -228,7 +228,7 @@ def _named(entry: Entry) -> str:
 
 
 def _image(name: str) -> str:
-    return f'<img src="figures/{name}.png" width="420" alt="{name}">\n\n*{FIGURES[name]}*'
+    return f'<img src="figures/{name}.png" width="420" alt="{FIGURES[name]}">\n\n*{FIGURES[name]}*'
 
 
 def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:

@@ -1,19 +1,25 @@
 """One scenario with other numbers, many times, on the same samples."""
 
 from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 from pathlib import Path
-from typing import NamedTuple
+from typing import Generic, TypeVar
 
 import numpy as np
 
 from drake_quad.analysis.replication.columns import read_columns, write_columns
+from drake_quad.analysis.replication.measures import LegErrors, leg_errors
+from drake_quad.flight import simulate_samples
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.numbers import with_rows
 from drake_quad.study_fleet import StudyFleet
 
+Rows = TypeVar("Rows", Metrics, LegErrors)
 
-class Sweep(NamedTuple):
+
+@dataclass(frozen=True)
+class Sweep(Generic[Rows]):
     """Flights of some settings, all on the same samples.
 
     Attributes:
@@ -24,27 +30,27 @@ class Sweep(NamedTuple):
 
     settings: Mapping[str, np.ndarray]
     samples: np.ndarray
-    metrics: Metrics
+    metrics: Rows
 
     def save(self, path: Path) -> Path:
         """Writes a row for each setting and sample."""
         count = len(self.samples)
         table = {name: np.repeat(values, count) for name, values in self.settings.items()}
-        table |= {"sample": np.tile(self.samples, len(self.metrics.rmse))}
+        table |= {"sample": np.tile(self.samples, len(self.metrics[0]))}
         return write_columns(path, table | {name: np.ravel(values) for name, values in self.metrics._asdict().items()})
 
-    @classmethod
-    def load(cls, path: Path) -> "Sweep":
-        """Reads what `save` wrote.
 
-        Raises:
-            InputError: the file cannot be read.
-        """
-        table = read_columns(path)
-        samples = np.unique(table["sample"]).astype(int)
-        metrics = Metrics(*(table.pop(name).reshape(-1, len(samples)) for name in Metrics._fields))
-        table.pop("sample")
-        return cls({name: values[:: len(samples)] for name, values in table.items()}, samples, metrics)
+def load_sweep(path: Path, kind: type[Rows]) -> Sweep[Rows]:
+    """Reads a sweep whose metrics are of a kind.
+
+    Raises:
+        InputError: the file cannot be read.
+    """
+    table = read_columns(path)
+    samples = np.unique(table["sample"]).astype(int)
+    metrics = kind(*(table.pop(name).reshape(-1, len(samples)) for name in kind._fields))
+    table.pop("sample")
+    return Sweep({name: values[:: len(samples)] for name, values in table.items()}, samples, metrics)
 
 
 # The exponents of Table II, and the triangles of type 1.
@@ -54,8 +60,10 @@ SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
 # Below k_P k_D = 2.44 1/s³ an integral leaves the ideal loop stable.
 INTEGRALS = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.5, 1.8, 2.1, 2.4)
 _POSITION = "control.position"
-# Around the calibrated gains, 1.447 and 1.684, as far as the loop is stable and beyond.
-_K_P, _K_D = (0.3, 6.0), (0.3, 6.0)
+# Around the calibrated gains, 1.447 and 1.684, so far that the best lie in the middle.
+_ALL_GAINS = (0.3, 20.0), (0.3, 12.0)
+# Where they lie, to tell those for straight lines from those for curves.
+_BEST_GAINS = (2.5, 9.0), (1.0, 4.5)
 
 
 def noise_settings() -> dict[str, np.ndarray]:
@@ -82,7 +90,16 @@ def integral_settings() -> dict[str, np.ndarray]:
 
 def gain_settings(count: int) -> dict[str, np.ndarray]:
     """A grid of so many "k_p" (1/s²) and "k_d" (1/s) on X and Y."""
-    k_p, k_d = np.meshgrid(np.geomspace(*_K_P, count), np.geomspace(*_K_D, count), indexing="ij")
+    return _gains(count, *_ALL_GAINS)
+
+
+def best_gain_settings(count: int) -> dict[str, np.ndarray]:
+    """The same, of gains around the best."""
+    return _gains(count, *_BEST_GAINS)
+
+
+def _gains(count: int, k_p_range: tuple[float, float], k_d_range: tuple[float, float]) -> dict[str, np.ndarray]:
+    k_p, k_d = np.meshgrid(np.geomspace(*k_p_range, count), np.geomspace(*k_d_range, count), indexing="ij")
     return {"k_p": k_p.ravel(), "k_d": k_d.ravel()}
 
 
@@ -103,6 +120,13 @@ def fly_settings(scenario: Scenario, settings: Mapping[str, np.ndarray], samples
     varied = with_settings(scenario, settings, len(samples))
     metrics = StudyFleet(varied, count * len(samples)).fly([*samples] * count)
     return Metrics(*(values.reshape(count, -1) for values in metrics))
+
+
+def fly_legs(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> LegErrors:
+    """The (settings, samples) errors leg by leg of a scenario with other numbers, in one recorded fleet."""
+    count = len(next(iter(settings.values())))
+    flights = simulate_samples(with_settings(scenario, settings, len(samples)), [*samples] * count)
+    return LegErrors(*(values.reshape(count, -1) for values in leg_errors(flights)))
 
 
 def with_settings(scenario: Scenario, settings: Mapping[str, np.ndarray], repetitions: int) -> Scenario:

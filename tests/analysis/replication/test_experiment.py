@@ -4,8 +4,8 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.analysis.replication.legs import CURVED, STRAIGHT, fly_legs
-from drake_quad.analysis.replication.sweeps import fly_settings, gain_settings, noise_settings, share_settings
+from drake_quad.analysis.replication.measures import CURVED, STRAIGHT
+from drake_quad.analysis.replication.sweeps import fly_legs, fly_settings, gain_settings, noise_settings, share_settings
 from drake_quad.flight import simulate_samples
 from drake_quad.planning import plan_route
 from drake_quad.scenario.numbers import with_rows
