@@ -111,7 +111,7 @@ def figure_4() -> Figure:
 def figure_7(flights: Flights) -> Figure:
     """The path in space without wind, PD and PD+T2FNN."""
     with _in_print():
-        figure = new_figure(_COLUMN, 3.3)
+        figure = new_figure(_COLUMN, 2.7)
         axes = figure.add_subplot(projection="3d")
         wanted = _drawn(flights)["reference"][:, 0:3].T
         axes.plot(*wanted, label="reference", **REFERENCE)
@@ -123,7 +123,7 @@ def figure_7(flights: Flights) -> Figure:
             x, y, z = place + 0.35 * np.array([*beside, 0.0])
             axes.text(x, y, z, str(number), color="0.2", fontsize=8, fontweight="bold", ha="center", va="center")
         axes.set(xlabel="X (m)", ylabel="Y (m)", zlabel="Z (m)")
-        axes.set_box_aspect(np.maximum(np.ptp(wanted, axis=1), 1.5), zoom=0.98)
+        axes.set_box_aspect(np.maximum(np.ptp(wanted, axis=1), 1.5), zoom=0.9)
         axes.view_init(elev=28.0, azim=-38.0)
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
             axis.set_major_locator(MaxNLocator(4))
@@ -287,6 +287,7 @@ def fair_figure(found: Experiment) -> Figure:
         axes.set_yticks(range(len(COMPARED)), list(COMPARED.values()))
         axes.set_ylim(len(COMPARED) - 0.5, -0.5)
         axes.grid(visible=False, axis="y")
+        axes.set_axisbelow(True)
         axes.set_xlim(0.0, 1.1 * axes.get_xlim()[1])
         axes.set_xlabel("mean RMSE (m)")
         figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
