@@ -28,8 +28,11 @@ def main() -> None:
     arguments = command_line()
     sizes = QUICK if arguments.quick else Sizes()
     folder = output_folder(arguments.output or Path("out/paper_quick" if arguments.quick else "out/paper"))
-    with Workers(arguments.workers) as workers, flights_bar(sizes.flights) as progress:
-        flights = fly_experiment(load, sizes, folder, workers, resume=arguments.resume, progress=progress)
+    try:
+        with Workers(arguments.workers) as workers, flights_bar(sizes.flights) as progress:
+            flights = fly_experiment(load, sizes, folder, workers, resume=arguments.resume, progress=progress)
+    except KeyboardInterrupt:
+        raise KeyboardInterrupt(f"interrupted: the cells that are done are in {folder}; --resume goes on") from None
     shutil.copyfile(_CALIBRATION, folder / "calibration.csv")
     found = read_experiment(folder)
     tables = read_tables(folder, found)
