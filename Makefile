@@ -15,7 +15,7 @@ fly: $(VENV)/.installed
 	$(VENV)/bin/python scripts/simulate.py diagrams/figure_eight.yaml
 
 test: $(VENV)/.installed-test
-	$(VENV)/bin/python -m pytest
+	$(VENV)/bin/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile
 
 paper: $(VENV)/.installed
 	$(VENV)/bin/python scripts/reproduce_paper.py

@@ -220,7 +220,8 @@ def _store(outputs: tuple[int, ...], row: int) -> Callable[..., Any]:
 
 def _written(name: str, source: str) -> Callable[..., Any]:
     """The function of a source text: only tuples that are written out have types that the compiler knows."""
-    scope: dict[str, Any] = {}
+    # Whenever Numba looks for machine code, it looks for the home of its functions: in all modules, if they name none.
+    scope: dict[str, Any] = {"__name__": __name__}
     exec(source, scope)
     function: Callable[..., Any] = formula(scope[name])
     return function

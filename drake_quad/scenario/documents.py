@@ -1,5 +1,6 @@
 """YAML files as trees, and `extends` between them."""
 
+import functools
 from collections.abc import Iterator
 from pathlib import Path
 from typing import Any
@@ -35,8 +36,9 @@ def read_document(path: Path) -> Tree:
     return parse_document(text, str(path))
 
 
+@functools.lru_cache(maxsize=32)
 def parse_document(text: str, source: str, *, numbered: bool = True) -> Tree:
-    """Parses YAML 1.2 text.
+    """Parses YAML 1.2 text; the tree is not to be changed.
 
     Args:
         text: to parse.

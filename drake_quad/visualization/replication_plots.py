@@ -98,7 +98,7 @@ def figure_4() -> Figure:
             upper, lower = elliptic_membership(u, a1), elliptic_membership(u, a2)
             axes.fill_between(u, lower, upper, color=SHADING(0.5), linewidth=0)
             axes.plot(u, upper, color=BLUE, label="upper, $a_1$")
-            axes.plot(u, lower, color=VERMILION, label="lower, $a_2$")
+            axes.plot(u, lower, color=VERMILION, linestyle="--", label="lower, $a_2$")
             axes.set_title(f"$a_1$ = {a1:g}, $a_2$ = {a2:g}")
         for axes in grid[1]:
             axes.set_xlabel("(x - c) / d")
@@ -123,14 +123,14 @@ def figure_7(flights: Flights) -> Figure:
             x, y, z = place + 0.35 * np.array([*beside, 0.0])
             axes.text(x, y, z, str(number), color="0.2", fontsize=8, fontweight="bold", ha="center", va="center")
         axes.set(xlabel="X (m)", ylabel="Y (m)", zlabel="Z (m)")
-        axes.set_box_aspect(np.maximum(np.ptp(wanted, axis=1), 1.5), zoom=0.9)
+        axes.set_box_aspect(np.maximum(np.ptp(wanted, axis=1), 1.5), zoom=1.0)
         axes.view_init(elev=28.0, azim=-38.0)
         for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
             axis.set_major_locator(MaxNLocator(4))
             axis.labelpad = -5.0
         axes.tick_params(pad=-2.0)
         axes.yaxis.labelpad = 0.0
-        axes.zaxis.labelpad = -6.0
+        axes.zaxis.labelpad = -7.0
         figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3, columnspacing=1.0)
         return figure
 
@@ -197,25 +197,45 @@ def _errors_in_wind(flights: Flights, wind: str) -> Figure:
 
 
 def _errors(flights: Flights, wind: str, controllers: Sequence[str], levels: Mapping[str, float], what: str) -> Figure:
+    """Errors over time and, if type 1 is among the controllers, how much larger those of type 2 are."""
+    errors = {name: _error(flights[Cell(wind, name)]) for name in controllers}
+    time = flights[Cell(wind, controllers[0])].time
     with _in_print():
-        figure = new_figure(_COLUMN, 2.6 if len(controllers) < 3 else 2.8)
-        axes = figure.subplots()
-        for name in controllers:
-            flight = flights[Cell(wind, name)]
-            error = np.linalg.norm(flight["reference"][:, 0:3] - flight["state"][:, 0:3], axis=1)
-            color, style = _LINES[name]
-            axes.plot(flight.time, error, color=color, linestyle=style, label=CONTROLLERS[name])
+        figure = new_figure(_COLUMN, 2.6 if "pd_t1fnn" not in errors else 3.8)
+        axes, *more = figure.subplots(
+            2 if "pd_t1fnn" in errors else 1, 1, sharex=True, squeeze=False, height_ratios=[2, 1][: len(errors) // 2]
+        )[:, 0]
+        for name, error in errors.items():
+            axes.plot(time[: len(error)], error, **_style(name), label=CONTROLLERS[name])
         # Beside the curves, so that levels that are close to each other can be told apart.
         beside = axes.get_yaxis_transform()
         for place, (name, level) in enumerate(levels.items()):
             x = 1.025 + (0.03 * (place - 1) if len(levels) > 2 and place else 0.0)
             axes.plot(x, level, "<", color=_LINES[name][0], markersize=4, transform=beside, clip_on=False)
-        axes.set(xlabel="time (s)", ylabel="Euclidean error (m)")
+        axes.set(ylabel="Euclidean error (m)")
         axes.set_ylim(0.0, 1.02 * max(axes.get_ylim()[1], max(levels.values())))
         _shade(axes, _drawn(flights))
         axes.plot([], [], linestyle="none", marker="<", color="0.4", markersize=4, label=what)
+        for lower in more:
+            for name in ("pd_t2fnn", "pd_t2fnn_wide"):
+                count = min(len(errors[name]), len(errors["pd_t1fnn"]))
+                difference = 1e3 * (errors[name][:count] - errors["pd_t1fnn"][:count])
+                lower.plot(time[:count], difference, **_style(name))
+            lower.axhline(0.0, **LIMIT)
+            lower.set_ylabel("minus that of\ntype 1 (mm)")
+        figure.axes[-1].set_xlabel("time (s)")
         figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2, columnspacing=1.0)
         return figure
+
+
+def _error(flight: Flight) -> np.ndarray:
+    error: np.ndarray = np.linalg.norm(flight["reference"][:, 0:3] - flight["state"][:, 0:3], axis=1)
+    return error
+
+
+def _style(name: str) -> dict[str, Any]:
+    color, style = _LINES[name]
+    return {"color": color, "linestyle": style}
 
 
 def _signals(flights: Flights, axis: int) -> Figure:
@@ -246,7 +266,7 @@ def table_figure(found: Experiment) -> Figure:
                 if cell in table_ii():
                     runs = table_ii()[cell].rmse
                     axes.plot(runs.runs, [place - 0.17] * 3, "o", color="0.6", markersize=3.2, zorder=2)
-                    axes.plot(runs.mean, place - 0.17, "s", color=BLACK, markersize=4.5, zorder=3)
+                    axes.plot(runs.mean, place - 0.17, "s", color=BLACK, fillstyle="none", markersize=5.5, zorder=3)
             axes.set_yticks(range(len(CONTROLLERS)), list(CONTROLLERS.values()))
             axes.set_ylim(len(CONTROLLERS) - 0.5, -0.5)
             axes.grid(visible=False, axis="y")
@@ -255,7 +275,13 @@ def table_figure(found: Experiment) -> Figure:
         column[-1].set_xlim(0.4, 1.1)
         labels: dict[str, dict[str, Any]] = {
             "printed runs": {"marker": "o", "color": "0.6", "markersize": 3.2, "linestyle": "none"},
-            "printed mean": {"marker": "s", "color": BLACK, "markersize": 4.5, "linestyle": "none"},
+            "printed mean": {
+                "marker": "s",
+                "color": BLACK,
+                "fillstyle": "none",
+                "markersize": 5.5,
+                "linestyle": "none",
+            },
             "ours, mean": {"marker": "D", "color": VERMILION, "markersize": 4.5, "linestyle": "none"},
             "ours, 95 % of the samples": {"color": VERMILION, "linewidth": 5.0, "alpha": 0.35},
         }

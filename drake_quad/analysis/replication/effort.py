@@ -37,6 +37,7 @@ def effort_matches(found: Experiment) -> list[EffortMatch]:
     matches = []
     for name in EFFORTS:
         shares = np.array([[_share(found, cell, f"{name}_{axis}") for cell in printed] for axis in "xy"])
+        shares[~np.isfinite(wanted)] = np.nan
         off = np.nanmean(np.log(shares / wanted[:, :, None]) ** 2, axis=(0, 1)) ** 0.5
         distance = mean_interval(off[np.isfinite(off)])
         x, y = np.exp(np.nanmean(np.log(shares), axis=(1, 2)))

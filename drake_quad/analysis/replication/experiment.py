@@ -16,18 +16,18 @@ from drake_quad.analysis.monte_carlo.study import rows_of
 from drake_quad.analysis.monte_carlo.study_folder import open_study
 from drake_quad.analysis.monte_carlo.workers import Outcome, Workers
 from drake_quad.analysis.replication.measures import LegErrors, measures
-from drake_quad.analysis.replication.printed import CONTROLLERS, Cell
+from drake_quad.analysis.replication.printed import CONTROLLERS, WINDS, Cell
 from drake_quad.analysis.replication.results import FAIR, MAPPED, cells_of, write_recorded
 from drake_quad.analysis.replication.sweeps import (
-    INTEGRALS,
+    SLOPES,
     Sweep,
     best_gain_settings,
     fly_legs,
     fly_settings,
     gain_settings,
-    integral_settings,
     noise_settings,
     share_settings,
+    slope_settings,
 )
 from drake_quad.flight import Flight, simulate_samples
 from drake_quad.laboratory.metrics import Metrics
@@ -55,17 +55,17 @@ class Sizes(NamedTuple):
     sweep: int = 60
     grid: int = 16
     map: int = 4
-    legs: int = 6
+    legs: int = 16
 
     @property
     def flights(self) -> int:
         """How many flights that is."""
-        sweeps = len(noise_settings()["noise"]) + len(share_settings()["q"]) + len(INTEGRALS)
+        sweeps = len(noise_settings()["noise"]) + len(share_settings()["q"]) + len(WINDS) * len(SLOPES)
         cells = len(cells_of((*CONTROLLERS, *FAIR))) * self.cells
         return cells + sweeps * self.sweep + (len(MAPPED) * self.map + self.legs) * self.grid**2
 
 
-QUICK = Sizes(cells=8, sweep=4, grid=6, map=2, legs=2)
+QUICK = Sizes(cells=4, recorded=4, sweep=4, grid=5, map=2, legs=2)
 
 
 def fly_experiment(
@@ -108,7 +108,7 @@ def fly_experiment(
     sweeps = {
         "noise": (network, noise_settings(), sizes.sweep),
         "q": (network, share_settings(), sizes.sweep),
-        "integral": (load(Cell("no_wind", "pid")), integral_settings(), sizes.sweep),
+        **{f"slope_{wind}": (load(Cell(wind, "pd_t2fnn")), slope_settings(), sizes.sweep) for wind in WINDS},
         **{f"map_{name}": (load(Cell("no_wind", name)), gain_settings(sizes.grid), sizes.map) for name in MAPPED},
     }
     parts = {name: _submit_sweep(jobs, name, *sweep) for name, sweep in sweeps.items()}

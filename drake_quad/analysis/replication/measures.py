@@ -85,8 +85,9 @@ def measures(flight: Flight) -> dict[str, float]:
     """All numbers of a flight with a PD, by name; NaN for one that crashed.
 
     Each effort has a number for "_x" and one for "_y". "pd_fade" is the RMS of the PD's horizontal output in the last
-    quarter of the flight over that in the first, "pd_return" that in the second after the changes of segment over that
-    in the second before, and "path_error" the RMS distance to the reference's path wherever the reference is on it, m.
+    quarter of the flight over that in the quarter after the rise, "pd_return" that in the 1 s after the changes of
+    segment over that in the 1 s before, and "path_error" the RMS distance to the reference's path, wherever the
+    reference is on it, m.
     """
     found: dict[str, float] = {}
     for name, effort in EFFORTS.items():
@@ -103,7 +104,8 @@ def measures(flight: Flight) -> dict[str, float]:
 def _late_over_early(flight: Flight) -> float:
     squared = np.sum(flight["pd"][:, 0:2] ** 2, axis=1)
     quarter = len(squared) // 4
-    return float(np.sqrt(squared[-quarter:].mean() / squared[:quarter].mean()))
+    risen = int(np.searchsorted(flight.time, flight.plan.leg_times[1]))
+    return float(np.sqrt(squared[-quarter:].mean() / squared[risen : risen + quarter].mean()))
 
 
 def _after_over_before(flight: Flight) -> float:

@@ -19,7 +19,6 @@ from drake_quad.analysis.replication.fair import COMPARED, FairEntry
 from drake_quad.analysis.replication.measures import EFFORTS, OUR_EFFORT
 from drake_quad.analysis.replication.printed import CONTROLLERS, WINDS, Cell, table_ii
 from drake_quad.analysis.replication.results import Experiment
-from drake_quad.analysis.replication.sweeps import Sweep
 from drake_quad.analysis.replication.table import QUANTITIES, Entry, table_markdown
 from drake_quad.analysis.replication.tables import Tables
 from drake_quad.planning import plan_route
@@ -85,7 +84,8 @@ def report_html(text: str, folder: Path) -> str:
 
 def _of_experiment(found: Experiment) -> dict[str, str]:
     low_wind = found.cells[Cell("low_wind", "pd_t2fnn")].scenario
-    sweeps = [found.noise, found.shares, found.integrals, *found.maps.values()]
+    sweeps = [found.noise, found.shares, *found.slopes.values(), *found.maps.values()]
+    varied = [*(sweep.metrics.crashed for sweep in sweeps), np.isnan(found.legs.metrics.straight)]
     path = {name: mean_interval(found.recorded[Cell("no_wind", name)]["path_error"]) for name in ("pd", "pd_t2fnn")}
     return {
         "samples": f"{len(found.cells[PD_CELL].samples):,}",
@@ -95,8 +95,9 @@ def _of_experiment(found: Experiment) -> dict[str, str]:
         "assumptions": _table(("not said", "taken", "because"), assumptions(low_wind)),
         "path_pd": metres(path["pd"]),
         "path_network": metres(path["pd_t2fnn"]),
-        "varied": f"{sum(sweep.metrics.crashed.size for sweep in sweeps):,}",
-        "varied_crashed": f"{sum(int(sweep.metrics.crashed.sum()) for sweep in sweeps):,}",
+        "varied": f"{sum(crashed.size for crashed in varied):,}",
+        "varied_crashed": f"{sum(int(crashed.sum()) for crashed in varied):,}",
+        "sweep": str(len(found.noise.samples)),
     }
 
 
@@ -135,6 +136,7 @@ def _of_table(entries: Sequence[Entry]) -> dict[str, str]:
     errors = {entry.cell: entry for entry in entries if entry.quantity == "rmse"}
     predicted = [entry for cell, entry in errors.items() if cell not in _FITTED and np.isfinite(entry.off)]
     beyond = [entry for entry in predicted if abs(entry.off) > 0.1]
+    offs = [entry.off for entry in predicted]
     crashed = sum(entry.crashed for entry in errors.values())
     return {
         **{f"table_{name}": table_markdown(entries, name) for name in QUANTITIES},
@@ -143,6 +145,7 @@ def _of_table(entries: Sequence[Entry]) -> dict[str, str]:
         "predicted": str(len(predicted)),
         "within": str(len(predicted) - len(beyond)),
         "beyond": "; not so " + ", ".join(map(_named, beyond)) if beyond else "",
+        "spread": f"{100.0 * min(offs):+.1f} to {100.0 * max(offs):+.1f} %",
         "crashes": f"{crashed:,} samples crashed; means are those of the others." if crashed else "No sample crashed.",
     }
 
@@ -188,7 +191,6 @@ def _of_fair(found: Experiment, entries: Sequence[FairEntry]) -> dict[str, str]:
         "RMSE over PD's",
         "RMSE over PD+T2FNN's",
     )
-    gain, error = _best_integral(found.integrals)
     over_network = {entry.cell: entry.over_network for entry in entries}
     helped = {
         wind: compare(
@@ -198,10 +200,11 @@ def _of_fair(found: Experiment, entries: Sequence[FairEntry]) -> dict[str, str]:
     }
     return {
         "fair": _table(header, rows),
-        "integral": f"{gain:g}",
-        "integral_error": metres(error),
-        "gain_feed_forward": _by_wind({wind: over_network[Cell(wind, "pd_feed_forward")] for wind in WINDS}),
-        "gain_network": _by_wind(helped),
+        **{
+            f"{name}_over_network": _by_wind({wind: over_network[Cell(wind, name)] for wind in WINDS})
+            for name in ("pd_retuned", "pd_feed_forward")
+        },
+        "network_over_feed_forward": _by_wind(helped),
     }
 
 
@@ -212,11 +215,10 @@ def _of_effort(matches: Sequence[EffortMatch]) -> dict[str, str]:
         words = EFFORTS[match.name].words + (" (ours)" if match.name == OUR_EFFORT else "")
         x, y = match.shares
         rows.append((words, f"{x:.2f}", f"{y:.2f}", ratio(match.distance)))
-    near = [EFFORTS[match.name].words for match in matches if match.distance.low <= matches[0].distance.high]
     return {
         "effort": _table(("definition", "ratio on X", "ratio on Y", "off by a factor of"), rows),
         "scatter": f"{printed_scatter():.2f}",
-        "closest": f"the {near[0]}" + "".join(f", then the {words}" for words in near[1:]),
+        "closest": f"the {EFFORTS[matches[0].name].words}",
     }
 
 
@@ -234,13 +236,6 @@ def _image(name: str) -> str:
 def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
     lines = [header, ["---"] * len(header), *rows]
     return "\n".join(f"| {' | '.join(line)} |" for line in lines)
-
-
-def _best_integral(sweep: Sweep) -> tuple[float, Interval]:
-    """The gain with the least mean error among those with which no sample crashed, and that error."""
-    rmse = np.where(sweep.metrics.crashed, np.nan, sweep.metrics.rmse)
-    best = int(np.nanargmin(rmse.mean(axis=1)))
-    return float(sweep.settings["k_i"][best]), mean_interval(rmse[best])
 
 
 def _by_wind(shares: Mapping[str, Interval]) -> str:

@@ -15,7 +15,8 @@ from drake_quad.laboratory.metrics import Metrics
 
 # Controllers that the paper does not have, for a fair comparison.
 FAIR = {
-    "pid": "PID",
+    "pd_retuned": "PD, retuned",
+    "pid": "PID, retuned",
     "pd_feed_forward": "PD with feed-forward",
     "pd_feed_forward_t2fnn": "PD with feed-forward + T2FNN",
 }
@@ -32,7 +33,7 @@ class Experiment:
         recorded: of some samples of each cell of Table II, (samples,) values of each of `measures`.
         noise: networks without wind over the noise of the cameras: numbers "noise" (m), "a1", "a2".
         shares: the same over "q" at the paper's noise.
-        integrals: PID without wind over "k_i" (1/s³).
+        slopes: PD+T2FNN in each wind over its "slope" λ (1/s).
         maps: each of `MAPPED` without wind over "k_p" (1/s²) and "k_d" (1/s).
         legs: errors of the PD without wind on straight and on curved legs, over gains around the best.
     """
@@ -41,7 +42,7 @@ class Experiment:
     recorded: Mapping[Cell, Mapping[str, np.ndarray]]
     noise: Sweep[Metrics]
     shares: Sweep[Metrics]
-    integrals: Sweep[Metrics]
+    slopes: Mapping[str, Sweep[Metrics]]
     maps: Mapping[str, Sweep[Metrics]]
     legs: Sweep[LegErrors]
 
@@ -58,9 +59,10 @@ def read_experiment(folder: Path) -> Experiment:
     recorded = {
         cell: {name: values[whose == cell.scenario] for name, values in table.items()} for cell in cells_of(CONTROLLERS)
     }
-    noise, shares, integrals = (load_sweep(folder / f"{name}.csv", Metrics) for name in ("noise", "q", "integral"))
+    noise, shares = (load_sweep(folder / f"{name}.csv", Metrics) for name in ("noise", "q"))
+    slopes = {wind: load_sweep(folder / f"slope_{wind}.csv", Metrics) for wind in WINDS}
     maps = {name: load_sweep(folder / f"map_{name}.csv", Metrics) for name in MAPPED}
-    return Experiment(cells, recorded, noise, shares, integrals, maps, load_sweep(folder / "legs.csv", LegErrors))
+    return Experiment(cells, recorded, noise, shares, slopes, maps, load_sweep(folder / "legs.csv", LegErrors))
 
 
 def write_recorded(path: Path, recorded: Mapping[Cell, Mapping[str, np.ndarray]]) -> Path:

@@ -57,8 +57,8 @@ def load_sweep(path: Path, kind: type[Rows]) -> Sweep[Rows]:
 EXPONENTS = {"pd_t1fnn": (1.0, 1.0), "pd_t2fnn": (1.2, 0.8), "pd_t2fnn_wide": (1.4, 0.6)}
 NOISE = (0.0, 0.001, 0.005, 0.01, 0.02)
 SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
-# Below k_P k_D = 2.44 1/s³ an integral leaves the ideal loop stable.
-INTEGRALS = (0.0, 0.1, 0.2, 0.4, 0.6, 0.8, 1.0, 1.2, 1.5, 1.8, 2.1, 2.4)
+# λ, 1/s, around the calibrated 1.975.
+SLOPES = (1.0, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)
 _POSITION = "control.position"
 # Around the calibrated gains, 1.447 and 1.684, so far that the best lie in the middle.
 _ALL_GAINS = (0.3, 20.0), (0.3, 12.0)
@@ -83,9 +83,9 @@ def _exponents(which: np.ndarray) -> dict[str, np.ndarray]:
     return {"a1": pairs[:, 0], "a2": pairs[:, 1]}
 
 
-def integral_settings() -> dict[str, np.ndarray]:
-    """Integral gains "k_i" (1/s³) on X and Y."""
-    return {"k_i": np.array(INTEGRALS)}
+def slope_settings() -> dict[str, np.ndarray]:
+    """Every "slope" λ (1/s)."""
+    return {"slope": np.array(SLOPES)}
 
 
 def gain_settings(count: int) -> dict[str, np.ndarray]:
@@ -110,7 +110,7 @@ _PATHS = {
     "a2": [f"{_POSITION}.network.a2"],
     "k_p": [f"{_POSITION}.k_p.{axis}" for axis in (0, 1)],
     "k_d": [f"{_POSITION}.k_d.{axis}" for axis in (0, 1)],
-    "k_i": [f"{_POSITION}.k_i.{axis}" for axis in (0, 1)],
+    "slope": [f"{_POSITION}.learning.slope"],
 }
 
 

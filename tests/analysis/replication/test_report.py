@@ -19,7 +19,7 @@ from drake_quad.visualization.replication_plots import paper_figures, save_small
 
 ROOT = Path(__file__).parent.parent.parent.parent
 DOCS = ROOT / "docs" / "replication"
-SIZES = Sizes(cells=3, recorded=2, sweep=2, grid=3, map=2, legs=2)
+SIZES = Sizes(cells=3, recorded=2, sweep=2, grid=3, map=2, legs=4)
 
 
 def load(cell):
