@@ -91,6 +91,7 @@ def simulate(
     position_controller: Any = None,
     control: Any = None,
     plan: Plan | None = None,
+    prepare: Callable[[Simulator], None] | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> Flight:
     """Flies one vehicle and records every signal.
@@ -103,6 +104,7 @@ def simulate(
         position_controller: stands in for the scenario's; see `build_tracking_diagram`.
         control: stands in for the whole cascade; see `build_tracking_diagram`.
         plan: flown instead of that of the scenario's route.
+        prepare: called with Drake's simulator before it flies, to set a monitor or a rate of real time.
         progress: called now and then with the time flown and the time to fly, s.
 
     Raises:
@@ -121,6 +123,8 @@ def simulate(
     simulator = Simulator(diagram)
     # For a vehicle with a continuous state; a stepping one does not use the integrator.
     ResetIntegratorFromFlags(simulator, "runge_kutta5", _MAX_STEP).set_target_accuracy(_ACCURACY)
+    if prepare is not None:
+        prepare(simulator)
     fly(simulator, duration, progress=progress)
     return _flights([scenario], plan, diagram, simulator.get_context())[0]
 

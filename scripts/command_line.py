@@ -53,6 +53,21 @@ def scenario_of(arguments: argparse.Namespace) -> Scenario:
     return load_scenario(arguments.scenario, [*arguments.set, *seed])
 
 
+def controlled_scenarios(arguments: argparse.Namespace) -> dict[str, Scenario]:
+    """Loads the scenario with each of the arguments' controllers laid over it, by their names; itself without any."""
+    if not arguments.controller:
+        scenario = scenario_of(arguments)
+        return {scenario.name: scenario}
+    overrides = [*arguments.set, *([] if arguments.seed is None else [f"seed={arguments.seed}"])]
+    found: dict[str, Scenario] = {}
+    for controller in arguments.controller:
+        name = Path(controller.rpartition(":")[2]).stem
+        if name in found:
+            raise InputError(f"--controller {controller}: {name} is to be flown already; give each its own name")
+        found[name] = load_scenario(arguments.scenario, overrides, layers=[controller])
+    return found
+
+
 def journey_of(arguments: argparse.Namespace) -> Journey:
     """Loads the route and the nominal vehicle that the arguments name, with their overrides."""
     return load_journey(arguments.scenario, arguments.set)

@@ -9,9 +9,9 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from command_line import parser, print_columns, print_files, remark, run, scenario_of, study_progress
+from command_line import controlled_scenarios, parser, print_columns, print_files, remark, run, study_progress
 
-from drake_quad import InputError, Scenario, load_scenario
+from drake_quad import Scenario
 from drake_quad.analysis.monte_carlo import Study, run_monte_carlo
 from drake_quad.analysis.monte_carlo.cluster import dask_executor
 from drake_quad.analysis.monte_carlo.statistics import (
@@ -107,17 +107,7 @@ def command_line() -> argparse.Namespace:
 
 def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
     """The scenario to fly, or one for each controller, by name."""
-    if not arguments.controller:
-        scenario = scenario_of(arguments)
-        found = {scenario.name: scenario}
-    else:
-        overrides = [*arguments.set, *([] if arguments.seed is None else [f"seed={arguments.seed}"])]
-        found = {}
-        for controller in arguments.controller:
-            name = Path(controller.rpartition(":")[2]).stem
-            if name in found:
-                raise InputError(f"--controller {controller}: {name} is to be flown already; give each its own name")
-            found[name] = load_scenario(arguments.scenario, overrides, layers=[controller])
+    found = controlled_scenarios(arguments)
     for name, scenario in found.items():
         if not distributions_in(scenario):
             remark(f"{name} holds no distribution: its samples differ by wind and noise, if it has any, and else not")

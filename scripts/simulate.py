@@ -1,12 +1,21 @@
-"""Flies one scenario, prints its metrics and writes signals and plots."""
+"""Flies one scenario, prints its metrics and writes signals, plots and a replay to open in a browser."""
 
 import math
+import sys
+import time
+from collections.abc import Callable
 
 from command_line import flight_progress, parser, print_files, print_table, run, scenario_of
+from pydrake.geometry import Meshcat
+from pydrake.systems.analysis import Simulator
 
-from drake_quad import Flight, simulate
+from drake_quad import Flight, InputError, Scenario, simulate
 from drake_quad.files import output_folder
+from drake_quad.planning import plan_route
 from drake_quad.visualization.plots import save_plots
+from drake_quad.visualization.replay.live import LiveView
+from drake_quad.visualization.replay.page import draw_replay, save_replay
+from drake_quad.visualization.replay.scene import local_meshcat
 
 
 def main() -> None:
@@ -17,16 +26,52 @@ def main() -> None:
         scenario="figure_eight.yaml",
     )
     options.add_argument("--sample", type=int, help="which sample of the scenario's study to fly, from 0 on")
+    options.add_argument("--meshcat", action="store_true", help="show the flight live in a browser on this machine")
+    options.add_argument(
+        "--rate", type=float, default=1.0, help="of real time, with --meshcat; 0 is as fast as can be (default: 1)"
+    )
     arguments = options.parse_args()
+    if not (math.isfinite(arguments.rate) and arguments.rate >= 0.0):
+        raise InputError(f"--rate is {arguments.rate}, but must be 0 or more")
     scenario = scenario_of(arguments)
     folder = output_folder(arguments.output / scenario.name)
+    meshcat = opened_meshcat() if arguments.meshcat else None
+    prepare = None if meshcat is None else live_view(meshcat, scenario, arguments.rate)
     with flight_progress() as progress:
-        flight = simulate(scenario, sample=arguments.sample, progress=progress)
-    files = [*flight.save(folder), *save_plots(flight, folder)]
+        flight = simulate(scenario, sample=arguments.sample, prepare=prepare, progress=progress)
+    replay = save_replay({scenario.name: flight}, folder / "replay.html")
+    files = [*flight.save(folder), *save_plots(flight, folder), replay]
     sample = scenario.sample if arguments.sample is None else arguments.sample
     drawn = [("sample", str(sample), f"of seed {scenario.seed}")] if sample is not None else []
     print_table([*drawn, *summary(flight)])
     print_files(files)
+    if meshcat is not None:
+        show_again(meshcat, scenario.name, flight)
+
+
+def opened_meshcat() -> Meshcat:
+    """A Meshcat that a browser looks at, if there is somebody to open one."""
+    meshcat = local_meshcat()
+    print(f"open {meshcat.web_url()} in a browser on this machine", flush=True)
+    if sys.stdin.isatty():
+        print("the flight begins when it is there", flush=True)
+        while meshcat.GetNumActiveConnections() == 0:
+            time.sleep(0.1)
+    return meshcat
+
+
+def live_view(meshcat: Meshcat, scenario: Scenario, rate: float) -> Callable[[Simulator], None]:
+    """What makes a simulator show the flight of a scenario."""
+    view = LiveView(meshcat, scenario, plan_route(scenario))
+    return lambda simulator: view.watch(simulator, rate)
+
+
+def show_again(meshcat: Meshcat, name: str, flight: Flight) -> None:
+    """Gives the flown flight to the browser, to be played and scrubbed, until somebody has seen enough."""
+    meshcat.Delete()
+    draw_replay(meshcat, {name: flight})
+    if sys.stdin.isatty():
+        input("the browser has the whole flight now, to play and scrub; Enter ends ")
 
 
 def summary(flight: Flight) -> list[tuple[str, str, str]]:

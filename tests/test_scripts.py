@@ -62,7 +62,7 @@ def test_simulate_prints_a_table_and_the_files_it_wrote(run, tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^RMSE +\d+\.\d\d cm$", result.stdout, re.MULTILINE)
     written = [Path(line.strip()) for line in result.stdout.split("wrote\n")[1].splitlines()]
-    assert len(written) == 8
+    assert len(written) == 9
     assert all(path.stat().st_size > 200 for path in written)
 
 

@@ -1,0 +1,218 @@
+"""Flights as one page that any browser replays, without a network."""
+
+import html
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+
+import numpy as np
+from matplotlib.colors import to_hex, to_rgb
+from pydrake.geometry import Meshcat, MeshcatAnimation, Sphere
+from pydrake.math import RigidTransform
+
+from drake_quad.files import write_whole
+from drake_quad.flight import Flight
+from drake_quad.visualization.replay.scene import draw_surroundings, local_meshcat, wind_blows_elsewhere
+from drake_quad.visualization.replay.shapes import (
+    ERRORS,
+    TRAIL_PIECE,
+    draw_arrow,
+    draw_quadrotor,
+    draw_trail_piece,
+    pose_of,
+    quadrotor_mesh,
+    rgba,
+    rotor_poses,
+    turned_by,
+    wind_arrow,
+)
+from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
+
+FRAMES_PER_SECOND = 30.0
+SWARM_FRAMES_PER_SECOND = 10.0
+_BODIES = (BLACK, VERMILION, BLUE, GREEN, PURPLE, ORANGE, SKY)
+_RED = "#CC0000"
+
+
+def save_replay(flights: Mapping[str, Flight], path: Path | str) -> Path:
+    """Writes a page that replays flights of one reference beside each other, each drawn in full.
+
+    Args:
+        flights: by what they are called on the page. The trail of a single one is coloured by its error.
+        path: of the file.
+    """
+    meshcat = local_meshcat()
+    draw_replay(meshcat, flights)
+    legend = _color_bar(_top_error(flights)) if len(flights) == 1 else _key_of(_body_colors(flights))
+    return _write(meshcat, path, ", ".join(flights), legend)
+
+
+def draw_replay(meshcat: Meshcat, flights: Mapping[str, Flight]) -> None:
+    """Draws flights in a scene that can be played and scrubbed; arguments as for `save_replay`."""
+    first = next(iter(flights.values()))
+    draw_surroundings(meshcat, first.scenario, first.plan, _places(flights.values()))
+    meshcat.StartRecording(FRAMES_PER_SECOND, set_visualizations_while_recording=False)
+    animation = meshcat.get_mutable_recording()
+    last, top = _last_frame(flights.values(), FRAMES_PER_SECOND), _top_error(flights)
+    for name, color in _body_colors(flights).items():
+        where, trail = f"/{_key(name)}", color if len(flights) > 1 else None
+        _animate_vehicle(meshcat, animation, where, flights[name], color, last)
+        _animate_trail(meshcat, animation, f"{where}_trail", flights[name], trail, top, last)
+    _animate_reference(meshcat, animation, max(flights.values(), key=lambda flight: len(flight.time)), last)
+    _publish(meshcat, animation)
+
+
+def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
+    """Writes a page that replays many flights as ghosts, those that crash in red.
+
+    Args:
+        flights: by the controller, which gives the colour.
+        path: of the file.
+    """
+    meshcat = local_meshcat()
+    everyone = [flight for group in flights.values() for flight in group]
+    draw_surroundings(meshcat, everyone[0].scenario, everyone[0].plan, _places(everyone))
+    meshcat.StartRecording(SWARM_FRAMES_PER_SECOND, set_visualizations_while_recording=False)
+    animation = meshcat.get_mutable_recording()
+    colors = dict(zip(flights, (_BODIES[2 + i % 5] for i in range(len(flights))), strict=True))
+    last = _last_frame(everyone, SWARM_FRAMES_PER_SECOND)
+    for name, group in flights.items():
+        for number, flight in enumerate(group):
+            crashed = bool(flight.metrics.crashed)
+            ghost = rgba(_RED) if crashed else rgba(colors[name], 0.6)
+            where = f"/{_key(name)}/{number}"
+            meshcat.SetObject(f"{where}/body", quadrotor_mesh(flight.scenario.nominal.arm_length), ghost)
+            for frame, k in _frames(flight, SWARM_FRAMES_PER_SECOND, last):
+                animation.SetTransform(frame, where, pose_of(flight["state"][k]))
+            line = flight["state"][:: max(len(flight.time) // 150, 1), 0:3].T
+            shade = rgba(_RED) if crashed else rgba(_tint(colors[name]))
+            meshcat.SetLine(f"/{_key(name)}_trails/{number}", np.ascontiguousarray(line), 1.0, shade)
+    _animate_reference(meshcat, animation, max(everyone, key=lambda flight: len(flight.time)), last)
+    _publish(meshcat, animation)
+    crashes = sum(bool(flight.metrics.crashed) for flight in everyone)
+    title = f"{len(everyone)} flights, {crashes} crashed"
+    return _write(meshcat, path, title, _key_of(colors | ({"crashed": _RED} if crashes else {})))
+
+
+def _animate_vehicle(
+    meshcat: Meshcat, animation: MeshcatAnimation, where: str, flight: Flight, color: str, last: int
+) -> None:
+    arm_length = flight.scenario.nominal.arm_length
+    draw_quadrotor(meshcat, where, arm_length, color)
+    frames = _frames(flight, FRAMES_PER_SECOND, last)
+    angles = np.zeros(4)
+    for frame, k in frames:
+        animation.SetTransform(frame, where, pose_of(flight["state"][k]))
+        for number, pose in enumerate(rotor_poses(arm_length, angles), start=1):
+            animation.SetTransform(frame, f"{where}/rotor_{number}", pose)
+        angles += turned_by(flight["rotor_speed"][k], 1.0 / FRAMES_PER_SECOND)
+    if wind_blows_elsewhere(flight.scenario):
+        draw_arrow(meshcat, f"{where}_wind/arrow")
+        for frame, k in frames:
+            pose, scale = wind_arrow(flight["wind"][k], flight["state"][k])
+            animation.SetTransform(frame, f"{where}_wind", pose)
+            animation.SetProperty(frame, f"{where}_wind/arrow", "scale", scale)
+
+
+def _animate_trail(
+    meshcat: Meshcat, animation: MeshcatAnimation, where: str, flight: Flight, color: str | None, top: float, last: int
+) -> None:
+    """Pieces of a tube that appear as the vehicle leaves them, in a colour or in those of errors up to a top (m)."""
+    times = np.arange(0.0, flight.time[-1], TRAIL_PIECE)
+    errors = _errors(flight)
+    for number, start in enumerate(times):
+        ticks = np.searchsorted(flight.time, np.linspace(start, min(start + TRAIL_PIECE, flight.time[-1]), 5) - 1e-9)
+        piece = f"{where}/{number}"
+        shades = color if color is not None else errors[ticks] / max(top, 1e-9)
+        draw_trail_piece(meshcat, piece, flight["state"][ticks, 0:3], shades)
+        frame = max(round(flight.time[ticks[-1]] * FRAMES_PER_SECOND), 1)
+        animation.SetProperty(0, piece, "visible", False)
+        for shown in (frame, max(last, frame)):
+            animation.SetProperty(shown, piece, "visible", True)
+
+
+def _animate_reference(meshcat: Meshcat, animation: MeshcatAnimation, flight: Flight, last: int) -> None:
+    meshcat.SetObject("/reference/point", Sphere(0.04), rgba("0.3", 0.8))
+    for frame, k in _frames(flight, animation.frames_per_second(), last):
+        animation.SetTransform(frame, "/reference", RigidTransform(flight["reference"][k, 0:3]))
+
+
+def _frames(flight: Flight, frames_per_second: float, last: int) -> list[tuple[int, int]]:
+    """Numbers of the frames of a flight, and of the ticks that they show.
+
+    The browser repeats what moves after its own last frame: everything must have one at the end of all.
+    """
+    count = int(np.floor(flight.time[-1] * frames_per_second)) + 1
+    ticks = np.searchsorted(flight.time, np.arange(count) / frames_per_second + 1e-9, side="right") - 1
+    frames = list(enumerate(np.maximum(ticks, 0).tolist()))
+    return frames if count > last else [*frames, (last, frames[-1][1])]
+
+
+def _last_frame(flights: Iterable[Flight], frames_per_second: float) -> int:
+    return max(int(np.floor(flight.time[-1] * frames_per_second)) for flight in flights)
+
+
+def _top_error(flights: Mapping[str, Flight]) -> float:
+    return max(float(np.nanmax(_errors(flight))) for flight in flights.values())
+
+
+def _body_colors(names: Iterable[str]) -> dict[str, str]:
+    return {name: _BODIES[i % len(_BODIES)] for i, name in enumerate(names)}
+
+
+def _places(flights: Iterable[Flight]) -> np.ndarray:
+    """(n, 3) places of vehicles, m."""
+    places = np.vstack([flight["state"][:, 0:3] for flight in flights])
+    return places[np.isfinite(places).all(axis=1)]
+
+
+def _errors(flight: Flight) -> np.ndarray:
+    """(ticks,) distance to the reference, m."""
+    error: np.ndarray = np.linalg.norm(flight["reference"][:, 0:3] - flight["state"][:, 0:3], axis=1)
+    return error
+
+
+def _publish(meshcat: Meshcat, animation: MeshcatAnimation) -> None:
+    animation.set_repetitions(1000)
+    meshcat.StopRecording()
+    meshcat.PublishRecording()
+
+
+def _write(meshcat: Meshcat, path: Path | str, title: str, legend: str) -> Path:
+    overlay = f'<div style="{_BOX}"><b>{html.escape(title)}</b>{legend}</div>'
+    page = meshcat.StaticHtml().replace("</body>", f"{overlay}</body>")
+
+    def write(target: Path) -> None:
+        target.write_text(page, encoding="utf-8")
+
+    return write_whole(Path(path), write)
+
+
+_BOX = (
+    "position:fixed;left:12px;bottom:12px;padding:8px 12px;background:rgba(255,255,255,0.85);"
+    "font:14px system-ui,sans-serif;color:#222;border-radius:4px"
+)
+
+
+def _color_bar(top: float) -> str:
+    stops = ", ".join(to_hex(ERRORS(x)) for x in np.linspace(0.0, 1.0, 9))
+    return (
+        f'<div style="width:220px;height:10px;margin-top:6px;background:linear-gradient(to right, {stops})"></div>'
+        f'<div style="display:flex;justify-content:space-between"><span>0</span><span>position error</span>'
+        f"<span>{100.0 * top:.3g} cm</span></div>"
+    )
+
+
+def _key_of(colors: Mapping[str, str]) -> str:
+    lines = (f'<div><span style="color:{color}">●</span> {html.escape(name)}</div>' for name, color in colors.items())
+    return "".join(lines)
+
+
+def _tint(color: str) -> str:
+    """A colour that is mostly white: lines are never transparent."""
+    red, green, blue = (0.25 * each + 0.75 for each in to_rgb(color))
+    return to_hex((red, green, blue))
+
+
+def _key(name: str) -> str:
+    """A name as part of a path of Meshcat's."""
+    return "".join(letter if letter.isalnum() else "_" for letter in name)

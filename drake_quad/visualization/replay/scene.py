@@ -1,0 +1,101 @@
+"""The still part of a scene: room, reference, fans, camera."""
+
+import logging
+
+import numpy as np
+from pydrake.geometry import Box, Meshcat, MeshcatParams
+from pydrake.math import RigidTransform
+
+from drake_quad.parts.laboratory import jets
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario import Scenario
+from drake_quad.scenario.wind import Fan
+from drake_quad.visualization.replay.shapes import draw_fan, rgba
+
+# Around what is flown, m.
+_ROOM = 0.7
+# From the reference; what flies farther away leaves the room, m.
+_FAR = 3.0
+_LINE = 2.0
+_LIGHTS = {
+    "AmbientLight": 2.2,
+    "FillLight": 0.5,
+    "SpotLight": 0.0,
+    "PointLightNegativeX": 0.6,
+    "PointLightPositiveX": 0.6,
+}
+
+
+def local_meshcat(port: int | None = None) -> Meshcat:
+    """A Meshcat server that only this machine can reach, with an empty scene.
+
+    Args:
+        port: any that is free if not given.
+    """
+    log = logging.getLogger("drake")
+    level = log.level
+    log.setLevel(logging.WARNING)  # that it listens is of no interest for a page that is only written
+    meshcat = Meshcat(MeshcatParams(host="127.0.0.1", port=port, show_stats_plot=False))
+    log.setLevel(level)
+    for name in ("/Axes", "/Grid"):
+        meshcat.SetProperty(name, "visible", False)
+    # Light from everywhere, so that colours look like those of the legend.
+    for light, intensity in _LIGHTS.items():
+        meshcat.SetProperty(f"/Lights/{light}/<object>", "intensity", intensity)
+    for end in ("top", "bottom"):
+        meshcat.SetProperty("/Background/<object>", f"{end}_color", [1.0, 1.0, 1.0])
+    return meshcat
+
+
+def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: np.ndarray) -> None:
+    """Draws floor, room, reference path and fans, and looks at them.
+
+    Args:
+        meshcat: to draw in.
+        scenario: that is flown.
+        plan: the reference.
+        flown: (n, 3) places where a vehicle is, m.
+    """
+    path = reference_points(plan)
+    near = np.vstack([path, np.clip(flown, path.min(axis=0) - _FAR, path.max(axis=0) + _FAR)])
+    low, high = near.min(axis=0) - _ROOM, near.max(axis=0) + _ROOM
+    fans = jets(scenario)
+    for jet in fans:
+        low, high = np.minimum(low, jet.position), np.maximum(high, jet.position)
+    low[2] = 0.0
+    _draw_room(meshcat, low, high)
+    if len(path) > 1:
+        meshcat.SetLine("/reference_path", path.T, _LINE, rgba("0.45"))
+    for number, jet in enumerate(fans, start=1):
+        reach = float(np.max((path - jet.position) @ np.asarray(jet.direction))) + _ROOM
+        draw_fan(meshcat, f"/fan_{number}", jet, max(reach, 1.0))
+    look_at(meshcat, near)
+
+
+def look_at(meshcat: Meshcat, path: np.ndarray) -> None:
+    """Sets the camera so that (n, 3) points fill the view, seen from above and aside."""
+    low, high = path.min(axis=0), path.max(axis=0)
+    middle, size = 0.5 * (low + high), max(float(np.linalg.norm(high - low)), 1.5)
+    meshcat.SetCameraPose(middle + size * np.array([0.66, -0.31, 0.35]), middle)
+
+
+def reference_points(plan: Plan) -> np.ndarray:
+    """(n, 3) points along the reference's path, m."""
+    times = np.linspace(0.0, plan.duration, max(int(20.0 * plan.duration), 2))
+    points: np.ndarray = plan.derivative(0).vector_values(times).T
+    return points
+
+
+def wind_blows_elsewhere(scenario: Scenario) -> bool:
+    """Whether there is wind that does not come from fans, which are seen."""
+    return any(not isinstance(source, Fan) for source in scenario.laboratory.wind)
+
+
+def _draw_room(meshcat: Meshcat, low: np.ndarray, high: np.ndarray) -> None:
+    size, middle = high - low, 0.5 * (low + high)
+    meshcat.SetObject("/floor", Box(size[0], size[1], 0.01), rgba("0.85"))
+    meshcat.SetTransform("/floor", RigidTransform([middle[0], middle[1], -0.01]))
+    corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
+    edges = [(a, b) for a in range(8) for b in range(a, 8) if np.abs(corners[a] - corners[b]).sum() == 1]
+    starts, ends = (low + corners[[edge[i] for edge in edges]] * size for i in (0, 1))
+    meshcat.SetLineSegments("/room", starts.T, ends.T, 1.0, rgba("0.7"))

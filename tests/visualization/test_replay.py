@@ -1,0 +1,108 @@
+"""Replays in a real browser, if there is one."""
+
+import re
+import time
+
+import numpy as np
+import pytest
+from browser import CHROMIUM, Browser
+from PIL import Image
+
+from drake_quad import load_scenario, simulate
+from drake_quad.flight import simulate_samples
+from drake_quad.visualization.replay.live import LiveView
+from drake_quad.visualization.replay.page import save_replay, save_swarm
+from drake_quad.visualization.replay.scene import local_meshcat
+from drake_quad.visualization.replay.shapes import rotor_poses, turned_by
+
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on PATH; Debian's package is chromium")
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return simulate(load_scenario("diagrams/figure_eight.yaml", ["duration=8"]))
+
+
+def watched(page, folder, names, seconds):
+    """Whether objects of a playing page are visible, where, and how they are turned, over so many seconds."""
+    find = "((name) => viewer.scene_tree.find(name.split('/')).object)"
+    row = "[Number(o.visible), ...o.position.toArray(), ...o.quaternion.toArray()]"
+    told, pictures = [], []
+    with Browser(page, folder / "profile") as browser:
+        browser.wait_for(f"typeof viewer !== 'undefined' && {find}('{names[0]}').position.lengthSq() > 1e-6")
+        end = time.monotonic() + seconds
+        while time.monotonic() < end:
+            told.append(browser.value(f"{list(names)}.map((name) => {{ const o = {find}(name); return {row}; }})"))
+            time.sleep(0.05)
+            if len(told) == 2:
+                pictures.append(browser.screenshot(folder / "early.png"))
+        pictures.append(browser.screenshot(folder / "late.png"))
+        assert browser.console == []
+    return [np.array(rows) for rows in zip(*told, strict=True)], pictures
+
+
+@needs_chromium
+def test_a_replay_plays_in_a_browser(flight, tmp_path):
+    page = save_replay({"figure_eight": flight}, tmp_path / "replay.html")
+    assert page.stat().st_size < 5_000_000
+    names = ["figure_eight", "figure_eight/rotor_1", "figure_eight/rotor_2", "reference", "figure_eight_trail/10"]
+    (vehicle, rotor, other_rotor, reference, trail), pictures = watched(page, tmp_path, names, 4.0)
+    flown = flight["state"][:, 0:3]
+    assert np.ptp(vehicle[:, 1:4], axis=0).max() > 0.8
+    for place in vehicle[:, 1:4]:
+        assert np.linalg.norm(flown - place, axis=1).min() < 0.02
+    assert np.linalg.norm(vehicle[:, 1:4] - reference[:, 1:4], axis=1).max() < 0.1
+    # Looks are too few to follow every turn.
+    assert len(np.unique(rotor[:, 6].round(3))) > 5
+    assert not np.allclose(rotor[:, 6], other_rotor[:, 6])
+    # The piece from 2.5 to 2.75 s is not there at first, and then stays.
+    assert trail[0, 0] == 0.0
+    assert set(np.diff(trail[:, 0])) == {0.0, 1.0}
+    early, late = (np.asarray(Image.open(picture).convert("L"), dtype=float) for picture in pictures)
+    assert 20 < (np.abs(late - early) > 30.0).sum() < 0.1 * early.size
+
+
+@needs_chromium
+def test_a_swarm_replays_its_crashes(tmp_path):
+    flights = simulate_samples(load_scenario("diagrams/robustness.yaml", ["duration=5"]), range(20))
+    failure = "vehicle.rotor_failure={rotor: 1, time: 1.0, speed_factor: 0.0}"
+    crash = simulate(load_scenario("diagrams/figure_eight.yaml", [failure]))
+    assert crash.metrics.crashed
+    page = save_swarm({"all": [*flights, crash]}, tmp_path / "swarm.html")
+    count = 1 + sum(bool(flight.metrics.crashed) for flight in flights)
+    assert f"21 flights, {count} crashed" in page.read_text(encoding="utf-8")
+    (first, last), _ = watched(page, tmp_path, ["all/0", "all/20"], 4.0)
+    assert np.ptp(first[:, 1:4], axis=0).max() > 0.3
+    # What has crashed stays where it is.
+    assert last[-1, 1:4] == pytest.approx(crash["state"][-1, 0:3], abs=1e-3)
+
+
+def test_a_page_needs_no_network_and_is_small(flight, tmp_path):
+    page = save_replay({"one": flight, "two": flight}, tmp_path / "replay.html").read_text(encoding="utf-8")
+    assert not re.search(r'<(script|link|img)[^>]* (src|href)="(?!data:)', page)
+    swarm = save_swarm({"all": [flight] * 100}, tmp_path / "swarm.html")
+    # 10 frames a second for 25 s take three times as much as these 8 s do beyond Meshcat's own 2.3 MB.
+    assert 2.3e6 + 3.2 * (swarm.stat().st_size - 2.3e6) < 12e6
+
+
+def test_rotors_1_and_3_turn_clockwise():
+    assert list(np.sign(turned_by(np.full(4, 200.0), 0.01))) == [-1.0, 1.0, -1.0, 1.0]
+    front, right, back, left = (pose.translation() for pose in rotor_poses(0.17, np.zeros(4)))
+    assert (front[0], right[1], back[0], left[1]) == pytest.approx((0.17, -0.17, -0.17, 0.17))
+
+
+def test_a_live_view_shows_where_the_vehicle_is():
+    scenario = load_scenario("diagrams/outdoor.yaml", ["duration=1"])
+    meshcat = local_meshcat()
+    assert meshcat.web_url().startswith("http://127.0.0.1:")
+
+    def prepare(simulator):
+        view = LiveView(meshcat, scenario, flight_plan)
+        view.watch(simulator, 0.0)
+
+    flight_plan = simulate(scenario).plan
+    flight = simulate(scenario, prepare=prepare)
+    assert meshcat.HasPath("/vehicle/rotor_4")
+    assert meshcat.HasPath("/vehicle_wind/arrow")
+    assert meshcat.HasPath("/vehicle_trail/2")
+    assert flight.time[-1] == pytest.approx(1.0)
