@@ -9,6 +9,10 @@ VENV ?= .venv
 PYTHON ?= $(firstword $(shell .ci/pythons))
 PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
+# Scenarios whose diagrams are drawn in diagrams/drawings
+DRAWN = figure_eight.yaml hover.yaml slalom.yaml laboratory.yaml:low_wind outdoor.yaml robustness.yaml \
+	paper.yaml:low_wind_pd_t2fnn
+
 .PHONY: fly test paper lint benchmark figures
 
 fly: $(VENV)/.installed
@@ -33,6 +37,8 @@ figures: $(VENV)/.installed
 	cp out/slalom/plan.png docs/slalom.png
 	$(VENV)/bin/python scripts/simulate.py diagrams/laboratory.yaml:low_wind
 	cp out/low_wind/wind.png docs/wind.png
+	chromium --headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --window-size=1000,600 \
+		--virtual-time-budget=16000 --screenshot=docs/replay.png file://$(CURDIR)/out/low_wind/replay.html
 	$(VENV)/bin/python scripts/stability_map.py diagrams/laboratory.yaml:nominal
 	cp out/stability/nominal/position_map.png docs/stability.png
 	$(VENV)/bin/python scripts/compare_controllers.py
@@ -41,6 +47,9 @@ figures: $(VENV)/.installed
 	$(VENV)/bin/python scripts/monte_carlo.py $(foreach name,pd pd_t1fnn pd_t2fnn pd_feed_forward, \
 		--controller diagrams/controllers/paper.yaml:$(name))
 	cp out/monte_carlo/robustness/distribution.png docs/robustness.png
+	rm -rf diagrams/drawings
+	for scenario in $(DRAWN); do \
+		$(VENV)/bin/python scripts/draw_diagram.py diagrams/$$scenario --output diagrams/drawings || exit; done
 	$(VENV)/bin/python scripts/calibrate_paper.py
 	cp out/calibration/calibration.csv docs/replication
 	$(VENV)/bin/python scripts/reproduce_paper.py

@@ -24,7 +24,10 @@ def flight():
 
 
 def watched(page, folder, names, seconds):
-    """Whether objects of a playing page are visible, where, and how they are turned, over so many seconds."""
+    """Whether objects of a playing page are visible, where, and how they are turned, over so many seconds.
+
+    Also pictures at two instants, and where the first object is when the page is scrubbed to 3 s.
+    """
     find = "((name) => viewer.scene_tree.find(name.split('/')).object)"
     row = "[Number(o.visible), ...o.position.toArray(), ...o.quaternion.toArray()]"
     told, pictures = [], []
@@ -37,8 +40,15 @@ def watched(page, folder, names, seconds):
             if len(told) == 2:
                 pictures.append(browser.screenshot(folder / "early.png"))
         pictures.append(browser.screenshot(folder / "late.png"))
+        browser.value("scrub.value = 3.0; scrub.oninput();")
+        time.sleep(0.3)
+        scrubbed = browser.value(f"{find}('{names[0]}').position.toArray()")
+        assert browser.value("viewer.animator.playing") is False
+        assert browser.value("clock.textContent") == "3.0 s"
+        browser.value("play.click()")
+        browser.wait_for("viewer.animator.time > 3.2")
         assert browser.console == []
-    return [np.array(rows) for rows in zip(*told, strict=True)], pictures
+    return [np.array(rows) for rows in zip(*told, strict=True)], pictures, scrubbed
 
 
 @needs_chromium
@@ -46,12 +56,13 @@ def test_a_replay_plays_in_a_browser(flight, tmp_path):
     page = save_replay({"figure_eight": flight}, tmp_path / "replay.html")
     assert page.stat().st_size < 5_000_000
     names = ["figure_eight", "figure_eight/rotor_1", "figure_eight/rotor_2", "reference", "figure_eight_trail/10"]
-    (vehicle, rotor, other_rotor, reference, trail), pictures = watched(page, tmp_path, names, 4.0)
+    (vehicle, rotor, other_rotor, reference, trail), pictures, scrubbed = watched(page, tmp_path, names, 4.0)
     flown = flight["state"][:, 0:3]
     assert np.ptp(vehicle[:, 1:4], axis=0).max() > 0.8
     for place in vehicle[:, 1:4]:
         assert np.linalg.norm(flown - place, axis=1).min() < 0.02
     assert np.linalg.norm(vehicle[:, 1:4] - reference[:, 1:4], axis=1).max() < 0.1
+    assert scrubbed == pytest.approx(flown[np.searchsorted(flight.time, 3.0 - 1e-9)], abs=0.01)
     # Looks are too few to follow every turn.
     assert len(np.unique(rotor[:, 6].round(3))) > 5
     assert not np.allclose(rotor[:, 6], other_rotor[:, 6])
@@ -71,7 +82,7 @@ def test_a_swarm_replays_its_crashes(tmp_path):
     page = save_swarm({"all": [*flights, crash]}, tmp_path / "swarm.html")
     count = 1 + sum(bool(flight.metrics.crashed) for flight in flights)
     assert f"21 flights, {count} crashed" in page.read_text(encoding="utf-8")
-    (first, last), _ = watched(page, tmp_path, ["all/0", "all/20"], 4.0)
+    (first, last), *_ = watched(page, tmp_path, ["all/0", "all/20"], 4.0)
     assert np.ptp(first[:, 1:4], axis=0).max() > 0.3
     # What has crashed stays where it is.
     assert last[-1, 1:4] == pytest.approx(crash["state"][-1, 0:3], abs=1e-3)

@@ -2,6 +2,7 @@
 
 import html
 from collections.abc import Iterable, Mapping
+from importlib.resources import files
 from pathlib import Path
 
 import numpy as np
@@ -43,7 +44,7 @@ def save_replay(flights: Mapping[str, Flight], path: Path | str) -> Path:
     meshcat = local_meshcat()
     draw_replay(meshcat, flights)
     legend = _color_bar(_top_error(flights)) if len(flights) == 1 else _key_of(_body_colors(flights))
-    return _write(meshcat, path, ", ".join(flights), legend)
+    return _write(meshcat, path, ", ".join(flights), legend, _duration(flights.values()))
 
 
 def draw_replay(meshcat: Meshcat, flights: Mapping[str, Flight]) -> None:
@@ -90,7 +91,8 @@ def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
     _publish(meshcat, animation)
     crashes = sum(bool(flight.metrics.crashed) for flight in everyone)
     title = f"{len(everyone)} flights, {crashes} crashed"
-    return _write(meshcat, path, title, _key_of(colors | ({"crashed": _RED} if crashes else {})))
+    legend = _key_of(colors | ({"crashed": _RED} if crashes else {}))
+    return _write(meshcat, path, title, legend, _duration(everyone))
 
 
 def _animate_vehicle(
@@ -147,8 +149,13 @@ def _frames(flight: Flight, frames_per_second: float, last: int) -> list[tuple[i
     return frames if count > last else [*frames, (last, frames[-1][1])]
 
 
+def _duration(flights: Iterable[Flight]) -> float:
+    """Of the longest flight, s."""
+    return max(float(flight.time[-1]) for flight in flights)
+
+
 def _last_frame(flights: Iterable[Flight], frames_per_second: float) -> int:
-    return max(int(np.floor(flight.time[-1] * frames_per_second)) for flight in flights)
+    return int(np.floor(_duration(flights) * frames_per_second))
 
 
 def _top_error(flights: Mapping[str, Flight]) -> float:
@@ -177,8 +184,10 @@ def _publish(meshcat: Meshcat, animation: MeshcatAnimation) -> None:
     meshcat.PublishRecording()
 
 
-def _write(meshcat: Meshcat, path: Path | str, title: str, legend: str) -> Path:
-    overlay = f'<div style="{_BOX}"><b>{html.escape(title)}</b>{legend}</div>'
+def _write(meshcat: Meshcat, path: Path | str, title: str, legend: str, duration: float) -> Path:
+    overlay = files(__package__).joinpath("overlay.html").read_text(encoding="utf-8")
+    for field, text in (("title", html.escape(title)), ("legend", legend), ("duration", f"{duration:.3f}")):
+        overlay = overlay.replace(f"{{{field}}}", text)
     page = meshcat.StaticHtml().replace("</body>", f"{overlay}</body>")
 
     def write(target: Path) -> None:
@@ -187,17 +196,11 @@ def _write(meshcat: Meshcat, path: Path | str, title: str, legend: str) -> Path:
     return write_whole(Path(path), write)
 
 
-_BOX = (
-    "position:fixed;left:12px;bottom:12px;padding:8px 12px;background:rgba(255,255,255,0.85);"
-    "font:14px system-ui,sans-serif;color:#222;border-radius:4px"
-)
-
-
 def _color_bar(top: float) -> str:
     stops = ", ".join(to_hex(ERRORS(x)) for x in np.linspace(0.0, 1.0, 9))
     return (
         f'<div style="width:220px;height:10px;margin-top:6px;background:linear-gradient(to right, {stops})"></div>'
-        f'<div style="display:flex;justify-content:space-between"><span>0</span><span>position error</span>'
+        f'<div style="display:flex;justify-content:space-between;width:220px"><span>0</span><span>position error</span>'
         f"<span>{100.0 * top:.3g} cm</span></div>"
     )
 

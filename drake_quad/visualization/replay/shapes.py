@@ -23,7 +23,7 @@ _SLOW_MOTION = 0.1
 _WIND_SCALE = 0.15
 # A piece of the trail appears at once, s.
 TRAIL_PIECE = 0.25
-_TRAIL = 0.012
+_TRAIL = 0.018
 ERRORS = colormaps["viridis"]
 # Rotors 1 and 3 turn clockwise seen from above, 2 and 4 anticlockwise.
 _SPINS = (-1.0, 1.0, -1.0, 1.0)
