@@ -38,16 +38,22 @@ def plot_path(flight: Flight) -> Figure:
         for axis in (space.xaxis, space.yaxis, space.zaxis):
             axis.set_major_locator(MaxNLocator(3))
         plane = figure.add_subplot(1, 2, 2)
-        plane.plot(*flown[:2], color=BLUE, label="flown")
-        plane.plot(*wanted[:2], label="reference", **REFERENCE)
-        plane.plot(*flown[:2, :1], color=BLUE, marker="o", markersize=4, linestyle="none", label="start")
-        number_legs(plane, flight.plan)
-        _mark_crash(plane, flight, flown[:2, -1])
-        plane.set(xlabel="X (m)", ylabel="Y (m)", title="From above")
-        plane.margins(0.1)
-        plane.set_aspect("equal", adjustable="datalim")
+        draw_from_above(plane, flight)
         plane.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
         return figure
+
+
+def draw_from_above(axes: Axes, flight: Flight) -> None:
+    """The flown path and the reference in the X-Y plane, with the numbers of the legs."""
+    flown, wanted = flight["state"][:, 0:2].T, flight["reference"][:, 0:2].T
+    axes.plot(*flown, color=BLUE, label="flown")
+    axes.plot(*wanted, label="reference", **REFERENCE)
+    axes.plot(*flown[:, :1], color=BLUE, marker="o", markersize=4, linestyle="none", label="start")
+    number_legs(axes, flight.plan)
+    _mark_crash(axes, flight, flown[:, -1])
+    axes.set(xlabel="X (m)", ylabel="Y (m)", title="From above")
+    axes.margins(0.1)
+    axes.set_aspect("equal", adjustable="datalim")
 
 
 def plot_errors(flight: Flight) -> Figure:
@@ -60,15 +66,21 @@ def plot_errors(flight: Flight) -> Figure:
             upper.plot(flight.time, error[:, i], color=color, label=name.upper())
         upper.set(ylabel="error (cm)", title="Position error, reference minus flown")
         upper.legend(ncols=3, loc="upper right")
-        lower.plot(flight.time, np.linalg.norm(error, axis=1), color="black")
-        if np.isfinite(flight.metrics.rmse):
-            rmse = 100.0 * flight.metrics.rmse
-            lower.axhline(rmse, **LIMIT)
-            lower.annotate(f"RMSE {rmse:.2f} cm", (flight.time[-1], rmse), ha="right", va="bottom", bbox=PLATE)
-        lower.set(xlabel="time (s)", ylabel="Euclidean error (cm)", ylim=(0.0, None))
-        for axes in (upper, lower):
-            shade_legs(axes, flight.plan, float(flight.time[-1]), height=0.02)
+        shade_legs(upper, flight.plan, float(flight.time[-1]), height=0.02)
+        draw_error(lower, flight)
         return figure
+
+
+def draw_error(axes: Axes, flight: Flight) -> None:
+    """The Euclidean position error over time, and its RMSE."""
+    error = 100.0 * np.linalg.norm(flight["reference"][:, 0:3] - flight["state"][:, 0:3], axis=1)
+    axes.plot(flight.time, error, color="black")
+    if np.isfinite(flight.metrics.rmse):
+        rmse = 100.0 * flight.metrics.rmse
+        axes.axhline(rmse, **LIMIT)
+        axes.annotate(f"RMSE {rmse:.2f} cm", (flight.time[-1], rmse), ha="right", va="bottom", bbox=PLATE)
+    axes.set(xlabel="time (s)", ylabel="Euclidean error (cm)", ylim=(0.0, None))
+    shade_legs(axes, flight.plan, float(flight.time[-1]), height=0.02)
 
 
 def plot_attitude(flight: Flight) -> Figure:
@@ -102,19 +114,24 @@ def plot_rotors(flight: Flight) -> Figure:
         figure = new_figure(8.0, 4.4)
         close, whole = figure.subplots(1, 2, width_ratios=[3.0, 1.0])
         for axes in (close, whole):
-            for i, color in enumerate(ROTORS):
-                axes.plot(flight.time, flight["rotor_speed"][:, i], color=color, linewidth=1.1, label=f"rotor {i + 1}")
-            axes.set(xlabel="time (s)")
+            draw_rotor_speeds(axes, flight)
         low, high = close.get_ylim()
         for limit in limits:
             whole.axhline(limit, **LIMIT)
             close.axhline(limit, **LIMIT)
         close.set(ylim=(low, high), ylabel="rotor speed (rad/s)", title="Rotor speeds")
         close.legend(ncols=4, loc="upper center", handlelength=1.2, columnspacing=1.0)
-        whole.set(title="between the limits", ylim=(0.0, 1.08 * limits[1]))
+        whole.set(title="between the limits", ylabel="", ylim=(0.0, 1.08 * limits[1]))
         for limit, name in zip(limits, ("idle", "top"), strict=True):
             whole.annotate(f"{name} {limit:g}", (flight.time[0], limit), va="bottom", fontsize=8.5)
         return figure
+
+
+def draw_rotor_speeds(axes: Axes, flight: Flight) -> None:
+    """The speeds of the rotors over time."""
+    for i, color in enumerate(ROTORS):
+        axes.plot(flight.time, flight["rotor_speed"][:, i], color=color, linewidth=1.1, label=f"rotor {i + 1}")
+    axes.set(xlabel="time (s)", ylabel="rotor speed (rad/s)")
 
 
 PLOTS: dict[str, Callable[[Flight], Figure]] = {

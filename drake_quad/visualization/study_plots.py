@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from itertools import cycle
 
 import numpy as np
+from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, PercentFormatter
@@ -52,31 +53,35 @@ def plot_distribution(studies: Mapping[str, Study], name: str = "rmse") -> Figur
     """
     with styled():
         figure = new_figure(7.0, 4.2)
-        axes = figure.subplots()
-        for (controller, study), (color, style) in zip(studies.items(), cycle(_LINES), strict=False):
-            values = np.sort(with_crashes(study.metrics, name))
-            n = len(values)
-            finite = values[np.isfinite(values)]
-            share = np.arange(1, len(finite) + 1) / n
-            reach = np.sqrt(np.log(2.0 / 0.05) / (2.0 * n))
-            label = controller
-            if study.metrics.crashed.any():
-                label += f" ({100.0 * crash_probability(study.metrics).value:.2g} % crashed)"
-            axes.step(finite, share, where="post", color=color, linestyle=style, label=label)
-            axes.fill_between(
-                finite,
-                np.maximum(share - reach, 0.0),
-                np.minimum(share + reach, 1.0),
-                step="post",
-                color=color,
-                alpha=0.15,
-                linewidth=0.0,
-            )
-        axes.set(xlabel=metric_label(name), ylabel="share of the samples", ylim=(0.0, 1.02))
-        axes.yaxis.set_major_formatter(PercentFormatter(1.0))
-        axes.set_title(f"{_count(studies)}; bands: 95 % confidence", loc="left")
-        axes.legend(loc="lower right")
+        draw_distribution(figure.subplots(), studies, name)
         return figure
+
+
+def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> None:
+    """What `plot_distribution` shows, in axes that are there."""
+    for (controller, study), (color, style) in zip(studies.items(), cycle(_LINES), strict=False):
+        values = np.sort(with_crashes(study.metrics, name))
+        n = len(values)
+        finite = values[np.isfinite(values)]
+        share = np.arange(1, len(finite) + 1) / n
+        reach = np.sqrt(np.log(2.0 / 0.05) / (2.0 * n))
+        label = controller
+        if study.metrics.crashed.any():
+            label += f" ({100.0 * crash_probability(study.metrics).value:.2g} % crashed)"
+        axes.step(finite, share, where="post", color=color, linestyle=style, label=label)
+        axes.fill_between(
+            finite,
+            np.maximum(share - reach, 0.0),
+            np.minimum(share + reach, 1.0),
+            step="post",
+            color=color,
+            alpha=0.15,
+            linewidth=0.0,
+        )
+    axes.set(xlabel=metric_label(name), ylabel="share of the samples", ylim=(0.0, 1.02))
+    axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+    axes.set_title(f"{_count(studies)}; bands: 95 % confidence", loc="left")
+    axes.legend(loc="lower right")
 
 
 def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure:

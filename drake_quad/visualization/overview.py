@@ -1,0 +1,75 @@
+"""A flight, or studies, at a glance; for notebooks, which may go on with the axes."""
+
+from collections.abc import Mapping
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from drake_quad.analysis.monte_carlo import Study
+from drake_quad.analysis.monte_carlo.statistics import mean_interval, of_survivors, share_interval
+from drake_quad.flight import Flight
+from drake_quad.visualization.plots import draw_error, draw_from_above, draw_rotor_speeds
+from drake_quad.visualization.study_plots import draw_distribution, metric_label
+from drake_quad.visualization.style import AXES, BLACK, VERMILION, new_figure, styled
+
+_ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "handlelength": 1.0, "columnspacing": 0.8}
+
+
+def plot_flight(flight: Flight) -> tuple[Figure, dict[str, Axes]]:
+    """A flight at a glance.
+
+    Returns:
+        The figure, and its axes by what they show: "path" from above, "error", "command" and "rotors" over time.
+    """
+    with styled():
+        figure = new_figure(9.5, 6.6)
+        axes = figure.subplot_mosaic([["path", "error"], ["path", "command"], ["path", "rotors"]], width_ratios=[2, 3])
+        draw_from_above(axes["path"], flight)
+        axes["path"].legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=3)
+        draw_error(axes["error"], flight)
+        if "acceleration_command" in flight.signals:
+            for i, (name, color) in enumerate(AXES.items()):
+                values = flight["acceleration_command"][:, i]
+                axes["command"].plot(flight.time, values, color=color, linewidth=1.1, label=name.upper())
+            axes["command"].legend(**_ABOVE, ncols=3)
+        axes["command"].set(xlabel="time (s)", ylabel="acceleration\ncommand (m/s²)")
+        draw_rotor_speeds(axes["rotors"], flight)
+        axes["rotors"].legend(**_ABOVE, ncols=4)
+        for name in ("error", "command"):
+            axes[name].set_xlabel("")
+            axes[name].sharex(axes["rotors"])
+        return figure, axes
+
+
+def plot_study(studies: Study | Mapping[str, Study], name: str = "rmse") -> tuple[Figure, dict[str, Axes]]:
+    """A study, or several by their names, at a glance.
+
+    Args:
+        studies: at least one, with a flight.
+        name: of the metric.
+
+    Returns:
+        The figure, and its axes: "distribution" of a metric, its "mean", and the share of "crashes", the latter two
+        with 95 % intervals.
+    """
+    found = {studies.scenario.name: studies} if isinstance(studies, Study) else dict(studies)
+    with styled():
+        figure = new_figure(9.5, 3.4 + 0.25 * len(found))
+        axes = figure.subplot_mosaic([["distribution", "mean"], ["distribution", "crashes"]], width_ratios=[3, 2])
+        draw_distribution(axes["distribution"], found, name)
+        means = [mean_interval(of_survivors(study.metrics, name)) for study in found.values()]
+        crashes = [share_interval(int(study.metrics.crashed.sum()), len(study.samples)) for study in found.values()]
+        for part, intervals, size, label, color in (
+            ("mean", means, 1.0, f"mean {metric_label(name)}", BLACK),
+            ("crashes", crashes, 100.0, "crashed (%)", VERMILION),
+        ):
+            values = size * np.array(intervals)
+            reach = np.abs(values[:, 1:] - values[:, :1]).T
+            axes[part].errorbar(values[:, 0], range(len(found)), xerr=reach, fmt="o", color=color, capsize=3.0)
+            axes[part].set_yticks(range(len(found)), list(found))
+            axes[part].set_ylim(len(found) - 0.5, -0.5)
+            axes[part].set_xlabel(label)
+            axes[part].grid(visible=False, axis="y")
+        return figure, axes
