@@ -47,6 +47,7 @@ figures: $(VENV)/.installed
 	$(VENV)/bin/python scripts/monte_carlo.py $(foreach name,pd pd_t1fnn pd_t2fnn pd_feed_forward, \
 		--controller diagrams/controllers/paper.yaml:$(name))
 	cp out/monte_carlo/robustness/distribution.png docs/robustness.png
+	$(VENV)/bin/python scripts/document_scenarios.py --output docs
 	rm -rf diagrams/drawings
 	for scenario in $(DRAWN); do \
 		$(VENV)/bin/python scripts/draw_diagram.py diagrams/$$scenario --output diagrams/drawings || exit; done

@@ -1,0 +1,145 @@
+"""The scenario language, as its models have it: a schema for editors, and a page for readers."""
+
+import copy
+from collections.abc import Iterator
+from typing import Any
+
+from drake_quad.scenario.models import Scenario
+
+_REFERENCE = "#/$defs/"
+_DISTRIBUTIONS = ("Uniform", "LogUniform", "Normal", "Choice")
+
+
+def file_schema() -> dict[str, Any]:
+    """The JSON schema of a file of scenarios, for editors that check YAML while one writes.
+
+    It knows less than `load_scenario`: what a scenario lacks, another may give that it extends.
+    """
+    scenario = Scenario.model_json_schema()
+    definitions = scenario.pop("$defs")
+    waypoint = definitions["Waypoint"]
+    definitions["Waypoint"] = {"anyOf": [waypoint, {"type": "array", "minItems": 3, "maxItems": 3}]}
+    times = definitions["WaypointRoute"]["properties"]["times"]
+    times["oneOf"] += [{"type": "array"}, {"enum": list(times["discriminator"]["mapping"])}]
+    names = {"type": "string", "description": "FILE, FILE:NAME, or NAME of this file"}
+    scenario["properties"]["extends"] = {
+        "description": "what this scenario is laid over, the last on top",
+        "anyOf": [names, {"type": "array", "items": names}],
+    }
+    definitions["Scenario"] = scenario
+    schema = {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        "title": "scenarios of drake_quad, by their names",
+        "type": "object",
+        "additionalProperties": {"$ref": f"{_REFERENCE}Scenario"},
+        "$defs": definitions,
+    }
+    loosened: dict[str, Any] = _loosened(schema)
+    return loosened
+
+
+def _loosened(node: Any) -> Any:
+    """Without what is required, and with any of some forms in place of exactly one: parts fit several."""
+    if isinstance(node, list):
+        return [_loosened(each) for each in node]
+    if not isinstance(node, dict):
+        return node
+    renamed = {"anyOf" if key == "oneOf" else key: value for key, value in node.items()}
+    return {key: _loosened(value) for key, value in renamed.items() if key not in ("required", "discriminator")}
+
+
+def language_page() -> str:
+    """The page of all fields, in Markdown: a section for each mapping, in the order in which a scenario needs it."""
+    schema = Scenario.model_json_schema()
+    definitions = schema["$defs"]
+    sections = [_section("Scenario", schema)]
+    sections += [_section(name, definitions[name]) for name in _order(schema, definitions)]
+    return _INTRODUCTION + "\n\n".join(sections) + "\n"
+
+
+_INTRODUCTION = """# The scenario language
+
+A file holds scenarios by their names. A scenario is a mapping of the fields below. What it does not say it takes from
+what it `extends`: FILE, FILE:NAME, NAME of the same file, or a list of these, the last on top. Mappings are joined,
+anything else replaces. Where a distribution may stand, a study draws a number for each of its samples.
+
+This page is made by `scripts/document_scenarios.py` from the models that read scenarios; `docs/scenario.schema.json`
+has the same for editors: with the YAML language server, a file in `diagrams/` begins with
+
+    # yaml-language-server: $schema=../docs/scenario.schema.json
+
+"""
+
+
+def _order(schema: dict[str, Any], definitions: dict[str, Any]) -> list[str]:
+    """The names of the mappings that a schema refers to, as one comes upon them."""
+    found: dict[str, None] = {}
+    pending = list(_references(copy.deepcopy(schema["properties"])))
+    while pending:
+        name = pending.pop(0)
+        if name not in found:
+            found[name] = None
+            pending = [*_references(definitions[name].get("properties", {})), *pending]
+    return sorted(found, key=lambda name: name in _DISTRIBUTIONS or name in ("Range", "PositiveRange", "Bell"))
+
+
+def _references(node: Any) -> Iterator[str]:
+    if isinstance(node, dict):
+        if "$ref" in node:
+            yield node["$ref"].removeprefix(_REFERENCE)
+        for key, value in node.items():
+            if key != "discriminator":
+                yield from _references(value)
+    elif isinstance(node, list):
+        for each in node:
+            yield from _references(each)
+
+
+def _section(name: str, model: dict[str, Any]) -> str:
+    required = model.get("required", [])
+    lines = [f"## {name}", "", model.get("description", "").partition("\n\n")[0].replace("\n", " "), ""]
+    lines += ["| field | takes | default | meaning |", "| --- | --- | --- | --- |"]
+    for field, node in model.get("properties", {}).items():
+        default = "needed" if field in required else _default(node.get("default"))
+        lines.append(f"| `{field}` | {_takes(node)} | {default} | {node.get('description', '')} |")
+    return "\n".join(lines)
+
+
+def _default(value: Any) -> str:
+    if value is None:
+        return "–"
+    if isinstance(value, dict):
+        return f"`{value['kind']}`" if "kind" in value else "its defaults"
+    return f"`{value}`"
+
+
+def _takes(node: dict[str, Any]) -> str:
+    """What a field takes, in words."""
+    if "$ref" in node:
+        name = node["$ref"].removeprefix(_REFERENCE)
+        return f"[{name}](#{name.lower()})"
+    forms = node.get("anyOf") or node.get("oneOf")
+    if forms:
+        names = [form["$ref"].removeprefix(_REFERENCE) for form in forms if "$ref" in form]
+        if set(names) == set(_DISTRIBUTIONS):
+            return "number or [distribution](#uniform)"
+        return " or ".join(_takes(form) for form in forms if form.get("type") != "null")
+    if "enum" in node:
+        return " or ".join(f"`{value}`" for value in node["enum"])
+    if "const" in node:
+        return f"`{node['const']}`"
+    if node.get("type") == "array":
+        if "prefixItems" in node:
+            items = [_takes(item) for item in node["prefixItems"]]
+            return f"{len(items)} × {items[0]}" if len(set(items)) == 1 else f"[{', '.join(items)}]"
+        return f"list of {_takes(node.get('items', {}))}"
+    return f"{node.get('type', 'anything')}{_bounds(node)}"
+
+
+_COMPARED = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<", "maximum": "≤"}
+
+
+def _bounds(node: dict[str, Any]) -> str:
+    # Limits that only keep numbers finite say nothing.
+    said = [f"{sign} {node[key]:g}" for key, sign in _COMPARED.items() if key in node and abs(node[key]) < 1e8]
+    return f" {', '.join(said)}" if said else ""

@@ -1,0 +1,36 @@
+"""Writes what can be said in a scenario: a page for readers and a JSON schema for editors."""
+
+import argparse
+import json
+from pathlib import Path
+
+from command_line import print_files, run
+
+from drake_quad.files import output_folder, write_whole
+from drake_quad.scenario.language import file_schema, language_page
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="example: python scripts/document_scenarios.py --output docs",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    options.add_argument("--output", type=Path, default=Path("out/docs"), help="folder (default: %(default)s)")
+    folder = output_folder(options.parse_args().output)
+    schema = json.dumps(file_schema(), indent=1, ensure_ascii=False) + "\n"
+    texts = {"scenario_language.md": language_page(), "scenario.schema.json": schema}
+    print_files([write(folder / name, text) for name, text in texts.items()])
+
+
+def write(path: Path, text: str) -> Path:
+    """Writes a text file whole and returns its path."""
+
+    def write_text(target: Path) -> None:
+        target.write_text(text, encoding="utf-8")
+
+    return write_whole(path, write_text)
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,61 @@
+"""The page and the schema of the scenario language are those of the models, and fit the scenarios that are there."""
+
+import json
+import re
+from pathlib import Path
+
+import jsonschema
+import pytest
+from ruamel.yaml import YAML
+
+from drake_quad.scenario.language import file_schema, language_page
+
+ROOT = Path(__file__).parent.parent.parent
+VALIDATOR = jsonschema.Draft202012Validator(file_schema())
+BLOCKS = re.findall(r"```yaml\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+
+
+def complaints(text):
+    return [error.message for error in VALIDATOR.iter_errors(YAML(typ="safe", pure=True).load(text))]
+
+
+def test_page_and_schema_are_not_stale():
+    again = "python scripts/document_scenarios.py --output docs writes them again"
+    assert (ROOT / "docs" / "scenario_language.md").read_text(encoding="utf-8") == language_page(), again
+    assert json.loads((ROOT / "docs" / "scenario.schema.json").read_text(encoding="utf-8")) == file_schema(), again
+
+
+@pytest.mark.parametrize("path", sorted((ROOT / "diagrams").rglob("*.yaml")), ids=lambda path: path.name)
+def test_the_schema_fits_every_shipped_file(path):
+    assert complaints(path.read_text(encoding="utf-8")) == []
+
+
+@pytest.mark.parametrize("block", BLOCKS)
+def test_the_schema_fits_the_readme(block):
+    assert complaints(block) == []
+
+
+@pytest.mark.parametrize(
+    "wrong",
+    [
+        "a: {vehicle: {weight: 1.0}}",
+        "a: {vehicle: {mass: heavy}}",
+        "a: {route: {kind: loop}}",
+        "a: {laboratory: {wind: [{kind: fan, flow: fast}]}}",
+        "a: {control: {position: {kind: pd, k_p: [1.0, 1.0]}}}",
+        "a: {extends: 3}",
+        "a: 3",
+    ],
+)
+def test_the_schema_finds_what_is_wrong(wrong):
+    assert complaints(wrong)
+
+
+def test_every_field_is_on_the_page():
+    page = language_page()
+    fields = set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))
+    assert {"centre_of_mass", "derivative_bandwidth", "initial_covariance", "turbulence", "corridors"} <= fields
+    headings = {heading.lower() for heading in re.findall(r"^## (\w+)", page, re.MULTILINE)}
+    # A distribution leads to the first of them.
+    reached = set(re.findall(r"\]\(#(\w+)\)", page)) | {"scenario", "loguniform", "normal", "choice"}
+    assert reached == headings
