@@ -3,6 +3,7 @@
 import csv
 import re
 import runpy
+import shutil
 import subprocess
 import sys
 from pathlib import Path
@@ -363,3 +364,38 @@ def test_a_study_in_which_everything_crashes_is_told_too(run, tmp_path):
     assert "6 crashed, 100 % [54.1, 100]" in result.stdout
     assert "nan" not in result.stdout
     assert "crashed at 0.1" in result.stdout
+
+
+def test_simulate_shows_the_flight_live(run, tmp_path):
+    study = ["diagrams/laboratory.yaml:low_wind", "--set", "duration=1", "--output", tmp_path]
+    result = run("simulate.py", *study, "--meshcat", "--rate", 0)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert re.search(r"^open http://127\.0\.0\.1:\d+ in a browser on this machine$", result.stdout, re.MULTILINE)
+    result = run("simulate.py", *study, "--meshcat", "--rate", -1)
+    assert (result.returncode, result.stderr) == (2, "error: --rate is -1.0, but must be 0 or more\n")
+
+
+def test_replay_makes_pages_of_samples_and_of_controllers(run, tmp_path):
+    study = ["diagrams/laboratory.yaml:low_wind", "--set", "duration=1", "--output", tmp_path]
+    result = run("replay.py", *study, "--samples", 3)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "low_wind: 3 flights, 0 crashed" in result.stdout
+    controllers = [f"--controller=diagrams/controllers/paper.yaml:{name}" for name in ("pd", "pd_t2fnn")]
+    result = run("replay.py", *study, "--samples", 1, *controllers)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert {path.name for path in tmp_path.iterdir()} == {"low_wind.html", "pd_pd_t2fnn.html"}
+    assert run("replay.py", *study, "--samples", 0).returncode == 2
+
+
+@pytest.mark.skipif(shutil.which("dot") is None, reason="no Graphviz on PATH; Debian's package is graphviz")
+def test_draw_diagram_draws_the_loop_and_what_is_in_it(run, tmp_path):
+    result = run("draw_diagram.py", "diagrams/hover.yaml", "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert {path.stem for path in (tmp_path / "hover").iterdir()} >= {"loop", "control", "laboratory"}
+
+
+def test_without_graphviz_a_sentence_says_so(run, tmp_path, monkeypatch):
+    monkeypatch.setenv("PATH", "")
+    result = run("draw_diagram.py", "diagrams/hover.yaml", "--output", tmp_path)
+    assert result.returncode == 2
+    assert re.fullmatch(r"error: .*Graphviz.* is not on PATH; Debian's package is graphviz\n", result.stderr)
