@@ -12,6 +12,7 @@ from pydrake.systems.analysis import Simulator
 from drake_quad import Flight, InputError, Scenario, simulate
 from drake_quad.files import output_folder
 from drake_quad.planning import plan_route
+from drake_quad.scenario import draw_sample
 from drake_quad.visualization.plots import save_plots
 from drake_quad.visualization.replay.live import LiveView
 from drake_quad.visualization.replay.page import draw_replay, save_replay
@@ -35,13 +36,13 @@ def main() -> None:
         raise InputError(f"--rate is {arguments.rate}, but must be 0 or more")
     scenario = scenario_of(arguments)
     folder = output_folder(arguments.output / scenario.name)
+    sample = scenario.sample if arguments.sample is None else arguments.sample
     meshcat = opened_meshcat() if arguments.meshcat else None
-    prepare = None if meshcat is None else live_view(meshcat, scenario, arguments.rate)
+    prepare = None if meshcat is None else live_view(meshcat, draw_sample(scenario, sample or 0), arguments.rate)
     with flight_progress() as progress:
-        flight = simulate(scenario, sample=arguments.sample, prepare=prepare, progress=progress)
+        flight = simulate(scenario, sample=sample, prepare=prepare, progress=progress)
     replay = save_replay({scenario.name: flight}, folder / "replay.html")
     files = [*flight.save(folder), *save_plots(flight, folder), replay]
-    sample = scenario.sample if arguments.sample is None else arguments.sample
     drawn = [("sample", str(sample), f"of seed {scenario.seed}")] if sample is not None else []
     print_table([*drawn, *summary(flight)])
     print_files(files)

@@ -26,16 +26,12 @@ _LIGHTS = {
 }
 
 
-def local_meshcat(port: int | None = None) -> Meshcat:
-    """A Meshcat server that only this machine can reach, with an empty scene.
-
-    Args:
-        port: any that is free if not given.
-    """
+def local_meshcat() -> Meshcat:
+    """A Meshcat server that only this machine can reach, with an empty scene."""
     log = logging.getLogger("drake")
     level = log.level
     log.setLevel(logging.WARNING)  # that it listens is of no interest for a page that is only written
-    meshcat = Meshcat(MeshcatParams(host="127.0.0.1", port=port, show_stats_plot=False))
+    meshcat = Meshcat(MeshcatParams(host="127.0.0.1", show_stats_plot=False))
     log.setLevel(level)
     for name in ("/Axes", "/Grid"):
         meshcat.SetProperty(name, "visible", False)
