@@ -54,7 +54,7 @@ figures: $(VENV)/.installed
 	$(VENV)/bin/python scripts/calibrate_paper.py
 	cp out/calibration/calibration.csv docs/replication
 	$(VENV)/bin/python scripts/reproduce_paper.py
-	cp -r $(addprefix out/paper/,report.md report.html figures table_ii.csv claims.csv fair.csv effort.csv) docs/replication
+	cp -r $(addprefix out/paper/,report.md report.html figures table_ii.csv table_ii.md claims.csv fair.csv effort.csv) docs/replication
 
 $(VENV)/bin/python:
 	@test -n "$(PYTHON)" || { echo "no Python from 3.11 on was found on PATH or under pyenv"; exit 2; }

@@ -6,7 +6,7 @@ from pathlib import Path
 
 from command_line import print_files, run
 
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_text
 from drake_quad.scenario.language import file_schema, language_page
 
 
@@ -20,16 +20,7 @@ def main() -> None:
     folder = output_folder(options.parse_args().output)
     schema = json.dumps(file_schema(), indent=1, ensure_ascii=False) + "\n"
     texts = {"scenario_language.md": language_page(), "scenario.schema.json": schema}
-    print_files([write(folder / name, text) for name, text in texts.items()])
-
-
-def write(path: Path, text: str) -> Path:
-    """Writes a text file whole and returns its path."""
-
-    def write_text(target: Path) -> None:
-        target.write_text(text, encoding="utf-8")
-
-    return write_whole(path, write_text)
+    print_files([write_text(folder / name, text) for name, text in texts.items()])
 
 
 if __name__ == "__main__":

@@ -1,10 +1,8 @@
 """Draws the diagram of a scenario as SVG: the loop, and one drawing for each diagram within."""
 
-from pathlib import Path
-
 from command_line import parser, print_files, run, scenario_of
 
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_text
 from drake_quad.scenario import draw_sample
 from drake_quad.tracking import build_tracking_diagram
 from drake_quad.visualization.block_drawing import drawings, svg
@@ -20,16 +18,8 @@ def main() -> None:
     scenario = draw_sample(scenario_of(arguments), 0)
     folder = output_folder(arguments.output / scenario.name)
     pictures = {path: svg(text) for path, text in drawings(build_tracking_diagram(scenario)).items()}
-    print_files([write(folder / f"{path.replace('/', '_') or 'loop'}.svg", text) for path, text in pictures.items()])
-
-
-def write(path: Path, text: str) -> Path:
-    """Writes a file whole and returns its path."""
-
-    def write_text(target: Path) -> None:
-        target.write_text(text, encoding="utf-8")
-
-    return write_whole(path, write_text)
+    files = [write_text(folder / f"{path.replace('/', '_') or 'loop'}.svg", text) for path, text in pictures.items()]
+    print_files(files)
 
 
 if __name__ == "__main__":

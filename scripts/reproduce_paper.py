@@ -17,7 +17,7 @@ from drake_quad.analysis.replication.report import FIGURES, report_html, report_
 from drake_quad.analysis.replication.results import read_experiment
 from drake_quad.analysis.replication.table import Entry
 from drake_quad.analysis.replication.tables import read_tables, write_tables
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_text
 from drake_quad.visualization.replication_plots import paper_figures, save_small
 
 _TOP = Path(__file__).parent.parent
@@ -80,15 +80,6 @@ def flights_bar(total: int) -> Iterator[Callable[[str, int], None]]:
 
         bar.refresh()
         yield show
-
-
-def write_text(path: Path, text: str) -> Path:
-    """Writes a text file whole and returns the path."""
-
-    def write(target: Path) -> None:
-        target.write_text(text, encoding="utf-8")
-
-    return write_whole(path, write)
 
 
 def print_errors(entries: Sequence[Entry]) -> None:

@@ -11,7 +11,8 @@ from drake_quad.analysis.replication.columns import read_columns
 from drake_quad.analysis.replication.effort import EffortMatch, effort_matches, write_efforts
 from drake_quad.analysis.replication.fair import FairEntry, fair_entries, write_fair
 from drake_quad.analysis.replication.results import Experiment
-from drake_quad.analysis.replication.table import Entry, table_entries, write_table
+from drake_quad.analysis.replication.table import QUANTITIES, Entry, table_entries, table_markdown, write_table
+from drake_quad.files import write_text
 
 
 class Tables(NamedTuple):
@@ -45,9 +46,11 @@ def read_tables(folder: Path, found: Experiment) -> Tables:
 
 
 def write_tables(folder: Path, tables: Tables) -> list[Path]:
-    """Writes all tables but the calibration, which is there, and returns the files."""
+    """Writes all tables but the calibration, which is there, and returns the files; Table II also as Markdown."""
+    sections = (f"## {words}\n\n{table_markdown(tables.entries, name)}\n" for name, words in QUANTITIES.items())
     return [
         write_table(folder / "table_ii.csv", tables.entries),
+        write_text(folder / "table_ii.md", "# Table II\n\n" + "\n".join(sections)),
         write_claims(folder / "claims.csv", tables.claims),
         write_fair(folder / "fair.csv", tables.fair),
         write_efforts(folder / "effort.csv", tables.efforts),

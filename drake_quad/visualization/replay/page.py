@@ -10,7 +10,7 @@ from matplotlib.colors import to_hex, to_rgb
 from pydrake.geometry import Meshcat, MeshcatAnimation, Sphere
 from pydrake.math import RigidTransform
 
-from drake_quad.files import write_whole
+from drake_quad.files import write_text
 from drake_quad.flight import Flight
 from drake_quad.visualization.replay.scene import draw_surroundings, local_meshcat, wind_blows_elsewhere
 from drake_quad.visualization.replay.shapes import (
@@ -188,12 +188,7 @@ def _write(meshcat: Meshcat, path: Path | str, title: str, legend: str, duration
     overlay = files(__package__).joinpath("overlay.html").read_text(encoding="utf-8")
     for field, text in (("title", html.escape(title)), ("legend", legend), ("duration", f"{duration:.3f}")):
         overlay = overlay.replace(f"{{{field}}}", text)
-    page = meshcat.StaticHtml().replace("</body>", f"{overlay}</body>")
-
-    def write(target: Path) -> None:
-        target.write_text(page, encoding="utf-8")
-
-    return write_whole(Path(path), write)
+    return write_text(Path(path), meshcat.StaticHtml().replace("</body>", f"{overlay}</body>"))
 
 
 def _color_bar(top: float) -> str:
