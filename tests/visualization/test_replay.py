@@ -96,6 +96,16 @@ def test_a_page_needs_no_network_and_is_small(flight, tmp_path):
     assert 2.3e6 + 3.2 * (swarm.stat().st_size - 2.3e6) < 12e6
 
 
+def test_a_flight_is_shown_as_long_as_it_is_finite(tmp_path):
+    flight = simulate(load_scenario("diagrams/outdoor.yaml", ["duration=1"]))
+    flight["state"][-10:] = np.nan
+    whole = save_replay({"diverged": flight}, tmp_path / "replay.html").read_text(encoding="utf-8")
+    assert f'max="{flight.time[-11]:.3f}"' in whole
+    assert save_swarm({"diverged": [flight, flight]}, tmp_path / "swarm.html").exists()
+    short = simulate(load_scenario("diagrams/hover.yaml", ["duration=0.02"]))
+    assert save_replay({"short": short}, tmp_path / "short.html").exists()
+
+
 def test_rotors_1_and_3_turn_clockwise():
     assert list(np.sign(turned_by(np.full(4, 200.0), 0.01))) == [-1.0, 1.0, -1.0, 1.0]
     front, right, back, left = (pose.translation() for pose in rotor_poses(0.17, np.zeros(4)))

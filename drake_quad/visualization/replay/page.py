@@ -2,6 +2,7 @@
 
 import html
 from collections.abc import Iterable, Mapping
+from dataclasses import replace
 from importlib.resources import files
 from pathlib import Path
 
@@ -42,6 +43,7 @@ def save_replay(flights: Mapping[str, Flight], path: Path | str) -> Path:
         path: of the file.
     """
     meshcat = local_meshcat()
+    flights = {name: _seen(flight) for name, flight in flights.items()}
     draw_replay(meshcat, flights)
     legend = _color_bar(_top_error(flights)) if len(flights) == 1 else _key_of(_body_colors(flights))
     return _write(meshcat, path, ", ".join(flights), legend, _duration(flights.values()))
@@ -49,6 +51,7 @@ def save_replay(flights: Mapping[str, Flight], path: Path | str) -> Path:
 
 def draw_replay(meshcat: Meshcat, flights: Mapping[str, Flight]) -> None:
     """Draws flights in a scene that can be played and scrubbed; arguments as for `save_replay`."""
+    flights = {name: _seen(flight) for name, flight in flights.items()}
     first = next(iter(flights.values()))
     draw_surroundings(meshcat, first.scenario, first.plan, _places(flights.values()))
     meshcat.StartRecording(FRAMES_PER_SECOND, set_visualizations_while_recording=False)
@@ -70,6 +73,7 @@ def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
         path: of the file.
     """
     meshcat = local_meshcat()
+    flights = {name: [_seen(flight) for flight in group] for name, group in flights.items()}
     everyone = [flight for group in flights.values() for flight in group]
     draw_surroundings(meshcat, everyone[0].scenario, everyone[0].plan, _places(everyone))
     meshcat.StartRecording(SWARM_FRAMES_PER_SECOND, set_visualizations_while_recording=False)
@@ -93,6 +97,16 @@ def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
     title = f"{len(everyone)} flights, {crashes} crashed"
     legend = _key_of(colors | ({"crashed": _RED} if crashes else {}))
     return _write(meshcat, path, title, legend, _duration(everyone))
+
+
+def _seen(flight: Flight) -> Flight:
+    """The flight as long as its state is finite."""
+    finite = np.isfinite(flight["state"]).all(axis=1)
+    if finite.all():
+        return flight
+    count = int(np.argmin(finite))
+    signals = {name: values[:count] for name, values in flight.signals.items()}
+    return replace(flight, time=flight.time[:count], signals=signals)
 
 
 def _animate_vehicle(
@@ -159,7 +173,7 @@ def _last_frame(flights: Iterable[Flight], frames_per_second: float) -> int:
 
 
 def _top_error(flights: Mapping[str, Flight]) -> float:
-    return max(float(np.nanmax(_errors(flight))) for flight in flights.values())
+    return max(float(_errors(flight).max()) for flight in flights.values())
 
 
 def _body_colors(names: Iterable[str]) -> dict[str, str]:
@@ -168,8 +182,7 @@ def _body_colors(names: Iterable[str]) -> dict[str, str]:
 
 def _places(flights: Iterable[Flight]) -> np.ndarray:
     """(n, 3) places of vehicles, m."""
-    places = np.vstack([flight["state"][:, 0:3] for flight in flights])
-    return places[np.isfinite(places).all(axis=1)]
+    return np.vstack([flight["state"][:, 0:3] for flight in flights])
 
 
 def _errors(flight: Flight) -> np.ndarray:
