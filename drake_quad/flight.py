@@ -46,6 +46,12 @@ class Flight:
         """The (ticks, rows) values of a signal."""
         return self.signals[name]
 
+    @property
+    def euclidean_error(self) -> np.ndarray:
+        """(ticks,) distance of the vehicle to the reference, m."""
+        error: np.ndarray = np.linalg.norm(self["reference"][:, 0:3] - self["state"][:, 0:3], axis=1)
+        return error
+
     def save(self, folder: Path | str) -> list[Path]:
         """Writes the signals as compressed NumPy and as CSV, the metrics as CSV, and the scenario as YAML to fly again.
 

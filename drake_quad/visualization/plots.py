@@ -73,8 +73,7 @@ def plot_errors(flight: Flight) -> Figure:
 
 def draw_error(axes: Axes, flight: Flight) -> None:
     """The Euclidean position error over time, and its RMSE."""
-    error = 100.0 * np.linalg.norm(flight["reference"][:, 0:3] - flight["state"][:, 0:3], axis=1)
-    axes.plot(flight.time, error, color="black")
+    axes.plot(flight.time, 100.0 * flight.euclidean_error, color="black")
     if np.isfinite(flight.metrics.rmse):
         rmse = 100.0 * flight.metrics.rmse
         axes.axhline(rmse, **LIMIT)

@@ -198,7 +198,7 @@ def _errors_in_wind(flights: Flights, wind: str) -> Figure:
 
 def _errors(flights: Flights, wind: str, controllers: Sequence[str], levels: Mapping[str, float], what: str) -> Figure:
     """Errors over time and, if type 1 is among the controllers, how much larger those of type 2 are."""
-    errors = {name: _error(flights[Cell(wind, name)]) for name in controllers}
+    errors = {name: flights[Cell(wind, name)].euclidean_error for name in controllers}
     time = flights[Cell(wind, controllers[0])].time
     with _in_print():
         figure = new_figure(_COLUMN, 2.6 if "pd_t1fnn" not in errors else 3.8)
@@ -226,11 +226,6 @@ def _errors(flights: Flights, wind: str, controllers: Sequence[str], levels: Map
         figure.axes[-1].set_xlabel("time (s)")
         figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2, columnspacing=1.0)
         return figure
-
-
-def _error(flight: Flight) -> np.ndarray:
-    error: np.ndarray = np.linalg.norm(flight["reference"][:, 0:3] - flight["state"][:, 0:3], axis=1)
-    return error
 
 
 def _style(name: str) -> dict[str, Any]:

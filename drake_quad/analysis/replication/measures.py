@@ -148,7 +148,7 @@ def leg_errors(flights: Sequence[Flight]) -> LegErrors:
 def _of_flight(flight: Flight) -> tuple[float, float, float]:
     names = np.array([leg.name for leg in flight.plan.legs])
     leg = names[np.searchsorted(flight.plan.leg_times, flight.time, side="right") - 1]
-    squared = np.sum((flight["reference"][:, 0:3] - flight["state"][:, 0:3]) ** 2, axis=1)
+    squared = flight.euclidean_error**2
     straight, curved = np.isin(leg, STRAIGHT), np.isin(leg, CURVED)
     steps = np.abs(np.diff(flight["acceleration_command"][:, 0:2], axis=0)).sum(axis=1)
     both = straight[1:] & straight[:-1]

@@ -134,7 +134,7 @@ def _animate_trail(
 ) -> None:
     """Pieces of a tube that appear as the vehicle leaves them, in a colour or in those of errors up to a top (m)."""
     times = np.arange(0.0, flight.time[-1], TRAIL_PIECE)
-    errors = _errors(flight)
+    errors = flight.euclidean_error
     for number, start in enumerate(times):
         ticks = np.searchsorted(flight.time, np.linspace(start, min(start + TRAIL_PIECE, flight.time[-1]), 5) - 1e-9)
         piece = f"{where}/{number}"
@@ -173,7 +173,7 @@ def _last_frame(flights: Iterable[Flight], frames_per_second: float) -> int:
 
 
 def _top_error(flights: Mapping[str, Flight]) -> float:
-    return max(float(_errors(flight).max()) for flight in flights.values())
+    return max(float(flight.euclidean_error.max()) for flight in flights.values())
 
 
 def _body_colors(names: Iterable[str]) -> dict[str, str]:
@@ -183,12 +183,6 @@ def _body_colors(names: Iterable[str]) -> dict[str, str]:
 def _places(flights: Iterable[Flight]) -> np.ndarray:
     """(n, 3) places of vehicles, m."""
     return np.vstack([flight["state"][:, 0:3] for flight in flights])
-
-
-def _errors(flight: Flight) -> np.ndarray:
-    """(ticks,) distance to the reference, m."""
-    error: np.ndarray = np.linalg.norm(flight["reference"][:, 0:3] - flight["state"][:, 0:3], axis=1)
-    return error
 
 
 def _publish(meshcat: Meshcat, animation: MeshcatAnimation) -> None:
