@@ -6,12 +6,14 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
+from typing import get_args
 
 from tqdm import tqdm
 
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.compiled import telling_of_compilation
 from drake_quad.scenario import Journey, load_journey
+from drake_quad.visualization.style import Vector
 
 # The thread that watches bars would be in the way of worker processes, which are forked from a process with one thread.
 tqdm.monitor_interval = 0
@@ -45,6 +47,11 @@ def parser(description: str, example: str, *, output: str | None, scenario: str)
         default = Path(output)
         result.add_argument("--output", type=Path, default=default, help="folder to write to (default: %(default)s)")
     return result
+
+
+def add_vector(options: argparse.ArgumentParser) -> None:
+    """Adds the option that draws figures for print."""
+    options.add_argument("--vector", choices=get_args(Vector), help="write each figure also as a vector drawing")
 
 
 def scenario_of(arguments: argparse.Namespace) -> Scenario:

@@ -6,13 +6,14 @@ from collections.abc import Mapping
 from pathlib import Path
 
 import numpy as np
-from command_line import flight_progress, print_columns, print_files, run
+from command_line import add_vector, flight_progress, print_columns, print_files, run
 
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.analysis.comparison import fly_samples, share_of
 from drake_quad.files import output_folder, write_whole
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.visualization.comparison_plots import plot_comparison
+from drake_quad.visualization.style import save_figures
 
 _DIAGRAMS = Path(__file__).parent.parent / "diagrams"
 _SCENARIOS = tuple(f"laboratory.yaml:{name}" for name in ("nominal", "low_wind", "high_wind"))
@@ -45,6 +46,7 @@ def main() -> None:
     options.add_argument("--seed", type=int, help="seed of everything random (default: the scenarios')")
     options.add_argument("--quick", action="store_true", help="4 samples over 6 s of flight")
     options.add_argument("--output", type=Path, default=Path("out/comparison"), help="folder (default: %(default)s)")
+    add_vector(options)
     arguments = options.parse_args()
     samples = arguments.samples if arguments.samples is not None else 4 if arguments.quick else 20
     if not 1 <= samples <= 10_000:
@@ -59,7 +61,7 @@ def main() -> None:
                 flights[place][name] = fly_samples(scenario, range(samples), progress=progress)
     files = [
         write_whole(folder / "comparison.csv", lambda path: write_table(path, flights)),
-        write_whole(folder / "comparison.png", plot_comparison(flights).savefig),
+        *save_figures({"comparison": plot_comparison(flights)}, folder, vector=arguments.vector),
     ]
     print(f"{samples} samples each; mean and standard deviation; the share is that of the first controller's RMSE")
     print_comparison(flights)

@@ -6,7 +6,7 @@ import shlex
 import sys
 from pathlib import Path
 
-from command_line import parser, print_columns, print_files, run, scenario_of
+from command_line import add_vector, parser, print_columns, print_files, run, scenario_of
 from ruamel.yaml import YAML
 
 from drake_quad import InputError
@@ -16,6 +16,7 @@ from drake_quad.analysis.gain_design import PolePair, Regulator
 from drake_quad.analysis.modes import modes
 from drake_quad.files import output_folder, write_whole
 from drake_quad.visualization.design_plots import DESIGN_PLOTS, plot_steps
+from drake_quad.visualization.style import save_figures
 
 # Faster modes are those of delay lines and filters, not worth a line of the table, rad/s.
 _FASTEST_MODE = 60.0
@@ -35,6 +36,7 @@ def main() -> None:
         scenario="figure_eight.yaml",
     )
     add_design_options(options)
+    add_vector(options)
     arguments = options.parse_args()
     scenario = scenario_of(arguments)
     period = scenario.laboratory.command_link.period
@@ -43,8 +45,8 @@ def main() -> None:
     loop = closed_loop(as_believed(designed))
     folder = output_folder(arguments.output / scenario.name)
     files = [write_whole(folder / "gains.yaml", lambda path: write_gains(design, path))]
-    files += [write_whole(folder / f"{name}.png", plot(design).savefig) for name, plot in DESIGN_PLOTS.items()]
-    files.append(write_whole(folder / "steps.png", plot_steps(loop).savefig))
+    figures = {name: plot(design) for name, plot in DESIGN_PLOTS.items()} | {"steps": plot_steps(loop)}
+    files += save_figures(figures, folder, vector=arguments.vector)
     print_design(design, period)
     print_modes(loop)
     print(f"\na scenario takes the gains by `extends: [FILE:NAME, {files[0]}]`, in this order")

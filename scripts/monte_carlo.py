@@ -9,7 +9,16 @@ from contextlib import contextmanager
 from pathlib import Path
 
 import numpy as np
-from command_line import controlled_scenarios, parser, print_columns, print_files, remark, run, study_progress
+from command_line import (
+    add_vector,
+    controlled_scenarios,
+    parser,
+    print_columns,
+    print_files,
+    remark,
+    run,
+    study_progress,
+)
 
 from drake_quad import Scenario
 from drake_quad.analysis.monte_carlo import Study, run_monte_carlo
@@ -25,10 +34,10 @@ from drake_quad.analysis.monte_carlo.statistics import (
     worst,
 )
 from drake_quad.analysis.monte_carlo.workers import Workers
-from drake_quad.files import write_whole
 from drake_quad.laboratory.metrics import UNITS
 from drake_quad.scenario import distributions_in
 from drake_quad.visualization.study_plots import plot_convergence, plot_distribution, plot_influences
+from drake_quad.visualization.style import Vector, save_figures
 
 # Of each, the name, the unit in which it is printed, its size in SI units and the digits.
 _SHOWN = [
@@ -65,7 +74,7 @@ def main() -> None:
                 )
     seconds = time.perf_counter() - began
     files = [folders[name] / "results.csv" for name in studies]
-    files += save_plots(studies, folder, arguments.metric)
+    files += save_plots(studies, folder, arguments.metric, arguments.vector)
     for name, study in studies.items():
         print_study(name, study, folders[name])
     if len(studies) > 1:
@@ -102,6 +111,7 @@ def command_line() -> argparse.Namespace:
         default="rmse",
         help="that is drawn and compared (default: %(default)s)",
     )
+    add_vector(options)
     return options.parse_args()
 
 
@@ -126,7 +136,7 @@ def executor_of(arguments: argparse.Namespace) -> Iterator[tuple[Executor | Work
             yield workers, workers.num_workers
 
 
-def save_plots(studies: Mapping[str, Study], folder: Path, metric: str) -> list[Path]:
+def save_plots(studies: Mapping[str, Study], folder: Path, metric: str, vector: Vector | None) -> list[Path]:
     """Draws distribution and convergence of all studies that flew, and what matters in each."""
     studies = {name: study for name, study in studies.items() if len(study.samples)}
     if not studies:
@@ -138,7 +148,7 @@ def save_plots(studies: Mapping[str, Study], folder: Path, metric: str) -> list[
             figures[f"influences{suffix}"] = plot_influences(study, metric)
         if study.parameters and study.metrics.crashed.any():
             figures[f"crash_influences{suffix}"] = plot_influences(study, "crashed")
-    return [write_whole(folder / f"{name}.png", figure.savefig) for name, figure in figures.items()]
+    return save_figures(figures, folder, vector=vector)
 
 
 def print_study(name: str, study: Study, folder: Path) -> None:

@@ -3,9 +3,9 @@
 import itertools
 
 import numpy as np
-from command_line import journey_of, parser, print_files, print_table, run
+from command_line import add_vector, journey_of, parser, print_files, print_table, run
 
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder
 from drake_quad.planning import nominal_parameters, plan_demand, plan_route
 from drake_quad.reference.binding import Binding, bindings
 from drake_quad.reference.feasibility import sample_times
@@ -17,15 +17,18 @@ from drake_quad.scenario import Journey
 from drake_quad.scenario.routes import CircleRoute, FigureEightRoute, WaypointRoute
 from drake_quad.trajectory_files import save_plan
 from drake_quad.visualization.plan_plots import plot_plan
+from drake_quad.visualization.style import save_figures
 
 
 def main() -> None:
-    arguments = parser(
+    options = parser(
         description=__doc__,
         example="python scripts/plan.py diagrams/slalom.yaml --set route.top_speed=1.5",
         output="out",
         scenario="slalom.yaml",
-    ).parse_args()
+    )
+    add_vector(options)
+    arguments = options.parse_args()
     journey = journey_of(arguments)
     plan = plan_route(journey)
     folder = output_folder(arguments.output / journey.name)
@@ -39,7 +42,10 @@ def main() -> None:
         places=problem.places if problem else (),
         corridors=problem.corridors if problem else (),
     )
-    files = [*save_plan(plan, folder, name=journey.name), write_whole(folder / "plan.png", figure.savefig)]
+    files = [
+        *save_plan(plan, folder, name=journey.name),
+        *save_figures({"plan": figure}, folder, vector=arguments.vector),
+    ]
     print_table(summary(journey, plan, limits, problem))
     print("binds:", binding_summary(bindings(plan.path, limits, problem.corridors if problem else ())))
     print_files(files)

@@ -6,7 +6,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from command_line import print_columns, print_files, run
+from command_line import add_vector, print_columns, print_files, run
 from tqdm import tqdm
 
 from drake_quad import Scenario, load_scenario
@@ -19,6 +19,7 @@ from drake_quad.analysis.replication.table import Entry
 from drake_quad.analysis.replication.tables import read_tables, write_tables
 from drake_quad.files import output_folder, write_text
 from drake_quad.visualization.replication_plots import paper_figures, save_small
+from drake_quad.visualization.style import save_vector
 
 _TOP = Path(__file__).parent.parent
 _PAPER, _CALIBRATION = _TOP / "diagrams" / "paper.yaml", _TOP / "docs" / "replication" / "calibration.csv"
@@ -41,6 +42,8 @@ def main() -> None:
     with tqdm(total=len(FIGURES), desc="drawing", leave=False, disable=None) as bar:
         for name, figure in paper_figures(found, flights):
             save_small(figure, drawings / f"{name}.png")
+            if arguments.vector is not None:
+                save_vector(figure, drawings / f"{name}.{arguments.vector}", arguments.vector)
             bar.update()
     text = report_markdown(found, tables)
     files.append(write_text(folder / "report.md", text))
@@ -61,6 +64,7 @@ def command_line() -> argparse.Namespace:
     options.add_argument("--workers", type=int, help="processes (default: as many as there are cores)")
     options.add_argument("--resume", action="store_true", help="keep the cells that are in the folder already")
     options.add_argument("--output", type=Path, help="folder (default: out/paper, or out/paper_quick)")
+    add_vector(options)
     return options.parse_args()
 
 

@@ -5,11 +5,12 @@ import math
 from pathlib import Path
 
 import numpy as np
-from command_line import parser, print_columns, print_files, run, scenario_of
+from command_line import add_vector, parser, print_columns, print_files, run, scenario_of
 
 from drake_quad.analysis.sensitivity import DIFFERENTIABLE, Sensitivities, flight_sensitivities
 from drake_quad.files import output_folder, write_whole
 from drake_quad.visualization.sensitivity_plots import plot_sensitivities
+from drake_quad.visualization.style import save_figures
 
 # Differentiated unless others are asked for: what a builder can get wrong, and what a designer can choose.
 _FIELDS = (
@@ -34,6 +35,7 @@ def main() -> None:
     options.add_argument(
         "--metric", choices=DIFFERENTIABLE, default="rmse", help="that is printed and drawn (default: %(default)s)"
     )
+    add_vector(options)
     arguments = options.parse_args()
     scenario = scenario_of(arguments)
     folder = output_folder(arguments.output / scenario.name)
@@ -42,7 +44,7 @@ def main() -> None:
     figure = plot_sensitivities(found, arguments.metric)
     files = [
         write_whole(folder / "sensitivities.csv", lambda path: write_table(path, found)),
-        write_whole(folder / "sensitivities.png", figure.savefig),
+        *save_figures({"sensitivities": figure}, folder, vector=arguments.vector),
     ]
     print_sensitivities(found, arguments.metric)
     print_files(files)

@@ -5,7 +5,7 @@ import sys
 import time
 from collections.abc import Callable
 
-from command_line import flight_progress, parser, print_files, print_table, run, scenario_of
+from command_line import add_vector, flight_progress, parser, print_files, print_table, run, scenario_of
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
@@ -31,6 +31,7 @@ def main() -> None:
     options.add_argument(
         "--rate", type=float, default=1.0, help="of real time, with --meshcat; 0 is as fast as can be (default: 1)"
     )
+    add_vector(options)
     arguments = options.parse_args()
     if not (math.isfinite(arguments.rate) and arguments.rate >= 0.0):
         raise InputError(f"--rate is {arguments.rate}, but must be 0 or more")
@@ -42,7 +43,7 @@ def main() -> None:
     with flight_progress() as progress:
         flight = simulate(scenario, sample=sample, prepare=prepare, progress=progress)
     replay = save_replay({scenario.name: flight}, folder / "replay.html")
-    files = [*flight.save(folder), *save_plots(flight, folder), replay]
+    files = [*flight.save(folder), *save_plots(flight, folder, vector=arguments.vector), replay]
     drawn = [("sample", str(sample), f"of seed {scenario.seed}")] if sample is not None else []
     print_table([*drawn, *summary(flight)])
     print_files(files)

@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
-from command_line import parser, print_files, run, scenario_of
+from command_line import add_vector, parser, print_files, run, scenario_of
 
 from drake_quad import InputError, Scenario
 from drake_quad.analysis.gain_design import PdGains
@@ -14,6 +14,7 @@ from drake_quad.analysis.stability_map import Loop, flown_map, mapped_plant, sta
 from drake_quad.files import output_folder, write_whole
 from drake_quad.scenario import draw_sample
 from drake_quad.visualization.map_plots import MapPanel, plot_map
+from drake_quad.visualization.style import save_figures
 
 # Default ranges of k_P (1/s²) and k_D (1/s): the stable region of the shipped laboratories and some room around it.
 _RANGES = {"position": ((0.02, 1.2), (0.05, 3.0)), "attitude": ((0.5, 40.0), (0.5, 24.0))}
@@ -40,6 +41,7 @@ def main() -> None:
         f" {_SLOWER:g} times as slow and a tick more of delay)",
     )
     options.add_argument("--quick", action="store_true", help="a map of 12 by 12 over 5 s of flight")
+    add_vector(options)
     arguments = options.parse_args()
     size = arguments.size if arguments.size is not None else 12 if arguments.quick else 40
     if not 2 <= size <= 200:
@@ -60,7 +62,7 @@ def main() -> None:
     figure = plot_map(panels, k_p, k_d, marked=marked, loop=arguments.loop)
     files = [
         write_whole(folder / f"{arguments.loop}_map.csv", lambda path: write_table(path, panels, k_p, k_d)),
-        write_whole(folder / f"{arguments.loop}_map.png", figure.savefig),
+        *save_figures({f"{arguments.loop}_map": figure}, folder, vector=arguments.vector),
     ]
     for each in panels:
         print_panel(each, k_p, k_d)

@@ -8,7 +8,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder
 from drake_quad.flight import Flight
 from drake_quad.visualization.learning_plots import (
     plot_learning,
@@ -17,7 +17,19 @@ from drake_quad.visualization.learning_plots import (
     plot_surfaces,
 )
 from drake_quad.visualization.leg_marks import number_legs, shade_legs
-from drake_quad.visualization.style import AXES, BLUE, LIMIT, PLATE, REFERENCE, ROTORS, VERMILION, new_figure, styled
+from drake_quad.visualization.style import (
+    AXES,
+    BLUE,
+    LIMIT,
+    PLATE,
+    REFERENCE,
+    ROTORS,
+    VERMILION,
+    Vector,
+    new_figure,
+    save_figures,
+    styled,
+)
 from drake_quad.visualization.wind_plots import plot_wind
 
 
@@ -141,8 +153,13 @@ PLOTS: dict[str, Callable[[Flight], Figure]] = {
 }
 
 
-def save_plots(flight: Flight, folder: Path | str) -> list[Path]:
-    """Draws all plots of a flight into a folder as PNG and returns the files; wind and learning only if there is any.
+def save_plots(flight: Flight, folder: Path | str, *, vector: Vector | None = None) -> list[Path]:
+    """Draws all plots of a flight into a folder and returns the files; wind and learning only if there is any.
+
+    Args:
+        flight: that was flown.
+        folder: for a PNG of each plot.
+        vector: what each is drawn as beside that, for print.
 
     Raises:
         InputError: the folder cannot be written.
@@ -158,7 +175,7 @@ def save_plots(flight: Flight, folder: Path | str) -> list[Path]:
             "surfaces": plot_surfaces,
             "secant_gains": plot_secant_gains,
         }
-    return [write_whole(target / f"{name}.png", plot(flight).savefig) for name, plot in plots.items()]
+    return save_figures({name: plot(flight) for name, plot in plots.items()}, target, vector=vector)
 
 
 def _mark_crash(axes: Axes, flight: Flight, place: np.ndarray) -> None:
