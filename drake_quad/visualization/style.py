@@ -71,7 +71,7 @@ def new_figure(width: float, height: float) -> Figure:
 
 
 def save_figures(figures: Mapping[str, Figure], folder: Path, *, vector: Vector | None = None) -> list[Path]:
-    """Writes figures by their names as PNG, each also as a vector drawing if one is asked for, and returns the files."""
+    """Writes figures by name as PNG, each also as a vector drawing if one is asked for, and returns the files."""
     files = []
     for name, figure in figures.items():
         with styled():
