@@ -96,6 +96,7 @@ def simulate(
     sample: int | None = None,
     position_controller: Any = None,
     control: Any = None,
+    wind: Any = None,
     plan: Plan | None = None,
     prepare: Callable[[Simulator], None] | None = None,
     progress: Callable[[float, float], None] | None = None,
@@ -108,7 +109,8 @@ def simulate(
         sample: number of the sample of the study to fly, in place of the scenario's: with what is drawn for it, in its
             wind and with its noise. Without one, these are wind and noise of sample 0.
         position_controller: stands in for the scenario's; see `build_tracking_diagram`.
-        control: stands in for the whole cascade; see `build_tracking_diagram`.
+        control: stands in for the whole cascade; likewise.
+        wind: blows beside the scenario's; likewise.
         plan: flown instead of that of the scenario's route.
         prepare: called with Drake's simulator before it flies, to set a monitor or a rate of real time.
         progress: called now and then with the time flown and the time to fly, s.
@@ -124,7 +126,7 @@ def simulate(
     plan = plan or plan_route(scenario)
     duration = flight_duration(scenario, plan)
     diagram = build_tracking_diagram(
-        scenario, position_controller=position_controller, control=control, plan=plan, record=True
+        scenario, position_controller=position_controller, control=control, wind=wind, plan=plan, record=True
     )
     simulator = Simulator(diagram)
     # For a vehicle with a continuous state; a stepping one does not use the integrator.

@@ -26,6 +26,7 @@ class StudyFleet:
         position_controller: makes a system for N vehicles that stands in for the scenario's; see
             `build_tracking_diagram`.
         control: makes one for the whole cascade; likewise.
+        wind: makes a source of wind beside the scenario's; likewise.
 
     Raises:
         InputError: the route holds a distribution, or the rotors cannot fly it; or the vehicle has no time step.
@@ -39,6 +40,7 @@ class StudyFleet:
         plan: Plan | None = None,
         position_controller: Callable[[int], Any] | None = None,
         control: Callable[[int], Any] | None = None,
+        wind: Callable[[int], Any] | None = None,
     ) -> None:
         if scenario.vehicle.time_step == 0.0:
             # An integrator chooses its steps by all vehicles of a fleet.
@@ -46,7 +48,7 @@ class StudyFleet:
         self._scenario, self.num_vehicles = scenario, num_vehicles
         self._plan = plan or plan_route(scenario)
         self.duration = flight_duration(scenario, self._plan)
-        makers = {"position_controller": position_controller, "control": control}
+        makers = {"position_controller": position_controller, "control": control, "wind": wind}
         own = {name: make(num_vehicles) for name, make in makers.items() if make is not None}
         self._own = tuple(own)
         diagram = build_tracking_diagram(scenario, num_vehicles, samples=range(num_vehicles), plan=self._plan, **own)

@@ -12,10 +12,12 @@ from typing import Any
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.control.cascade import POSITION_SIGNALS
+from drake_quad.fleet import FleetSystem
 from drake_quad.laboratory.recorder import build_recorder
 from drake_quad.laboratory.tape import Samples, TapePlayer
+from drake_quad.laboratory.wind.wind import build_held_wind
 from drake_quad.parts.control import build_control, control_parts
-from drake_quad.parts.laboratory import build_laboratory_of, laboratory_parts, monitor_part
+from drake_quad.parts.laboratory import build_laboratory_of, laboratory_parts, monitor_part, wind_period
 from drake_quad.parts.part import Part, subsystem
 from drake_quad.planning import flight_duration, plan_route, refuse_distributions
 from drake_quad.reference.plan import Plan
@@ -38,6 +40,7 @@ def build_tracking_diagram(
     samples: Sequence[int] | None = None,
     position_controller: Any = None,
     control: Any = None,
+    wind: Any = None,
     plan: Plan | None = None,
     record: bool = False,
     drake_random: bool = False,
@@ -57,6 +60,9 @@ def build_tracking_diagram(
             (11 rows) to `acceleration_command` (3 rows, m/s²). The diagram takes it over.
         control: a system that stands in for the whole cascade: from `measurement` and `reference` to `wrench`
             (4 rows: F_z in N; τ_x, τ_y, τ_z in N m). The diagram takes it over.
+        wind: a source of wind beside the scenario's: one output port of 3 rows, the velocity of the air in W (m/s), and
+            perhaps the input port `state` (12 rows). The diagram takes it over, and samples it at the vehicle's time
+            step; a FleetSystem, such as those of `drake_quad.laboratory.wind`, does that itself.
         plan: flown instead of that of the scenario's route.
         record: whether to add a recorder of all signals, sampled at every tick of the control.
         drake_random: whether wind and noise come from Drake's random sources, for its own Monte Carlo tools, in place
@@ -82,7 +88,9 @@ def build_tracking_diagram(
         "reference": build_reference(plan, num_vehicles=num_vehicles),
         "control": control
         or build_control(drawn, control_parts(drawn, plan, num_vehicles), position_controller=position_controller),
-        "laboratory": build_laboratory_of(_laboratory_parts(scenario, drawn, plan, num_vehicles), tapes),
+        "laboratory": build_laboratory_of(
+            _laboratory_parts(scenario, drawn, plan, num_vehicles), tapes, own_wind=_sampled(wind, drawn)
+        ),
         "monitor": monitor_part(drawn, num_vehicles).build(),
     }
     for name, part in systems.items():
@@ -127,8 +135,8 @@ def put_samples(
         scenario: with or without distributions.
         samples: N numbers of samples of the scenario's study.
         plan: that is flown.
-        own: which of "position_controller" and "control" were given to `build_tracking_diagram`: no numbers of the
-            scenario's are in them.
+        own: which of "position_controller", "control" and "wind" were given to `build_tracking_diagram`: no numbers of
+            the scenario's are in them.
 
     Raises:
         InputError: as `build_tracking_diagram`.
@@ -155,6 +163,12 @@ def _put(part: Part, system: Any, context: Any) -> None:
 
 def _laboratory_parts(scenario: Scenario, drawn: Scenario, plan: Plan, num_vehicles: int) -> dict[str, Part]:
     return laboratory_parts(scenario, drawn, plan, flight_duration(drawn, plan), num_vehicles)
+
+
+def _sampled(wind: Any, scenario: Scenario) -> Any:
+    if wind is None or isinstance(wind, FleetSystem):
+        return wind
+    return build_held_wind(wind, period=wind_period(scenario))
 
 
 def _add_recorder(builder: DiagramBuilder, sources: dict[str, Any], period: float) -> None:

@@ -22,7 +22,7 @@ from drake_quad.laboratory.tape import Samples, Stream, Tape, TapePlayer
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence
 from drake_quad.laboratory.wind.fans import Fans, Jet
 from drake_quad.laboratory.wind.gust import Gust, GustParameters
-from drake_quad.laboratory.wind.wind import build_wind
+from drake_quad.laboratory.wind.wind import build_held_wind, build_wind
 from drake_quad.randomness import Kind
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import SameForAll, build_reference
@@ -71,6 +71,10 @@ def fans():
     return Fans(num_vehicles=2, jets=[JET, JET])
 
 
+def fans_without_turbulence():
+    return Fans(jets=[JET._replace(turbulence=0.0)])
+
+
 def tape_player():
     stream = Stream("here", Kind.WIND, rows=3, distribution=RandomDistribution.kGaussian)
     return TapePlayer(num_vehicles=2, tapes=[Tape(SAMPLES, [stream], period=0.01)])
@@ -112,6 +116,7 @@ SYSTEMS = [
     ),
     (build_cascade, cascade),
     (build_fuzzy_network, network),
+    (build_held_wind, lambda: build_held_wind(fans_without_turbulence(), period=0.01)),
     (build_laboratory, laboratory),
     (
         build_position_controller,

@@ -5,11 +5,14 @@ import math
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from scipy.integrate import solve_ivp
 
 from drake_quad import InputError, load_scenario, simulate
+from drake_quad.laboratory.wind.fans import Jet
 from drake_quad.laboratory.wind.gust import Gust, GustParameters
+from drake_quad.parts.laboratory import jets
+from drake_quad.study_fleet import StudyFleet
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor
 
@@ -124,3 +127,43 @@ def test_wind_without_one_motion_is_refused(motion):
     wind = "{kind: steady}" if motion == "kind: steady" else f"{{kind: steady, {motion}}}"
     with pytest.raises(InputError, match="must have a velocity, or speed and heading, not"):
         load_scenario("diagrams/laboratory.yaml:nominal", [f"laboratory.wind=[{wind}]"])
+
+
+class OwnJets(LeafSystem):
+    """The mean wind of jets where each vehicle is, without memory, as somebody might write it."""
+
+    def __init__(self, jets, num_vehicles=1):
+        super().__init__()
+        self.jets = jets
+        self.state = self.DeclareVectorInputPort("state", BasicVector(12 * num_vehicles))
+        self.DeclareVectorOutputPort("velocity", BasicVector(3 * num_vehicles), self.blow)
+
+    def blow(self, context, output):
+        place = self.state.Eval(context).reshape(12, -1)[0:3]
+        velocity = sum(jet.speed(place)[0] * np.reshape(jet.direction, (3, 1)) for jet in self.jets)
+        output.SetFromVector(velocity.ravel())
+
+
+CALM = ["duration=6", "laboratory.wind.0.turbulence=0", "laboratory.wind.1.turbulence=0"]
+
+
+def test_a_wind_of_ones_own_does_what_the_same_wind_of_the_scenario_does(diagrams):
+    fans = load_scenario(diagrams / "laboratory.yaml:low_wind", CALM)
+    alone = load_scenario(diagrams / "laboratory.yaml:low_wind", [*CALM[:1], "laboratory.wind=[]"])
+    flights = [simulate(fans), simulate(alone, wind=OwnJets(jets(fans)))]
+    assert np.abs(flights[0]["wind"]).max() > 0.1
+    for signal in ("wind", "state"):
+        np.testing.assert_allclose(flights[0][signal][1:], flights[1][signal][1:], atol=1e-9)
+
+
+def test_a_wind_of_ones_own_blows_beside_that_of_the_scenario_in_every_fleet(diagrams):
+    steady = "laboratory.wind=[{kind: steady, velocity: [1.0, 0.0, 0.0]}]"
+    mass = "vehicle.mass={uniform: {min: 0.6, max: 0.7}}"
+    scenario = load_scenario(diagrams / "laboratory.yaml:nominal", ["duration=3", steady, mass])
+    jet = Jet((0.0, -3.0, 1.0), (0.0, 1.0, 0.0), exit_speed=5.0, diameter=1.0)
+    flight = simulate(scenario, sample=1, wind=OwnJets([jet]))
+    np.testing.assert_allclose(flight["wind"][5:, 0], 1.0, atol=1e-12)
+    assert flight["wind"][5:, 1].max() > 0.5
+    fleet = StudyFleet(scenario, 2, wind=lambda num_vehicles: OwnJets([jet], num_vehicles))
+    for _ in range(2):  # the second time in a context that has flown
+        assert fleet.fly([0, 1]).rmse[1] == pytest.approx(flight.metrics.rmse, rel=1e-9)

@@ -82,16 +82,24 @@ def laboratory_parts(
     }
 
 
-def build_laboratory_of(parts: dict[str, Part], samples: Samples | None) -> Diagram:
+def build_laboratory_of(parts: dict[str, Part], samples: Samples | None, *, own_wind: Any = None) -> Diagram:
     """The laboratory of these parts.
 
     Args:
         parts: of a laboratory.
         samples: that the vehicles fly; None for Drake's random sources.
+        own_wind: a source of wind beside those of the parts.
     """
     systems = {path: part.build() for path, part in parts.items()}
     wind = {path.removeprefix(_WIND): systems.pop(path) for path in parts if path.startswith(_WIND)}
+    if own_wind is not None:
+        wind["own"] = own_wind
     return build_laboratory(**systems, wind=wind, samples=samples)
+
+
+def wind_period(scenario: Scenario) -> float:
+    """How long wind is held, s."""
+    return scenario.vehicle.time_step or scenario.laboratory.motion_capture.period
 
 
 def _check_step(scenario: Scenario) -> None:
@@ -156,8 +164,7 @@ def _longest(delay: Any) -> int:
 
 def _wind(scenario: Scenario, num_vehicles: int) -> dict[str, Part]:
     """What makes the wind of a scenario; sources of a kind are numbered: others leave their turbulence as it is."""
-    period = scenario.vehicle.time_step or scenario.laboratory.motion_capture.period
-    common: dict[str, Any] = {"num_vehicles": num_vehicles, "period": period}
+    common: dict[str, Any] = {"num_vehicles": num_vehicles, "period": wind_period(scenario)}
     sources: dict[str, Part] = {}
     mean = steady_wind(scenario)
     if not all(is_zero(part) for part in mean):

@@ -166,7 +166,7 @@ def save_plots(flight: Flight, folder: Path | str, *, vector: Vector | None = No
     """
     target = output_folder(Path(folder))
     plots = dict(PLOTS)
-    if flight.scenario.laboratory.wind:
+    if flight.scenario.laboratory.wind or flight["wind"].any():
         plots["wind"] = plot_wind
     if "weights" in flight.signals:
         plots |= {

@@ -36,6 +36,7 @@ def run_monte_carlo(
     executor: Executor | Workers | None = None,
     position_controller: Callable[[int], Any] | None = None,
     control: Callable[[int], Any] | None = None,
+    wind: Callable[[int], Any] | None = None,
     progress: Callable[[int, int], None] | None = None,
 ) -> Study:
     """Flies samples 0 to n - 1 of a scenario's study, in fleets.
@@ -58,6 +59,7 @@ def run_monte_carlo(
         position_controller: makes a system for N vehicles that stands in for the scenario's; see
             `build_tracking_diagram`. A function of a module, so that workers find it.
         control: makes one for the whole cascade; likewise.
+        wind: makes a source of wind beside the scenario's; likewise.
         progress: called with the number of samples that are done, and n.
 
     Returns:
@@ -73,7 +75,7 @@ def run_monte_carlo(
     check_counts(samples=num_samples, workers=num_workers, batch=1 if batch_size is None else batch_size)
     scenario = scenario.model_copy(update={"seed": scenario.seed if seed is None else seed, "sample": None})
     plan = plan_route(scenario)
-    own = {"position_controller": position_controller, "control": control}
+    own = {"position_controller": position_controller, "control": control, "wind": wind}
     with open_study(folder, scenario, num_samples, flight_duration(scenario, plan), own, resume=resume) as rows:
         batches = _batches(rows.missing, num_workers, batch_size)
         job = Job(uuid.uuid4().hex, scenario, plan, max(map(len, batches), default=1), **own)

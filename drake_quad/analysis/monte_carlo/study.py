@@ -97,7 +97,7 @@ def record_of(
         scenario: of the study, under its seed.
         num_samples: of it.
         duration: of a flight, s.
-        own: functions that make controllers in place of the scenario's, if given.
+        own: functions that make controllers or wind of one's own, if given.
     """
     return {
         "samples": num_samples,

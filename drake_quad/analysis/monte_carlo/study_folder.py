@@ -101,7 +101,7 @@ def open_study(
         scenario: of the study.
         num_samples: of it.
         duration: of a flight, s.
-        own: functions that make controllers in place of the scenario's, if given.
+        own: functions that make controllers or wind of one's own, if given.
         resume: whether a study that is in the folder may be gone on with.
 
     Raises:
@@ -143,7 +143,7 @@ def _gone_on_with(folder: Path, scenario: Scenario, record: dict[str, Any], *, r
         saved = load_scenario(folder / SCENARIO)
     except InputError as error:
         raise InputError(f"{folder / RESULTS} cannot be gone on with: {error}") from None
-    for name in ("seed", "position_controller", "control"):
+    for name in ("seed", "position_controller", "control", "wind"):
         if before.get(name) != record.get(name):
             raise InputError(
                 f"{folder / RESULTS} is of another study: its {name} is {before.get(name)}, not {record.get(name)}"

@@ -25,6 +25,7 @@ class Job(NamedTuple):
         num_vehicles: N of the fleet.
         position_controller: makes a position controller for N vehicles in place of the scenario's, if given.
         control: makes one for the whole cascade, if given.
+        wind: makes a source of wind beside the scenario's, if given.
     """
 
     key: str
@@ -33,6 +34,7 @@ class Job(NamedTuple):
     num_vehicles: int
     position_controller: Callable[[int], Any] | None
     control: Callable[[int], Any] | None
+    wind: Callable[[int], Any] | None
 
 
 def fly_batch(job: Job, samples: Sequence[int]) -> np.ndarray:
@@ -79,6 +81,7 @@ def _fleet(job: Job) -> StudyFleet:
             plan=job.plan,
             position_controller=job.position_controller,
             control=job.control,
+            wind=job.wind,
         )
         _own.key = job.key
     fleet: StudyFleet = _own.fleet

@@ -5,7 +5,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import Adder, ConstantVectorSource
+from pydrake.systems.primitives import Adder, ConstantVectorSource, ZeroOrderHold
 
 from drake_quad.laboratory.tape import random_ports
 from drake_quad.randomness import Kind
@@ -55,3 +55,35 @@ def build_wind(sources: Mapping[str, Any], *, num_vehicles: int = 1) -> Diagram:
     wind = builder.Build()
     wind.set_name("wind")
     return wind
+
+
+def build_held_wind(source: Any, *, period: float) -> Diagram:
+    """Builds the diagram `held`, a source of wind that is sampled and held.
+
+    .. pydrake_system::
+
+        name: held
+        input_ports:
+        - state
+        output_ports:
+        - wind
+
+    A source that is a function of time or place would be read at the end of a step of the vehicle, with the state of
+    its beginning. `state` (12 rows) is there if the source has it, `wind` (3 rows, m/s in W) is its only output, zero
+    before the first sample at time zero, which no step of the vehicle sees.
+
+    Args:
+        source: with one output port, of 3 rows, and perhaps the input port `state`.
+        period: of the samples, s; the vehicle's time step.
+    """
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("source", source)
+    port = source.get_output_port()
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(period, port.size()))
+    builder.Connect(port, hold.get_input_port())
+    if source.HasInputPort("state"):
+        builder.ExportInput(source.GetInputPort("state"), "state")
+    builder.ExportOutput(hold.get_output_port(), "wind")
+    held = builder.Build()
+    held.set_name("held")
+    return held

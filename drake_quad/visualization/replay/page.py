@@ -121,12 +121,18 @@ def _animate_vehicle(
         for number, pose in enumerate(rotor_poses(arm_length, angles), start=1):
             animation.SetTransform(frame, f"{where}/rotor_{number}", pose)
         angles += turned_by(flight["rotor_speed"][k], 1.0 / FRAMES_PER_SECOND)
-    if wind_blows_elsewhere(flight.scenario):
+    if _feels_unseen_wind(flight):
         draw_arrow(meshcat, f"{where}_wind/arrow")
         for frame, k in frames:
             pose, scale = wind_arrow(flight["wind"][k], flight["state"][k])
             animation.SetTransform(frame, f"{where}_wind", pose)
             animation.SetProperty(frame, f"{where}_wind/arrow", "scale", scale)
+
+
+def _feels_unseen_wind(flight: Flight) -> bool:
+    """Whether there is wind in a flight that does not come from the scenario's fans."""
+    of_its_own = not flight.scenario.laboratory.wind and bool(flight["wind"].any())
+    return of_its_own or wind_blows_elsewhere(flight.scenario)
 
 
 def _animate_trail(
