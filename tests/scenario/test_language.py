@@ -12,7 +12,8 @@ from drake_quad.scenario.language import file_schema, language_page
 
 ROOT = Path(__file__).parent.parent.parent
 VALIDATOR = jsonschema.Draft202012Validator(file_schema())
-BLOCKS = re.findall(r"```yaml\n(.*?)```", (ROOT / "README.md").read_text(encoding="utf-8"), re.DOTALL)
+PAGES = "".join(page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs").glob("*.md")))
+BLOCKS = re.findall(r"```yaml\n(.*?)```", PAGES, re.DOTALL)
 
 
 def complaints(text):
@@ -31,7 +32,7 @@ def test_the_schema_fits_every_shipped_file(path):
 
 
 @pytest.mark.parametrize("block", BLOCKS)
-def test_the_schema_fits_the_readme(block):
+def test_the_schema_fits_the_pages(block):
     assert complaints(block) == []
 
 

@@ -12,7 +12,7 @@ from typing import Any
 from drake_quad.analysis.monte_carlo.study import Study
 from drake_quad.analysis.monte_carlo.study_folder import open_study
 from drake_quad.analysis.monte_carlo.worker import Job, fly_batch, forget, prepare
-from drake_quad.analysis.monte_carlo.workers import Workers, check_counts, fly_batches, num_cores
+from drake_quad.analysis.monte_carlo.workers import Workers, check_counts, check_makers, fly_batches, num_cores
 from drake_quad.planning import flight_duration, plan_route
 from drake_quad.scenario import Scenario
 
@@ -66,8 +66,8 @@ def run_monte_carlo(
         All samples that were flown, now or before; failures say why others were not.
 
     Raises:
-        InputError: a number is out of range, the scenario cannot be flown, or the folder holds another study or one
-            that is not to be resumed.
+        InputError: a number is out of range, the scenario cannot be flown, worker processes would not find a function,
+            or the folder holds another study or one that is not to be resumed.
         OSError: rows could not be written; those before them are saved.
         StudyInterrupted: by Ctrl-C; what is done is saved.
     """
@@ -76,6 +76,8 @@ def run_monte_carlo(
     scenario = scenario.model_copy(update={"seed": scenario.seed if seed is None else seed, "sample": None})
     plan = plan_route(scenario)
     own = {"position_controller": position_controller, "control": control, "wind": wind}
+    if executor is None or isinstance(executor, Workers):
+        check_makers(own)
     with open_study(folder, scenario, num_samples, flight_duration(scenario, plan), own, resume=resume) as rows:
         batches = _batches(rows.missing, num_workers, batch_size)
         job = Job(uuid.uuid4().hex, scenario, plan, max(map(len, batches), default=1), **own)

@@ -3,11 +3,12 @@
 import gc
 import multiprocessing
 import os
+import pickle
 import signal
 import sys
 import threading
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
 from typing import Any, NamedTuple
 
@@ -31,6 +32,24 @@ def num_cores() -> int:
     return len(os.sched_getaffinity(0)) if hasattr(os, "sched_getaffinity") else os.cpu_count() or 1
 
 
+def check_makers(makers: Mapping[str, Callable[..., Any] | None]) -> None:
+    """Raises InputError if worker processes would not find one of these functions or classes."""
+    in_a_file = hasattr(sys.modules["__main__"], "__file__")
+    for name, maker in makers.items():
+        try:
+            pickle.dumps(maker)
+        except (pickle.PicklingError, AttributeError, TypeError) as error:
+            raise InputError(
+                f"{name} cannot be sent to worker processes, but must be a function or class of a module: {error}"
+            ) from None
+        if getattr(maker, "__module__", None) == "__main__" and not (in_a_file or _can_fork()):
+            raise InputError(f"{name} is known to this session only, but worker processes need it in a module")
+
+
+def _can_fork() -> bool:
+    return sys.platform == "linux" and threading.active_count() == 1
+
+
 class Workers:
     """Processes on this machine that fly batches, as a context manager; what is under way at its end is given up.
 
@@ -47,7 +66,7 @@ class Workers:
     def __init__(self, num_workers: int | None = None) -> None:
         self.num_workers = num_cores() if num_workers is None else num_workers
         check_counts(workers=self.num_workers)
-        self._forks = sys.platform == "linux" and threading.active_count() == 1
+        self._forks = _can_fork()
         self._context = multiprocessing.get_context("fork" if self._forks else "spawn")
         self._stop = self._context.Event()
         self._pool: ProcessPoolExecutor | None = None

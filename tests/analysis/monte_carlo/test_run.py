@@ -11,12 +11,26 @@ from pathlib import Path
 
 import numpy as np
 import pytest
+from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.analysis.monte_carlo import StudyInterrupted, read_study, run_monte_carlo
 from drake_quad.analysis.monte_carlo import run as run_module
 from drake_quad.analysis.monte_carlo.worker import fly_batch
 from drake_quad.analysis.monte_carlo.workers import Workers
+
+
+class Draught(LeafSystem):
+    """A wind that comes and goes, the same for all."""
+
+    def __init__(self, num_vehicles):
+        super().__init__()
+        self.num_vehicles = num_vehicles
+        self.DeclareVectorOutputPort("wind", BasicVector(3 * num_vehicles), self.blow)
+
+    def blow(self, context, output):
+        output.SetFromVector(np.repeat([np.sin(8.0 * context.get_time()), 0.5, 0.0], self.num_vehicles))
+
 
 N = 24
 OVERRIDES = ["duration=0.4", "crash.position_error=0.018"]
@@ -53,6 +67,20 @@ def test_some_samples_crash_and_others_do_not(whole):
 def test_batches_and_workers_do_not_matter(whole, options, tmp_path):
     assert_same(run(tmp_path, **options), whole[1])
     assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
+
+
+def test_a_wind_of_ones_own_blows_in_every_worker(whole):
+    found = run(num_samples=4, batch_size=2, wind=Draught)
+    assert found.failures == {}
+    alone = simulate(study(), seed=5, sample=3, wind=Draught(1)).metrics
+    assert found.metrics.rmse[3] == pytest.approx(alone.rmse, rel=1e-9)
+    assert found.metrics.rmse[3] != pytest.approx(whole[1].metrics.rmse[3], rel=1e-6)
+
+
+def test_what_workers_would_not_find_is_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(InputError, match="position_controller cannot be sent to worker processes"):
+        run(tmp_path, position_controller=lambda num_vehicles: None)
+    assert list(tmp_path.iterdir()) == []
 
 
 def test_nor_does_the_executor(whole):
