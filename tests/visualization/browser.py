@@ -38,7 +38,7 @@ class Browser:
         console: what the page's console and log said, while somebody was listening.
     """
 
-    def __init__(self, page: Path, profile: Path) -> None:
+    def __init__(self, page: Path, profile: Path, *, fragment: str = "") -> None:
         self.console: list[str] = []
         there, self._to = os.pipe()
         self._from, back = os.pipe()
@@ -52,7 +52,7 @@ class Browser:
         self._session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
         for domain in ("Runtime", "Log", "Page"):
             self.call(f"{domain}.enable")
-        self.call("Page.navigate", url=page.as_uri())
+        self.call("Page.navigate", url=page.as_uri() + fragment)
 
     def __enter__(self) -> "Browser":
         return self

@@ -74,6 +74,17 @@ def test_a_replay_plays_in_a_browser(flight, tmp_path):
 
 
 @needs_chromium
+def test_a_replay_can_be_opened_at_a_moment(flight, tmp_path):
+    page = save_replay({"figure_eight": flight}, tmp_path / "replay.html")
+    with Browser(page, tmp_path / "profile", fragment="#t=5.0") as browser:
+        browser.wait_for("document.getElementById('clock')?.textContent === '5.0 s'")
+        assert browser.value("viewer.animator.playing") is False
+        place = browser.value("viewer.scene_tree.find(['figure_eight']).object.position.toArray()")
+        assert browser.console == []
+    assert place == pytest.approx(flight["state"][np.searchsorted(flight.time, 5.0 - 1e-9), 0:3], abs=0.01)
+
+
+@needs_chromium
 def test_a_swarm_replays_its_crashes(tmp_path):
     flights = simulate_samples(load_scenario("diagrams/robustness.yaml", ["duration=5"]), range(20))
     failure = "vehicle.rotor_failure={rotor: 1, time: 1.0, speed_factor: 0.0}"

@@ -72,7 +72,7 @@ def look_at(meshcat: Meshcat, path: np.ndarray) -> None:
     """Sets the camera so that (n, 3) points fill the view, seen from above and aside."""
     low, high = path.min(axis=0), path.max(axis=0)
     middle, size = 0.5 * (low + high), max(float(np.linalg.norm(high - low)), 1.5)
-    meshcat.SetCameraPose(middle + size * np.array([0.66, -0.31, 0.35]), middle)
+    meshcat.SetCameraPose(middle + size * np.array([0.60, -0.28, 0.32]), middle)
 
 
 def reference_points(plan: Plan) -> np.ndarray:
