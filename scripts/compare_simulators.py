@@ -10,6 +10,7 @@ import math
 import multiprocessing
 import os
 import statistics
+import tempfile
 from collections.abc import Callable
 from concurrent.futures import ProcessPoolExecutor
 from functools import partial
@@ -88,7 +89,10 @@ class Measured(NamedTuple):
 def measured(contender: Contender, num_vehicles: int, repetitions: int) -> Measured:
     """Times a contender in a process of its own, whose libraries find one core from their start on."""
     context = multiprocessing.get_context("spawn")
-    with ProcessPoolExecutor(1, mp_context=context, initializer=_hush) as pool:
+    with (
+        tempfile.TemporaryDirectory() as folder,
+        ProcessPoolExecutor(1, mp_context=context, initializer=_apart, initargs=(folder,)) as pool,
+    ):
         return pool.submit(_measure, contender, num_vehicles, repetitions).result()
 
 
@@ -101,8 +105,9 @@ def _measure(contender: Contender, num_vehicles: int, repetitions: int) -> Measu
     return Measured(f"{median:,.{digits}f} ({best:,.{digits}f})", error)
 
 
-def _hush() -> None:
-    """Lets a process print nothing: libraries tell of their own affairs."""
+def _apart(folder: str) -> None:
+    """Lets a process print nothing, and write logs to a folder: libraries tell of their own affairs."""
+    os.chdir(folder)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (1, 2):
         os.dup2(nowhere, stream)
