@@ -399,3 +399,14 @@ def test_without_graphviz_a_sentence_says_so(run, tmp_path, monkeypatch):
     result = run("draw_diagram.py", "diagrams/hover.yaml", "--output", tmp_path)
     assert result.returncode == 2
     assert re.fullmatch(r"error: .*Graphviz.* is not on PATH; Debian's package is graphviz\n", result.stderr)
+
+
+def test_simulators_are_compared_as_far_as_they_are_there():
+    command = [sys.executable, str(ROOT / "scripts" / "compare_simulators.py"), "--quick"]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=240, check=True)
+    assert re.search(
+        r"^\| drake_quad \S+, 100 Hz.* \| [\d,.]+ \([\d,.]+\) \| [\d,.]+ \([\d,.]+\) \| 0\.6 \|$", result.stdout, re.M
+    )
+    for package in ("crazyflow", "rotorpy"):
+        told = f"{package} is not installed, so it is not measured" in result.stderr
+        assert told != bool(re.search(rf"^\| {package} ", result.stdout, re.MULTILINE))
