@@ -24,7 +24,7 @@ _STRIDE = 1.0
 _ACCURACY, _MAX_STEP = 1e-8, 0.1
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Flight:
     """A flown scenario.
 
@@ -44,7 +44,14 @@ class Flight:
 
     def __getitem__(self, name: str) -> np.ndarray:
         """The (ticks, rows) values of a signal."""
+        if name not in self.signals:
+            raise KeyError(f"{name} is no signal of this flight, which has {', '.join(self.signals)}")
         return self.signals[name]
+
+    def __repr__(self) -> str:
+        """A line of text."""
+        end = f"crashed at {self.metrics.crash_time:.2f} s" if self.metrics.crashed else f"{self.time[-1]:.2f} s"
+        return f"<Flight of {self.scenario.name}: {end}, RMSE {self.metrics.rmse:.4g} m; {', '.join(self.signals)}>"
 
     @property
     def euclidean_error(self) -> np.ndarray:

@@ -60,7 +60,9 @@ def plan_route(journey: Journey) -> Plan:
 def refuse_distributions(paths: Iterable[str]) -> None:
     """Raises InputError if there is any field that holds a distribution, given by their paths."""
     for path in paths:
-        raise InputError(f"{path} is a distribution; one flight needs a number there, or a sample to draw it for")
+        raise InputError(
+            f"{path} is a distribution; one flight needs a number there, or a sample to draw it for, as by --sample 0"
+        )
 
 
 def _within_limits(route: FigureEightRoute | CircleRoute, geometry: Route, *, cruise_speed: float) -> Plan:

@@ -23,6 +23,7 @@ from drake_quad.planning import flight_duration, plan_route, refuse_distribution
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
 from drake_quad.scenario import Scenario, distributions_in, draw_samples
+from drake_quad.substitutes import check_substitutes
 
 # What is exported, and recorded, from each part; a control of the user's own need only have `wrench`.
 _SIGNALS = {
@@ -70,9 +71,10 @@ def build_tracking_diagram(
 
     Raises:
         InputError: the scenario holds a distribution and no samples are given, or one in its route; or the rotors
-            cannot fly the route.
+            cannot fly the route; or a system that is given does not fit.
         ValueError: there are not N samples.
     """
+    check_substitutes({"position_controller": position_controller, "control": control, "wind": wind}, num_vehicles)
     if samples is None:
         refuse_distributions(distributions_in(scenario))
         first = scenario.sample or 0

@@ -145,7 +145,7 @@ def print_files(files: list[Path]) -> None:
         print(f"  {file}")
 
 
-COMPILING = "compiling for this machine, once: about half a minute"
+COMPILING = "compiling what is flown for the first time on this machine: up to half a minute"
 
 
 def run(main: Callable[[], None]) -> None:

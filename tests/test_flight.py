@@ -1,4 +1,5 @@
 import csv
+import re
 from pathlib import Path
 
 import numpy as np
@@ -191,3 +192,10 @@ def test_the_controller_believes_the_nominal_numbers(diagrams):
     # The commanded vertical thrust is 0.68 (9.81 + k_P e), and it must be 0.75 · 9.81.
     k_p = scenario.control.position.k_p[2]
     assert 1.0 - height == pytest.approx((0.75 / 0.68 - 1.0) * 9.81 / k_p, rel=0.01)
+
+
+def test_a_flight_shows_itself_in_a_line_and_says_what_signals_it_has():
+    flight = simulate(load_scenario("diagrams/hover.yaml", ["duration=1"]))
+    assert re.fullmatch(r"<Flight of hover: 1\.00 s, RMSE \S+ m; reference, .*wind, crashed>", repr(flight))
+    with pytest.raises(KeyError, match="weights is no signal of this flight, which has reference, "):
+        flight["weights"]

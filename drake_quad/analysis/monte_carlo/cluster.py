@@ -23,7 +23,9 @@ def dask_executor(address: str) -> Iterator[tuple[Executor, int]]:
     try:
         from distributed import Client
     except ImportError:
-        raise InputError("Dask is not installed; pip install 'drake_quad[cluster]'") from None
+        raise InputError(
+            "Dask is not installed; pip install --constraint constraints.txt --editable '.[cluster]' has it"
+        ) from None
     try:
         client = Client(address, timeout=_PATIENCE)
     except (OSError, ValueError, TypeError) as error:

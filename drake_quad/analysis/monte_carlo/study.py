@@ -21,7 +21,7 @@ RESULTS, SCENARIO, STUDY, FAILED = "results.csv", "scenario.yaml", "study.yaml",
 _VERSIONS = ("drake_quad", "drake", "numpy", "scipy", "numba")
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Study:
     """What samples of a scenario did.
 
@@ -58,6 +58,13 @@ class Study:
             dict(failures),
             flown_time,
         )
+
+    def __repr__(self) -> str:
+        """A line of text."""
+        crashed, flown = int(self.metrics.crashed.sum()), len(self.samples)
+        failed = f", {len(self.failures)} not flown" if self.failures else ""
+        numbers = ", ".join(self.parameters) or "nothing"
+        return f"<Study of {self.scenario.name}: {flown} samples, {crashed} crashed{failed}; drawn are {numbers}>"
 
     @property
     def flight_time(self) -> np.ndarray:

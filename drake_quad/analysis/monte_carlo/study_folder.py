@@ -137,7 +137,7 @@ def open_study(
 def _gone_on_with(folder: Path, scenario: Scenario, record: dict[str, Any], *, resume: bool) -> dict[str, Any]:
     """The record of a study that a folder holds, when it is gone on with; raises InputError if it must not be."""
     if not resume:
-        raise InputError(f"{folder} holds a study already; go on with it by --resume, or write to another folder")
+        raise InputError(f"{folder} holds a study already; go on with it by --resume, or write elsewhere by --output")
     try:
         before = load_record(folder)
         saved = load_scenario(folder / SCENARIO)

@@ -61,6 +61,8 @@ def whole(tmp_path_factory):
 
 def test_some_samples_crash_and_others_do_not(whole):
     assert 3 < whole[1].metrics.crashed.sum() < N - 3
+    told = f"<Study of robustness: {N} samples, {whole[1].metrics.crashed.sum()} crashed; drawn are vehicle.mass, "
+    assert repr(whole[1]).startswith(told)
 
 
 @pytest.mark.parametrize("options", [{"batch_size": 1}, {"batch_size": 7, "num_workers": 1}, {"batch_size": None}])

@@ -1,0 +1,69 @@
+"""Systems of one's own that do not fit are refused in one sentence."""
+
+import pytest
+from pydrake.systems.framework import BasicVector, LeafSystem
+
+from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
+from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence
+
+
+class Any(LeafSystem):
+    """A system with ports of some names and sizes."""
+
+    def __init__(self, inputs, outputs):
+        super().__init__()
+        for name, size in inputs.items():
+            self.DeclareVectorInputPort(name, BasicVector(size))
+        for name, size in outputs.items():
+            self.DeclareVectorOutputPort(name, BasicVector(size), lambda context, output: None)
+
+
+SEEN = {"measurement": 12, "reference": 11}
+COMMAND = {"acceleration_command": 3}
+
+
+@pytest.mark.parametrize(
+    ("place", "inputs", "outputs", "sentence"),
+    [
+        ("control", SEEN, {"wrnch": 4}, "control needs the output port `wrench`, but has `wrnch`"),
+        ("control", {"refrence": 11}, {"wrench": 4}, "has the input port `refrence`, but may have `measurement`, `ref"),
+        ("control", SEEN, {"wrench": 3}, "the port `wrench` of control must have 4 rows, but has 3"),
+        (
+            "position_controller",
+            {**SEEN, "measurement": 6},
+            COMMAND,
+            "`measurement` of position_controller must",
+        ),
+        (
+            "position_controller",
+            {"measurement": 12},
+            COMMAND,
+            "needs the input port `reference`, but has `mea",
+        ),
+        ("position_controller", SEEN, {}, "needs the output port `acceleration_command`, but has none"),
+        ("wind", {}, {"wind": 3, "gust": 3}, "wind needs a single output port, but has `wind`, `gust`"),
+        ("wind", {"position": 3}, {"wind": 3}, "wind has the input port `position`, but may have `state`"),
+    ],
+)
+def test_ports_that_do_not_fit_are_named(place, inputs, outputs, sentence):
+    with pytest.raises(InputError) as caught:
+        simulate(load_scenario("diagrams/hover.yaml"), **{place: Any(inputs, outputs)})
+    assert sentence in str(caught.value)
+
+
+def test_what_is_no_system_or_for_fewer_vehicles_is_refused():
+    scenario = load_scenario("diagrams/hover.yaml")
+    with pytest.raises(InputError, match="must be a Drake system, an object and not its class"):
+        simulate(scenario, position_controller=Any)
+    with pytest.raises(InputError, match="must have 12 rows for each of 3 vehicles, but has 12"):
+        build_tracking_diagram(scenario, 3, position_controller=Any(SEEN, COMMAND))
+    with pytest.raises(InputError, match="no place for a position_controller"):
+        simulate(scenario, control=Any(SEEN, {"wrench": 4}), position_controller=Any(SEEN, COMMAND))
+
+
+def test_a_wind_may_have_random_ports():
+    turbulence = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=5.0, airspeed=5.0)
+    scenario = load_scenario("diagrams/hover.yaml", ["duration=1"])
+    flights = [simulate(scenario, seed=seed, wind=DrydenTurbulence(turbulence=turbulence)) for seed in (0, 0, 1)]
+    assert (flights[0]["wind"] == flights[1]["wind"]).all()
+    assert abs(flights[0]["wind"] - flights[2]["wind"]).max() > 0.1
