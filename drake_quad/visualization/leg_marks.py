@@ -5,6 +5,7 @@ from typing import NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.lines import Line2D
 
 from drake_quad.reference.plan import Plan
 from drake_quad.visualization.style import PLATE
@@ -55,6 +56,14 @@ def number_legs(axes: Axes, plan: Plan, *, distance: float = 11.0) -> None:
                 color="0.35",
                 bbox=PLATE,
             )
+
+
+def leg_names(plan: Plan) -> list[Line2D]:
+    """What the numbers stand for, as handles of a legend."""
+    return [
+        Line2D([], [], linestyle="none", marker=f"${mark.number}$", color="0.35", label=leg.name)
+        for mark, leg in zip(leg_marks(plan), plan.legs, strict=False)
+    ]
 
 
 def shade_legs(axes: Axes, plan: Plan, last_time: float, *, height: float) -> None:

@@ -1,21 +1,35 @@
 """The map of stable gains."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
 from matplotlib.ticker import NullLocator
 
 from drake_quad.analysis.gain_design import PdGains
 from drake_quad.analysis.stability_map import StabilityMap
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.visualization.style import BLACK, PLATE, SHADING, VERMILION, new_figure, styled
+from drake_quad.visualization.style import BLACK, SHADING, VERMILION, new_figure, styled
 
+_EDGE: dict[str, Any] = {"color": BLACK, "linewidth": 2.2, "linestyle": "-"}
+_DAMPING: dict[str, Any] = {"color": BLACK, "linewidth": 0.9, "linestyle": "-"}
+_DELAY: dict[str, Any] = {"color": VERMILION, "linewidth": 0.9, "linestyle": "--"}
+_STAR: dict[str, Any] = {
+    "color": VERMILION,
+    "marker": "*",
+    "markersize": 13,
+    "markeredgecolor": "white",
+    "linestyle": "none",
+    "zorder": 5,
+}
+_CRASHED = "0.85"
 _DAMPINGS = (0.2, 0.4, 0.6, 0.8)
-_DELAYS = tuple(0.02 * 2**i for i in range(9))
+_DELAYS = tuple(0.02 * 4**i for i in range(5))
 
 
 class MapPanel(NamedTuple):
@@ -54,9 +68,7 @@ def plot_map(panels: list[MapPanel], k_p: np.ndarray, k_d: np.ndarray, *, marked
         for axes, panel, error in zip(row, panels, errors, strict=True):
             shades = _draw(axes, panel, error, k_p, k_d, norm)
             if k_p[0] <= marked.k_p <= k_p[-1] and k_d[0] <= marked.k_d <= k_d[-1]:
-                axes.plot(
-                    marked.k_d, marked.k_p, "*", color=VERMILION, markersize=13, markeredgecolor="white", zorder=5
-                )
+                axes.plot(marked.k_d, marked.k_p, **_STAR)
             axes.set(xlabel="k_D (1/s)", title=panel.title)
         row[0].set_ylabel("k_P (1/s²)")
         label = "RMSE of the flight (cm)"
@@ -65,23 +77,40 @@ def plot_map(panels: list[MapPanel], k_p: np.ndarray, k_d: np.ndarray, *, marked
         bar.set_ticks([tick for tick in ticks if low <= tick <= high], minor=False)
         bar.ax.yaxis.set_major_formatter("{x:g}")
         bar.ax.yaxis.set_minor_locator(NullLocator())
-        lines = "the linear model's edge of stability (thick), damping (thin), delay margin (dashed); star: scenario"
-        figure.suptitle(f"Gains of the {loop} loop in flight (shades), and {lines}", fontsize=10)
+        figure.suptitle(f"Gains of the {loop} loop: flights in shades, the linear model in lines", fontsize=10)
+        figure.legend(handles=_key(panels), loc="outside lower center", ncols=5)
         return figure
+
+
+def _key(panels: list[MapPanel]) -> list[Line2D | Patch]:
+    """What lines, star and grey stand for."""
+    crashed = any(panel.flown.crashed.any() for panel in panels)
+    return [
+        Line2D([], [], **_EDGE, label="edge of stability"),
+        Line2D([], [], **_DAMPING, label="damping ζ"),
+        Line2D([], [], **_DELAY, label="delay margin"),
+        Line2D([], [], **_STAR, label="scenario"),
+        *([Patch(color=_CRASHED, label="crashed")] if crashed else []),
+    ]
 
 
 def _draw(axes: Axes, panel: MapPanel, error: np.ndarray, k_p: np.ndarray, k_d: np.ndarray, norm: LogNorm) -> AxesImage:
     half_p, half_d = 0.5 * (k_p[1] - k_p[0]), 0.5 * (k_d[1] - k_d[0])
     edges = (k_d[0] - half_d, k_d[-1] + half_d, k_p[0] - half_p, k_p[-1] + half_p)
-    axes.set_facecolor("0.85")
+    axes.set_facecolor(_CRASHED)
     shades = axes.imshow(error, origin="lower", extent=edges, aspect="auto", cmap=SHADING, norm=norm)
     if not panel.linear.stable.all():
-        axes.contour(k_d, k_p, panel.linear.size, [1.0], colors=BLACK, linewidths=2.2)
-    damping = axes.contour(k_d, k_p, panel.linear.damping, _DAMPINGS, colors=BLACK, linewidths=0.9)
-    axes.clabel(damping, fmt=lambda level: f"ζ {level:g}", fontsize=8)
-    delay = axes.contour(k_d, k_p, panel.linear.delay, _DELAYS, colors=VERMILION, linewidths=0.9, linestyles="--")
-    axes.clabel(delay, fmt=lambda level: f"{1e3 * level:.0f} ms", fontsize=8)
-    if panel.flown.crashed.any():
-        axes.annotate("grey: crashed", (0.02, 0.97), xycoords="axes fraction", va="top", fontsize=8.5, bbox=PLATE)
+        axes.contour(k_d, k_p, panel.linear.size, [1.0], **_contour(_EDGE))
+    damping = axes.contour(k_d, k_p, panel.linear.damping, _DAMPINGS, **_contour(_DAMPING))
+    labels = axes.clabel(damping, fmt=lambda level: f"ζ {level:g}", fontsize=9)
+    delay = axes.contour(k_d, k_p, panel.linear.delay, _DELAYS, **_contour(_DELAY))
+    labels += axes.clabel(delay, fmt=lambda level: f"{1e3 * level:.0f} ms", fontsize=9)
+    for label in labels:
+        label.set_clip_on(False)
     axes.grid(visible=False)
     return shades
+
+
+def _contour(line: dict[str, Any]) -> dict[str, Any]:
+    """A line's looks as `contour` takes them."""
+    return {"colors": line["color"], "linewidths": line["linewidth"], "linestyles": line["linestyle"]}

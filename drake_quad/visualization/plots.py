@@ -16,12 +16,11 @@ from drake_quad.visualization.learning_plots import (
     plot_secant_gains,
     plot_surfaces,
 )
-from drake_quad.visualization.leg_marks import number_legs, shade_legs
+from drake_quad.visualization.leg_marks import leg_names, number_legs, shade_legs
 from drake_quad.visualization.style import (
     AXES,
     BLUE,
     LIMIT,
-    PLATE,
     REFERENCE,
     ROTORS,
     VERMILION,
@@ -51,7 +50,8 @@ def plot_path(flight: Flight) -> Figure:
             axis.set_major_locator(MaxNLocator(3))
         plane = figure.add_subplot(1, 2, 2)
         draw_from_above(plane, flight)
-        plane.legend(loc="upper left", bbox_to_anchor=(1.0, 1.0))
+        handles, _ = plane.get_legend_handles_labels()
+        plane.legend(handles=[*handles, *leg_names(flight.plan)], loc="upper left", bbox_to_anchor=(1.0, 1.0))
         return figure
 
 
@@ -89,7 +89,8 @@ def draw_error(axes: Axes, flight: Flight) -> None:
     if np.isfinite(flight.metrics.rmse):
         rmse = 100.0 * flight.metrics.rmse
         axes.axhline(rmse, **LIMIT)
-        axes.annotate(f"RMSE {rmse:.2f} cm", (flight.time[-1], rmse), ha="right", va="bottom", bbox=PLATE)
+        beside = ("axes fraction", "data")
+        axes.annotate(f"RMSE\n{rmse:.2f} cm", (1.01, rmse), xycoords=beside, va="center", annotation_clip=False)
     axes.set(xlabel="time (s)", ylabel="Euclidean error (cm)", ylim=(0.0, None))
     shade_legs(axes, flight.plan, float(flight.time[-1]), height=0.02)
 

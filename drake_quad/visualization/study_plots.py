@@ -7,7 +7,7 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, PercentFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator, PercentFormatter
 
 from drake_quad.analysis.monte_carlo.statistics import (
     Interval,
@@ -117,7 +117,10 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
         for axes in (left, right):
             # An axis without anything on it cannot be logarithmic.
             drawn = any(len(line.get_xdata()) for line in axes.lines)
-            axes.set(xscale="log" if drawn else "linear", xlabel="samples")
+            axes.set(xscale="log" if drawn else "linear", xlabel="samples; bands: 95 % confidence")
+            if drawn:
+                axes.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+                axes.xaxis.set_minor_locator(NullLocator())
             axes.xaxis.set_major_formatter(FuncFormatter(lambda value, _: f"{value:,.0f}"))
         left.legend(loc="best")
         return figure

@@ -19,10 +19,10 @@ _FAR = 3.0
 _LINE = 2.0
 _LIGHTS = {
     "AmbientLight": 2.2,
-    "FillLight": 0.5,
+    "FillLight": 0.8,
     "SpotLight": 0.0,
-    "PointLightNegativeX": 0.6,
-    "PointLightPositiveX": 0.6,
+    "PointLightNegativeX": 0.0,
+    "PointLightPositiveX": 0.0,
 }
 
 
@@ -65,14 +65,15 @@ def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: n
     for number, jet in enumerate(fans, start=1):
         reach = float(np.max((path - jet.position) @ np.asarray(jet.direction))) + _ROOM
         draw_fan(meshcat, f"/fan_{number}", jet, max(reach, 1.0))
-    look_at(meshcat, near)
+    # Most of the way to the fans, so that they are in the picture without being its subject.
+    look_at(meshcat, np.vstack([near, *(0.15 * near.mean(axis=0) + 0.85 * np.asarray(jet.position) for jet in fans)]))
 
 
 def look_at(meshcat: Meshcat, path: np.ndarray) -> None:
     """Sets the camera so that (n, 3) points fill the view, seen from above and aside."""
     low, high = path.min(axis=0), path.max(axis=0)
     middle, size = 0.5 * (low + high), max(float(np.linalg.norm(high - low)), 1.5)
-    meshcat.SetCameraPose(middle + size * np.array([0.60, -0.28, 0.32]), middle)
+    meshcat.SetCameraPose(middle + size * np.array([0.54, -0.25, 0.29]), middle)
 
 
 def reference_points(plan: Plan) -> np.ndarray:
