@@ -61,7 +61,8 @@ _INTRODUCTION = """# The scenario language
 
 A file holds scenarios by their names. A scenario is a mapping of the fields below. What it does not say it takes from
 what it `extends`: FILE, FILE:NAME, NAME of the same file, or a list of these, the last on top. Mappings are joined,
-anything else replaces. Where a distribution may stand, a study draws a number for each of its samples.
+anything else replaces, and so does a mapping of another `kind`. Where a distribution may stand, a study draws a number
+for each of its samples.
 
 This page is made by `scripts/document_scenarios.py` from the models that read scenarios; `docs/scenario.schema.json`
 has the same for editors: with the YAML language server, a file in `diagrams/` begins with

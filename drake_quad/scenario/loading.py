@@ -126,7 +126,11 @@ def _explain(error: ValidationError, tree: Tree, data: Any) -> str:
         path = (*path, *(int(key) if key.isdecimal() and key.isascii() else key for key in context["field"].split(".")))
     elif problem["type"] in ("union_tag_invalid", "union_tag_not_found"):
         path = (*path, "kind")
-    more = f" (and {len(problems) - 1} more)" if len(problems) > 1 else ""
+    others = [_real_path(other["loc"], data) for other in problems[1:]]
+    together = all(other["type"] == "missing" for other in problems) and {other[:-1] for other in others} == {path[:-1]}
+    more = f" (and {len(others)} more)" if others else ""
+    if together:
+        more = f", and so {'is' if len(others) == 1 else 'are'} {', '.join(str(other[-1]) for other in others)}"
     place, depth = tree.at(path)
     if depth < len(path) and problem["type"] in ("heading", "limits"):
         complaint = problem["msg"]  # of a default, which stands nowhere
@@ -141,8 +145,9 @@ def _complaint(problem: Any, value: Any, path: tuple[Any, ...]) -> str:
     match problem["type"]:
         case "unknown_field":
             close = difflib.get_close_matches(str(path[-1]), context["allowed"].split(", "), 1)
-            hint = f"; did you mean {close[0]}?" if close else ""
-            return f"{problem['msg']}{hint}"
+            deeper = _further_in(str(path[0])) if len(path) == 1 else []
+            meant = " or ".join(close or deeper)
+            return f"{problem['msg']}; did you mean {meant}?" if meant else problem["msg"]
         case "missing" | "union_tag_not_found":
             return "is missing"
         case "union_tag_invalid":
@@ -155,6 +160,12 @@ def _complaint(problem: Any, value: Any, path: tuple[Any, ...]) -> str:
             return f"is {_shown(value)}, but must be a list"
     demand = re.sub(r"^(Input|String|Tuple) should", "must", problem["msg"]).replace(" after validation", "")
     return f"is {_shown(value)}, but {demand}"
+
+
+def _further_in(name: str) -> list[str]:
+    """The fields of that name in the mappings of a scenario."""
+    mappings = {field: getattr(info.annotation, "model_fields", {}) for field, info in Scenario.model_fields.items()}
+    return [f"{field}.{name}" for field, fields in mappings.items() if name in fields]
 
 
 def _real_path(location: tuple[Any, ...], data: Any) -> tuple[Any, ...]:

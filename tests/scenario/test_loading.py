@@ -106,6 +106,9 @@ def test_overrides_win_and_are_named(write):
     ("line", "message"),
     [
         ("  vehicle: {mas: 1.0}", "6: vehicle.mas is unknown; allowed are mass, inertia, .*; did you mean mass?"),
+        ("  mass: 1.0", "6: mass is unknown; allowed are .*; did you mean nominal.mass or vehicle.mass[?]"),
+        ("  vehicle: {rotor_failure: {rotor: 1}}", "6: vehicle.rotor_failure.time is missing"),
+        ("  vehicle: {rotor_failure: {}}", "6: vehicle.rotor_failure.rotor is missing, and so is time"),
         ("  vehicle: {mass: heavy}", "6: vehicle.mass is 'heavy', but must be a valid number"),
         ("  vehicle: {mass: true}", "6: vehicle.mass is True, but must be a valid number"),
         ("  vehicle: {mass: '0.7'}", "6: vehicle.mass is '0.7', but must be a valid number"),
