@@ -73,7 +73,8 @@ def look_at(meshcat: Meshcat, path: np.ndarray) -> None:
     """Sets the camera so that (n, 3) points fill the view, seen from above and aside."""
     low, high = path.min(axis=0), path.max(axis=0)
     middle, size = 0.5 * (low + high), max(float(np.linalg.norm(high - low)), 1.5)
-    meshcat.SetCameraPose(middle + size * np.array([0.54, -0.25, 0.29]), middle)
+    below = middle - [0.0, 0.0, 0.1 * size]  # leaves room for the overlay
+    meshcat.SetCameraPose(middle + size * np.array([0.54, -0.25, 0.29]), below)
 
 
 def reference_points(plan: Plan) -> np.ndarray:
