@@ -37,7 +37,7 @@ figures: $(VENV)/.installed
 	cp out/slalom/plan.png docs/slalom.png
 	$(VENV)/bin/python scripts/simulate.py diagrams/laboratory.yaml:low_wind
 	cp out/low_wind/wind.png docs/wind.png
-	chromium --headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --window-size=1000,560 \
+	chromium --headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --window-size=880,560 \
 		--virtual-time-budget=16000 --screenshot=docs/replay.png "file://$(CURDIR)/out/low_wind/replay.html#t=18"
 	$(VENV)/bin/python scripts/stability_map.py diagrams/laboratory.yaml:nominal
 	cp out/stability/nominal/position_map.png docs/stability.png
