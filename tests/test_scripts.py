@@ -117,13 +117,13 @@ def test_wrong_input_gets_one_sentence_and_status_2(run, tmp_path, arguments, wo
 def test_plan_prints_what_binds_and_writes_a_trajectory_that_flies(run, tmp_path):
     course = tmp_path / "course.csv"
     course.write_text("x,y,z\n0,0,1\n1,1,1\n1,1,1\n2,0,1.5\n0,0,1\n", encoding="utf-8")
-    result = run("plan.py", course, "--output", tmp_path)
+    result = run("plan.py", course, "--output", tmp_path, "--vector", "svg")
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^repeats +1 ", result.stdout, re.MULTILINE)
     assert re.search(r"^top acceleration +0\.700 m/s² of 0\.7$", result.stdout, re.MULTILINE)
     assert re.search(r"^binds: acceleration on segments? \d", result.stdout, re.MULTILINE)
     written = [Path(line.strip()) for line in result.stdout.split("wrote\n")[1].splitlines()]
-    assert [path.name for path in written] == ["trajectory.csv", "trajectory.yaml", "plan.png"]
+    assert [path.name for path in written] == ["trajectory.csv", "trajectory.yaml", "plan.png", "plan.svg"]
     assert all(path.stat().st_size > 200 for path in written)
     loop = tmp_path / "loop.yaml"
     loop.write_text(f"loop:\n  extends: [{ROOT / 'diagrams' / 'figure_eight.yaml'}, course/trajectory.yaml]\n")
