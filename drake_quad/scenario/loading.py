@@ -149,7 +149,7 @@ def _complaint(problem: Any, value: Any, path: tuple[Any, ...]) -> str:
             meant = " or ".join(close or deeper)
             return f"{problem['msg']}; did you mean {meant}?" if meant else problem["msg"]
         case "missing" | "union_tag_not_found":
-            return "is missing"
+            return "is missing; scripts/plan.py plans a route alone" if path == ("control",) else "is missing"
         case "union_tag_invalid":
             return f"is {_shown(value)}, but must be one of {context['expected_tags']}"
         case "model_type" | "model_attributes_type":

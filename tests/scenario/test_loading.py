@@ -366,7 +366,7 @@ def test_wrong_routes_are_explained(write, route, message):
         ("a: 3", "scenario a must be a mapping"),
         ("a:", "scenario a must be a mapping"),
         (f"a:\n{BODY}---\nb: 1", "is not YAML"),
-        ("a: {route: {kind: hover}}", "control is missing"),
+        ("a: {route: {kind: hover}}", "control is missing; scripts/plan.py plans a route alone"),
         ("[" * 10_000, "is not YAML"),
     ],
 )
