@@ -50,7 +50,8 @@ figures: $(VENV)/.installed
 	$(VENV)/bin/python scripts/document_scenarios.py --output docs
 	rm -rf diagrams/drawings
 	for scenario in $(DRAWN); do \
-		$(VENV)/bin/python scripts/draw_diagram.py diagrams/$$scenario --output diagrams/drawings || exit; done
+		name=$${scenario##*:}; $(VENV)/bin/python scripts/draw_diagram.py diagrams/$$scenario \
+			--output diagrams/drawings/$${name%.yaml} || exit; done
 	$(VENV)/bin/python scripts/calibrate_paper.py
 	cp out/calibration/calibration.csv docs/replication
 	$(VENV)/bin/python scripts/reproduce_paper.py

@@ -10,6 +10,7 @@ import numpy as np
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Diagram
 
+from drake_quad.errors import InputError
 from drake_quad.files import output_folder, write_whole
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.laboratory.recorder import read_recorder
@@ -66,9 +67,13 @@ class Flight:
             The files.
 
         Raises:
-            InputError: the folder cannot be written.
+            InputError: the folder cannot be written, or holds a scenario of something else than a flight.
         """
         target = output_folder(Path(folder))
+        if (target / "scenario.yaml").exists() and not (target / "flight.npz").exists():
+            raise InputError(
+                f"{target / 'scenario.yaml'} would be overwritten, and is no flight's; choose another folder"
+            )
         columns = [
             f"{name}.{row.name} ({row.unit})"
             for name, values in self.signals.items()

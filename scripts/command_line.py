@@ -2,6 +2,7 @@
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
@@ -13,6 +14,7 @@ from tqdm import tqdm
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.compiled import telling_of_compilation
 from drake_quad.scenario import Journey, load_journey
+from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector
 
 # The thread that watches bars would be in the way of worker processes, which are forked from a process with one thread.
@@ -25,7 +27,8 @@ def parser(description: str, example: str, *, output: str | None, scenario: str)
     Args:
         description: what the script does, a sentence.
         example: a command line that runs.
-        output: default folder for what the script writes, if it writes anything.
+        output: folder in which what the script writes has a folder by default, called after the scenario; None for a
+            script that writes nothing.
         scenario: default scenario, a file of `diagrams/`.
     """
     result = argparse.ArgumentParser(
@@ -44,9 +47,17 @@ def parser(description: str, example: str, *, output: str | None, scenario: str)
     )
     result.add_argument("--seed", type=int, help="seed of everything random (default: the scenario's)")
     if output is not None:
-        default = Path(output)
-        result.add_argument("--output", type=Path, default=default, help="folder to write to (default: %(default)s)")
+        result.set_defaults(default_output=Path(output))
+        result.add_argument(
+            "--output", type=Path, metavar="FOLDER", help=f"to write to (default: {output}/NAME, after the scenario)"
+        )
     return result
+
+
+def folder_of(arguments: argparse.Namespace, name: str) -> Path:
+    """The folder to write to: the one that a person says, or else one called after the scenario."""
+    chosen: Path = arguments.output or arguments.default_output / name
+    return chosen
 
 
 def add_vector(options: argparse.ArgumentParser) -> None:
@@ -69,6 +80,8 @@ def controlled_scenarios(arguments: argparse.Namespace) -> dict[str, Scenario]:
     found: dict[str, Scenario] = {}
     for controller in arguments.controller:
         name = Path(controller.rpartition(":")[2]).stem
+        if not re.fullmatch(NAME, name):
+            raise InputError(f"--controller {controller}: {name!r} is no name for a folder; use letters and digits")
         if name in found:
             raise InputError(f"--controller {controller}: {name} is to be flown already; give each its own name")
         found[name] = load_scenario(arguments.scenario, overrides, layers=[controller])

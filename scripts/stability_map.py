@@ -6,7 +6,7 @@ import math
 from pathlib import Path
 
 import numpy as np
-from command_line import add_vector, parser, print_files, run, scenario_of
+from command_line import add_vector, folder_of, parser, print_files, run, scenario_of
 
 from drake_quad import InputError, Scenario
 from drake_quad.analysis.gain_design import PdGains
@@ -54,7 +54,7 @@ def main() -> None:
     worst = arguments.worst or _worst_of(scenario)
     names = [field.split("=")[0].split(".")[-1] + "=" + field.split("=", 1)[-1] for field in worst]
     cases = {"nominal": scenario, ", ".join(names): _worst_case(arguments, worst)}
-    folder = output_folder(arguments.output / scenario.name)
+    folder = output_folder(folder_of(arguments, scenario.name))
     panels = [panel(title, case, arguments.loop, k_p, k_d) for title, case in cases.items()]
     block = getattr(scenario.control, arguments.loop)
     index = 0 if arguments.loop == "position" else 1

@@ -30,6 +30,9 @@ from drake_quad.scenario.quantities import (
 from drake_quad.scenario.routes import Route
 from drake_quad.scenario.wind import Wind
 
+# What a scenario may be called, and with it folders and files.
+NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
+
 
 class Airframe(Model):
     """What planner and controllers believe of the vehicle; the defaults are the paper's Table I where it has them."""
@@ -194,7 +197,7 @@ class Journey(Model):
 
     name: str = Field(
         default="scenario",
-        pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$",
+        pattern=NAME,
         description="what plots and folders are called after; letters, digits, '_', '.' and '-'",
     )
     route: Route
