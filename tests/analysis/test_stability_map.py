@@ -41,7 +41,19 @@ def test_each_place_of_the_map_is_a_loop_of_its_own(scenario, loop):
 
 
 @pytest.mark.parametrize("loop", ["position", "attitude"])
-@pytest.mark.parametrize("overrides", [[], ["vehicle.mass=0.75", "vehicle.inertia=[0.01, 0.01, 0.012]"]])
+@pytest.mark.parametrize(
+    "overrides",
+    [
+        [],
+        ["vehicle.mass=0.75", "vehicle.inertia=[0.01, 0.01, 0.012]"],
+        [
+            "nominal.inertia=[0.0065, 0.0085, 0.0126]",
+            "vehicle.inertia=[0.0071, 0.0079, 0.0131]",
+            "control.position={k_p: [0.25, 0.4, 5.5], k_d: [0.65, 0.9, 3.4]}",
+            "control.attitude={k_p: [4.5, 6.5, 5.0], k_d: [3.1, 3.9, 3.3]}",
+        ],
+    ],
+)
 def test_the_mapped_loop_is_the_diagram(loop, overrides):
     """Closed with the scenario's own gains it has multipliers of the whole diagram, with the vehicle as it is."""
     scenario = load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", overrides)
