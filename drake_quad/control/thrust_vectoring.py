@@ -7,7 +7,7 @@ from drake_quad.elementary import Row, Rows, maximum, minimum, sin_cos, sqrt
 from drake_quad.flatness import angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 
-# Keeps 0 / 0 away where neither a horizontal force is commanded nor one is allowed.
+# Keeps 0 / 0 away where no horizontal force is commanded or allowed, and infinite derivatives of its square root.
 _TINY = 1e-100
 
 
@@ -41,9 +41,9 @@ def specific_thrust(acceleration: Rows, mass: Row, gravity: Row, limits: ThrustL
     forward, left, u_z = acceleration
     low, high = limits.min_thrust / mass, limits.max_thrust / mass
     up = minimum(maximum(u_z + gravity, low), high)
-    up_squared = up * up
-    reach = minimum(up_squared * limits.slope * limits.slope, high * high - up_squared)
-    share = sqrt(reach / maximum(forward * forward + left * left, maximum(reach, _TINY)))
+    # Not a difference of squares: the compiler rounds only one of them, which may leave less than nothing.
+    reach = maximum(minimum(up * up * limits.slope * limits.slope, (high - up) * (high + up)), _TINY)
+    share = sqrt(reach / maximum(forward * forward + left * left, reach))
     return share * forward, share * left, up
 
 

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import given
 from hypothesis import strategies as st
+from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, specific_thrust
 from drake_quad.flatness import in_heading
@@ -35,6 +36,31 @@ def test_the_limits_hold_whatever_is_commanded(acceleration, yaw):
     # What is left of the horizontal command points where it was to point.
     wanted_forward, wanted_left, _ = in_heading(acceleration, math.sin(yaw), math.cos(yaw))
     assert forward * wanted_left == pytest.approx(left * wanted_forward, abs=1e-9)
+
+
+def test_all_thrust_goes_up_where_there_is_no_more():
+    """In machine code, too, for any mass and limit: nothing is left to push sideways, and that is a number."""
+    rng = np.random.default_rng(0)
+    n = 1000
+    mass, share = rng.uniform(0.4, 1.2, n), rng.uniform(1.05, 2.5, n)
+    limits = ThrustLimits(math.tan(0.6), 0.3 * mass * G, share * mass * G)
+    law = ThrustVectoring(num_vehicles=n, mass=mass, gravity=G, limits=limits)
+    context = law.CreateDefaultContext()
+    for name, rows in (
+        ("acceleration_command", [0.3, -0.2, 50.0]),
+        ("measurement", [0.1] * 12),
+        ("reference", [0.0] * 11),
+    ):
+        law.GetInputPort(name).FixValue(context, np.repeat(rows, n))
+    thrust, roll, pitch = law.get_output_port().Eval(context).reshape(10, n)[:3]
+    np.testing.assert_allclose(thrust, share * mass * G, rtol=1e-14)
+    np.testing.assert_allclose([roll, pitch], 0.0, atol=1e-15)
+
+
+def test_a_limit_that_is_met_has_derivatives():
+    command = InitializeAutoDiff(np.array([0.3, -0.2, 50.0])).ravel()
+    limited = specific_thrust(command, mass=MASS, gravity=G, limits=LIMITS)
+    np.testing.assert_allclose(ExtractGradient(np.array(limited)), 0.0, atol=1e-15)
 
 
 def test_follows_the_reference_as_far_as_it_is_connected():

@@ -1,0 +1,227 @@
+"""The controllers: eqs (6) to (17), PID, feed-forward, and the variants of learning."""
+
+import math
+
+import numpy as np
+
+from oracle.vehicle import euler_to_body, rotation
+
+
+class Integral:
+    """i⁺ = i + h k_I e, within a limit; the correction, which is subtracted, is -i."""
+
+    def __init__(self, numbers, h):
+        self.numbers, self.h, self.i = numbers, h, np.zeros(3)
+
+    def correction(self, error, rate):
+        return -self.i
+
+    def shown(self):
+        """What it lets others see, by name."""
+        return {}
+
+    def learn(self, tick, error, rate, pd):
+        limit = self.numbers.integral_limit
+        self.i = np.clip(self.i + self.h * np.array(self.numbers.k_i) * error, -limit, limit)
+
+
+class Network:
+    """Fuzzy rules whose consequents learn, on some axes.
+
+    Args:
+        numbers: of the scenario's position controller.
+        h: the period of the ticks.
+        leg_times: when the legs of the route begin.
+    """
+
+    def __init__(self, numbers, h, leg_times):
+        self.numbers, self.h = numbers, h
+        network, learning = numbers.network, numbers.learning
+        self.axes = ["xyz".index(axis) for axis in numbers.axes]
+        self.R = len(network.error.centres) * len(network.rate.centres)
+        self.F = {axis: np.full(self.R, float(learning.initial_weight)) for axis in self.axes}
+        self.memory = {axis: self._fresh() for axis in self.axes}
+        self.resets = set()
+        if getattr(learning, "reset", "never") == "at_segments":
+            self.resets = {next(k for k in range(10**6) if k * h > time - 1e-9) for time in leg_times[1:]}
+
+    def _fresh(self):
+        """P₀ or α₀."""
+        learning = self.numbers.learning
+        if learning.kind == "covariance":
+            return learning.initial_covariance * np.eye(self.R)
+        return learning.initial_slope if learning.kind == "sign" else None
+
+    def firing(self, e, rate):
+        """(10): the normalised firing strengths W."""
+        network = self.numbers.network
+
+        def strengths(exponent):
+            mu_1 = self.memberships(e, network.error, exponent)
+            mu_2 = self.memberships(rate, network.rate, exponent)
+            w = np.array([one * two for one in mu_1 for two in mu_2])
+            return w / w.sum()
+
+        if self.numbers.kind == "pd_t1fnn":
+            return strengths(1.0)
+        return network.q * strengths(network.a2) + (1.0 - network.q) * strengths(network.a1)
+
+    @staticmethod
+    def memberships(value, sets, a):
+        """(11), (12): μ of an input, scaled and held within the universe, in each set."""
+        x = min(max(sets.scale * value, sets.centres[0]), sets.centres[-1])
+        u = [abs((x - c) / d) for c, d in zip(sets.centres, sets.widths, strict=True)]
+        return [(1.0 - distance**a) ** (1.0 / a) if distance < 1.0 else 0.0 for distance in u]
+
+    def correction(self, error, rate):
+        """τ_f = Fᵀ W."""
+        tau = np.zeros(3)
+        for axis in self.axes:
+            tau[axis] = self.F[axis] @ self.firing(error[axis], rate[axis])
+        return tau
+
+    def shown(self):
+        """What it lets others see, by name."""
+        weights = {"weights": np.concatenate([self.F[axis] for axis in self.axes])}
+        if self.numbers.learning.kind != "covariance":
+            return weights
+        return weights | {"covariance_trace": np.array([np.trace(self.memory[axis]) for axis in self.axes])}
+
+    def learn(self, tick, error, rate, pd):
+        learning, h = self.numbers.learning, self.h
+        limit = math.inf if learning.weight_limit is None else learning.weight_limit
+        for axis in self.axes:
+            if tick in self.resets:
+                self.memory[axis] = self._fresh()
+            W = self.firing(error[axis], rate[axis])
+            # (15)
+            signal = pd[axis] if learning.kind == "sign" else rate[axis] + learning.slope * error[axis]
+            if abs(signal) < learning.deadzone:
+                signal = 0.0
+            F = self.F[axis] * math.exp(-learning.leakage * h)
+            if learning.kind == "covariance":
+                F = F + self._by_covariance(axis, W, signal)
+            elif learning.kind == "gradient":
+                F = F - h * learning.rate * signal * W
+            else:
+                F = F - h * self.memory[axis] * np.sign(signal) * W / (W @ W)
+                self.memory[axis] += 2.0 * h * learning.rate * abs(signal)
+            self.F[axis] = np.clip(F, -limit, limit)
+
+    def _by_covariance(self, axis, W, signal):
+        """(16), (17), exactly for what is held over a tick, and then bounded-gain forgetting."""
+        learning, h, P = self.numbers.learning, self.h, self.memory[axis]
+        g = P @ W
+        c = W @ g
+        change = -learning.gain * signal * g * math.log1p(h * c) / c
+        P = P - h * np.outer(g, g) / (1.0 + h * c)
+        full = self.R * learning.initial_covariance
+        mu = 1.0 - (1.0 - learning.forgetting) * max(0.0, 1.0 - np.trace(P) / full)
+        self.memory[axis] = P / mu
+        return change
+
+
+class Controller:
+    """The cascade of a scenario; it believes the nominal numbers.
+
+    Args:
+        scenario: of numbers.
+        leg_times: when the legs of the route begin.
+    """
+
+    def __init__(self, scenario, leg_times):
+        self.numbers, self.believed = scenario.control, scenario.nominal
+        position, h = scenario.control.position, scenario.laboratory.command_link.period
+        self.law = None
+        if position.kind == "pid":
+            self.law = Integral(position, h)
+        elif position.kind != "pd":
+            self.law = Network(position, h, leg_times)
+
+    def act(self, tick, measured, reference):
+        """The signals of a tick, by name; what learns, learns from them."""
+        position = self.numbers.position
+        error = reference["position"] - measured[0:3]
+        on_error = position.derivative == "tracking_error"
+        rate = on_error * reference["velocity"] - measured[6:9]
+        pd = np.array(position.k_p) * error + np.array(position.k_d) * rate  # (8)
+        correction, shown = np.zeros(3), {}
+        if self.law is not None:
+            correction, shown = self.law.correction(error, rate), self.law.shown()
+            self.law.learn(tick, error, rate, pd)
+        u = pd - correction  # (14)
+        if position.feed_forward != "none":
+            u = u + reference["acceleration"]
+        thrust, attitude, rates, accelerations = self.vectored(u, measured, reference)
+        torque = self.torque(measured, attitude, rates, accelerations)
+        return {
+            "error": error,
+            "error_rate": rate,
+            "pd": pd,
+            "correction": correction,
+            "acceleration_command": u,
+            "attitude_command": attitude,
+            "wrench": np.array([thrust, *torque]),
+            **shown,
+        }
+
+    def vectored(self, u, measured, reference):
+        """(7) at any yaw, within limits, and the body rates and angular accelerations that keep to the reference."""
+        mass, gravity, limits = self.believed.mass, self.believed.gravity, self.numbers.thrust_vectoring
+        heading = rotation(0.0, 0.0, measured[5])
+        forward, left, up = heading.T @ u + [0.0, 0.0, gravity]
+        # The vertical part is limited first, then the horizontal one is shortened.
+        up = min(max(up, limits.min_thrust * gravity), limits.max_thrust * gravity)
+        reach = min(up * math.tan(limits.max_tilt), math.sqrt((limits.max_thrust * gravity) ** 2 - up**2))
+        level = math.hypot(forward, left)
+        if level > reach:
+            forward, left = forward * reach / level, left * reach / level
+        thrust = math.sqrt(forward**2 + left**2 + up**2)
+        pitch, roll = math.atan(forward / up), math.asin(-left / thrust)
+        jerk, snap = reference["jerk"], reference["snap"]
+        psi_dot, psi_ddot = reference["yaw_rate"], reference["yaw_acceleration"]
+        order = ("none", "acceleration", "jerk", "snap").index(self.numbers.position.feed_forward)
+        jerk, snap = (jerk if order >= 2 else np.zeros(3)), (snap if order >= 3 else np.zeros(3))
+        rates, accelerations = flat(roll, pitch, measured[5], thrust, jerk, snap, psi_dot, psi_ddot)
+        if order < 3:
+            accelerations = np.zeros(3)
+        return mass * thrust, np.array([roll, pitch, reference["yaw"]]), rates, accelerations
+
+    def torque(self, measured, attitude, rates, accelerations):
+        """PD on the attitude, τ = I (k_P e + k_D ė + ω̇) + ω x I ω."""
+        inertia, gains = np.diag(self.believed.inertia), self.numbers.attitude
+        error = attitude - measured[3:6]
+        error[2] = math.remainder(error[2], math.tau)
+        wanted = np.array(gains.k_p) * error + np.array(gains.k_d) * (rates - measured[9:12]) + accelerations
+        return inertia @ wanted + np.cross(rates, inertia @ rates)
+
+
+def flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
+    """Body rates and angular accelerations under which F z_B follows jerk and snap, and the yaw its rate.
+
+    From ż_B = q x_B - p y_B follow p and q, and once more differentiated their rates; from the rate of the yaw, by (2)
+    and its derivative, those of the third.
+    """
+    x_B, y_B, z_B = rotation(roll, pitch, yaw).T
+    F_dot = z_B @ jerk
+    p, q = -y_B @ jerk / thrust, x_B @ jerk / thrust
+    E = euler_to_body(roll, pitch)
+    # The first two rows of (2) give the rates of roll and pitch, the third gives r.
+    turning = np.array([*np.linalg.solve(E[:2, :2], np.array([p, q]) - E[:2, 2] * psi_dot), psi_dot])
+    r = E[2] @ turning
+    p_dot = q * r - (y_B @ snap + 2.0 * F_dot * p) / thrust
+    q_dot = (x_B @ snap - 2.0 * F_dot * q) / thrust - p * r
+    # The rate of E, along roll and pitch.
+    s, c, s_pitch, c_pitch = math.sin(roll), math.cos(roll), math.sin(pitch), math.cos(pitch)
+    phi_dot, theta_dot, _ = turning
+    E_dot = np.array(
+        [
+            [0.0, 0.0, -c_pitch * theta_dot],
+            [0.0, -s * phi_dot, c * c_pitch * phi_dot - s * s_pitch * theta_dot],
+            [0.0, -c * phi_dot, -s * c_pitch * phi_dot - c * s_pitch * theta_dot],
+        ]
+    )
+    carried = E_dot @ turning
+    rest = np.array([p_dot, q_dot]) - carried[:2] - E[:2, 2] * psi_ddot
+    turning_faster = np.array([*np.linalg.solve(E[:2, :2], rest), psi_ddot])
+    return np.array([p, q, r]), np.array([p_dot, q_dot, carried[2] + E[2] @ turning_faster])

@@ -1,0 +1,101 @@
+"""What the ground sees of the vehicle, and how it is heard there."""
+
+import math
+
+import numpy as np
+
+from oracle.randomness import NOISE, Stream
+from oracle.vehicle import euler_to_body, rotation
+
+
+class Line:
+    """Whole ticks of delay: what is put in is out so many ticks later.
+
+    Args:
+        first: what is out until then.
+        delay: in ticks.
+    """
+
+    def __init__(self, first, delay):
+        self.waiting = [first] * (int(delay) + 1)
+
+    @property
+    def newest(self):
+        return self.waiting[-1]
+
+    @property
+    def out(self):
+        return self.waiting[0]
+
+    def put(self, value):
+        self.waiting = [*self.waiting[1:], value]
+
+
+class Link(Line):
+    """The radio link: it samples the wrench at a tick; a lost packet leaves the one before out.
+
+    Args:
+        numbers: of the scenario's link.
+        hover: the wrench that is out at the beginning.
+        seed: of the study.
+        sample: its number in the study.
+    """
+
+    def __init__(self, numbers, hover, seed, sample):
+        super().__init__(hover, numbers.delay_ticks)
+        self.loss_rate = numbers.loss_rate
+        self.stream = Stream(seed, sample, NOISE, "command_link.packet_loss", 1)
+
+    def send(self, tick, wrench):
+        lost = self.loss_rate > 0.0 and self.stream.uniform(tick)[0] < self.loss_rate
+        self.put(self.newest if lost else wrench)
+
+
+class Cameras(Line):
+    """Cameras that see markers, which may be misaligned, with noise, and filters that make rates of what they see.
+
+    Args:
+        numbers: of the scenario's motion capture.
+        seed: of the study.
+        sample: its number in the study.
+        state: of the vehicle at the beginning: the first frame, from before which there is nothing.
+    """
+
+    def __init__(self, numbers, seed, sample, state):
+        self.numbers, self.R_BM = numbers, rotation(*numbers.misalignment)
+        self.noise = Stream(seed, sample, NOISE, "motion_capture.camera_noise", 6)
+        self.loss = Stream(seed, sample, NOISE, "motion_capture.dropout", 1)
+        pose = self.pose(0, state)
+        rates = state[6:12] if numbers.derivative_bandwidth is None else np.zeros(6)
+        self.before = pose
+        super().__init__(np.concatenate([pose, rates]), numbers.latency_frames)
+
+    def pose(self, k, state):
+        """Position and attitude of the markers in frame k."""
+        yaw = state[5]
+        R_WM = rotation(*state[3:6]) @ self.R_BM
+        turn = math.atan2(R_WM[1, 0], R_WM[0, 0]) - yaw  # of the markers from the body; yaw goes on beyond a turn
+        attitude = [
+            math.atan2(R_WM[2, 1], R_WM[2, 2]),
+            -math.asin(R_WM[2, 0]),
+            yaw + math.remainder(turn, math.tau),
+        ]
+        deviations = np.repeat([self.numbers.position_noise, self.numbers.attitude_noise], 3)
+        return np.concatenate([state[0:3], attitude]) + deviations * self.noise.normal(k)
+
+    def take(self, k, state):
+        """Takes frame k of a state."""
+        numbers, last = self.numbers, self.newest
+        lost = numbers.dropout_rate > 0.0 and self.loss.uniform(k)[0] < numbers.dropout_rate
+        pose = last[0:6] if lost else self.pose(k, state)
+        if numbers.derivative_bandwidth is None:
+            self.put(last if lost else np.concatenate([pose, state[6:12]]))
+            return
+        h = numbers.period
+        a = math.exp(-numbers.derivative_bandwidth * h)
+        # Differences over two frames, those of the attitude turned at the frame in their middle by (2).
+        steps = pose - self.before
+        steps[3:6] = euler_to_body(last[3], last[4]) @ steps[3:6]
+        rates = a * last[6:12] + (1.0 - a) * steps / (2.0 * h)
+        self.before = last[0:6]
+        self.put(np.concatenate([pose, rates]))

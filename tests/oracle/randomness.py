@@ -1,0 +1,51 @@
+"""The random numbers of a sample: SplitMix64 from NumPy's seed sequences, and Box and Muller."""
+
+import hashlib
+import math
+
+import numpy as np
+
+PARAMETERS, WIND, NOISE = 0, 1, 2
+_MASK = 2**64 - 1
+
+
+def mixed(word):
+    """The mixing function of SplitMix64, of a 64-bit word."""
+    word = (word ^ (word >> 30)) * 0xBF58476D1CE4E5B9 & _MASK
+    word = (word ^ (word >> 27)) * 0x94D049BB133111EB & _MASK
+    return word ^ (word >> 31)
+
+
+class Stream:
+    """Rows of random numbers for a port, tick by tick.
+
+    Args:
+        seed: of the study.
+        sample: its number in the study.
+        kind: WIND or NOISE.
+        name: of the system and its port.
+        rows: at each tick.
+    """
+
+    def __init__(self, seed, sample, kind, name, rows):
+        sequence = np.random.SeedSequence(entropy=seed, spawn_key=(sample, kind))
+        label = int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest(), "little")
+        self.state, self.rows = mixed(int(sequence.generate_state(1, np.uint64)[0]) ^ label), rows
+
+    def word(self, k):
+        """Number k, 64 bits."""
+        return mixed(self.state + (k + 1) * 0x9E3779B97F4A7C15 & _MASK)
+
+    def uniform(self, tick):
+        """Numbers between 0 and 1, of 52 bits."""
+        return np.array([((self.word(tick * self.rows + i) >> 12) + 0.5) * 2.0**-52 for i in range(self.rows)])
+
+    def normal(self, tick):
+        """Standard normal numbers: a word makes a pair, one for an even tick and one for the next."""
+        numbers = []
+        for i in range(self.rows):
+            word = self.word((tick // 2) * self.rows + i)
+            radius = math.sqrt(-2.0 * math.log(((word & 0xFFFFFFFF) + 0.5) * 2.0**-32))
+            angle = math.tau * (word >> 32) * 2.0**-32
+            numbers.append(radius * (math.cos(angle) if tick % 2 else math.sin(angle)))
+        return np.array(numbers)

@@ -1,0 +1,173 @@
+"""The aircraft: eqs (1) to (5), rotors that lag and fail, and the allocation on board."""
+
+import math
+
+import numpy as np
+
+X, Y, Z = np.eye(3)
+# Of the rotors: where they are, over the arm's length, and how they turn the body, clockwise ones anticlockwise.
+ARMS = np.array([X, -Y, -X, Y])
+REACTION = np.array([1.0, -1.0, 1.0, -1.0])
+
+
+def about(axis, angle):
+    """The rotation about an axis of coordinates, 3 x 3."""
+    s, c = math.sin(angle), math.cos(angle)
+    i, j = (axis + 1) % 3, (axis + 2) % 3
+    R = np.eye(3)
+    R[i, i], R[i, j], R[j, i], R[j, j] = c, -s, s, c
+    return R
+
+
+def rotation(roll, pitch, yaw):
+    """(1): R_WB."""
+    return about(2, yaw) @ about(1, pitch) @ about(0, roll)
+
+
+def euler_to_body(roll, pitch):
+    """(2): the matrix from the rates of roll, pitch and yaw to p, q, r."""
+    s, c = math.sin(roll), math.cos(roll)
+    return np.array(
+        [
+            [1.0, 0.0, -math.sin(pitch)],
+            [0.0, c, s * math.cos(pitch)],
+            [0.0, -s, c * math.cos(pitch)],
+        ]
+    )
+
+
+class Vehicle:
+    """The vehicle as it is, under its battery and its faults.
+
+    Args:
+        numbers: of the scenario's vehicle.
+        duration: of the flight, over which the battery sags, s.
+    """
+
+    def __init__(self, numbers, duration):
+        self.numbers, self.sag = numbers, numbers.battery_sag / duration
+        self.thrust_factor = numbers.thrust_factor * (1.0 + np.array(numbers.thrust_factor_error))
+        centre = np.array([*numbers.centre_of_mass, 0.0])
+        self.levers = numbers.arm_length * ARMS - centre
+        self.inertia = np.diag(numbers.inertia)
+        self.inverse_inertia = np.linalg.inv(self.inertia)
+
+    def wrench(self, speeds):
+        """(5): thrust and torques about the centre of mass, from the rotors' forces at their levers."""
+        squares = speeds**2
+        forces = self.thrust_factor * squares
+        # A force along z at (x, y) turns by (y, -x).
+        torque = np.array([self.levers[:, 1] @ forces, -self.levers[:, 0] @ forces, 0.0])
+        torque[2] = self.numbers.drag_factor * REACTION @ squares
+        return forces.sum(), torque
+
+    def hover_speeds(self):
+        """Of the rotors, for a wrench of nothing but the weight."""
+        columns = []
+        for unit in np.eye(4):
+            thrust, torque = self.wrench(unit)
+            columns.append([thrust, *torque])
+        weight = self.numbers.mass * self.numbers.gravity
+        return np.sqrt(np.linalg.solve(np.array(columns).T, [weight, 0.0, 0.0, 0.0]))
+
+    def slope(self, attitude, velocity, rates, speeds, wind):
+        """(3): how attitude, velocity and body rates change."""
+        numbers = self.numbers
+        thrust, torque = self.wrench(speeds)
+        airspeed = wind - velocity
+        size = math.sqrt(airspeed @ airspeed)
+        drag = (numbers.linear_drag + numbers.quadratic_drag * size) * airspeed
+        acceleration = (rotation(*attitude) @ (thrust * Z) + drag) / numbers.mass - numbers.gravity * Z
+        # (4), and the rotors' angular momentum.
+        spin = numbers.rotor_inertia * (-speeds[0] + speeds[1] - speeds[2] + speeds[3])
+        momentum = self.inertia @ rates + spin * Z
+        p, q, r = rates
+        turned = np.array([[0.0, -r, q], [r, 0.0, -p], [-q, p, 0.0]]) @ momentum
+        angular_acceleration = self.inverse_inertia @ (torque - turned)
+        if numbers.attitude_kinematics == "small_angle":
+            turning = rates
+        else:
+            turning = np.linalg.solve(euler_to_body(attitude[0], attitude[1]), rates)
+        return np.concatenate([turning, acceleration, angular_acceleration])
+
+    def targets(self, command, time):
+        """Where the rotors go under a command at a time."""
+        numbers = self.numbers
+        share = np.full(4, 1.0 - self.sag * time)
+        failure = numbers.rotor_failure
+        if failure is not None and time >= failure.time:
+            share[int(failure.rotor) - 1] *= failure.speed_factor
+        return share * np.clip(command, numbers.min_rotor_speed, numbers.max_rotor_speed)
+
+    def step(self, state, speeds, command, wind, time, h):
+        """State and rotor speeds at a time, h after those that are given, by Runge and Kutta's classical method.
+
+        The rotors go exponentially to what is commanded, whatever the body does.
+        """
+        target = self.targets(command, time - 0.5 * h)
+
+        def rotors(later):
+            return target + (speeds - target) * math.exp(-later / self.numbers.rotor_time_constant)
+
+        def slope(x, later):
+            motion = self.slope(x[3:6], x[6:9], x[9:12], rotors(later), wind)
+            return np.concatenate([x[6:9], motion])
+
+        k_1 = slope(state, 0.0)
+        k_2 = slope(state + 0.5 * h * k_1, 0.5 * h)
+        k_3 = slope(state + 0.5 * h * k_2, 0.5 * h)
+        k_4 = slope(state + h * k_3, h)
+        return state + h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4), rotors(h)
+
+
+def allocate(wrench, believed):
+    """Rotor speeds for a wrench, and what of it is given up for the rotors' limits.
+
+    Yaw is given up first, then roll and pitch in equal shares, and thrust last.
+
+    Args:
+        wrench: F_z and three torques.
+        believed: the scenario's nominal numbers: four rotors alike, with the centre of mass in their middle.
+    """
+    low, high = believed.min_rotor_speed**2, believed.max_rotor_speed**2
+    lever = 2.0 * believed.arm_length * believed.thrust_factor
+    wanted = np.array(
+        [
+            wrench[0] / (4.0 * believed.thrust_factor),
+            wrench[1] / lever,
+            wrench[2] / lever,
+            wrench[3] / (4.0 * believed.drag_factor),
+        ]
+    )
+    # Of thrust, roll, pitch and yaw, what each rotor has in squared speeds; (5) the other way round.
+    parts = np.array([[1.0, 0.0, -1.0, 1.0], [1.0, -1.0, 0.0, -1.0], [1.0, 0.0, 1.0, 1.0], [1.0, 1.0, 0.0, -1.0]])
+    level = min(max(wanted[0], low), high)
+
+    def yaws(share):
+        """Between which the rotors leave the yaw, for a share of roll and pitch."""
+        bare = parts[:, :3] @ [level, share * wanted[1], share * wanted[2]]
+        upper, lower = high - bare, low - bare  # of what is added to 1 and 3, and taken from 2 and 4
+        least = max(lower[0], lower[2], -upper[1], -upper[3])
+        most = min(upper[0], upper[2], -lower[1], -lower[3])
+        return least, most
+
+    def fits(share):
+        """Whether they leave a yaw between none and what is wanted."""
+        least, most = yaws(share)
+        return max(least, min(wanted[3], 0.0)) <= min(most, max(wanted[3], 0.0))
+
+    share = 1.0 if fits(1.0) else _largest(fits)
+    least, most = yaws(share)
+    yaw = max(min(wanted[3], most), least)
+    given = np.array([level, share * wanted[1], share * wanted[2], yaw])
+    units = np.array([4.0 * believed.thrust_factor, lever, lever, 4.0 * believed.drag_factor])
+    return np.sqrt(np.maximum(parts @ given, low)), units * (wanted - given)
+
+
+def _largest(fits):
+    """The largest number below 1 for which something still holds, as it does for 0."""
+    low, high = 0.0, 1.0
+    while high - low > 2.0**-53:
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if fits(middle) else (low, middle)
+    return low

@@ -1,0 +1,140 @@
+"""The air: steady wind, gusts, Dryden's turbulence, and the jets of fans; each is held for a step of the vehicle."""
+
+import math
+
+import numpy as np
+from scipy.integrate import quad
+
+from oracle.randomness import WIND, Stream
+
+FOOT, KNOT = 0.3048, 1852.0 / 3600.0
+
+
+def velocity_of(source):
+    """Of a steady wind or a gust."""
+    if source.velocity is not None:
+        return np.array(source.velocity)
+    return source.speed * np.array([math.cos(source.heading), math.sin(source.heading), 0.0])
+
+
+class Gust:
+    """A 1-cosine gust; what is held over a step is that of its middle."""
+
+    def __init__(self, source, h):
+        self.source, self.h, self.velocity = source, h, velocity_of(source)
+
+    def sample(self, k, place):
+        time, rise = (k + 0.5) * self.h - self.source.start, self.source.rise_time
+        hold = math.inf if self.source.hold_time is None else self.source.hold_time
+        if time <= 0.0 or time >= 2.0 * rise + hold:
+            share = 0.0
+        elif time < rise:
+            share = 0.5 * (1.0 - math.cos(math.pi * time / rise))
+        elif time <= rise + hold:
+            share = 1.0
+        else:
+            share = 0.5 * (1.0 + math.cos(math.pi * (time - rise - hold) / rise))
+        return share * self.velocity
+
+
+class Dryden:
+    """White noise through the filters of MIL-F-8785C, whose impulse responses are integrated over a step.
+
+    f = √(2 / T) ∫ exp(-t / T) dw has unit variance, and g is f through another 1 / (1 + T s).
+    """
+
+    def __init__(self, source, steady, h, stream):
+        self.stream = stream
+        height = max(source.height / FOOT, 10.0)
+        wind_at_20_feet = {"light": 15.0, "moderate": 30.0, "severe": 45.0}[source.level] * KNOT * source.intensity
+        shear = 0.177 + 0.000823 * height
+        sigma_w = 0.1 * wind_at_20_feet
+        self.sigma = np.array([sigma_w / shear**0.4, sigma_w / shear**0.4, sigma_w])
+        lengths = np.array([height / shear**1.2, height / shear**1.2, height]) * FOOT
+        airspeed = max(math.hypot(*steady) if source.airspeed is None else source.airspeed, 1.0)
+        heading = math.atan2(steady[1], steady[0]) if source.heading is None else source.heading
+        c, s = math.cos(heading), math.sin(heading)
+        self.R = np.array([[c, -s, 0.0], [s, c, 0.0], [0.0, 0.0, 1.0]])
+        self.transitions, self.noises = zip(*(self._sampled(length / airspeed, h) for length in lengths), strict=True)
+        self.state = None
+
+    @staticmethod
+    def _sampled(T, h):
+        """How f and g go on over a step, and the Cholesky factor of the noise that they get."""
+
+        def response(t):
+            return math.sqrt(2.0 / T) * math.exp(-t / T) * np.array([1.0, t / T])
+
+        p = math.exp(-h / T)
+        transition = np.array([[p, 0.0], [h / T * p, p]])
+        covariance = [
+            [quad(lambda t, i=i, j=j: response(t)[i] * response(t)[j], 0.0, h, epsabs=0.0)[0] for j in range(2)]
+            for i in range(2)
+        ]
+        return transition, np.linalg.cholesky(covariance)
+
+    def sample(self, k, place):
+        n = self.stream.normal(k)
+        noise = np.array([[n[0], 0.0], [n[1], n[3]], [n[2], n[4]]])  # for f and g of u, v and w
+        if k == 0:
+            stationary = np.linalg.cholesky([[1.0, 0.5], [0.5, 0.5]])
+            self.state = [stationary @ part for part in noise]
+        else:
+            self.state = [
+                A @ x + L @ part for A, L, x, part in zip(self.transitions, self.noises, self.state, noise, strict=True)
+            ]
+        along = self.state[0][0]
+        across = [(math.sqrt(3.0) * f + (1.0 - math.sqrt(3.0)) * g) / math.sqrt(2.0) for f, g in self.state[1:]]
+        return self.R @ (self.sigma * [along, *across])
+
+
+class Fans:
+    """Round free jets, and their turbulence: a Gauss–Markov process on each axis."""
+
+    def __init__(self, sources, h, stream):
+        self.sources, self.h, self.stream, self.eddies = sources, h, stream, None
+
+    @staticmethod
+    def jet(source, place):
+        """The velocity of a jet's air at a place, and the half-width there."""
+        direction = np.array(source.direction) / np.linalg.norm(source.direction)
+        D, exit_speed = source.diameter, 4.0 * source.flow / (math.pi * source.diameter**2)
+        offset = place - np.array(source.position)
+        x = offset @ direction
+        if x <= 0.0:
+            return np.zeros(3), 1.0  # behind the outlet
+        r, half = np.linalg.norm(offset - x * direction), 0.094 * x
+        centreline = exit_speed if x < 5.9 * D else 5.9 * exit_speed * D / x
+        core = max(0.5 * D * (1.0 - x / (5.9 * D)), 0.0)  # a cone on the outlet
+        flank = 0.5 ** ((max(r - core, 0.0) / half) ** 2)
+        return centreline * flank * direction, half
+
+    def sample(self, k, place):
+        mean, variance, rate = np.zeros(3), 0.0, 0.0
+        for source in self.sources:
+            velocity, half = self.jet(source, place)
+            speed = np.linalg.norm(velocity)
+            mean, variance = mean + velocity, variance + (source.turbulence * speed) ** 2
+            rate += speed / half
+        n = self.stream.normal(k)
+        decay = math.exp(-rate * self.h)
+        self.eddies = n if k == 0 else decay * self.eddies + math.sqrt(1.0 - decay**2) * n
+        return mean + math.sqrt(variance) * self.eddies
+
+
+class Wind:
+    """The sum of a scenario's sources."""
+
+    def __init__(self, sources, h, seed, sample):
+        self.steady = sum((velocity_of(source) for source in sources if source.kind == "steady"), start=np.zeros(3))
+        self.parts = [Gust(source, h) for source in sources if source.kind == "gust"]
+        for i, source in enumerate(source for source in sources if source.kind == "dryden"):
+            stream = Stream(seed, sample, WIND, f"dryden_{i}.turbulence_noise", 5)
+            self.parts.append(Dryden(source, self.steady, h, stream))
+        fans = [source for source in sources if source.kind == "fan"]
+        if fans:
+            self.parts.append(Fans(fans, h, Stream(seed, sample, WIND, "fans.jet_noise", 3)))
+
+    def sample(self, k, place):
+        """The wind from step k on, for a vehicle that is at a place then."""
+        return sum((part.sample(k, place) for part in self.parts), start=self.steady)

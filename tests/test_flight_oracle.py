@@ -1,0 +1,147 @@
+"""Whole flights against an implementation of their own, in `tests/oracle`: from the equations, in plain NumPy."""
+
+import functools
+
+import numpy as np
+import pytest
+from oracle.flight import fly
+
+from drake_quad import simulate
+from drake_quad.flight import simulate_samples
+
+# The two whole flights, and short ones for what they leave out.
+FLIGHTS = {
+    "pid": ("pid", []),
+    "pd_t2fnn": ("pd_t2fnn", []),
+    "a sign law and triangles": ("pd_t1fnn", ["duration=6"]),
+    "a gradient law, three ticks of delay, frames as they come": (
+        "pd_t1fnn",
+        [
+            "duration=4",
+            "control.position.learning={kind: gradient, rate: 0.4, slope: 1.7, leakage: 0.1, deadzone: 0.05}",
+            "control.position.derivative=measurement",
+            "laboratory.command_link.delay_ticks=3",
+            "laboratory.motion_capture.latency_frames=0",
+        ],
+    ),
+    "a grid of three periods, no delay, no filter": (
+        "pid",
+        [
+            "duration=4",
+            "vehicle.time_step=0.005",
+            "laboratory.command_link={period: 0.04, delay_ticks: 0, loss_rate: 0.1}",
+            "laboratory.motion_capture.derivative_bandwidth=null",
+        ],
+    ),
+    "small angles, frames and ticks at once, nothing fed forward": (
+        "pid",
+        [
+            "duration=4",
+            "vehicle.attitude_kinematics=small_angle",
+            "laboratory.motion_capture={period: 0.02, latency_frames: 0, dropout_rate: 0.0, derivative_bandwidth: 60}",
+            "control.position={kind: pd, k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2], feed_forward: none}",
+        ],
+    ),
+    "rotors that are too weak for all parts of the wrench": (
+        "pid",
+        [
+            "duration=6",
+            "nominal.min_rotor_speed=200",
+            "nominal.max_rotor_speed=217",
+            "vehicle.min_rotor_speed=201",
+            "vehicle.max_rotor_speed=216",
+            "metrics.end=null",
+        ],
+    ),
+    "a crash": ("pid", ["crash.position_error=1.1"]),
+}
+
+
+@pytest.fixture(scope="module")
+def flown(asymmetric):
+    """A flight by its name in `FLIGHTS`; each is flown once."""
+
+    def fly_it(name):
+        scenario, overrides = FLIGHTS[name]
+        return simulate(asymmetric(scenario, *overrides))
+
+    return functools.cache(fly_it)
+
+
+def assert_same(flight, signals, metrics):
+    """1e-9 in the units of each signal, and of each metric."""
+    assert flight.signals.keys() - {"crashed"} == signals.keys()
+    for name, values in signals.items():
+        np.testing.assert_allclose(flight[name], values, rtol=0.0, atol=1e-9, err_msg=name)
+    found = flight.metrics._asdict()
+    assert found.keys() == metrics.keys()
+    for name, value in metrics.items():
+        assert found[name] == pytest.approx(value, rel=1e-9, abs=1e-12), name
+
+
+@pytest.mark.parametrize("name", FLIGHTS)
+def test_a_flight_is_what_its_equations_make_it(flown, name):
+    flight = flown(name)
+    assert flight.metrics.crashed == (name == "a crash")
+    assert_same(flight, *fly(flight.scenario, flight.plan.reference(), flight.plan.leg_times))
+
+
+DRAWN = [
+    "duration=4",
+    "vehicle.mass={uniform: {min: 0.68, max: 0.76}}",
+    "vehicle.thrust_factor_error.1={uniform: {min: -0.02, max: 0.0}}",
+    "vehicle.battery_sag={uniform: {min: 0.0, max: 0.03}}",
+    "vehicle.rotor_failure.rotor={choice: [1, 2, 3, 4]}",
+    "vehicle.rotor_failure.time={uniform: {min: 0.0, max: 4.0}}",
+    "laboratory.motion_capture.latency_frames={choice: [0, 1, 2, 3]}",
+    "laboratory.motion_capture.misalignment.2={uniform: {min: -0.05, max: 0.05}}",
+    "laboratory.command_link.delay_ticks={choice: [0, 1, 2]}",
+    "laboratory.wind.1.start={uniform: {min: 0.0, max: 3.0}}",
+    "laboratory.wind.5.flow={uniform: {min: 1.0, max: 3.0}}",
+    "control.position.k_p.0={uniform: {min: 1.0, max: 1.5}}",
+    "control.position.network.q={uniform: {min: 0.0, max: 1.0}}",
+    "control.position.learning.slope={uniform: {min: 1.0, max: 2.0}}",
+]
+
+
+def test_each_flight_of_a_fleet_is_what_its_equations_make_it(asymmetric):
+    """With numbers, delays, wind and noise of its own."""
+    flights = simulate_samples(asymmetric("pd_t2fnn", *DRAWN), [5, 0, 9])
+    masses = {flight.scenario.vehicle.mass for flight in flights}
+    delays = {flight.scenario.laboratory.command_link.delay_ticks for flight in flights}
+    assert (len(masses), len(delays)) == (3, 2)
+    for flight in flights:
+        assert_same(flight, *fly(flight.scenario, flight.plan.reference(), flight.plan.leg_times))
+
+
+@pytest.mark.parametrize("name", ["pid", "pd_t2fnn"])
+def test_the_whole_flights_go_both_ways_on_all_axes_and_meet_their_limits(flown, name):
+    """Or else an error might not show."""
+    flight = flown(name)
+    moving = {"state": slice(3, 12), "wrench": slice(1, 4)}
+    for signal in ("error", "error_rate", "acceleration_command", "wind", *moving):
+        rows = flight[signal][:, moving.get(signal, slice(None))]
+        if signal == "state" and name == "pd_t2fnn":
+            rows = np.delete(rows, 2, axis=1)  # along the path of the figure eight the yaw goes on and on
+        assert (rows.min(axis=0) < 0.0).all(), signal
+        assert (rows.max(axis=0) > 0.0).all(), signal
+    limits, believed = flight.scenario.control.thrust_vectoring, flight.scenario.nominal
+    weight, (roll, pitch, _) = believed.mass * believed.gravity, flight["attitude_command"].T
+    thrust, upright = flight["wrench"][:, 0], np.cos(roll) * np.cos(pitch)
+    assert np.arccos(upright).max() == pytest.approx(limits.max_tilt)
+    assert (thrust * upright).min() == pytest.approx(limits.min_thrust * weight)
+    assert thrust.max() == pytest.approx(limits.max_thrust * weight)
+    learned = flight["correction" if name == "pid" else "weights"]
+    position = flight.scenario.control.position
+    limit = position.integral_limit if name == "pid" else position.learning.weight_limit
+    assert (learned.min(), learned.max()) == (-limit, limit)
+    assert 0.0 < np.mean(flight["shortfall"][:, 3] != 0.0) < 0.5
+
+
+def test_rotors_that_are_too_weak_give_up_all_parts_of_the_wrench_and_meet_both_their_limits(flown):
+    flight = flown("rotors that are too weak for all parts of the wrench")
+    given_up, command, vehicle = flight["shortfall"] != 0.0, flight["rotor_speed_command"], flight.scenario.vehicle
+    assert given_up.any(axis=0).all()
+    assert not given_up.all(axis=0).any()
+    assert (command.min(axis=0) < vehicle.min_rotor_speed).all()
+    assert (command.max(axis=0) > vehicle.max_rotor_speed).all()
