@@ -78,7 +78,8 @@ def mutants_of(text: str) -> list[Mutant]:
             first, last = starts[node.lineno - 1], starts[node.end_lineno]
             begin, end = first + node.col_offset, starts[node.end_lineno - 1] + node.end_col_offset
             code = ast.unparse(new)
-            if isinstance(new, _OPEN) and isinstance(parent, _TIGHT):
+            enclosed = (whole[begin - 1 : begin], whole[end : end + 1]) == (b"(", b")")
+            if isinstance(new, _OPEN) and isinstance(parent, _TIGHT) and not enclosed:
                 code = f"({code})"
             if isinstance(new, ast.Tuple) and isinstance(parent, ast.Subscript):
                 code = code[1:-1]
