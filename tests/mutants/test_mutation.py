@@ -43,7 +43,9 @@ def test_what_no_test_can_notice_stays(line):
 
 
 def test_one_place_changes_and_the_text_stays_python():
-    text = "@cached(1)\ndef f(x: Annotated[int, 2], y=3):\n    'Doc.'  # ω\n    while x:\n        x = (x - 'ä'.find(y))\n"
+    text = (
+        "@cached(1)\ndef f(x: Annotated[int, 2], y=3):\n    'Doc.'  # ω\n    while x:\n        x = (x - 'ä'.find(y))\n"
+    )
     mutants = mutants_of(text)
     assert {(mutant.line, mutant.declared) for mutant in mutants} == {(2, True), (4, False), (5, False)}
     for mutant in mutants:
