@@ -71,17 +71,22 @@ def test_a_crash_before_anything_counts():
         flight_sensitivities(scenario, ["vehicle.mass"])
 
 
-def test_derivatives_reach_through_what_is_learned(windy):
+@pytest.mark.parametrize("reset", ["never", "at_segments"])
+def test_derivatives_reach_through_what_is_learned(windy, reset):
+    """Also where the covariance begins anew, as it does here after the rise of 2.3 s."""
     learning = {
         "kind": "pd_t2fnn",
         "k_p": (1.4, 1.4, 6.0),
         "k_d": (1.4, 1.4, 3.5),
         "derivative": "measurement",
-        "learning": {"kind": "covariance", "slope": 2.0, "initial_covariance": 6.0},
+        "learning": {"kind": "covariance", "slope": 2.0, "initial_covariance": 6.0, "reset": reset},
     }
     position = TypeAdapter(PositionController).validate_python(learning)
     scenario = windy.model_copy(update={"control": windy.control.model_copy(update={"position": position})})
-    fields = ["control.position.learning.slope", "control.position.network.a1", "control.position.network.q"]
+    fields = [
+        f"control.position.{name}"
+        for name in ("learning.slope", "learning.initial_covariance", "network.a1", "network.q")
+    ]
     found = flight_sensitivities(scenario, fields, sample=1)
     for i, field in enumerate(fields):
         step = 1e-4 * found.values[i]
@@ -92,11 +97,17 @@ def test_derivatives_reach_through_what_is_learned(windy):
         assert found.gradients["rmse"][i] == pytest.approx((high - low) / (2.0 * step), rel=1e-4)
 
 
-def test_a_number_at_its_bound_is_varied_to_one_side():
-    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=2"])
-    found = flight_sensitivities(scenario, ["vehicle.linear_drag"])
-    ends = [simulate(with_number(scenario, "vehicle.linear_drag", value)).metrics.rmse for value in (0.0, 1e-6)]
-    assert found.gradients["rmse"][0] == pytest.approx((ends[1] - ends[0]) / 1e-6, rel=1e-3)
+@pytest.mark.parametrize(
+    ("field", "bound", "step"), [("vehicle.linear_drag", 0.0, 1e-6), ("control.position.network.q", 1.0, -1e-4)]
+)
+def test_a_number_at_its_bound_is_varied_to_one_side(asymmetric, field, bound, step):
+    """Upwards from the least that it can be, downwards from the most."""
+    scenario = asymmetric("pd_t2fnn", "duration=2", f"{field}={bound}", "metrics.start=0")
+    found = flight_sensitivities(scenario, [field])
+    with pytest.raises(InputError, match=f"{field} cannot be"):
+        with_number(scenario, field, bound - step)
+    ends = [simulate(with_number(scenario, field, value)).metrics.rmse for value in (bound, bound + step)]
+    assert found.gradients["rmse"][0] == pytest.approx((ends[1] - ends[0]) / step, rel=1e-3)
 
 
 @pytest.mark.parametrize(

@@ -10,7 +10,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from drake_quad.control.fuzzy.inference import Antecedents, firing_on_axes
 from drake_quad.control.fuzzy.laws import CovarianceLaw, Limits
 from drake_quad.control.fuzzy.learning import LEARNING, traces, weighted_firing
-from drake_quad.elementary import Row
+from drake_quad.elementary import Row, plain
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_rows, fleet_system
 
 Axis = Literal["x", "y", "z"]
@@ -146,7 +146,7 @@ class WeightLearning(FleetSystem):
         vectors = [discrete_state.get_mutable_vector(group) for group in groups]
         weights, *memories = arrays = [self.values_to_change(vector) for vector in vectors]
         memory = memories[0] if memories else weights[0:0]
-        if self._resets and round(context.get_time() / self._period) in self._resets:
+        if self._resets and round(plain(context.get_time()) / self._period) in self._resets:
             _, *law = self.parameter_rows(context, self._parameters)[: 1 + len(self._law._fields)]
             memory[:] = fleet_rows(self._law(*law).memory(self._rules) * len(self._axes), self.num_vehicles)
         inputs = self.inputs(context, self._firing, *self._signals)
