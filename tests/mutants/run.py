@@ -12,6 +12,7 @@ status is 1 if the holes are more than 5 % of the mutants.
 import argparse
 import csv
 import difflib
+import gc
 import hashlib
 import importlib
 import json
@@ -41,7 +42,16 @@ PACKAGES = ("vehicle", "control", "laboratory", "reference", "analysis")
 # What writes reports is looked at, not computed with.
 LEFT_OUT = {"analysis/replication/report.py", "analysis/replication/assumptions.py"}
 # Tests whose work is done by other processes, which see no mutant, and those of pages and of the compiler.
-WITHOUT = ("test_docs.py", "test_compiled.py", "analysis/monte_carlo/test_cluster.py", "visualization/", "mutants/")
+WITHOUT = tuple(
+    f"tests/{name}"
+    for name in (
+        "test_docs.py",
+        "test_compiled.py",
+        "analysis/monte_carlo/test_cluster.py",
+        "visualization/",
+        "mutants/",
+    )
+)
 THIRD_PARTY = (
     "pydrake.all", "control", "dask.distributed", "markdown", "matplotlib.pyplot", "mpl_toolkits.mplot3d", "numba",
     "minsnap_trajectories", "pydantic", "pyit2fls", "scipy.integrate", "scipy.optimize", "scipy.signal", "scipy.stats",
@@ -237,6 +247,8 @@ def kill(file: str, mutant: Mutant, tests: dict[str, float]) -> Outcome:
 def run_pytest(plugin: Plugin, file: str) -> int:
     options = ["-x"] if plugin.chosen is not None else []
     command = [file, "-p", "no:cacheprovider", "--assert=plain", "--tb=no", *options]
+    # Between tests, pytest looks for garbage many times over: what is there now is none.
+    gc.freeze()
     with Path(os.devnull).open("w") as nowhere, redirect_stdout(nowhere), redirect_stderr(nowhere):
         return int(pytest.main(command, plugins=[plugin]))
 
@@ -297,25 +309,27 @@ def received(here: Any, process: Any) -> Any:
 
 def noted_tests(processes: int) -> dict[str, Test]:
     """What is noted of each test that passes with formulas interpreted; kept for as long as no source changes."""
-    sources = [path for folder in ("drake_quad", "scripts", "diagrams", "tests") for path in Path(folder).rglob("*.*")]
-    sources = [path for path in sources if path.suffix in (".py", ".yaml", ".csv") and path.parent.name != "mutants"]
-    digest = hashlib.sha256(b"".join(path.read_bytes() for path in sorted(sources))).hexdigest()
-    kept = OUTPUT / f"tests-{digest[:16]}.json"
-    if kept.exists():
-        return {name: Test(*test) for name, test in json.loads(kept.read_text()).items()}
-    files = [str(path) for path in sorted(Path("tests").rglob("test_*.py"))]
-    files = [file for file in files if not file.removeprefix("tests/").startswith(WITHOUT)]
-    tests: dict[str, Test] = {}
-    for _, result in forked([(note, file) for file in files], processes, "test files"):
+    kept = OUTPUT / "tests.json"
+    known = json.loads(kept.read_text()) if kept.exists() else {}
+    paths = sorted(
+        path for folder in ("drake_quad", "scripts", "diagrams", "tests") for path in Path(folder).rglob("*.*")
+    )
+    files = [str(path) for path in paths if path.match("test_*.py") and not str(path).startswith(WITHOUT)]
+    others = [path for path in paths if path.suffix in (".py", ".yaml", ".csv") and not path.match("test_*.py")]
+    sources = b"".join(path.read_bytes() for path in others if path.parent.name != "mutants")
+    digests = {file: hashlib.sha256(sources + Path(file).read_bytes()).hexdigest() for file in files}
+    new = [file for file in files if known.get(file, {}).get("digest") != digests[file]]
+    known = {file: known[file] for file in files if file not in new}
+    for place, result in forked([(note, file) for file in new], processes, "test files"):
         if isinstance(result, Outcome):
-            print(f"left out, as it did not end: {result.killer}", file=sys.stderr)
-            continue
+            raise RuntimeError(f"{result.killer} does not end")
         noted, failed = result
         for name in dict.fromkeys(failed):
             print(f"left out, as it fails where formulas are interpreted: {name}", file=sys.stderr)
-        tests |= {name: test for name, test in noted.items() if name not in failed}
-    kept.write_text(json.dumps(tests))
-    return tests
+        passing = {name: test for name, test in noted.items() if name not in failed}
+        known[new[place]] = {"digest": digests[new[place]], "tests": passing}
+        kept.write_text(json.dumps(known))
+    return {name: Test(*test) for file in known.values() for name, test in file["tests"].items()}
 
 
 def report(results: list[tuple[str, Mutant, Outcome]]) -> int:
