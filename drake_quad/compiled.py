@@ -15,6 +15,7 @@ are known. So formulas are inlined, elementary functions are arithmetic, and a t
 import functools
 import hashlib
 import inspect
+import os
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager
 from pathlib import Path
@@ -32,6 +33,10 @@ from drake_quad.compiled_elementary import INLINED
 _Function = TypeVar("_Function", bound=Callable[..., Any])
 
 _OPTIONS: dict[str, Any] = {name: INLINED[name] for name in ("error_model", "fastmath")}
+
+# Files and folders whose functions stay Python, one after another as on a search path: a debugger stops in them, and
+# `make mutants` does not wait for the compiler.
+_INTERPRETED = tuple(filter(None, os.environ.get("DRAKE_QUAD_INTERPRETED", "").split(os.pathsep)))
 
 # Vehicles in a tile: sixty rows of them take 31 kB, about what the fastest cache holds.
 TILE = 64
@@ -111,6 +116,8 @@ def compiled(function: _Function) -> _Function:
 
     It stays Python where the first array has elements that are no plain numbers.
     """
+    if stays_python(function):
+        return function
     sources, marked = fingerprint(function), formula(function)
 
     def run(*arguments: Any) -> Any:
@@ -163,6 +170,11 @@ def telling_of_compilation(tell: Callable[[], None]) -> Iterator[None]:
         yield
     finally:
         event.unregister("numba:compile", listener)
+
+
+def stays_python(function: Callable[..., Any]) -> bool:
+    """Is there code of a function in what the environment variable DRAKE_QUAD_INTERPRETED names?"""
+    return bool(_INTERPRETED) and any(file.startswith(_INTERPRETED) for file in source_files(function))
 
 
 def fingerprint(function: Callable[..., Any]) -> str:

@@ -88,7 +88,11 @@ def minimum(x: Row, y: Row) -> Row:
 
 def where(mask: Row, x: Row, y: Row) -> Row:
     """X, one row or several, for the vehicles for which the mask is true, y for the others. Not for Expression."""
-    return (x if mask else y) if isinstance(mask, _TRUTH) else _of_one_type(np.where(mask, x, y))
+    if isinstance(mask, _TRUTH):
+        return x if mask else y
+    if isinstance(x, tuple):
+        return tuple([where(mask, row, other) for row, other in zip(x, y, strict=True)])
+    return _of_one_type(np.where(mask, x, y))
 
 
 def is_zero(x: Row) -> bool:

@@ -26,7 +26,7 @@ from pydrake.systems.framework import BasicVector_, DiagramBuilder, DiscreteStat
 from pydrake.systems.primitives import Demultiplexer
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from drake_quad.compiled import fleet_map
+from drake_quad.compiled import fleet_map, stays_python
 from drake_quad.elementary import Row
 
 if TYPE_CHECKING:
@@ -145,7 +145,7 @@ class FleetSystem(_Base):
             inputs: rows of each group that it takes.
             outputs: rows of each group that it returns.
         """
-        if self.scalar is not float:
+        if self.scalar is not float or stays_python(formula):
             return self.interpreted(formula, inputs=inputs)
         apply, num_vehicles = fleet_map(formula, tuple(inputs), tuple(outputs)), self.num_vehicles
         zeros = [BasicVector_[float](np.zeros(rows)).value() for rows in inputs]

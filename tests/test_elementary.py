@@ -54,7 +54,11 @@ def test_wrapped_angles(angle):
 
 def test_masks():
     assert elementary.where(True, 1.0, 2.0) == 1.0
-    np.testing.assert_array_equal(elementary.where(np.array([True, False]), 1.0, 2.0), [1.0, 2.0])
+    mask = np.array([True, False])
+    np.testing.assert_array_equal(elementary.where(mask, 1.0, 2.0), [1.0, 2.0])
+    # Several rows, numbers for all vehicles among them.
+    rows = elementary.where(mask, (1.0, 2.0, 3.0), (np.array([4.0, 5.0]), 6.0, np.array([7.0, 8.0])))
+    np.testing.assert_array_equal(rows, [[1.0, 5.0], [2.0, 6.0], [3.0, 8.0]])
 
 
 def test_a_float_outside_the_domain_is_nan_and_no_error():

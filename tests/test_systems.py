@@ -1,5 +1,7 @@
 """Every system: its port block tells the truth, and a copy is like the original."""
 
+import inspect
+import math
 import re
 
 import pytest
@@ -158,3 +160,64 @@ def test_converts_to_autodiff_with_the_same_ports_and_defaults(documented, make)
     for i in range(context.num_discrete_state_groups()):
         values = [value.value() for value in converted_context.get_discrete_state(i).CopyToVector()]
         assert values == list(context.get_discrete_state(i).CopyToVector())
+
+
+DEFAULTS = {
+    Allocation: {"rotors": (4.13e-5, 8.5e-7, 0.17, 60.0, 300.0)},
+    AttitudeController: {},
+    CommandLink: {"period": 0.02, "delay_ticks": 0, "longest_delay": None, "loss_rate": 0.0, "initial": (0.0,) * 4},
+    DrydenTurbulence: {"period": 0.01, "heading": 0.0},
+    Fans: {"period": 0.01},
+    FlightMonitor: {"period": 0.02, "limits": (math.radians(80.0), 5.0, -0.5), "window": (0.0, math.inf)},
+    FuzzyRules: {
+        "axes": ("x", "y"),
+        "antecedents": (1.2, 0.8, 0.5, *[(1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0))] * 2),
+    },
+    Gust: {"period": 0.01},
+    IntegralCorrection: {"period": 0.02},
+    IdealMotionCapture: {"period": 0.01},
+    MotionCapture: {
+        "period": 0.01,
+        "errors": (0.0, 0.0, 0.0, (0.0, 0.0, 0.0)),
+        "derivative_bandwidth": None,
+        "latency_frames": 0,
+        "longest_latency": None,
+    },
+    ProportionalDerivative: {"derivative": "tracking_error", "feed_forward": False},
+    Quadrotor: {
+        "time_step": 0.01,
+        "kinematics": "exact",
+        "parameters": (
+            *(0.68, (0.007, 0.007, 0.012), 6.5e-5, (4.13e-5,) * 4, 8.5e-7, 0.17, 9.81, 0.0, 0.0),
+            *(0.05, 60.0, 300.0, (0.0, 0.0)),
+        ),
+        "faults": None,
+        "initial_position": (0.0, 0.0, 0.0),
+        "initial_yaw": 0.0,
+    },
+    SameForAll: {"num_rows": 1},
+    TapePlayer: {},
+    ThrustVectoring: {},
+    WeightLearning: {
+        "period": 0.02,
+        "axes": ("x", "y"),
+        "num_rules": 9,
+        "slope": 1.0,
+        "law": (1.0, 1.0, 1.0),
+        "limits": (math.inf, 0.0, 0.0),
+        "initial_weight": 0.0,
+        "reset_times": (),
+    },
+}
+
+
+@pytest.mark.parametrize("system", DEFAULTS, ids=lambda system: system.__name__)
+def test_a_system_that_is_told_nothing_else_is_one_vehicle_s_at_the_periods_of_the_loop(system):
+    """The vehicle's and the wind's is 10 ms, as is that of the cameras; commands and what learns have 20 ms."""
+    parameters = inspect.signature(system.declared_by.declare).parameters.values()
+    defaults = {each.name: each.default for each in parameters if each.default is not inspect.Parameter.empty}
+    assert defaults == {"num_vehicles": 1, **DEFAULTS[system]}
+
+
+def test_every_system_s_defaults_are_known():
+    assert {documented for documented, _ in SYSTEMS if inspect.isclass(documented)} == DEFAULTS.keys()

@@ -11,7 +11,13 @@ from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 from scipy.signal import welch
 
-from drake_quad.laboratory.motion_capture import CameraErrors, IdealMotionCapture, MotionCapture, attitude_of_markers
+from drake_quad.laboratory.motion_capture import (
+    CameraErrors,
+    IdealMotionCapture,
+    MotionCapture,
+    attitude_of_markers,
+    seen_pose,
+)
 from drake_quad.laboratory.motion_capture import RotationMatrix as Rotation
 from drake_quad.laboratory.tape import Samples, connect_tapes, random_ports
 from drake_quad.randomness import Kind
@@ -167,3 +173,10 @@ def test_misaligned_markers_turn_with_the_body(attitude):
     turned = RollPitchYaw(attitude).ToRotationMatrix() @ RollPitchYaw(misalignment).ToRotationMatrix()
     found = RollPitchYaw(attitude_of_markers(attitude, Rotation.of(*misalignment))).ToRotationMatrix()
     np.testing.assert_allclose(found.matrix(), turned.matrix(), atol=1e-14)
+
+
+def test_each_row_of_the_pose_has_a_noise_of_its_own():
+    noise, deviations = (1.0, -2.0, 3.0, -4.0, 5.0, -6.0), (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
+    state = (1.0, 2.0, 3.0, 0.01, 0.02, 0.03, *[9.0] * 6)
+    found = seen_pose(state, noise, deviations, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), 0.0)
+    np.testing.assert_allclose(found, [1.1, 1.6, 3.9, -1.59, 2.52, -3.57])

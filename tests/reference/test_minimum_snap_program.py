@@ -1,3 +1,5 @@
+import logging
+
 import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
@@ -156,3 +158,25 @@ def test_what_cannot_be_kept_is_infeasible():
     double = PathProblem(points([[0.0], [1.0], [2.0]]), limits=Limits(speed=1.0))
     with pytest.raises(InfeasibleError):
         path_within(double, np.array([0.9, 0.9]))
+
+
+def test_bounds_on_a_path_that_is_given_are_refused_if_it_is_outside():
+    """From rest to rest: half-way it is in the middle, and there is nothing to choose."""
+    program = MinimumSnapProgram(PathProblem(points([[0.0, 1.0], [4.0, 3.0]])), np.array([2.0]))
+    program.bound_position(0, 0.5, 0, 1.9, 2.1)
+    program.bound_position(0, 0.5, 1, 1.9, 2.1)
+    for axis, low, high in ((0, 2.1, 3.0), (0, 1.0, 1.9), (1, 2.1, 3.0), (1, 1.0, 1.9)):
+        with pytest.raises(InfeasibleError):
+            program.bound_position(0, 0.5, axis, low, high)
+
+
+def test_drake_s_log_is_as_talkative_after_a_solution_as_before():
+    logger = logging.getLogger("drake")
+    level = logger.level
+    try:
+        logger.setLevel(logging.INFO)
+        limits = Limits(speed=0.9 * peak_norm(MinimumSnap(np.array([[0.0], [1.0], [3.0]]), np.ones(2)).path(), 1))
+        path_within(PathProblem(points([[0.0], [1.0], [3.0]]), limits=limits), np.array([1.0, 1.0]))
+        assert logger.level == logging.INFO
+    finally:
+        logger.setLevel(level)

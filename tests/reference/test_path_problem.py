@@ -34,6 +34,7 @@ def test_only_points_without_corridors_are_the_fast_path_s():
     assert PathProblem(POINTS).passes_points
     assert not PathProblem(POINTS, corridors=[None, around([0, 0, 0], [3, 3, 3])]).passes_points
     assert not PathProblem([POINTS[0], Sphere([1, 1, 1], 0.5)]).passes_points
+    assert not PathProblem([POINTS[0], Box([2, 0, 0], [2, 1, 0])]).passes_points
 
 
 @pytest.mark.parametrize(

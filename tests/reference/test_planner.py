@@ -136,6 +136,13 @@ def test_least_snap_gives_way_to_limits():
     assert MinimumSnap(SQUARE, ample.durations).cost == pytest.approx(snap_cost(ample).sum())
 
 
+@pytest.mark.parametrize("timing", [Heuristic(), Shortest()])
+def test_a_centimetre_is_flown_in_a_fraction_of_a_second(timing):
+    """At 0.7 m/s² at most, from rest to rest, in at least 2 √(0.01 / 0.7) s."""
+    duration = total(plan_path(problem(np.array([[0.0, 0.0, 0.0], [0.01, 0.0, 0.0]])), timing))
+    assert 2.0 * np.sqrt(0.01 / 0.7) < duration < 0.4
+
+
 def test_a_given_velocity_is_flown():
     derivatives = rest_at_ends(5, 3)
     derivatives[2, 0] = [-1.0, 0.5, 0.0]

@@ -56,3 +56,12 @@ def test_a_minimum_snap_circle_is_round(diagrams):
     np.testing.assert_allclose(np.hypot(x, y), 2.0, rtol=5e-3)
     np.testing.assert_allclose(z, 1.0, atol=1e-9)
     assert len(circle(radius=1.0, height=1.0, laps=3).legs) == 3
+
+
+def test_without_numbers_it_has_the_extent_of_the_paper_s_figures():
+    waypoints = figure_eight().waypoints
+    np.testing.assert_allclose(waypoints[1], [0.0, 0.0, 1.0])
+    upper, lower = waypoints[2:9], waypoints[10:17]
+    np.testing.assert_allclose(np.hypot(upper[:, 0], upper[:, 1] - 1.9), 1.4)
+    np.testing.assert_allclose(np.hypot(lower[:, 0], lower[:, 1] + 1.9), 1.4)
+    np.testing.assert_allclose([upper[:, 2], lower[:, 2]], [[2.0] * 7, [1.0] * 7])

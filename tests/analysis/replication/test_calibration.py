@@ -46,3 +46,38 @@ def test_what_cannot_be_fitted_is_said():
     stiff = FreeNumber("bandwidth of the PD (rad/s)", 1.8, 1.9, pd_gains)
     with pytest.raises(InputError, match="there is nothing to fit"):
         calibrate(HYPOTHESES["measurement"]._replace(pd=stiff), load, 2)
+
+
+def gains(k_p, k_d):
+    return [f"control.position.{name}.{axis}={gain}" for name, gain in (("k_p", k_p), ("k_d", k_d)) for axis in (0, 1)]
+
+
+@pytest.mark.parametrize(
+    ("name", "fixed", "first", "second"),
+    [
+        (
+            "measurement",
+            [],
+            (0.9, 1.6, gains(4.0, 2.8)),
+            (0.5, 2.5, ["control.position.learning.slope=2.0"]),
+        ),
+        (
+            "low_gain",
+            ["control.position.derivative=tracking_error"],
+            (0.35, 1.2, gains(4.0, 2.8)),
+            (0.03, 30.0, ["control.position.learning.slope=1.0", "control.position.learning.initial_covariance=2.0"]),
+        ),
+        (
+            "bias",
+            ["control.position.derivative=tracking_error", *gains(1.44, 1.68)],
+            (0.0, 0.005, ["vehicle.centre_of_mass=[2.0, 2.0]"]),
+            (0.03, 30.0, ["control.position.learning.slope=1.0", "control.position.learning.initial_covariance=2.0"]),
+        ),
+    ],
+)
+def test_what_a_hypothesis_fixes_and_what_it_frees(name, fixed, first, second):
+    """The limits of both numbers, and what sets them to 2."""
+    hypothesis = HYPOTHESES[name]
+    assert hypothesis.overrides == fixed
+    for number, expected in ((hypothesis.pd, first), (hypothesis.network, second)):
+        assert (number.low, number.high, number.overrides(2.0)) == expected

@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario, simulate
+from drake_quad.analysis.replication.experiment import QUICK, Sizes
 from drake_quad.analysis.replication.measures import CURVED, STRAIGHT
 from drake_quad.analysis.replication.sweeps import fly_legs, fly_settings, gain_settings, noise_settings, share_settings
 from drake_quad.flight import simulate_samples
@@ -75,3 +76,11 @@ def test_a_field_that_is_not_there_is_named():
     for path in ("vehicle.weight", "control.position.k_p.x", "control.position.k_p.7"):
         with pytest.raises(InputError, match=path):
             with_rows(scenario("no_wind_pd"), path, np.ones(2))
+
+
+def test_as_much_is_flown_as_the_report_says():
+    """Three winds with eight controllers; noise, q, slopes in three winds; two maps and the legs."""
+    assert Sizes() == (1000, 8, 60, 16, 4, 16)
+    assert Sizes().flights == 24 * 1000 + (15 + 15 + 3 * 7) * 60 + 2 * 256 * 4 + 256 * 16
+    assert QUICK == (4, 4, 4, 5, 2, 2)
+    assert QUICK.flights == 24 * 4 + (15 + 15 + 3 * 7) * 4 + 2 * 25 * 2 + 25 * 2

@@ -44,3 +44,10 @@ def test_every_vehicle_has_a_gust_of_its_own():
     assert 0.4 < middle < 0.6
     np.testing.assert_allclose(wind[:, :, at], [[middle, 0.0], [2.0 * middle, 0.0], [0.0, 0.0]], atol=1e-12)
     np.testing.assert_allclose(wind[:, :, -1], [[1.0, 1.0], [2.0, -4.0], [0.0, 0.0]], atol=1e-12)
+
+
+def test_a_gust_that_began_before_the_flight_blows_from_its_first_tick():
+    system = Gust(period=0.01, gust=GustParameters((1.0, 2.0, 3.0), -5.0, 1.0))
+    simulator = Simulator(system)
+    simulator.Initialize()
+    np.testing.assert_allclose(system.get_output_port().Eval(simulator.get_context()), [1.0, 2.0, 3.0])

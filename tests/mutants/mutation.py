@@ -1,0 +1,220 @@
+"""The mutants of a Python text: each is the text with one small change that a test should notice.
+
+They are made for formulas: beside the usual ones, an addend or a factor is left out, a clamp is taken away, a sine
+stands for a cosine, and neighbours change places (arguments, elements of a tuple, names that one is unpacked into).
+
+Left out is what a test cannot notice or cannot but notice: texts, messages, annotations, decorators, imports, lists of
+names; `<` for `<=` between numbers that are not whole; arguments by keyword that are left out, as most must be given.
+"""
+
+import ast
+from collections.abc import Iterator
+from itertools import pairwise
+from typing import NamedTuple
+
+
+class Mutant(NamedTuple):
+    """A text with one change.
+
+    Attributes:
+        line: where the change begins, from 1 on.
+        lines: of the statement around it, without what is indented below.
+        declared: whether this runs when the module is imported.
+        kind: what is done.
+        before: the lines that change, in one.
+        after: the same, changed.
+        place: the first byte that is replaced, and the one after the last.
+        code: what stands there instead.
+    """
+
+    line: int
+    lines: range
+    declared: bool
+    kind: str
+    before: str
+    after: str
+    place: tuple[int, int]
+    code: str
+
+    def applied(self, text: str) -> str:
+        """The text, changed."""
+        begin, end = self.place
+        return (text.encode()[:begin] + self.code.encode() + text.encode()[end:]).decode()
+
+
+_ARITHMETIC = {
+    ast.Add: ast.Sub, ast.Sub: ast.Add, ast.Mult: ast.Div, ast.Div: ast.Mult,
+    ast.Pow: ast.Mult, ast.FloorDiv: ast.Mult, ast.Mod: ast.Mult,
+}  # fmt: skip
+_OPPOSITES = {
+    ast.Lt: ast.GtE, ast.GtE: ast.Lt, ast.Gt: ast.LtE, ast.LtE: ast.Gt, ast.Eq: ast.NotEq, ast.NotEq: ast.Eq,
+    ast.Is: ast.IsNot, ast.IsNot: ast.Is, ast.In: ast.NotIn, ast.NotIn: ast.In,
+}  # fmt: skip
+_BOUNDARIES = {ast.Lt: ast.LtE, ast.LtE: ast.Lt, ast.Gt: ast.GtE, ast.GtE: ast.Gt}
+_COUNTERPARTS = {
+    name: other
+    for pair in ("sin cos", "minimum maximum", "min max", "argmin argmax", "any all", "floor ceil", "zeros ones")
+    for name, other in (pair.split(), pair.split()[::-1])
+}
+# Functions for which one of their arguments can stand.
+_CLAMPS = {"minimum", "maximum", "min", "max"}
+_TRANSFORMS = {"abs", "sqrt", "wrapped", "floor", "ceil", "round", "rint", "clip", "sorted", "cumsum"}
+# Their arguments may change places.
+_SYMMETRIC = {*_CLAMPS, "isinstance", "getattr", "setattr", "cast", "partial", "TypeVar", "NewType"}
+
+_SKIPPED_FIELDS = {"annotation", "returns", "decorator_list", "bases", "type_params", "type"}
+_SKIPPED = (ast.Import, ast.ImportFrom, ast.JoinedStr, ast.Raise, ast.Assert)
+_OPEN = (ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Lambda)
+_TIGHT = (*_OPEN, ast.Attribute, ast.Subscript, ast.Starred)
+
+
+def mutants_of(text: str) -> list[Mutant]:
+    """All mutants of a Python text."""
+    whole, starts, found = text.encode(), [0], []
+    for line in whole.splitlines(keepends=True):
+        starts.append(starts[-1] + len(line))
+    for node, parent, lines, declared in _visited(ast.parse(text)):
+        for kind, new in _changes(node, parent):
+            first, last = starts[node.lineno - 1], starts[node.end_lineno]
+            begin, end = first + node.col_offset, starts[node.end_lineno - 1] + node.end_col_offset
+            code = ast.unparse(new)
+            enclosed = (whole[begin - 1 : begin], whole[end : end + 1]) == (b"(", b")")
+            if isinstance(new, _OPEN) and isinstance(parent, _TIGHT) and not enclosed:
+                code = f"({code})"
+            if isinstance(new, ast.Tuple) and isinstance(parent, ast.Subscript):
+                code = code[1:-1]
+            before = _in_one_line(whole[first:last])
+            after = _in_one_line(whole[first:begin] + code.encode() + whole[end:last])
+            if after != before:
+                found.append(Mutant(node.lineno, lines, declared, kind, before, after, (begin, end), code))
+    return found
+
+
+def _in_one_line(text: bytes) -> str:
+    return " ".join(text.decode().split())
+
+
+def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool]]:
+    """Each node that may change, what it is in, the lines of the statement around it, and if an import runs it."""
+    pending: list[tuple[ast.AST, ast.AST, range, bool]] = [(node, module, range(0), True) for node in module.body]
+    while pending:
+        node, parent, lines, declared = pending.pop()
+        if isinstance(node, ast.stmt):
+            body = [case.pattern for case in node.cases] if isinstance(node, ast.Match) else getattr(node, "body", None)
+            lines = range(node.lineno, body[0].lineno if body else node.end_lineno + 1)
+            lines = lines or range(node.lineno, node.lineno + 1)
+        if _is_declaration_of_names(node):
+            continue
+        yield node, parent, lines, declared
+        if isinstance(node, _SKIPPED):
+            continue
+        for field, value in ast.iter_fields(node):
+            if field in _SKIPPED_FIELDS or (isinstance(node, ast.ClassDef) and field == "keywords"):
+                continue
+            inside = declared and not (isinstance(node, ast.FunctionDef) and field == "body")
+            for child in value if isinstance(value, list) else [value]:
+                if isinstance(child, ast.AST):
+                    pending.append((child, node, lines, inside))
+
+
+def _is_declaration_of_names(node: ast.AST) -> bool:
+    """Is it `__all__`, a block for type checkers, or another name for a type?"""
+    if isinstance(node, ast.If):
+        return isinstance(node.test, ast.Name) and node.test.id == "TYPE_CHECKING"
+    if not isinstance(node, ast.Assign) or not isinstance(node.targets[0], ast.Name):
+        return False
+    value = node.value
+    return node.targets[0].id == "__all__" or (
+        isinstance(value, ast.Subscript)
+        and isinstance(value.value, ast.Name)
+        and value.value.id in ("Callable", "tuple")
+    )
+
+
+def _changes(node: ast.AST, parent: ast.AST) -> Iterator[tuple[str, ast.AST]]:
+    """What a node may change into, and the kind of each change."""
+    if getattr(parent, "test", None) is node and not isinstance(node, ast.Compare | ast.BoolOp):
+        yield "condition", ast.UnaryOp(ast.Not(), node)
+    match node:
+        case ast.BinOp(left, operator, right) if type(operator) in _ARITHMETIC:
+            yield "operator", ast.BinOp(left, _ARITHMETIC[type(operator)](), right)
+            yield "operand", left
+            yield "operand", right
+        case ast.AugAssign(target, operator, value):
+            if type(operator) in _ARITHMETIC:
+                yield "operator", ast.AugAssign(target, _ARITHMETIC[type(operator)](), value)
+            yield "statement", ast.Pass()
+        case ast.UnaryOp(ast.USub(), operand):
+            yield "sign", operand
+        case ast.Compare(left, [operator], [right]):
+            yield "condition", ast.Compare(left, [_OPPOSITES[type(operator)]()], [right])
+            if type(operator) in _BOUNDARIES and (_is_whole(left) or _is_whole(right)):
+                yield "boundary", ast.Compare(left, [_BOUNDARIES[type(operator)]()], [right])
+        case ast.Compare(left, [first, *others], rights):
+            yield "condition", ast.Compare(left, [_OPPOSITES[type(first)](), *others], rights)
+        case ast.BoolOp(operator, values):
+            yield "condition", ast.BoolOp(ast.Or() if isinstance(operator, ast.And) else ast.And(), values)
+        case ast.Constant(bool() as value):
+            yield "number", ast.Constant(not value)
+        case ast.Constant(int() | float() as value):
+            yield "number", ast.Constant(value + 1 if value + 1 != value else 2 * value)
+        case ast.IfExp(_, body, otherwise):
+            yield "condition", body
+            yield "condition", otherwise
+        case ast.Call(function, arguments, keywords):
+            yield from _changes_of_call(node, function, arguments, keywords)
+        case ast.Tuple(elements) | ast.List(elements) if not _is_a_choice(parent):
+            for swapped in _swapped(elements):
+                yield "order", type(node)(swapped, node.ctx)
+        case ast.Raise() | ast.Continue() | ast.Break() | ast.Expr(ast.Call()):
+            yield "statement", ast.Pass()
+        case ast.Assign([ast.Attribute() | ast.Subscript()], _):
+            yield "statement", ast.Pass()
+
+
+def _changes_of_call(
+    node: ast.Call, function: ast.expr, arguments: list[ast.expr], keywords: list[ast.keyword]
+) -> Iterator[tuple[str, ast.AST]]:
+    name = function.id if isinstance(function, ast.Name) else getattr(function, "attr", "")
+    if name in _COUNTERPARTS:
+        other = _COUNTERPARTS[name]
+        new = ast.Name(other) if isinstance(function, ast.Name) else ast.Attribute(function.value, other)
+        yield "function", ast.Call(new, arguments, keywords)
+    if name in _CLAMPS and len(arguments) > 1:
+        yield from (("function", argument) for argument in arguments)
+    if name in _TRANSFORMS and arguments:
+        yield "function", arguments[0]
+    if name == "where" and len(arguments) == 3:
+        yield from (("condition", argument) for argument in arguments[1:])
+    if name in _SYMMETRIC:
+        return
+    for swapped in _swapped(arguments):
+        yield "order", ast.Call(function, swapped, keywords)
+    for values in _swapped([keyword.value for keyword in keywords]):
+        exchanged = [ast.keyword(keyword.arg, value) for keyword, value in zip(keywords, values, strict=True)]
+        yield "order", ast.Call(function, arguments, exchanged)
+
+
+def _swapped(nodes: list[ast.expr]) -> Iterator[list[ast.expr]]:
+    """The same with two neighbours of one sort that have changed places."""
+    for i, (first, second) in enumerate(pairwise(nodes)):
+        if type(first) is type(second) and ast.dump(first) != ast.dump(second) and not _is_text(first):
+            yield [*nodes[:i], second, first, *nodes[i + 2 :]]
+
+
+def _is_a_choice(parent: ast.AST) -> bool:
+    """Does what stands in it have no order: to be one of these, or of one of these types?"""
+    return isinstance(parent, ast.Compare) or (
+        isinstance(parent, ast.Call) and isinstance(parent.func, ast.Name) and parent.func.id in _SYMMETRIC
+    )
+
+
+def _is_text(node: ast.expr) -> bool:
+    return isinstance(node, ast.JoinedStr) or (isinstance(node, ast.Constant) and isinstance(node.value, str))
+
+
+def _is_whole(node: ast.expr) -> bool:
+    """Is it a whole number as far as can be seen?"""
+    if isinstance(node, ast.Call):
+        return isinstance(node.func, ast.Name) and node.func.id == "len"
+    return isinstance(node, ast.Constant) and isinstance(node.value, int)

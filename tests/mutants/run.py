@@ -1,0 +1,175 @@
+"""Changes the sources in one place at a time and tells which changes no test notices: `make mutants`.
+
+First every test runs once, formulas interpreted, and it is noted which lines it runs and how long it takes. Then, for
+each mutant, the tests that run its line run until one fails: those of the file of its name first, then the quickest.
+A mutant has its own process, forked from one that has imported everything but this project; its machine code is not
+made: what comes from the changed file stays Python. A test that takes ten times as long as before has failed.
+
+A mutant that survives is either in `survivors.yaml`, with the reason why it may, or a hole in the tests. The exit
+status is 1 if the holes are more than 5 % of the mutants.
+"""
+
+import argparse
+import csv
+import difflib
+import hashlib
+import json
+import os
+import random
+import sys
+from collections import defaultdict
+from pathlib import Path
+
+from mutation import Mutant, mutants_of
+from ruamel.yaml import YAML
+from testing import ROOT, Outcome, Test, forked, kill, note, prepare
+from tqdm import tqdm
+
+OUTPUT = ROOT / "out" / "mutants"
+PACKAGES = ("vehicle", "control", "laboratory", "reference", "analysis")
+# What writes reports is looked at, not computed with.
+LEFT_OUT = {"analysis/replication/report.py", "analysis/replication/assumptions.py"}
+# Tests whose work is done by other processes, which see no mutant, and those of pages and of the compiler.
+WITHOUT = tuple(
+    f"tests/{name}"
+    for name in (
+        "test_docs.py",
+        "test_compiled.py",
+        "analysis/monte_carlo/test_cluster.py",
+        "visualization/",
+        "mutants/",
+    )
+)
+# Seconds of tests, by the processor's time, that a mutant is worth.
+WORTH = 20.0
+MOST_HOLES = 0.05
+
+
+def main() -> int:
+    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
+    parser.add_argument("--number", default="500", help="of mutants, drawn evenly over the lines; or all")
+    parser.add_argument("--seed", type=int, default=0, help="of the draw")
+    parser.add_argument("--processes", type=int, default=os.cpu_count())
+    parser.add_argument("--only", default="", help="mutants of the files whose path begins so, from drake_quad/ on")
+    arguments = parser.parse_args()
+    prepare()
+    tests = noted_tests(arguments.processes)
+    mutants = drawn(arguments.number, arguments.seed, arguments.only)
+    jobs = [(kill, file, mutant, worth_running(tests, file, mutant)) for file, mutant in mutants]
+    results = []
+    for place, outcome in forked(jobs, arguments.processes, "mutants"):
+        results.append((*mutants[place], outcome))
+        if outcome.killer is None:
+            tqdm.write(f"survived: {difference(*mutants[place])}", file=sys.stderr, end="")
+    return report(sorted(results, key=lambda result: (result[0], result[1].line)))
+
+
+def drawn(number: str, seed: int, only: str) -> list[tuple[str, Mutant]]:
+    """So many mutants: one of each line, lines in disorder, then another one of each."""
+    generator, by_line = random.Random(seed), defaultdict(list)
+    for package in PACKAGES:
+        for path in sorted(Path("drake_quad", package).rglob("*.py")):
+            if str(path).startswith(only) and str(path.relative_to("drake_quad")) not in LEFT_OUT:
+                for mutant in mutants_of(path.read_text()):
+                    by_line[str(path), mutant.line].append((str(path), mutant))
+    lines = [generator.sample(mutants, len(mutants)) for _, mutants in sorted(by_line.items())]
+    generator.shuffle(lines)
+    rounds = range(max(map(len, lines)))
+    in_order = [mutants[place] for place in rounds for mutants in lines if place < len(mutants)]
+    return in_order if number == "all" else in_order[: int(number)]
+
+
+def worth_running(tests: dict[str, Test], file: str, mutant: Mutant) -> dict[str, float]:
+    """Tests that may kill a mutant, in order, and how long each one took, in s.
+
+    What another test of a file has left, as a fixture of the module does, is not seen in lines: the other tests of such
+    a file come last. What is declared is run by none: tests that run any line of the file, or those of the package.
+    """
+    package = file.split("/")[1]
+    mirrored = f"tests/{Path(file).parent.relative_to('drake_quad')}/test_{Path(file).name}"
+
+    def runs(name: str, test: Test) -> bool:
+        lines = test.lines.get(file, [])
+        return bool(lines) if mutant.declared else any(line in mutant.lines for line in lines)
+
+    files = {name.split("::")[0] for name, test in tests.items() if runs(name, test)}
+    if mutant.declared:
+        files |= {name.split("::")[0] for name in tests if name.startswith(f"tests/{package}/")}
+
+    def rank(item: tuple[str, Test]) -> tuple[bool, bool, float]:
+        name, test = item
+        return not (mutant.declared or runs(name, test)), not name.startswith(mirrored), test.seconds
+
+    chosen, total = {}, 0.0
+    for name, test in sorted(tests.items(), key=rank):
+        if name.split("::")[0] in files and total + test.seconds <= WORTH:
+            chosen[name] = test.seconds
+            total += test.seconds
+    return chosen
+
+
+def noted_tests(processes: int) -> dict[str, Test]:
+    """What is noted of each test that passes with formulas interpreted; kept for as long as no source changes."""
+    kept = OUTPUT / "tests.json"
+    known = json.loads(kept.read_text()) if kept.exists() else {}
+    paths = sorted(
+        path for folder in ("drake_quad", "scripts", "diagrams", "tests") for path in Path(folder).rglob("*.*")
+    )
+    files = [str(path) for path in paths if path.match("test_*.py") and not str(path).startswith(WITHOUT)]
+    others = [path for path in paths if path.suffix in (".py", ".yaml", ".csv") and not path.match("test_*.py")]
+    sources = b"".join(path.read_bytes() for path in others if path.parent.name != "mutants")
+    digests = {file: hashlib.sha256(sources + Path(file).read_bytes()).hexdigest() for file in files}
+    new = [file for file in files if known.get(file, {}).get("digest") != digests[file]]
+    known = {file: known[file] for file in files if file not in new}
+    interpreted = [str(ROOT / "drake_quad" / package) for package in PACKAGES]
+    for place, result in forked([(note, file, interpreted) for file in new], processes, "test files"):
+        if isinstance(result, Outcome):
+            raise RuntimeError(f"{result.killer} does not end")
+        noted, failed = result
+        for name in dict.fromkeys(failed):
+            print(f"left out, as it fails where formulas are interpreted: {name}", file=sys.stderr)
+        passing = {name: test for name, test in noted.items() if name not in failed}
+        known[new[place]] = {"digest": digests[new[place]], "tests": passing}
+        kept.write_text(json.dumps(known))
+    return {name: Test(*test) for file in known.values() for name, test in file["tests"].items()}
+
+
+def report(results: list[tuple[str, Mutant, Outcome]]) -> int:
+    """Writes and prints what became of the mutants; returns the exit status."""
+    listed = {
+        (entry["file"], entry["before"], after): entry["reason"]
+        for entry in YAML(typ="safe").load(Path(__file__).with_name("survivors.yaml")) or []
+        for after in entry["after"]
+    }
+    survived = [(file, mutant) for file, mutant, outcome in results if outcome.killer is None]
+    holes = [(file, mutant) for file, mutant in survived if (file, mutant.before, mutant.after) not in listed]
+    with (OUTPUT / "mutants.csv").open("w", newline="") as table:
+        writer = csv.writer(table)
+        writer.writerow(["file", "line", "kind", "before", "after", "killer", "tests"])
+        for file, mutant, outcome in results:
+            row = [file, mutant.line, mutant.kind, mutant.before, mutant.after]
+            writer.writerow([*row, outcome.killer or "", outcome.num_tests])
+    with (OUTPUT / "survivors.txt").open("w") as table:
+        for file, mutant in survived:
+            reason = listed.get((file, mutant.before, mutant.after), "not listed")
+            table.write(f"{difference(file, mutant)}    {reason}\n\n")
+    print(f"{'':12}{'mutants':>9}{'killed':>9}{'survived':>10}{'listed':>8}{'killed':>9}")
+    for package in (*PACKAGES, ""):
+        start = f"drake_quad/{package}"
+        count = sum(file.startswith(start) for file, _, _ in results)
+        alive, unlisted = (sum(file.startswith(start) for file, _ in found) for found in (survived, holes))
+        share = f"{(count - alive) / count:9.1%}" if count else f"{'':9}"
+        print(f"{package or 'all':12}{count:9}{count - alive:9}{alive:10}{alive - unlisted:8}{share}")
+    print(f"wrote\n  {OUTPUT / 'mutants.csv'}\n  {OUTPUT / 'survivors.txt'}")
+    return int(len(holes) > MOST_HOLES * len(results))
+
+
+def difference(file: str, mutant: Mutant) -> str:
+    """Where a mutant is, and the lines that it changes, as they were and as they are."""
+    text = Path(file).read_text()
+    changes = difflib.unified_diff(text.splitlines(), mutant.applied(text).splitlines(), n=0, lineterm="")
+    return f"{file}:{mutant.line} ({mutant.kind})\n" + "".join(f"    {line}\n" for line in list(changes)[3:])
+
+
+if __name__ == "__main__":
+    sys.exit(main())

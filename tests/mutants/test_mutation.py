@@ -1,0 +1,55 @@
+import ast
+
+import pytest
+from mutation import mutants_of
+
+
+def changes(line, before=""):
+    """What one line may change into."""
+    text = f"{before}{line}\n"
+    found = [mutant for mutant in mutants_of(text) if mutant.line == text.count("\n")]
+    assert all(mutant.before == line.strip() for mutant in found)
+    return {mutant.after for mutant in found}
+
+
+@pytest.mark.parametrize(
+    ("line", "expected"),
+    [
+        ("r = a - b", {"r = a + b", "r = a", "r = b"}),
+        ("r = (a + b) * c", {"r = (a - b) * c", "r = (a) * c", "r = (b) * c", "r = (a + b) / c", "r = a + b", "r = c"}),
+        ("r = minimum(a, 2.0)", {"r = maximum(a, 2.0)", "r = a", "r = 2.0", "r = minimum(a, 3.0)"}),
+        ("s, c = sin_cos(x)", {"(c, s) = sin_cos(x)"}),
+        ("c = cos(x)", {"c = sin(x)"}),
+        ("x[1] += y", {"x[1] -= y", "x[2] += y", "pass"}),
+        ("x = -y", {"x = y"}),
+        ("x = table[:, first:last]", {"x = table[first:last, :]"}),
+        ("a = x < limit", {"a = x >= limit"}),
+        ("a = len(x) < limit", {"a = len(x) >= limit", "a = len(x) <= limit"}),
+        ("a = x if flag else y", {"a = x if (not flag) else y", "a = x", "a = y"}),
+        ("f(a, b, k=c, l=d)", {"f(b, a, k=c, l=d)", "f(a, b, k=d, l=c)", "pass"}),
+        ("raise InputError(f'{1 + x} is too much', 3)", {"pass"}),
+        ("flag: bool = True", {"flag: bool = False"}),
+    ],
+)
+def test_what_a_line_may_change_into(line, expected):
+    assert changes(line) == expected
+
+
+@pytest.mark.parametrize(
+    "line", ["from x import y", "__all__ = ['a', 'b']", "Step = Callable[[Row, Rows], tuple[Row, Row]]", "'a text'"]
+)
+def test_what_no_test_can_notice_stays(line):
+    assert changes(line) == set()
+
+
+def test_one_place_changes_and_the_text_stays_python():
+    text = (
+        "@cached(1)\ndef f(x: Annotated[int, 2], y=3):\n    'Doc.'  # ω\n    while x:\n        x = (x - 'ä'.find(y))\n"
+    )
+    mutants = mutants_of(text)
+    assert {(mutant.line, mutant.declared) for mutant in mutants} == {(2, True), (4, False), (5, False)}
+    for mutant in mutants:
+        ast.parse(mutant.applied(text))
+        changed = [line for line, old in zip(mutant.applied(text).splitlines(), text.splitlines()) if line != old]
+        assert [" ".join(line.split()) for line in changed] == [mutant.after]
+        assert mutant.line in mutant.lines
