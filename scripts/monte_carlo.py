@@ -8,7 +8,6 @@ from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 from command_line import (
     add_vector,
     controlled_scenarios,
@@ -19,6 +18,8 @@ from command_line import (
     run,
     study_progress,
 )
+
+import numpy as np
 
 from drake_quad import Scenario
 from drake_quad.analysis.monte_carlo import Study, run_monte_carlo
