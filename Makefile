@@ -1,5 +1,6 @@
 # make fly   sets up a virtual environment and flies the figure eight
 # make test  sets it up and runs the tests
+# make fuzz  reads and flies ten thousand mutated scenarios
 # make paper  flies the paper's experiment again and writes a report
 # make lint  checks style and types
 # make benchmark  measures speed
@@ -13,13 +14,16 @@ PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --co
 DRAWN = figure_eight.yaml hover.yaml slalom.yaml laboratory.yaml:low_wind outdoor.yaml robustness.yaml \
 	paper.yaml:low_wind_pd_t2fnn
 
-.PHONY: fly test paper lint benchmark figures
+.PHONY: fly test fuzz paper lint benchmark figures
 
 fly: $(VENV)/.installed
 	$(VENV)/bin/python scripts/simulate.py diagrams/figure_eight.yaml
 
 test: $(VENV)/.installed-test
 	$(VENV)/bin/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile
+
+fuzz: $(VENV)/.installed-test
+	FUZZ_CASES=10000 $(VENV)/bin/python -m pytest tests/scenario/test_fuzz.py
 
 paper: $(VENV)/.installed
 	$(VENV)/bin/python scripts/reproduce_paper.py

@@ -36,7 +36,7 @@ def shown(value: Any) -> str:
     return shortened(repr(value))
 
 
-def listed(names: list[str], most: int = 10) -> str:
+def listed(names: list[str], most: int = 8) -> str:
     """Names as part of a sentence, the first of them if there are many."""
     more = len(names) - most
     return ", ".join([shortened(name) for name in names[:most]] + ([f"and {more} more"] if more > 0 else []))

@@ -9,6 +9,7 @@ from ruamel.yaml.composer import Composer
 from ruamel.yaml.error import MarkedYAMLError, YAMLError
 from ruamel.yaml.events import ScalarEvent
 from ruamel.yaml.nodes import MappingNode, ScalarNode, SequenceNode
+from ruamel.yaml.reader import ReaderError
 
 from drake_quad.errors import InputError, shortened, shown
 from drake_quad.scenario.limits import MOST_CHARACTERS, MOST_LEVELS, MOST_NODES
@@ -41,9 +42,12 @@ def parse_document(text: str, source: str, *, numbered: bool = True, most: int =
         place = error.problem_mark or error.context_mark
         mark = Mark(source, place.line + 1 if numbered and place else 0)
         raise InputError(f"{mark}: is not YAML: {shortened(str(error.problem or error.context), 100)}") from None
+    except ReaderError as error:
+        mark = Mark(source, text.count("\n", 0, error.position) + 1 if numbered else 0)
+        raise InputError(f"{mark}: is not YAML: it holds {shown(text[error.position])}, which is no text") from None
+    except InputError:
+        raise
     except (YAMLError, ValueError) as error:
-        if isinstance(error, InputError):
-            raise
         raise InputError(f"{Mark(source, 0)}: is not YAML: {shortened(str(error).splitlines()[0], 100)}") from None
 
 

@@ -16,8 +16,8 @@ from drake_quad.scenario.models import Journey, Scenario
 from drake_quad.scenario.trees import Mark, Tree
 
 _TAGS = ("number", *DISTRIBUTIONS)
-# Characters of the path of a field that a message shows; the longest of the language has seventy.
-_MOST_OF_A_PATH = 100
+# Characters of an override, or of the path of a field, that a message shows; the longest path has seventy.
+_MOST_OF_A_PATH = 80
 _Loaded = TypeVar("_Loaded", bound=Journey)
 
 
@@ -71,7 +71,9 @@ def load_journey(spec: str | Path, overrides: Overrides = ()) -> Journey:
         field = assignment.partition("=")[0].partition(".")[0].strip()
         if field in others:
             allowed = ", ".join(Journey.model_fields)
-            raise InputError(f"{Mark(source, 0)}: a plan does not depend on {field}, only on {allowed}")
+            raise InputError(
+                f"{shortened(source, _MOST_OF_A_PATH)}: a plan does not depend on {field}, only on {allowed}"
+            )
     tree = _loaded(spec, overrides)
     return _validated(Journey, Tree({key: value for key, value in tree.value.items() if key not in others}, tree.mark))
 
@@ -82,7 +84,8 @@ def _loaded(spec: str | Path, overrides: Overrides, layers: Sequence[str | Path]
     for layer in layers:
         tree = merged(tree, library.find(layer)[1])
     for override in map(Override.of, overrides):
-        tree = merged(tree, _within_lists(tree, _parsed(override, library)))
+        # What is missing is missing in the file.
+        tree = merged(tree, _within_lists(tree, _parsed(override, library)))._replace(mark=tree.mark)
     if "name" not in tree.value:
         tree = Tree({"name": Tree(name, tree.mark), **tree.value}, tree.mark)
     return tree
@@ -113,14 +116,15 @@ def _distributions(value: Any, path: str) -> Iterator[str]:
 
 
 def _parsed(override: Override, library: Library) -> Tree:
-    mark = Mark(override.source, 0)
+    source = shortened(override.source, _MOST_OF_A_PATH)
+    mark = Mark(source, 0)
     path, equals, text = override.assignment.partition("=")
     keys = path.strip().split(".")
     if not equals or not all(keys) or not text.strip():
         raise InputError(f"{mark}: must be field.path=value, for example vehicle.mass=0.7")
     if len(keys) > MOST_LEVELS:
         raise InputError(f"{mark}: is nested too deep: a scenario may have {MOST_LEVELS} levels")
-    tree = library.parse(text, override.source, numbered=False)
+    tree = library.parse(text, source, numbered=False)
     for key in reversed(keys):
         tree = Tree({key: tree}, mark)
     return tree
