@@ -9,11 +9,13 @@ from contextlib import contextmanager
 from pathlib import Path
 from typing import get_args
 
+from interruption import SENTENCE, raise_interruptions
+
 from tqdm import tqdm
 
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.compiled import telling_of_compilation
-from drake_quad.scenario import Journey, load_journey
+from drake_quad.scenario import Journey, Override, load_journey
 from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector
 
@@ -65,10 +67,20 @@ def add_vector(options: argparse.ArgumentParser) -> None:
     options.add_argument("--vector", choices=get_args(Vector), help="write each figure also as a vector drawing")
 
 
-def scenario_of(arguments: argparse.Namespace) -> Scenario:
-    """Loads the scenario that the arguments name, with their overrides."""
-    seed = [] if arguments.seed is None else [f"seed={arguments.seed}"]
-    return load_scenario(arguments.scenario, [*arguments.set, *seed])
+def overrides_of(assignments: Iterable[str], option: str = "--set") -> list[Override]:
+    """The overrides that an option of the command line gives."""
+    return [Override(assignment, f"{option} {assignment}") for assignment in assignments]
+
+
+def all_overrides_of(arguments: argparse.Namespace) -> list[Override]:
+    """The overrides that the arguments --set and --seed give."""
+    seed = [] if arguments.seed is None else [Override(f"seed={arguments.seed}", f"--seed {arguments.seed}")]
+    return [*overrides_of(arguments.set), *seed]
+
+
+def scenario_of(arguments: argparse.Namespace, *, further: Sequence[Override] = ()) -> Scenario:
+    """Loads the scenario that the arguments name, with their overrides and further ones."""
+    return load_scenario(arguments.scenario, [*all_overrides_of(arguments), *further])
 
 
 def controlled_scenarios(arguments: argparse.Namespace) -> dict[str, Scenario]:
@@ -76,7 +88,7 @@ def controlled_scenarios(arguments: argparse.Namespace) -> dict[str, Scenario]:
     if not arguments.controller:
         scenario = scenario_of(arguments)
         return {scenario.name: scenario}
-    overrides = [*arguments.set, *([] if arguments.seed is None else [f"seed={arguments.seed}"])]
+    overrides = all_overrides_of(arguments)
     found: dict[str, Scenario] = {}
     for controller in arguments.controller:
         name = Path(controller.rpartition(":")[2]).stem
@@ -90,7 +102,7 @@ def controlled_scenarios(arguments: argparse.Namespace) -> dict[str, Scenario]:
 
 def journey_of(arguments: argparse.Namespace) -> Journey:
     """Loads the route and the nominal vehicle that the arguments name, with their overrides."""
-    return load_journey(arguments.scenario, arguments.set)
+    return load_journey(arguments.scenario, overrides_of(arguments.set))
 
 
 @contextmanager
@@ -163,6 +175,7 @@ COMPILING = "compiling what is flown for the first time on this machine: up to h
 
 def run(main: Callable[[], None]) -> None:
     """Runs a script: 0 done, 1 the computation failed, 2 the input was wrong, each with one sentence."""
+    raise_interruptions()
     try:
         with telling_of_compilation(lambda: print(COMPILING, file=sys.stderr)):
             main()
@@ -176,5 +189,5 @@ def run(main: Callable[[], None]) -> None:
         print(f"failed: {error}", file=sys.stderr)
         sys.exit(1)
     except KeyboardInterrupt as interruption:
-        print(str(interruption) or "interrupted: nothing was written", file=sys.stderr)
+        print(str(interruption) or SENTENCE, file=sys.stderr)
         sys.exit(1)

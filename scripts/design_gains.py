@@ -7,6 +7,7 @@ import sys
 from pathlib import Path
 
 from command_line import add_vector, folder_of, parser, print_columns, print_files, run, scenario_of
+
 from ruamel.yaml import YAML
 
 from drake_quad import InputError

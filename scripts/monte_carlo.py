@@ -7,7 +7,6 @@ from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 from command_line import (
     add_vector,
     controlled_scenarios,
@@ -19,6 +18,8 @@ from command_line import (
     run,
     study_progress,
 )
+
+import numpy as np
 
 from drake_quad import InputError, Scenario
 from drake_quad.analysis.monte_carlo import Study, run_monte_carlo

@@ -2,8 +2,9 @@
 
 import itertools
 
-import numpy as np
 from command_line import add_vector, folder_of, journey_of, parser, print_files, print_table, run
+
+import numpy as np
 
 from drake_quad.files import output_folder
 from drake_quad.planning import nominal_parameters, plan_demand, plan_route

@@ -4,8 +4,9 @@ import csv
 import math
 from pathlib import Path
 
-import numpy as np
 from command_line import add_vector, folder_of, parser, print_columns, print_files, run, scenario_of
+
+import numpy as np
 
 from drake_quad.analysis.sensitivity import DIFFERENTIABLE, Sensitivities, flight_sensitivities
 from drake_quad.files import output_folder, write_whole

@@ -6,6 +6,7 @@ import time
 from collections.abc import Callable
 
 from command_line import add_vector, flight_progress, folder_of, parser, print_files, print_table, run, scenario_of
+
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 

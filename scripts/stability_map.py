@@ -5,8 +5,9 @@ import csv
 import math
 from pathlib import Path
 
+from command_line import add_vector, folder_of, overrides_of, parser, print_files, run, scenario_of
+
 import numpy as np
-from command_line import add_vector, folder_of, parser, print_files, run, scenario_of
 
 from drake_quad import InputError, Scenario
 from drake_quad.analysis.gain_design import PdGains
@@ -84,11 +85,7 @@ def _worst_case(arguments: argparse.Namespace, worst: list[str]) -> Scenario:
             raise InputError(
                 f"--worst {field}: must be a field of vehicle or laboratory; the rest is not a matter of luck"
             )
-    arguments.set = [*arguments.set, *worst]
-    try:
-        return scenario_of(arguments)
-    except InputError as error:
-        raise InputError(str(error).replace("--set", "--worst")) from None
+    return scenario_of(arguments, further=overrides_of(worst, "--worst"))
 
 
 def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray) -> MapPanel:

@@ -14,7 +14,9 @@ import pytest
 from drake_quad import load_scenario
 
 ROOT = Path(__file__).parent.parent
-SCRIPTS = sorted(path for path in (ROOT / "scripts").glob("*.py") if path.name != "command_line.py")
+SCRIPTS = sorted(
+    path for path in (ROOT / "scripts").glob("*.py") if path.name not in ("command_line.py", "interruption.py")
+)
 
 
 class Result(NamedTuple):

@@ -97,7 +97,7 @@ def test_overrides_win_and_are_named(write):
     text = f"a:\n{BODY}"
     assert load_scenario(write(text), ["vehicle.mass=0.9"]).vehicle.mass == 0.9
     assert refusal(write, text, "vehicle.mass=-1") == (
-        "--set vehicle.mass=-1: vehicle.mass is -1, but must be larger than 0"
+        "override vehicle.mass=-1: vehicle.mass is -1, but must be larger than 0"
     )
     assert "must be field.path=value" in refusal(write, text, "vehicle.mass")
 
@@ -123,7 +123,7 @@ def test_overrides_win_and_are_named(write):
         ("  vehicle: {mass: {uniform: {min: -1, max: 1}}}", "6: vehicle.mass is .*, but must be larger than 0"),
         ("  vehicle: {mass: {normal: {mean: 1, standard_deviation: 1}}}", "6: vehicle.mass is .* larger than 0"),
         ("  vehicle: {mass: {gauss: 1}}", "6: vehicle.mass is .*, but must be a number or one of the distributions"),
-        ("  duration: 0", "6: duration is 0, but must be greater than 0"),
+        ("  duration: 0", "6: duration is 0, but must be greater than or equal to 0.0001"),
         ("  seed: -1", "6: seed is -1, but must be greater than or equal to 0"),
         ("  seed: 1.5", "6: seed is 1.5, but must be a valid integer"),
         (
@@ -257,7 +257,10 @@ def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehi
             "2: route.kind is 'oval', but must be one of 'figure_eight', 'circle', 'hover', 'waypoints'",
         ),
         ("{radius: 1}", "2: route.kind is missing"),
-        ("{kind: figure_eight, radius: 3.0}", "2: route.offset is 1.9, but must be larger than the radius, 3.0"),
+        (
+            "{kind: figure_eight, radius: 3.0}",
+            "2: route.offset is 1.9 by default, but must be larger than the radius, 3.0",
+        ),
         ("{kind: waypoints, waypoints: [[0, 0, 0]]}", "2: route.waypoints is .* at least 2 items"),
         ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [1, 1]}", r"2: route.times is .* must increase"),
         ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [-1, 1]}", r"2: route.times is .*0 or later"),
@@ -277,7 +280,7 @@ def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehi
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: {kind: least_snap, duration: 0}}",
-            r"2: route.times.duration is 0, but must be greater than 0",
+            r"2: route.times.duration is 0, but must be greater than or equal to 0.0001",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], speed: 1}",
@@ -332,7 +335,7 @@ def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehi
         ),
         (
             "{kind: waypoints, waypoints: [{point: [0, 0, 0], yaw: 1.0}, [0, 0, 1]]}",
-            "2: route.heading must be waypoints if yaws are given",
+            "2: route.heading is 'constant' by default, but must be waypoints if yaws are given",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], {point: [1, 1, 1], velocity: [3, 0, 0]}, [0, 0, 1]]}",
@@ -367,7 +370,7 @@ def test_wrong_routes_are_explained(write, route, message):
         ("a:", "scenario a must be a mapping"),
         (f"a:\n{BODY}---\nb: 1", "is not YAML"),
         ("a: {route: {kind: hover}}", "control is missing; scripts/plan.py plans a route alone"),
-        ("[" * 10_000, "is not YAML"),
+        ("[" * 10_000, "is nested too deep: a scenario may have 40 levels"),
     ],
 )
 def test_wrong_files_are_explained(write, text, words):
