@@ -53,7 +53,7 @@ FLIGHTS = {
             "metrics.end=null",
         ],
     ),
-    "a crash": ("pid", ["crash.position_error=1.1"]),
+    "a crash": ("pid", ["crash.position_error=1.1", "control.position.k_p.2=1.5", "control.position.k_i.2=0"]),
 }
 
 
@@ -83,6 +83,8 @@ def assert_same(flight, signals, metrics):
 def test_a_flight_is_what_its_equations_make_it(flown, name):
     flight = flown(name)
     assert flight.metrics.crashed == (name == "a crash")
+    if flight.metrics.crashed:  # not without what it has sunk
+        assert np.linalg.norm(flight["reference"][-1, 0:2] - flight["state"][-1, 0:2]) < 1.1
     assert_same(flight, *fly(flight.scenario, flight.plan.reference(), flight.plan.leg_times))
 
 

@@ -70,6 +70,14 @@ def test_the_stepping_vehicle_stays_with_the_continuous_one_at_every_tick(figure
     assert np.linalg.norm(paths[0] - paths[1], axis=1).max() < 1e-6
 
 
+def test_so_it_does_in_wind_with_a_battery_that_sags_and_nothing_even(asymmetric):
+    """Without the rotor that fails: it does so in the middle of a step."""
+    overrides = ["duration=3.5", "vehicle.rotor_failure=null"]
+    stepping, continuous = (simulate(asymmetric("pid", *overrides, f"vehicle.time_step={h}")) for h in (0.01, 0.0))
+    for rows, tolerance in ((slice(0, 3), 1e-6), (slice(3, 12), 1e-4)):
+        np.testing.assert_allclose(stepping["state"][:, rows], continuous["state"][:, rows], rtol=0.0, atol=tolerance)
+
+
 def test_each_vehicle_of_a_fleet_flies_as_it_would_alone(figure_eight):
     """1e-9 m at the end of a flight, also beside a vehicle with other gains that crashes."""
     scenario = figure_eight("crash.position_error=0.5")

@@ -151,3 +151,24 @@ def test_small_steps_are_those_of_the_linear_model(laboratory):
     # A large step is not: the tilt is limited.
     response = release(loop, {"x": 40.0}, duration=4.0)
     assert np.abs(response.nonlinear - response.linear)[:, 0].max() > 1.0
+
+
+def test_a_release_is_a_flight_that_begins_beside_the_reference(laboratory):
+    """Where the cameras, too, have seen the vehicle from the first frame on: on all rows that they see, late or not."""
+    beside = {"x": 0.3, "y": -0.2, "z": 0.1, "yaw": -0.4}
+    for latency in (0, 2):
+        scenario = as_believed(laboratory(f"laboratory.motion_capture.latency_frames={latency}"))
+        found = release(closed_loop(scenario), beside, duration=1.0).nonlinear
+        diagram = build_tracking_diagram(scenario)
+        simulator = Simulator(diagram)
+        vehicle = diagram.GetSubsystemByName("laboratory").GetSubsystemByName("vehicle")
+        context = vehicle.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+        vehicle.set_hover(context, (0.3, -0.2, 1.1), -0.4)
+        simulator.Initialize()
+        equilibrium = np.array([0.0, 0.0, 1.0] + [0.0] * 9)
+        for tick, deviation in enumerate(found):
+            if tick:
+                simulator.AdvanceTo(tick * 0.02)
+            state = vehicle.GetOutputPort("state").Eval(context)
+            np.testing.assert_allclose(state - equilibrium, deviation, atol=1e-9)
+        assert np.abs(found[-1, 0:3] - found[0, 0:3]).min() > 1e-3

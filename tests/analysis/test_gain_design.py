@@ -134,9 +134,18 @@ def test_the_cost_is_the_sum_over_a_simulated_impulse(pitch):
     assert least > family.least_cost(pitch, effort)
 
 
-def test_the_design_is_the_diagram(shipped):
+UNEVEN = [
+    "nominal.mass=0.75",
+    "nominal.inertia=[0.0065, 0.0085, 0.0126]",
+    "control.position={k_p: [0.22, 0.3, 6.0], k_d: [0.66, 0.8, 3.7]}",
+    "control.attitude={k_p: [4.5, 6.0, 5.2], k_d: [3.1, 3.7, 3.4]}",
+]
+
+
+@pytest.mark.parametrize("overrides", [[], UNEVEN])
+def test_the_design_is_the_diagram(shipped, overrides):
     """The poles of the designed loops, inner and outer, are the multipliers of the whole diagram with these gains."""
-    _, scenario = shipped
+    scenario = load_scenario(ROOT / "diagrams" / SHIPPED[shipped[0]], overrides)
     loop = closed_loop(as_believed(scenario))
     position, attitude = scenario.control.position, scenario.control.attitude
     laboratory = laboratory_plant(scenario)

@@ -13,15 +13,6 @@ from drake_quad.analysis.modes import modes
 from drake_quad.analysis.stability_map import flown_map, mapped_plant, stability_map
 
 ROOT = Path(__file__).parent.parent.parent
-OWN_ON_EACH_AXIS = [
-    f"control.{loop}.{name}={values}"
-    for loop, name, values in (
-        ("position", "k_p", [1.1, 0.9, 1.3]),
-        ("position", "k_d", [1.6, 1.4, 1.8]),
-        ("attitude", "k_p", [70.0, 85.0, 20.0]),
-        ("attitude", "k_d", [17.0, 20.0, 8.0]),
-    )
-]
 K_P, K_D = np.array([0.1, 0.3, 0.8]), np.array([0.2, 0.7, 1.5, 3.5])
 
 
@@ -51,7 +42,17 @@ def test_each_place_of_the_map_is_a_loop_of_its_own(scenario, loop):
 
 @pytest.mark.parametrize("loop", ["position", "attitude"])
 @pytest.mark.parametrize(
-    "overrides", [[], ["vehicle.mass=0.75", "vehicle.inertia=[0.01, 0.01, 0.012]"], OWN_ON_EACH_AXIS]
+    "overrides",
+    [
+        [],
+        ["vehicle.mass=0.75", "vehicle.inertia=[0.01, 0.01, 0.012]"],
+        [
+            "nominal.inertia=[0.0065, 0.0085, 0.0126]",
+            "vehicle.inertia=[0.0071, 0.0079, 0.0131]",
+            "control.position={k_p: [0.25, 0.4, 5.5], k_d: [0.65, 0.9, 3.4]}",
+            "control.attitude={k_p: [4.5, 6.5, 5.0], k_d: [3.1, 3.9, 3.3]}",
+        ],
+    ],
 )
 def test_the_mapped_loop_is_the_diagram(loop, overrides):
     """Closed with the scenario's own gains it has multipliers of the whole diagram, with the vehicle as it is."""

@@ -76,7 +76,9 @@ def test_only_the_window_counts():
         ("state", 3, 1.5),
         ("state", 4, -1.5),
         ("state", 2, -0.6),
+        ("state", 0, -6.0),
         ("state", 1, 6.0),
+        ("reference", 2, 6.5),
         ("acceleration_command", 2, math.nan),
         ("acceleration_command", 0, math.inf),
     ],
@@ -88,6 +90,17 @@ def test_a_crash_is_called_and_ends_what_counts(port, element, value):
     assert crashed == 1.0
     assert metrics.crash_time[0] == pytest.approx(25 * PERIOD)
     np.testing.assert_allclose(np.array(metrics[:-1])[:, 0], expected(tape, slice(25)), rtol=1e-12)
+
+
+def test_the_error_of_a_crash_is_the_distance_in_space():
+    """Against 5 m: (3, 2.8, 2.8) m is nearer than that, (3, 2.9, 2.9) m is not, whichever axis has which."""
+    for turn in range(3):
+        tape = random_tape()
+        tape["state"][:, 0:3] = 10.0
+        tape["reference"][:, 0:3] = 10.0 + np.roll([3.0, -2.8, 2.8], turn)
+        tape["reference"][25:, 0:3] = 10.0 + np.roll([3.0, -2.9, 2.9], turn)
+        metrics, _ = watched(tape)
+        assert metrics.crash_time[0] == pytest.approx(25 * PERIOD)
 
 
 def test_a_crash_touches_no_other_vehicle():

@@ -112,6 +112,17 @@ def test_body_rates_are_those_of_the_turning_body():
         np.testing.assert_allclose(frames[9:12, 0, tick], expected, atol=2e-3)
 
 
+def test_steps_of_the_attitude_are_turned_at_the_frame_in_their_middle():
+    """With a filter that is fast enough to be none, against Drake's angular velocity there."""
+    rates = np.array([0.3, -0.2, 0.5])
+    time, frames = seen(ramp([0.0, 0.0, 0.0, *rates]), MotionCapture(derivative_bandwidth=1e4), duration=2.0)
+    for tick in (60, 120, 199):
+        # What is logged at a tick is the frame before it, which differs from that of two frames earlier still.
+        middle = RollPitchYaw(rates * (time[tick] - 2.0 * H))
+        expected = middle.CalcAngularVelocityInChildFromRpyDt(rates)
+        np.testing.assert_allclose(frames[9:12, 0, tick], expected, atol=1e-12)
+
+
 def test_without_errors_it_is_the_ideal_camera():
     rng = np.random.default_rng(0)
     state = PiecewisePolynomial.FirstOrderHold([0.0, 1.0], rng.normal(size=(12, 2)))
@@ -129,6 +140,13 @@ def test_latency_is_a_whole_number_of_frames():
     time, frames = seen(state, camera, duration=0.2, n=3)
     expected = np.maximum(time[None] - H * (1 + latency[:, None]), 0.0)
     np.testing.assert_allclose(frames[0], expected, atol=1e-12)
+
+
+@pytest.mark.parametrize("bandwidth", [None, 50.0])
+def test_until_the_first_frame_arrives_the_cameras_show_the_place_of_the_start(bandwidth):
+    camera = MotionCapture(derivative_bandwidth=bandwidth, latency_frames=4)
+    _, frames = seen(still(), camera, duration=0.1)
+    np.testing.assert_array_equal(frames[:, 0], np.repeat(still().value(0.0), frames.shape[2], axis=1))
 
 
 def test_lost_frames_repeat_the_one_before():

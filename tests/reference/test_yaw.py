@@ -84,6 +84,27 @@ def test_along_a_circle_it_turns_with_the_path_through_more_than_a_turn():
     np.testing.assert_allclose(rates_at_ends(profile), 0.0, atol=1e-12)
 
 
+@pytest.mark.parametrize(("middle", "half"), [(2.0, 0.5), (5.0, 0.8), (8.0, 0.6), (4.0, 2.0), (6.5, 0.4)])
+def test_along_a_path_no_detour_costs_less(middle, half):
+    """Of ∫ ψ̈² + (ψ - direction)² (v / v_max)² / response⁴ dt, by quadrature, the derivative along a detour is zero."""
+    response = 0.5
+    path = minimum_snap(
+        [[0.0, 0.0, 1.0], [2.0, 0.5, 1.3], [2.5, 2.5, 1.0], [0.5, 3.0, 0.7], [0.0, 1.0, 1.0]],
+        [0.0, 2.0, 5.0, 7.0, 10.0],
+    )
+    profile = yaw_along(path, response=response)
+    times = np.linspace(middle - half, middle + half, 20001)
+    yaw, acceleration = evaluate(profile, times)[0], evaluate(profile, times, 2)[0]
+    v_x, v_y, _ = evaluate(path, times, 1)
+    top = np.hypot(*evaluate(path, np.linspace(0.0, 10.0, 20001), 1)[:2]).max()
+    away = np.angle(np.exp(1j * (yaw - np.arctan2(v_y, v_x))))
+    x = (times - middle) / half
+    detour = (1.0 - x**2) ** 3
+    bend = 6.0 * (1.0 - x**2) * (5.0 * x**2 - 1.0) / half**2
+    costs = np.array([acceleration * bend, away * (np.hypot(v_x, v_y) / top) ** 2 / response**4 * detour])
+    assert abs(costs.sum()) < 5e-3 * np.abs(costs).sum()
+
+
 def test_at_a_stop_where_it_turns_back_it_turns_smoothly():
     there = minimum_snap([[0.0, 0.0, 1.0], [3.0, 0.2, 1.0], [0.0, 0.0, 1.0]], [0.0, 5.0, 10.0])
     profile = yaw_along(there)

@@ -1,6 +1,6 @@
 import numpy as np
 import pytest
-from hypothesis import given, settings
+from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydrake.systems.framework import DiagramBuilder
 from scipy.optimize import linprog
@@ -35,6 +35,11 @@ def test_speeds_are_within_the_limits_and_shortfall_is_what_is_missing(wrench):
 
 
 @given(wrenches)
+# Room for so much yaw that roll or pitch, at 40 % and at 60 % of the way up, could go further than both its rotors.
+@example((0.6 * BOTTOM_THRUST + 0.4 * TOP_THRUST, 0.0, 2.0, 0.5))
+@example((0.4 * BOTTOM_THRUST + 0.6 * TOP_THRUST, 0.0, -2.0, -0.5))
+@example((0.6 * BOTTOM_THRUST + 0.4 * TOP_THRUST, -2.0, 0.0, -0.5))
+@example((0.4 * BOTTOM_THRUST + 0.6 * TOP_THRUST, 2.0, 0.0, 0.5))
 @settings(max_examples=200, deadline=None)
 def test_gives_up_yaw_first_then_roll_and_pitch_and_thrust_last(wrench):
     """Against a linear program for each priority in turn: thrust, then the share of roll and pitch, then yaw."""

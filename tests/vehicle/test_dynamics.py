@@ -11,6 +11,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from drake_quad.vehicle.dynamics import (
     drag,
+    held_rotor_speed,
     hover_rotor_speeds,
     quadrotor_derivative,
     rigid_body_derivative,
@@ -22,7 +23,6 @@ from drake_quad.vehicle.dynamics import (
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 TABLE_I = QuadrotorParameters()
-NO_SPIN = QuadrotorParameters(rotor_inertia=0.0)
 STILL = (0.0, 0.0, 0.0)
 
 
@@ -46,17 +46,26 @@ def assert_close(actual, expected):
     np.testing.assert_allclose(actual, expected, rtol=0.0, atol=1e-12 * scale)
 
 
-def test_against_the_quadrotor_plant_of_drake():
+@pytest.fixture(scope="module")
+def uneven(asymmetric_vehicle):
+    """Without what Drake's plants do not have: spin and drag."""
+    return asymmetric_vehicle._replace(rotor_inertia=0.0, linear_drag=0.0, quadratic_drag=0.0)
+
+
+def test_against_the_quadrotor_plant_of_drake(uneven):
+    """All of whose rotors are alike, with the centre of mass in their middle."""
+    b = uneven.thrust_factor[0]
+    parameters = uneven._replace(thrust_factor=(b,) * 4, centre_of_mass=(0.0, 0.0), gravity=9.81)
     plant = QuadrotorPlant(
-        m_arg=TABLE_I.mass,
-        L_arg=TABLE_I.arm_length,
-        I_arg=np.diag(TABLE_I.inertia),
-        kF_arg=TABLE_I.thrust_factor[0],
-        kM_arg=TABLE_I.drag_factor,
+        m_arg=parameters.mass,
+        L_arg=parameters.arm_length,
+        I_arg=np.diag(parameters.inertia),
+        kF_arg=b,
+        kM_arg=parameters.drag_factor,
     )
     context = plant.CreateDefaultContext()
     for state in random_states(300, seed=1):
-        ours = body_derivative(state, NO_SPIN)
+        ours = body_derivative(state, parameters)
         euler = RollPitchYaw(state[3:6])
         rates = euler.CalcRpyDtFromAngularVelocityInChild(state[9:12])
         context.SetContinuousState(np.concatenate([state[:6], state[6:9], rates]))
@@ -71,21 +80,22 @@ def test_against_the_quadrotor_plant_of_drake():
 
 
 @pytest.fixture(scope="module")
-def multibody():
-    """A free body with four propellers, wired by Drake's multibody engine."""
+def multibody(uneven):
+    """A free body with four uneven propellers beside its centre of mass, wired by Drake's multibody engine."""
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-    inertia = UnitInertia(*(np.array(TABLE_I.inertia) / TABLE_I.mass))
-    body = plant.AddRigidBody("vehicle", SpatialInertia(TABLE_I.mass, [0.0, 0.0, 0.0], inertia))
-    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -TABLE_I.gravity])
+    inertia = UnitInertia(*(np.array(uneven.inertia) / uneven.mass))
+    body = plant.AddRigidBody("vehicle", SpatialInertia(uneven.mass, [0.0, 0.0, 0.0], inertia))
+    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -uneven.gravity])
     plant.Finalize()
-    length, b, d = TABLE_I.arm_length, TABLE_I.thrust_factor[0], TABLE_I.drag_factor
-    places = [[length, 0.0, 0.0], [0.0, -length, 0.0], [-length, 0.0, 0.0], [0.0, length, 0.0]]
+    length, d = uneven.arm_length, uneven.drag_factor
+    places = np.array([[length, 0.0, 0.0], [0.0, -length, 0.0], [-length, 0.0, 0.0], [0.0, length, 0.0]])
+    places -= [*uneven.centre_of_mass, 0.0]
     propellers = builder.AddSystem(
         Propeller(
             [
                 PropellerInfo(body.index(), RigidTransform(place), b, sign * d)
-                for place, sign in zip(places, (1.0, -1.0, 1.0, -1.0), strict=True)
+                for place, b, sign in zip(places, uneven.thrust_factor, (1.0, -1.0, 1.0, -1.0), strict=True)
             ]
         )
     )
@@ -95,7 +105,7 @@ def multibody():
     return builder.Build(), plant, body
 
 
-def test_against_a_multibody_plant_with_propellers(multibody):
+def test_against_a_multibody_plant_with_propellers(multibody, uneven):
     diagram, plant, body = multibody
     root = diagram.CreateDefaultContext()
     context = plant.GetMyContextFromRoot(root)
@@ -106,14 +116,14 @@ def test_against_a_multibody_plant_with_propellers(multibody):
         plant.SetFreeBodySpatialVelocity(context, body, SpatialVelocity(w_W, state[6:9]))
         diagram.get_input_port().FixValue(root, state[12:] ** 2)
         acceleration = plant.EvalBodySpatialAccelerationInWorld(context, body)
-        ours = body_derivative(state, NO_SPIN)
+        ours = body_derivative(state, uneven)
         assert_close(ours[6:9], acceleration.translational())
         assert_close(ours[9:12], R_WB.inverse() @ acceleration.rotational())
 
 
-def test_spinning_rotors_keep_the_total_angular_momentum():
+def test_spinning_rotors_keep_the_total_angular_momentum(uneven):
     """Rotors that turn at constant speed but push nothing: R_WB (I w + J_r w_r z) is constant."""
-    parameters = TABLE_I._replace(rotor_inertia=1e-3)
+    parameters = uneven._replace(rotor_inertia=1e-3)
     residual = rotor_residual([100.0, 300.0, 120.0, 280.0])
     state = np.array([0.0] * 3 + [0.1, -0.2, 0.3] + [0.0] * 3 + [1.0, -2.0, 0.5])
 
@@ -138,23 +148,27 @@ def test_spinning_rotors_keep_the_total_angular_momentum():
     np.testing.assert_allclose(momentum(state), start, rtol=0.0, atol=1e-12)
 
 
-def test_gyroscopic_signs_are_those_of_the_paper():
+def test_gyroscopic_signs_are_those_of_the_paper(asymmetric_vehicle):
     """Eq (3): -J_r θ' w_r on roll and +J_r φ' w_r on pitch."""
+    parameters = asymmetric_vehicle._replace(linear_drag=0.0, quadratic_drag=0.0)
+    (i_xx, i_yy, i_zz), spin = parameters.inertia, parameters.rotor_inertia
     state = np.zeros(12)
     state[9:12] = 2.0, 3.0, 0.0
-    slope = rigid_body_derivative(state, (0.0,) * 4, 50.0, STILL, TABLE_I, small_angle_kinematics)
-    assert slope[9] == pytest.approx(-TABLE_I.rotor_inertia * 3.0 * 50.0 / 0.007)
-    assert slope[10] == pytest.approx(TABLE_I.rotor_inertia * 2.0 * 50.0 / 0.007)
+    slope = rigid_body_derivative(state, (0.0,) * 4, 50.0, STILL, parameters, small_angle_kinematics)
+    assert slope[9] == pytest.approx(-spin * 3.0 * 50.0 / i_xx)
+    assert slope[10] == pytest.approx(spin * 2.0 * 50.0 / i_yy)
+    assert slope[11] == pytest.approx((i_xx - i_yy) * 2.0 * 3.0 / i_zz)
 
 
-def test_small_angles_agree_with_the_exact_form_to_second_order():
+def test_small_angles_agree_with_the_exact_form_to_second_order(asymmetric_vehicle):
     direction = np.random.default_rng(3).normal(size=16)
     direction[:3] = direction[6:9] = 0.0
 
     def gap(size):
         state = size * direction
         state[12:] += 200.0
-        exact, small = (body_derivative(state, TABLE_I, STILL, k) for k in (rigid_kinematics, small_angle_kinematics))
+        kinematics = rigid_kinematics, small_angle_kinematics
+        exact, small = (body_derivative(state, asymmetric_vehicle, STILL, each) for each in kinematics)
         return np.abs(exact - small).max()
 
     ratios = [gap(size) / gap(size / 2.0) for size in (1e-2, 1e-3, 1e-4)]
@@ -168,8 +182,8 @@ def test_hover():
     np.testing.assert_allclose(slope, 0.0, atol=1e-14)
 
 
-def test_power_of_the_rotors_and_of_the_air_is_the_rate_of_the_energy():
-    parameters = TABLE_I._replace(linear_drag=0.2, quadratic_drag=0.05)
+def test_power_of_the_rotors_and_of_the_air_is_the_rate_of_the_energy(asymmetric_vehicle):
+    parameters = asymmetric_vehicle._replace(linear_drag=0.2, quadratic_drag=0.05)
     wind = np.array([1.0, -2.0, 0.5])
     for state in random_states(100, seed=4):
         slope = body_derivative(state, parameters, wind)
@@ -186,6 +200,15 @@ def test_power_of_the_rotors_and_of_the_air_is_the_rate_of_the_energy():
         assert energy_rate == pytest.approx(power, rel=1e-12, abs=1e-12)
 
 
+def test_every_rotor_is_held_within_its_limits(asymmetric_vehicle):
+    """Each in its turn too fast, too slow, no number and as it should be, and each with a share of its own."""
+    low, high = asymmetric_vehicle.min_rotor_speed, asymmetric_vehicle.max_rotor_speed
+    commands, held, shares = [1e4, -1e4, np.nan, 250.0], [high, low, low, 250.0], [1.0, 0.9, 0.8, 0.7]
+    for turn in range(4):
+        found = held_rotor_speed(np.roll(commands, turn).tolist(), asymmetric_vehicle, shares)
+        np.testing.assert_allclose(found, shares * np.roll(held, turn), rtol=1e-15)
+
+
 def test_drag_is_along_the_airspeed_and_of_the_stated_size():
     force = np.array(drag((-3.0, 4.0, 0.0), 0.2, 0.01))
     assert np.linalg.norm(force) == pytest.approx(0.2 * 5.0 + 0.01 * 25.0)
@@ -193,8 +216,8 @@ def test_drag_is_along_the_airspeed_and_of_the_stated_size():
     assert drag((0.0, 0.0, 0.0), 0.2, 0.01) == (0.0, 0.0, 0.0)
 
 
-def test_a_vehicle_that_goes_with_the_air_feels_none():
+def test_a_vehicle_that_goes_with_the_air_feels_none(asymmetric_vehicle, uneven):
     state = random_states(1, seed=8)[0]
-    parameters = TABLE_I._replace(linear_drag=0.2, quadratic_drag=0.01)
-    still_air = body_derivative(state, TABLE_I, STILL)
+    parameters = asymmetric_vehicle._replace(rotor_inertia=0.0)
+    still_air = body_derivative(state, uneven, STILL)
     np.testing.assert_allclose(body_derivative(state, parameters, state[6:9]), still_air, rtol=1e-12)

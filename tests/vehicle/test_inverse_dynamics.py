@@ -13,21 +13,21 @@ from drake_quad.vehicle.dynamics import (
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-PARAMETERS = QuadrotorParameters(rotor_inertia=0.0)
 PATH = minimum_snap([[0, 0, 0], [1, 2, 1], [3, 1, 2], [2, -1, 0]], [0.0, 1.5, 3.0, 4.2])
 
 
 @pytest.mark.parametrize("turning", [False, True])
-def test_the_equations_of_motion_under_the_demanded_speeds_give_the_trajectory_back(turning):
+def test_the_equations_of_motion_under_the_demanded_speeds_give_the_trajectory_back(turning, asymmetric_vehicle):
+    parameters = asymmetric_vehicle._replace(rotor_inertia=0.0, linear_drag=0.0, quadratic_drag=0.0)
     times = np.linspace(0.0, 4.2, 8001)
     position, velocity, *higher = (evaluate(PATH, times, order) for order in range(5))
     yaw = np.array([0.7 + 0.4 * np.sin(2.0 * times), 0.8 * np.cos(2.0 * times), -1.6 * np.sin(2.0 * times)])
-    demand = rotor_demand(*higher, PARAMETERS, yaw=yaw if turning else (0.7, 0.0, 0.0))
+    demand = rotor_demand(*higher, parameters, yaw=yaw if turning else (0.7, 0.0, 0.0))
     state = np.vstack([position, demand.attitude, velocity, demand.body_rates])
-    wrench = rotor_wrench(demand.rotor_speed, PARAMETERS)
+    wrench = rotor_wrench(demand.rotor_speed, parameters)
     np.testing.assert_allclose(wrench, demand.wrench, atol=1e-12)
     residual = rotor_residual(demand.rotor_speed)
-    slope = np.array(rigid_body_derivative(state, wrench, residual, np.zeros((3, 1)), PARAMETERS, rigid_kinematics))
+    slope = np.array(rigid_body_derivative(state, wrench, residual, np.zeros((3, 1)), parameters, rigid_kinematics))
     np.testing.assert_allclose(slope[6:9], higher[0], atol=1e-12)
     numeric = np.gradient(state, times[1], axis=1)[:, 2:-2]
     assert np.ptp(numeric[3]) > 1.0, "the attitude must move for this to mean anything"

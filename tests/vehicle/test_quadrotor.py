@@ -9,7 +9,14 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor
 
 COMMAND = np.array([200.0, 215.0, 205.0, 198.0])
-PARAMETERS = QuadrotorParameters(mass=0.7, linear_drag=0.2, quadratic_drag=0.05)
+PARAMETERS = QuadrotorParameters(
+    mass=0.7,
+    inertia=(0.0071, 0.0079, 0.0131),
+    thrust_factor=(4.15e-5, 4.02e-5, 4.17e-5, 4.12e-5),
+    linear_drag=0.2,
+    quadratic_drag=0.05,
+    centre_of_mass=(-0.001, 0.002),
+)
 
 
 def flown(vehicle, duration, command=COMMAND, wind=(1.0, 0.5, -0.2), crashed=None, accuracy=1e-11):
@@ -44,9 +51,12 @@ def test_rotors_of_a_stepping_vehicle_lag_exactly():
 
 
 @pytest.mark.parametrize("time_step", [0.0, 0.01])
-def test_commands_beyond_the_limits_are_clipped(time_step):
-    final = flown(Quadrotor(time_step=time_step), 0.1, command=np.array([1e4, -1e4, np.nan, 250.0]), accuracy=1e-7)
-    limited, hover = np.array([300.0, 60.0, 60.0, 250.0]), hover_rotor_speeds(QuadrotorParameters())[0]
+@pytest.mark.parametrize("turn", range(4))
+def test_commands_beyond_the_limits_are_clipped(time_step, turn, asymmetric_vehicle):
+    """On each rotor in its turn."""
+    command, limited = (np.roll(x, turn) for x in ([1e4, -1e4, np.nan, 250.0], [290.0, 70.0, 70.0, 250.0]))
+    vehicle = Quadrotor(time_step=time_step, parameters=asymmetric_vehicle)
+    final, hover = flown(vehicle, 0.08, command=command, accuracy=1e-7), hover_rotor_speeds(asymmetric_vehicle)
     np.testing.assert_allclose(final[12:, 0], limited + (hover - limited) * np.exp(-2.0), rtol=1e-6)
 
 

@@ -83,12 +83,22 @@ def test_the_interval_of_a_share_is_exact():
     assert share_interval(0, 0)[1:] == (0.0, 1.0)
 
 
-def test_the_interval_of_a_rank_correlation_covers():
-    """Of normal numbers with correlation r it is 6 / π asin(r / 2)."""
-    r = 0.6
+@pytest.mark.parametrize("r", [-0.6, 0.0, 0.95])
+def test_the_interval_of_a_rank_correlation_covers(r):
+    """Of normal numbers with correlation r it is 6 / π asin(r / 2); the more there is, the wider it must be."""
     draw = lambda rng: rng.multivariate_normal([0.0, 0.0], [[1.0, r], [r, 1.0]], 60)  # noqa: E731
     share = coverage(lambda xy: rank_correlation(*xy.T), 6.0 / math.pi * math.asin(0.5 * r), draw)
     assert share == pytest.approx(0.95, abs=0.03)
+
+
+def test_the_interval_of_a_rank_correlation_is_that_of_bonett_and_wright():
+    """Of ten ranks whose differences have the squares' sum 20, ρ = 1 - 6 · 20 / 990 = 0.8788."""
+    y = np.array([2.0, 1.0, 5.0, 4.0, 3.0, 8.0, 6.0, 7.0, 9.0, 10.0])
+    x = np.arange(1.0, 11.0)
+    rho = 1.0 - 6.0 * np.sum((x - y) ** 2) / 990.0
+    reach = 1.959964 * math.sqrt((1.0 + rho**2 / 2.0) / 7.0)
+    found = rank_correlation(np.exp(x), y)
+    assert found == pytest.approx((rho, math.tanh(math.atanh(rho) - reach), math.tanh(math.atanh(rho) + reach)))
     assert math.isnan(rank_correlation(np.ones(10), np.arange(10.0)).value)
     assert rank_correlation(np.arange(10.0), np.exp(np.arange(10.0))).value == pytest.approx(1.0)
 

@@ -1,6 +1,7 @@
 """Dryden's turbulence against the specification's spectra."""
 
 import itertools
+import math
 
 import numpy as np
 import pytest
@@ -83,6 +84,35 @@ def test_standard_deviation_of_a_long_record(period, duration):
     # From the first sample on, and every vehicle in its own.
     np.testing.assert_allclose(record[:, :, 0].std(axis=1), NEAR_GROUND.deviation, rtol=0.06)
     assert abs(np.corrcoef(record[:, :-1, 0].ravel(), record[:, 1:, 0].ravel())[0, 1]) < 0.04
+
+
+def test_it_blows_along_and_across_the_heading_and_upwards():
+    """What one normal number after another makes of the first sample, and of the next."""
+    heading, period = 0.7, 0.01
+    along, across, up = (
+        [math.cos(heading), math.sin(heading), 0.0],
+        [-math.sin(heading), math.cos(heading), 0.0],
+        [0, 0, 1],
+    )
+    of_f, of_g = math.sqrt(1.5), math.sqrt(0.5) - math.sqrt(1.5)
+    first = [1.0, of_f + 0.5 * of_g, of_f + 0.5 * of_g, 0.5 * of_g, 0.5 * of_g]
+    turbulence = NEAR_GROUND._replace(deviation=(1.3, 0.9, 0.6))
+    system = DrydenTurbulence(period=period, turbulence=turbulence, heading=heading)
+    A, B, C = matrices(turbulence, period)
+    for number, (axis, direction) in enumerate(((0, along), (1, across), (2, up), (1, across), (2, up))):
+        simulator = Simulator(system)
+        context = simulator.get_mutable_context()
+        noise = system.get_input_port().FixValue(context, np.eye(5)[number])
+        simulator.Initialize()
+        expected = turbulence.deviation[axis] * first[number] * np.array(direction)
+        np.testing.assert_allclose(system.get_output_port().Eval(context), expected, atol=1e-14)
+        state = context.get_discrete_state(1).CopyToVector()
+        simulator.AdvanceTo(period)
+        noise.GetMutableData().get_mutable_value().SetFromVector(np.arange(5.0))
+        simulator.AdvancePendingEvents()
+        u, v, w = C @ (A @ state + B @ np.arange(5.0))
+        expected = u * np.array(along) + v * np.array(across) + w * np.array(up)
+        np.testing.assert_allclose(system.get_output_port().Eval(context), expected, atol=1e-14)
 
 
 def test_power_spectral_density_over_two_decades():

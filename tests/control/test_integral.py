@@ -1,0 +1,55 @@
+"""The integral of a PID against sums."""
+
+import itertools
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from drake_quad.control.integral import IntegralCorrection
+
+H, K_I = 0.02, np.array([0.3, 0.5, 2.0])
+
+
+def corrected(errors, limit, num_vehicles=1, k_i=tuple(K_I)):
+    """The corrections (ticks + 1, 3, N) that follow from errors (ticks, 3, N), one a tick."""
+    system = IntegralCorrection(num_vehicles=num_vehicles, period=H, k_i=k_i, limit=limit)
+    simulator = Simulator(system)
+    context, found = simulator.get_mutable_context(), []
+    for tick, error in enumerate(errors):
+        # What is pending at a tick is done on the way to the next, with the error that is there then.
+        if tick:
+            simulator.AdvanceTo(tick * H)
+        found.append(system.get_output_port().Eval(context))
+        system.get_input_port().FixValue(context, np.ravel(error))
+    simulator.AdvancePendingEvents()
+    found.append(system.get_output_port().Eval(context))
+    return np.array(found).reshape(-1, 3, num_vehicles)
+
+
+def test_the_correction_is_minus_the_sum_of_the_errors():
+    """It is subtracted from the command, so that the command rises with the error on every axis."""
+    errors = np.random.default_rng(0).normal(size=(50, 3, 1))
+    found = corrected(errors, limit=1e9)
+    sums = np.cumsum(errors, axis=0) * H * K_I[:, None]
+    np.testing.assert_array_equal(found[0], 0.0)
+    np.testing.assert_allclose(found[1:], -sums, atol=1e-14)
+
+
+@pytest.mark.parametrize("signs", [*itertools.product((1.0, -1.0), repeat=3)])
+def test_it_is_held_within_the_limit_on_every_axis_both_ways_and_does_not_wind_up(signs):
+    error, limit = 40.0 * np.reshape(signs, (1, 3, 1)), 0.7
+    there = np.repeat(error, 30, axis=0)
+    found = corrected(np.concatenate([there, -there[:2]]), limit)
+    np.testing.assert_array_equal(found[30, :, 0], -limit * np.array(signs))
+    # What lay beyond the limit is forgotten: a tick back is a tick back.
+    np.testing.assert_allclose(found[31, :, 0], np.array(signs) * np.minimum(40.0 * H * K_I - limit, limit), atol=1e-12)
+
+
+def test_each_vehicle_of_a_fleet_has_its_own():
+    rng = np.random.default_rng(1)
+    errors, limits, gains = rng.normal(size=(40, 3, 3)), np.array([0.05, 0.2, 5.0]), rng.uniform(0.1, 2.0, (3, 3))
+    fleet = corrected(errors, limits, num_vehicles=3, k_i=tuple(gains))
+    for i in range(3):
+        alone = corrected(errors[:, :, i : i + 1], limits[i], k_i=tuple(gains[:, i]))
+        np.testing.assert_array_equal(fleet[:, :, i], alone[:, :, 0])
