@@ -55,12 +55,19 @@ def main() -> int:
     prepare()
     tests = noted_tests(arguments.processes)
     mutants = drawn(arguments.number, arguments.seed, arguments.only)
-    jobs = [(kill, file, mutant, worth_running(tests, file, mutant)) for file, mutant in mutants]
+    # What does not change must survive: else a test fails for another reason than a mutant.
+    unchanged = [(file, mutant._replace(place=(0, 0), code="")) for file, mutant in one_of_each_package(mutants)]
+    jobs = [(kill, file, mutant, worth_running(tests, file, mutant)) for file, mutant in unchanged + mutants]
     results = []
     for place, outcome in forked(jobs, arguments.processes, "mutants"):
-        results.append((*mutants[place], outcome))
+        if place < len(unchanged):
+            if outcome.killer is not None:
+                raise RuntimeError(f"without a mutant, too, tests fail: {outcome.killer}")
+            continue
+        mutant = mutants[place - len(unchanged)]
+        results.append((*mutant, outcome))
         if outcome.killer is None:
-            tqdm.write(f"survived: {difference(*mutants[place])}", file=sys.stderr, end="")
+            tqdm.write(f"survived: {difference(*mutant)}", file=sys.stderr, end="")
     return report(sorted(results, key=lambda result: (result[0], result[1].line)))
 
 
@@ -77,6 +84,11 @@ def drawn(number: str, seed: int, only: str) -> list[tuple[str, Mutant]]:
     rounds = range(max(map(len, lines)))
     in_order = [mutants[place] for place in rounds for mutants in lines if place < len(mutants)]
     return in_order if number == "all" else in_order[: int(number)]
+
+
+def one_of_each_package(mutants: list[tuple[str, Mutant]]) -> list[tuple[str, Mutant]]:
+    """The first mutant of each package."""
+    return list({file.split("/")[1]: (file, mutant) for file, mutant in reversed(mutants)}.values())
 
 
 def worth_running(tests: dict[str, Test], file: str, mutant: Mutant) -> dict[str, float]:
