@@ -94,29 +94,23 @@ def one_of_each_package(mutants: list[tuple[str, Mutant]]) -> list[tuple[str, Mu
 def worth_running(tests: dict[str, Test], file: str, mutant: Mutant) -> dict[str, float]:
     """Tests that may kill a mutant, in order, and how long each one took, in s.
 
-    What another test of a file has left, as a fixture of the module does, is not seen in lines: the other tests of such
-    a file come last. What is declared is run by none: tests that run any line of the file, or those of the package.
+    Those that run its line, or, where none does, as it runs in an import or in another process, those that run any line
+    of the file and those of the package. What another test of a file has left, as a fixture of the module does, is not
+    seen in lines: the other tests of the same files come last.
     """
     package = file.split("/")[1]
     mirrored = f"tests/{Path(file).parent.relative_to('drake_quad')}/test_{Path(file).name}"
-
-    def runs(name: str, test: Test) -> bool:
-        lines = test.lines.get(file, [])
-        return bool(lines) if mutant.declared else any(line in mutant.lines for line in lines)
-
-    files = {name.split("::")[0] for name, test in tests.items() if runs(name, test)}
-    if mutant.declared:
-        files |= {name.split("::")[0] for name in tests if name.startswith(f"tests/{package}/")}
-
-    def rank(item: tuple[str, Test]) -> tuple[bool, bool, float]:
-        name, test = item
-        return not (mutant.declared or runs(name, test)), not name.startswith(mirrored), test.seconds
-
+    runners = {name for name, test in tests.items() if any(line in mutant.lines for line in test.lines.get(file, ()))}
+    if mutant.declared or not runners:
+        runners = {name for name, test in tests.items() if file in test.lines or name.startswith(f"tests/{package}/")}
+    files = {name.split("::")[0] for name in runners}
     chosen, total = {}, 0.0
-    for name, test in sorted(tests.items(), key=rank):
-        if name.split("::")[0] in files and total + test.seconds <= WORTH:
-            chosen[name] = test.seconds
-            total += test.seconds
+    for name in sorted(
+        tests, key=lambda name: (name not in runners, not name.startswith(mirrored), tests[name].seconds)
+    ):
+        if name.split("::")[0] in files and total + tests[name].seconds <= WORTH:
+            chosen[name] = tests[name].seconds
+            total += tests[name].seconds
     return chosen
 
 

@@ -187,6 +187,8 @@ def forked(jobs: list[tuple[Any, ...]], processes: int, what: str) -> Iterator[t
 def do(there: Any, function: Any, *arguments: Any) -> None:
     """Runs a job in a forked process and sends what it returns."""
     os.setsid()
+    # A shell may have had it ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
     there.send(function(*arguments))
     there.close()
 
