@@ -27,8 +27,12 @@ from tqdm import tqdm
 
 OUTPUT = ROOT / "out" / "mutants"
 PACKAGES = ("vehicle", "control", "laboratory", "reference", "analysis")
-# What writes reports is looked at, not computed with.
-LEFT_OUT = {"analysis/replication/report.py", "analysis/replication/assumptions.py"}
+# What writes a report is looked at, not computed with; what speaks to a cluster is tested by processes of its own.
+LEFT_OUT = {
+    "analysis/monte_carlo/cluster.py",
+    "analysis/replication/assumptions.py",
+    "analysis/replication/report.py",
+}
 # Tests whose work is done by other processes, which see no mutant, and those of pages and of the compiler.
 WITHOUT = tuple(
     f"tests/{name}"
@@ -104,10 +108,12 @@ def worth_running(tests: dict[str, Test], file: str, mutant: Mutant) -> dict[str
     if mutant.declared or not runners:
         runners = {name for name, test in tests.items() if file in test.lines or name.startswith(f"tests/{package}/")}
     files = {name.split("::")[0] for name in runners}
+
+    def rank(name: str) -> tuple[bool, bool, float]:
+        return name not in runners, not name.startswith(mirrored), tests[name].seconds
+
     chosen, total = {}, 0.0
-    for name in sorted(
-        tests, key=lambda name: (name not in runners, not name.startswith(mirrored), tests[name].seconds)
-    ):
+    for name in sorted(tests, key=rank):
         if name.split("::")[0] in files and total + tests[name].seconds <= WORTH:
             chosen[name] = tests[name].seconds
             total += tests[name].seconds
