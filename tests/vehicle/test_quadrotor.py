@@ -188,14 +188,3 @@ def test_linearises_at_hover_to_the_matrices_of_the_textbook():
     expected[11, 12:] = np.array([1.0, -1.0, 1.0, -1.0]) * 2.0 * d * hover / 0.012
     expected[12:, 12:] = -np.eye(4) / 0.05
     np.testing.assert_allclose(system.A(), expected, atol=1e-12)
-
-
-@pytest.mark.parametrize("time_step", [0.0, 0.01])
-def test_put_into_hover_nothing_moves(time_step):
-    vehicle = Quadrotor(time_step=time_step, parameters=PARAMETERS)
-    context = vehicle.CreateDefaultContext()
-    vehicle.set_hover(context, (1.0, 2.0, 3.0), 0.5)
-    hover = hover_rotor_speeds(PARAMETERS)
-    np.testing.assert_allclose(vehicle.GetOutputPort("rotor_speed").Eval(context), hover)
-    state = [1.0, 2.0, 3.0, 0.0, 0.0, 0.5, *[0.0] * 6]
-    np.testing.assert_array_equal(vehicle.GetOutputPort("state").Eval(context), state)
