@@ -118,6 +118,23 @@ def test_where_a_pd_knows_everything_it_is_the_regulator():
     np.testing.assert_allclose(gains, K[0], rtol=1e-2)
 
 
+def test_the_hardest_regulator_that_keeps_the_margins_states_what_full_state_would_do_better(pitch):
+    family, required = Regulator(0.2), Requirements()
+    design = design_loop(pitch, family, required, axis="pitch")
+    assert design.limits
+    assert design.bandwidth is None
+    cost = [family.cost(pitch, design.gains, effort) / family.least_cost(pitch, effort) for effort in (0.01, 1e3)]
+    assert design.cost_ratio >= 1.0
+    # Its effort is not said; of what was tried, the ratio is that of one between the ends.
+    np.testing.assert_array_less(1.0, cost)
+    efforts = family.efforts(pitch)
+    assert (efforts[0], efforts[-1], len(efforts)) == (pytest.approx(0.01), pytest.approx(1e3), 20)
+    asked = design_loop(pitch, family, required, axis="pitch", effort=2.0)
+    ratio = family.cost(pitch, asked.gains, 2.0) / family.least_cost(pitch, 2.0)
+    assert asked.cost_ratio == pytest.approx(ratio)
+    assert asked.gains.k_p < design.gains.k_p
+
+
 def test_the_cost_is_the_sum_over_a_simulated_impulse(pitch):
     family, gains, effort = Regulator(0.2), PdGains(6.0, 4.0), 30.0
     x, total = pitch.B.copy(), 0.0

@@ -119,6 +119,7 @@ def test_a_number_at_its_bound_is_varied_to_one_side(asymmetric, field, bound, s
         ("control.position.kind", "control.position.kind is 'pd', not a real number"),
         ("seed", "seed is 0, not a real number"),
         ("route.radius", "route.radius changes the plan"),
+        ("laboratory.command_link.loss_rate", "decides when something happens; a flight depends on it in jumps"),
         ("crash.tilt", "crash.tilt is not a number that the flight depends on smoothly"),
         ("laboratory.motion_capture.position_noise", "changes the structure of the diagram at 0"),
         ("laboratory.motion_capture.attitude_noise", "changes the structure of the diagram at 0"),
@@ -146,3 +147,9 @@ def test_numbers_are_read_and_replaced_by_path(windy):
     assert changed.model_copy(update={"laboratory": windy.laboratory}) == windy
     with pytest.raises(InputError, match="vehicle.mass cannot be -1"):
         with_number(windy, "vehicle.mass", -1.0)
+
+
+def test_nothing_to_differentiate_by_is_refused():
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=1"])
+    with pytest.raises(InputError, match="there is no field to differentiate by"):
+        flight_sensitivities(scenario, [])

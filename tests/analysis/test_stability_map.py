@@ -72,6 +72,9 @@ def test_each_place_of_the_flown_map_is_a_flight_of_its_own(scenario, loop):
     k_p, k_d = (K_P, np.array([0.2, 0.7])) if loop == "position" else (np.array([6.0, 90.0]), np.array([0.3, 4.0]))
     found = flown_map(scenario, loop, k_p, k_d, sample=3)
     assert found.rmse.shape == (len(k_p), len(k_d))
+    first = flown_map(scenario, loop, k_p[:1], k_d[:1]).rmse
+    np.testing.assert_array_equal(first, flown_map(scenario, loop, k_p[:1], k_d[:1], sample=0).rmse)
+    assert first != pytest.approx(found.rmse[:1, :1], rel=1e-6)
     crashed = 0
     for i, j in np.ndindex(found.rmse.shape):
         block = getattr(scenario.control, loop)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.analysis import Simulator, Simulator_
 
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.laboratory.delay_line import DelayLine
@@ -61,6 +61,20 @@ def test_each_vehicle_of_a_fleet_waits_its_own_time():
     for i, delay in enumerate(delays.astype(int)):
         np.testing.assert_array_equal(found[:delay, :, i], -1.0)
         np.testing.assert_array_equal(found[delay:, :, i], inputs[: 9 - delay, :, i])
+
+
+def test_delays_of_vehicles_convert_to_autodiff():
+    system = Delayed(num_vehicles=2, delay=np.array([2.0, 0.0])).ToScalarType[AutoDiffXd]()
+    simulator, inputs = Simulator_[AutoDiffXd](system), np.arange(1.0, 17.0).reshape(4, 4)
+    context, found = simulator.get_mutable_context(), []
+    for tick, values in enumerate(inputs):
+        system.get_input_port().FixValue(context, [AutoDiffXd(value) for value in values])
+        if not tick:
+            simulator.Initialize()
+        simulator.AdvanceTo(AutoDiffXd(tick + 0.5))
+        found.append([element.value() for element in system.get_output_port().Eval(context)])
+    np.testing.assert_array_equal(np.array(found)[:, [1, 3]], inputs[:, [1, 3]])
+    np.testing.assert_array_equal(np.array(found)[2:, [0, 2]], inputs[:2, [0, 2]])
 
 
 def test_an_unfilled_line_shows_its_initial_rows():

@@ -27,8 +27,12 @@ from tqdm import tqdm
 
 OUTPUT = ROOT / "out" / "mutants"
 PACKAGES = ("vehicle", "control", "laboratory", "reference", "analysis")
-# What writes reports is looked at, not computed with.
-LEFT_OUT = {"analysis/replication/report.py", "analysis/replication/assumptions.py"}
+# What writes a report is looked at, not computed with; what speaks to a cluster is tested by processes of its own.
+LEFT_OUT = {
+    "analysis/monte_carlo/cluster.py",
+    "analysis/replication/assumptions.py",
+    "analysis/replication/report.py",
+}
 # Tests whose work is done by other processes, which see no mutant, and those of pages and of the compiler.
 WITHOUT = tuple(
     f"tests/{name}"
@@ -55,12 +59,19 @@ def main() -> int:
     prepare()
     tests = noted_tests(arguments.processes)
     mutants = drawn(arguments.number, arguments.seed, arguments.only)
-    jobs = [(kill, file, mutant, worth_running(tests, file, mutant)) for file, mutant in mutants]
+    # What does not change must survive: else a test fails for another reason than a mutant.
+    unchanged = [(file, mutant._replace(place=(0, 0), code="")) for file, mutant in one_of_each_package(mutants)]
+    jobs = [(kill, file, mutant, worth_running(tests, file, mutant)) for file, mutant in unchanged + mutants]
     results = []
     for place, outcome in forked(jobs, arguments.processes, "mutants"):
-        results.append((*mutants[place], outcome))
+        if place < len(unchanged):
+            if outcome.killer is not None:
+                raise RuntimeError(f"without a mutant, too, tests fail: {outcome.killer}")
+            continue
+        mutant = mutants[place - len(unchanged)]
+        results.append((*mutant, outcome))
         if outcome.killer is None:
-            tqdm.write(f"survived: {difference(*mutants[place])}", file=sys.stderr, end="")
+            tqdm.write(f"survived: {difference(*mutant)}", file=sys.stderr, end="")
     return report(sorted(results, key=lambda result: (result[0], result[1].line)))
 
 
@@ -79,32 +90,33 @@ def drawn(number: str, seed: int, only: str) -> list[tuple[str, Mutant]]:
     return in_order if number == "all" else in_order[: int(number)]
 
 
+def one_of_each_package(mutants: list[tuple[str, Mutant]]) -> list[tuple[str, Mutant]]:
+    """The first mutant of each package."""
+    return list({file.split("/")[1]: (file, mutant) for file, mutant in reversed(mutants)}.values())
+
+
 def worth_running(tests: dict[str, Test], file: str, mutant: Mutant) -> dict[str, float]:
     """Tests that may kill a mutant, in order, and how long each one took, in s.
 
-    What another test of a file has left, as a fixture of the module does, is not seen in lines: the other tests of such
-    a file come last. What is declared is run by none: tests that run any line of the file, or those of the package.
+    Those that run its line, or, where none does, as it runs in an import or in another process, those that run any line
+    of the file and those of the package. What another test of a file has left, as a fixture of the module does, is not
+    seen in lines: the other tests of the same files come last.
     """
     package = file.split("/")[1]
     mirrored = f"tests/{Path(file).parent.relative_to('drake_quad')}/test_{Path(file).name}"
+    runners = {name for name, test in tests.items() if any(line in mutant.lines for line in test.lines.get(file, ()))}
+    if mutant.declared or not runners:
+        runners = {name for name, test in tests.items() if file in test.lines or name.startswith(f"tests/{package}/")}
+    files = {name.split("::")[0] for name in runners}
 
-    def runs(name: str, test: Test) -> bool:
-        lines = test.lines.get(file, [])
-        return bool(lines) if mutant.declared else any(line in mutant.lines for line in lines)
-
-    files = {name.split("::")[0] for name, test in tests.items() if runs(name, test)}
-    if mutant.declared:
-        files |= {name.split("::")[0] for name in tests if name.startswith(f"tests/{package}/")}
-
-    def rank(item: tuple[str, Test]) -> tuple[bool, bool, float]:
-        name, test = item
-        return not (mutant.declared or runs(name, test)), not name.startswith(mirrored), test.seconds
+    def rank(name: str) -> tuple[bool, bool, float]:
+        return name not in runners, not name.startswith(mirrored), tests[name].seconds
 
     chosen, total = {}, 0.0
-    for name, test in sorted(tests.items(), key=rank):
-        if name.split("::")[0] in files and total + test.seconds <= WORTH:
-            chosen[name] = test.seconds
-            total += test.seconds
+    for name in sorted(tests, key=rank):
+        if name.split("::")[0] in files and total + tests[name].seconds <= WORTH:
+            chosen[name] = tests[name].seconds
+            total += tests[name].seconds
     return chosen
 
 

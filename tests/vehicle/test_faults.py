@@ -5,7 +5,7 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, quadrotor_derivative, rigid_kinematics, rotor_wrench
-from drake_quad.vehicle.faults import RotorFaults
+from drake_quad.vehicle.faults import RotorFaults, rotor_speed_factor
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor
 
@@ -47,6 +47,14 @@ def test_each_rotor_has_its_own_thrust_factor():
     assert thrust == pytest.approx(1e4 * sum(FLAWED.thrust_factor))
     assert tau_x == pytest.approx(0.17 * 1e4 * (3.9e-5 - 4.0e-5))
     assert tau_y == pytest.approx(0.17 * 1e4 * (4.2e-5 - 4.3e-5))
+
+
+def test_what_is_left_of_the_speed():
+    """From its time on a fault is there; an empty battery turns no rotor, and none backwards."""
+    faults = RotorFaults(battery_sag=0.1, failure_time=4.0, failure_factor=(0.9, 0.8, 0.7, 0.6)).to_rows()
+    for time, left in ((0.0, (1.0,) * 4), (3.999, (0.6001,) * 4), (4.0, (0.54, 0.48, 0.42, 0.36)), (20.0, (0.0,) * 4)):
+        assert rotor_speed_factor(faults, time) == pytest.approx(left)
+    assert rotor_speed_factor(RotorFaults().to_rows(), 1e9) == (1.0,) * 4
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])

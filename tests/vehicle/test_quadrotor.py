@@ -154,6 +154,20 @@ def test_parameters_live_in_the_context():
     np.testing.assert_allclose(vehicle.GetOutputPort("state").Eval(context).reshape(12, 2)[5], 0.5)
 
 
+@pytest.mark.parametrize("time_step", [0.0, 0.01])
+def test_vehicles_are_put_into_hover_with_the_parameters_of_the_context(time_step):
+    vehicle = Quadrotor(num_vehicles=2, time_step=time_step, parameters=PARAMETERS._replace(mass=np.array([0.7, 0.7])))
+    context = vehicle.CreateDefaultContext()
+    masses = np.array([0.65, 0.8])
+    vehicle.set_parameters(context, PARAMETERS._replace(mass=masses))
+    vehicle.set_hover(context, (1.0, np.array([2.0, -2.0]), 3.0), 0.5)
+    state = vehicle.GetOutputPort("state").Eval(context).reshape(12, 2)
+    np.testing.assert_array_equal(state[:, 0], [1.0, 2.0, 3.0, 0.0, 0.0, 0.5] + [0.0] * 6)
+    np.testing.assert_array_equal(state[:, 1], [1.0, -2.0, 3.0, 0.0, 0.0, 0.5] + [0.0] * 6)
+    speeds = vehicle.GetOutputPort("rotor_speed").Eval(context).reshape(4, 2)
+    np.testing.assert_allclose(speeds, hover_rotor_speeds(PARAMETERS._replace(mass=masses)), rtol=1e-14)
+
+
 def test_linearises_at_hover_to_the_matrices_of_the_textbook():
     from pydrake.systems.primitives import Linearize
 

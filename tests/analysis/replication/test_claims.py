@@ -1,6 +1,7 @@
 """Claims about an invented experiment, whose answers are worked out here."""
 
 import csv
+from dataclasses import replace
 from pathlib import Path
 
 import numpy as np
@@ -10,12 +11,13 @@ from scipy import stats
 from drake_quad.analysis.monte_carlo.statistics import Interval
 from drake_quad.analysis.monte_carlo.study import Study
 from drake_quad.analysis.replication.claims import all_claims, as_good, judge, percent, typical_over_best
-from drake_quad.analysis.replication.effort import effort_matches, printed_scatter, printed_shares
-from drake_quad.analysis.replication.fair import fair_entries
+from drake_quad.analysis.replication.effort import effort_matches, printed_scatter, printed_shares, write_efforts
+from drake_quad.analysis.replication.fair import fair_entries, write_fair
 from drake_quad.analysis.replication.measures import EFFORTS, LegErrors
-from drake_quad.analysis.replication.printed import CONTROLLERS, WINDS, Cell
+from drake_quad.analysis.replication.printed import CONTROLLERS, WINDS, Cell, table_ii
 from drake_quad.analysis.replication.results import FAIR, Experiment, cells_of
 from drake_quad.analysis.replication.sweeps import NOISE, SHARES, SLOPES, Sweep, noise_settings, share_settings
+from drake_quad.analysis.replication.table import table_entries, table_markdown, write_table
 from drake_quad.laboratory.metrics import Metrics
 
 DOCS = Path(__file__).parent.parent.parent.parent / "docs" / "replication"
@@ -365,3 +367,67 @@ def test_definitions_of_effort_beside_the_printed_ratios(found):
         np.testing.assert_allclose(matches[name].distance, np.exp(interval(off)))
         means = [stats.gmean(shares[kept[:, axis], axis].ravel()) for axis in (0, 1)]
         np.testing.assert_allclose(matches[name].shares, means)
+
+
+def test_table_ii_beside_the_print(found, tmp_path):
+    cells = dict(found.cells)
+    crashed = cells[Cell("low_wind", "pd")]
+    crash_time = np.where(np.arange(SAMPLES) == 1, 2.0, np.inf)
+    cells[Cell("low_wind", "pd")] = replace(crashed, metrics=crashed.metrics._replace(crash_time=crash_time))
+    entries = table_entries(cells)
+    names = ["rmse", "effort_x", "effort_y"]
+    assert [(entry.quantity, *entry.cell) for entry in entries] == [
+        (quantity, wind, name) for quantity in names for wind in NAMES for name in CONTROLLERS
+    ]
+    for entry in entries:
+        values = getattr(cells[entry.cell].metrics, entry.quantity).copy()
+        if entry.cell == ("low_wind", "pd"):
+            values[1] = np.nan
+        assert entry.crashed == np.isnan(values).sum()
+        np.testing.assert_array_equal(entry.runs.runs, values[:3])
+        np.testing.assert_allclose(entry.runs.mean, values[:3].mean())
+        np.testing.assert_allclose(entry.mean, interval(values))
+        printed = table_ii().get(entry.cell)
+        if printed is None:
+            assert np.isnan([*entry.printed.runs, entry.printed.mean, entry.off]).all()
+        else:
+            np.testing.assert_array_equal(entry.printed.runs, getattr(printed, entry.quantity).runs)
+            np.testing.assert_allclose(entry.off, interval(values)[0] / getattr(printed, entry.quantity).mean - 1.0)
+
+    with write_table(tmp_path / "table_ii.csv", entries).open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    for row, entry in zip(rows, entries, strict=True):
+        assert (row["quantity"], row["wind"], row["controller"], row["crashed"]) == (
+            *(entry.quantity, *entry.cell),
+            str(entry.crashed),
+        )
+        for name, runs in (("printed", entry.printed), ("ours", entry.runs)):
+            written = [float(row[f"{name}_{which}"] or "nan") for which in ("run1", "run2", "run3", "mean")]
+            np.testing.assert_allclose(written, [*runs.runs, runs.mean], rtol=1e-8)
+        np.testing.assert_allclose([float(row[end]) for end in ("mean", "low", "high")], entry.mean, rtol=1e-8)
+
+    lines = table_markdown(entries, "effort_y").splitlines()
+    assert len(lines) == 2 + 12
+    (entry,) = (entry for entry in entries if (entry.quantity, *entry.cell) == ("effort_y", "low_wind", "pd"))
+    first, _, third = entry.runs.runs
+    value, low, high = entry.mean
+    runs = ", ".join(f"{run:.3f}" for run in entry.printed.runs)
+    assert lines[6] == (
+        f"| low wind | PD | {runs} | {entry.printed.mean:.3f} | {first:.3f}, –, {third:.3f} | –"
+        f" | {value:.4f} [{low:.4f}, {high:.4f}] | {100.0 * entry.off:+.1f} % |"
+    )
+
+
+def test_files_of_the_fair_comparison_and_of_efforts_hold_what_is_found(found, tmp_path):
+    entries, matches = fair_entries(found), effort_matches(found)
+    with write_fair(tmp_path / "fair.csv", entries).open(encoding="utf-8") as file:
+        for row, entry in zip(csv.DictReader(file), entries, strict=True):
+            assert (row["wind"], row["controller"]) == entry.cell
+            for name in ("rmse", "peak_error", "effort_x", "effort_y", "over_pd", "over_network"):
+                written = [float(row[f"{name}{end}"]) for end in ("", "_low", "_high")]
+                np.testing.assert_allclose(written, getattr(entry, name), rtol=1e-8)
+    with write_efforts(tmp_path / "effort.csv", matches).open(encoding="utf-8") as file:
+        for row, match in zip(csv.DictReader(file), matches, strict=True):
+            assert row["definition"] == EFFORTS[match.name].words
+            written = [float(row[name]) for name in ("ratio_x", "ratio_y", "off_by_factor", "low", "high")]
+            np.testing.assert_allclose(written, [*match.shares, *match.distance], rtol=1e-8)

@@ -11,6 +11,7 @@ from scipy.integrate import quad
 
 from drake_quad.laboratory.tape import Samples, connect_tapes, random_ports
 from drake_quad.laboratory.wind.fans import Fans, Jet
+from drake_quad.laboratory.wind.wind import build_wind
 from drake_quad.randomness import Kind
 
 D, Q = 0.75, 2.5
@@ -111,3 +112,20 @@ def test_jets_add_up():
     expected = calm.speed(place)[0] * np.array(AXIS) + other.speed(place)[0] * np.array([1.0, 0.0, 0.0])
     assert other.speed(place)[0] > 1.0
     np.testing.assert_allclose(both[:, 0, -1], expected, rtol=1e-12)
+
+
+def test_sources_that_depend_on_the_place_share_it():
+    """Two jets without turbulence, each a source of its own, blow as one source of both."""
+    jets = [JET._replace(turbulence=0.0), JET._replace(turbulence=0.0, direction=(0.0, 0.8, 0.6))]
+    winds = [
+        build_wind({f"fan_{i}": Fans(jets=[jet]) for i, jet in enumerate(jets)}),
+        build_wind({"fans": Fans(jets=jets)}),
+    ]
+    found = []
+    for wind in winds:
+        simulator = Simulator(wind)
+        wind.GetInputPort("state").FixValue(simulator.get_mutable_context(), [*at(2.0, 0.1), *[0.0] * 9])
+        simulator.Initialize()
+        found.append(wind.GetOutputPort("wind").Eval(simulator.get_context()))
+    assert np.linalg.norm(found[0]) > 1.0
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-12)
