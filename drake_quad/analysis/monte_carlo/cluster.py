@@ -10,8 +10,8 @@ from drake_quad.analysis.monte_carlo.crew import Crew, Outcome, attempt, failed
 from drake_quad.analysis.monte_carlo.provenance import difference, provenance
 from drake_quad.errors import InputError
 
-# Longer than any handshake, and than any answer of a scheduler, on a network that works, s.
-_PATIENCE = 5.0
+# Longer than a handshake, and than an answer of a scheduler on a machine that has much else to do, s.
+_HANDSHAKE, _PATIENCE = 5.0, 30.0
 # A look at the futures costs microseconds, a question to the scheduler milliseconds, s.
 _BETWEEN_LOOKS, _BETWEEN_QUESTIONS = 0.05, 2.0
 # A cluster that grows and shrinks by itself may be without workers for a while, s.
@@ -62,10 +62,15 @@ class DaskCrew(Crew):
         try:
             outcome: Outcome = future.result(timeout=_PATIENCE)
         except TimeoutError:
-            raise self._lost("does not answer") from None
+            raise self._silence() from None
         except Exception as error:  # its worker died, or could not read what it was sent
             return failed(given, error)
         return outcome
+
+    def _silence(self) -> ConnectionError:
+        """The error of a question that has no answer."""
+        self._check_connection()
+        return self._lost("does not answer")
 
     def _lost(self, how: str) -> ConnectionError:
         return ConnectionError(f"the Dask scheduler at {self._address} {how}")
@@ -82,7 +87,7 @@ class DaskCrew(Crew):
         try:
             threads = self._client.sync(self._client.scheduler.ncores, callback_timeout=_PATIENCE)
         except (OSError, TimeoutError, AttributeError):
-            raise self._lost("does not answer") from None
+            raise self._silence() from None
         self._asked = time.monotonic()
         if threads:
             self._had_workers = now
@@ -109,7 +114,7 @@ def dask_crew(address: str, num_workers: int | None = None) -> Iterator[DaskCrew
         ) from None
     with _silent("distributed"):
         try:
-            client = Client(address, timeout=_PATIENCE, set_as_default=False)
+            client = Client(address, timeout=_HANDSHAKE, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
             reason = str(error).splitlines()[0] if str(error) else type(error).__name__
             raise InputError(f"no Dask scheduler can be reached at {address}: {reason}") from None
@@ -139,7 +144,7 @@ def _check_code(client: Any) -> None:
 def _close(client: Any) -> None:
     """Closes a client; a scheduler that does not answer is not waited for."""
     with suppress(TimeoutError):
-        client.close(timeout=_PATIENCE)
+        client.close(timeout=_HANDSHAKE)
 
 
 @contextmanager
