@@ -11,7 +11,7 @@ from drake_quad.analysis.monte_carlo.provenance import difference, provenance
 from drake_quad.errors import InputError
 
 # Longer than a handshake, and than an answer of a scheduler on a machine that has much else to do, s.
-_HANDSHAKE, _PATIENCE = 5.0, 30.0
+_HANDSHAKE, _PATIENCE = 10.0, 30.0
 # A look at the futures costs microseconds, a question to the scheduler milliseconds, s.
 _BETWEEN_LOOKS, _BETWEEN_QUESTIONS = 0.05, 2.0
 # A cluster that grows and shrinks by itself may be without workers for a while, s.
