@@ -191,7 +191,7 @@ def varied_trees(draw):
     numbers = [place for place in places(tree) if is_number(at(tree, place))]
     for path in draw(st.lists(st.sampled_from(numbers), min_size=1, max_size=5, unique=True)):
         inside = at(tree, path[:-1])
-        inside[path[-1]] = draw(near(inside[path[-1]]))
+        inside[path[-1]] = copy.deepcopy(draw(near(inside[path[-1]])))
     return tree
 
 
@@ -206,7 +206,7 @@ def mutated_trees(draw):
         value = inside[last]
         match draw(st.sampled_from(["replace", "copy", "remove", "add", "rename"])):
             case "replace":
-                inside[last] = draw(scraps)
+                inside[last] = copy.deepcopy(draw(scraps))
             case "copy":
                 inside[last] = copy.deepcopy(at(tree, draw(st.sampled_from(list(places(tree))))))
             case "remove":
@@ -214,7 +214,7 @@ def mutated_trees(draw):
             case "add" if isinstance(inside, list):
                 inside.insert(last, copy.deepcopy(value))
             case "add":
-                inside[draw(odd_texts)] = draw(scraps)
+                inside[draw(odd_texts)] = copy.deepcopy(draw(scraps))
             case "rename" if isinstance(inside, dict):
                 inside[draw(odd_texts)] = inside.pop(last)
     return tree
@@ -240,8 +240,27 @@ def loaded(load, *beginnings):
         assert time.process_time() - start < PATIENCE
 
 
+def numbers(value):
+    """All numbers of a scenario or a part of it."""
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, dict):
+        yield from itertools.chain.from_iterable(map(numbers, value.values()))
+    elif isinstance(value, list | tuple):
+        yield from itertools.chain.from_iterable(map(numbers, value))
+
+
+def assert_it_makes_sense(scenario):
+    """Every number is finite, and those that must be positive are."""
+    assert all(math.isfinite(number) for number in numbers(scenario.model_dump()))
+    for name in ("mass", "thrust_factor", "drag_factor", "arm_length", "rotor_time_constant", "max_rotor_speed"):
+        value = getattr(scenario.vehicle, name)
+        assert (value if isinstance(value, float) else next(value.extremes())) > 0.0
+
+
 def assert_it_flies(scenario):
     """For a few ticks, to finite numbers; or a sentence says why not."""
+    assert_it_makes_sense(scenario)
     ticks = 4 * max(scenario.periods.values())
     short = scenario.model_copy(update={"duration": min(ticks, scenario.duration or math.inf)})
     try:

@@ -1,13 +1,9 @@
 """The scenario language: what it accepts, and one sentence for what it does not."""
 
-import copy
-import math
 import re
 from io import StringIO
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
 from drake_quad.errors import InputError
@@ -398,100 +394,3 @@ def test_a_scenario_written_and_read_again_is_the_same(diagrams, write):
     text = StringIO()
     YAML().dump({"again": scenario.model_dump(mode="json")}, text)
     assert load_scenario(write(text.getvalue())) == scenario
-
-
-# What a person, a merge conflict or a program may leave in a file.
-scraps = st.one_of(
-    st.none(),
-    st.booleans(),
-    st.integers(-(10**400), 10**400),
-    st.floats(),
-    st.text(max_size=8),
-    st.lists(st.floats(), max_size=4),
-    st.dictionaries(st.text(max_size=5), st.integers(), max_size=2),
-    st.sampled_from([{"uniform": {"min": 0.0, "max": 1.0}}, {"normal": {}}, {"choice": []}, {"kind": "pd"}]).map(
-        copy.deepcopy
-    ),
-)
-
-
-def places(tree, path=()):
-    yield path
-    children = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
-    for key, child in children:
-        yield from places(child, (*path, key))
-
-
-def numbers(value):
-    if isinstance(value, float):
-        yield value
-    elif isinstance(value, dict):
-        for child in value.values():
-            yield from numbers(child)
-    elif isinstance(value, list | tuple):
-        for child in value:
-            yield from numbers(child)
-
-
-@pytest.fixture(scope="module")
-def full_tree():
-    from pathlib import Path
-
-    scenario = load_scenario(Path(__file__).parents[2] / "diagrams" / "figure_eight.yaml")
-    return {"loop": scenario.model_dump(mode="json")}
-
-
-@given(data=st.data())
-@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_a_mutated_tree_is_refused_in_one_sentence_or_makes_sense(full_tree, tmp_path_factory, data):
-    tree = copy.deepcopy(full_tree)
-    for _ in range(data.draw(st.integers(1, 3))):
-        *parents, last = data.draw(st.sampled_from([place for place in places(tree) if len(place) > 1]))
-        inside = tree
-        for key in parents:
-            inside = inside[key]
-        action = data.draw(st.sampled_from(["replace", "remove", "add"]))
-        if action == "replace":
-            inside[last] = data.draw(scraps)
-        elif action == "remove":
-            del inside[last]
-        elif isinstance(inside, dict):
-            inside[data.draw(st.text(max_size=6))] = data.draw(scraps)
-        else:
-            inside.append(data.draw(scraps))
-    path = tmp_path_factory.mktemp("mutated") / "loop.yaml"
-    with path.open("w", encoding="utf-8", errors="surrogatepass") as file:
-        YAML().dump(tree, file)
-    try:
-        scenario = load_scenario(path)
-    except InputError as error:
-        assert "\n" not in str(error)
-        assert str(error).startswith(str(path))
-        return
-    assert_makes_sense(scenario)
-
-
-@given(position=st.floats(0.0, 1.0), length=st.integers(0, 6), scrap=st.text(max_size=6))
-@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_a_mutated_text_is_refused_in_one_sentence_or_makes_sense(tmp_path_factory, position, length, scrap):
-    text = f"loop:\n{BODY}  vehicle: {{mass: 0.7}}\n"
-    start = int(position * len(text))
-    mutated = text[:start] + scrap + text[start + length :]
-    path = tmp_path_factory.mktemp("mutated") / "loop.yaml"
-    path.write_bytes(mutated.encode("utf-8", errors="surrogatepass"))
-    try:
-        scenario = load_scenario(path)
-    except InputError as error:
-        assert "\n" not in str(error)
-        return
-    assert_makes_sense(scenario)
-
-
-def assert_makes_sense(scenario):
-    """Every number is finite, and those that must be positive are."""
-    assert all(math.isfinite(number) for number in numbers(scenario.model_dump()))
-    vehicle = scenario.vehicle
-    for name in ("mass", "thrust_factor", "drag_factor", "arm_length", "rotor_time_constant", "max_rotor_speed"):
-        value = getattr(vehicle, name)
-        lowest = value if isinstance(value, float) else next(value.extremes())
-        assert lowest > 0.0
