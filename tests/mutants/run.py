@@ -18,6 +18,7 @@ import os
 import random
 import sys
 from collections import defaultdict
+from contextlib import suppress
 from pathlib import Path
 
 from mutation import Mutant, mutants_of
@@ -62,16 +63,18 @@ def main() -> int:
     # What does not change must survive: else a test fails for another reason than a mutant.
     unchanged = [(file, mutant._replace(place=(0, 0), code="")) for file, mutant in one_of_each_package(mutants)]
     jobs = [(kill, file, mutant, worth_running(tests, file, mutant)) for file, mutant in unchanged + mutants]
-    results = []
-    for place, outcome in forked(jobs, arguments.processes, "mutants"):
-        if place < len(unchanged):
-            if outcome.killer is not None:
-                raise RuntimeError(f"without a mutant, too, tests fail: {outcome.killer}")
-            continue
-        mutant = mutants[place - len(unchanged)]
-        results.append((*mutant, outcome))
-        if outcome.killer is None:
-            tqdm.write(f"survived: {difference(*mutant)}", file=sys.stderr, end="")
+    results: list[tuple[str, Mutant, Outcome]] = []
+    # In the order of the draw, so that those until Ctrl-C are a fair sample, too.
+    with suppress(KeyboardInterrupt):
+        for place, outcome in forked(jobs, arguments.processes, "mutants"):
+            if place < len(unchanged):
+                if outcome.killer is not None:
+                    raise RuntimeError(f"without a mutant, too, tests fail: {outcome.killer}")
+                continue
+            mutant = mutants[place - len(unchanged)]
+            results.append((*mutant, outcome))
+            if outcome.killer is None:
+                tqdm.write(f"survived: {difference(*mutant)}", file=sys.stderr, end="")
     return report(sorted(results, key=lambda result: (result[0], result[1].line)))
 
 

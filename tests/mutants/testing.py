@@ -170,7 +170,8 @@ def forked(jobs: list[tuple[Any, ...]], processes: int, what: str) -> Iterator[t
     """
     context, waiting = multiprocessing.get_context("fork"), enumerate(jobs)
     running: dict[Any, tuple[int, Any, float]] = {}
-    with tqdm(total=len(jobs), desc=what, smoothing=0.02) as bar:
+    bar = tqdm(total=len(jobs), desc=what, smoothing=0.02)
+    try:
         while True:
             while len(running) < processes and (following := next(waiting, None)):
                 here, there = context.Pipe(duplex=False)
@@ -187,6 +188,10 @@ def forked(jobs: list[tuple[Any, ...]], processes: int, what: str) -> Iterator[t
             for _, process, last in running.values():
                 if time.monotonic() > last:
                     os.killpg(process.pid, signal.SIGKILL)
+    finally:
+        bar.close()
+        for _, process, _ in running.values():
+            os.killpg(process.pid, signal.SIGKILL)
 
 
 def do(there: Any, function: Any, *arguments: Any) -> None:
