@@ -2,7 +2,8 @@
 
 import numpy as np
 import pytest
-from pydrake.systems.analysis import Simulator
+from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
+from pydrake.systems.analysis import Simulator_
 
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.laboratory.delay_line import DelayLine
@@ -30,9 +31,9 @@ class Delayed(FleetSystem):
 
 def shown(system, inputs):
     """What is out after each tick of inputs (ticks, size), one a tick; at the beginning the input is -1."""
-    simulator = Simulator(system)
+    simulator = Simulator_[system.scalar](system)
     context, found = simulator.get_mutable_context(), []
-    system.get_input_port().FixValue(context, np.full(inputs.shape[1], -1.0))
+    system.get_input_port().FixValue(context, 0.0 * inputs[0] - 1.0)
     simulator.Initialize()
     for tick, values in enumerate(inputs):
         # What is pending at a tick is done on the way to the next, with the input that is there then.
@@ -61,6 +62,18 @@ def test_each_vehicle_of_a_fleet_waits_its_own_time():
     for i, delay in enumerate(delays.astype(int)):
         np.testing.assert_array_equal(found[:delay, :, i], -1.0)
         np.testing.assert_array_equal(found[delay:, :, i], inputs[: 9 - delay, :, i])
+
+
+@pytest.mark.parametrize("delays", [2, np.array([2.0, 0.0, 4.0, 1.0])])
+def test_derivatives_wait_as_their_numbers_do(delays):
+    inputs = np.random.default_rng(1).normal(size=(9, 8))
+    gradients = np.arange(72.0).reshape(72, 1)
+    system = Delayed(num_vehicles=4, delay=delays).ToAutoDiffXd()
+    found = shown(system, InitializeAutoDiff(inputs.ravel(), gradient=gradients).reshape(9, 8)).ravel()
+    numbers = shown(Delayed(num_vehicles=4, delay=delays), inputs)
+    np.testing.assert_array_equal(ExtractValue(found).reshape(9, 8), numbers)
+    slopes = shown(Delayed(num_vehicles=4, delay=delays), gradients.reshape(9, 8))
+    np.testing.assert_array_equal(ExtractGradient(found).reshape(9, 8), np.where(slopes == -1.0, 0.0, slopes))
 
 
 def test_an_unfilled_line_shows_its_initial_rows():
