@@ -4,6 +4,7 @@ import csv
 import re
 import runpy
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -64,6 +65,51 @@ def test_a_script_runs_in_a_process_of_its_own_from_anywhere(tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
 
 
+# What a script imports after `interruption`: by `command_line`, by itself, by Drake's.
+INTERRUPTED = """
+import os, runpy, signal, sys
+
+class Interruption:
+    def find_spec(self, name, path=None, target=None):
+        if name == module:
+            os.kill(os.getpid(), signal.SIGINT)
+
+module, script = sys.argv.pop(1), sys.argv[1]
+sys.argv.pop(0)
+sys.meta_path.insert(0, Interruption())
+sys.path.insert(0, os.path.dirname(script))
+runpy.run_path(script, run_name="__main__")
+"""
+
+
+@pytest.mark.parametrize("module", ["tqdm", "numpy", "pydrake", "drake_quad.visualization.replay.live"])
+def test_an_interruption_while_a_script_begins_is_told_in_a_sentence(module):
+    script = str(ROOT / "scripts" / "simulate.py")
+    command = [sys.executable, "-c", INTERRUPTED, module, script]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert (result.returncode, result.stdout, result.stderr) == (1, "", "interrupted: nothing was written\n")
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
+def test_a_script_imports_nothing_that_takes_long_before_it_can_be_interrupted(script):
+    """Python's own modules come first, then `command_line`, or what imports it first."""
+    imports = re.findall(r"^(?:import|from) (\w+)", script.read_text(encoding="utf-8"), re.MULTILINE)
+    others = [name for name in imports if name not in sys.stdlib_module_names]
+    assert others[0] in ("command_line", "benchmark")
+
+
+def test_the_command_line_imports_first_what_tells_of_an_interruption():
+    text = (ROOT / "scripts" / "command_line.py").read_text(encoding="utf-8")
+    imports = re.findall(r"^(?:import|from) (\w+)", text, re.MULTILINE)
+    assert next(name for name in imports if name not in sys.stdlib_module_names) == "interruption"
+
+
+def test_an_interruption_later_is_an_exception_again(run, monkeypatch):
+    """So that what is under way can be put away: nothing may still end the process at once."""
+    run("simulate.py", "--help")
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
 def test_simulate_prints_a_table_and_the_files_it_wrote(run, tmp_path):
     result = run("simulate.py", "diagrams/figure_eight.yaml", "--set", "duration=2", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -92,9 +138,11 @@ def test_a_crash_is_reported_and_is_no_failure(run, tmp_path):
     ("arguments", "words"),
     [
         (["diagrams/nothing.yaml"], "diagrams/nothing.yaml: cannot be read"),
-        (["--set", "vehicle.mass=-1"], "vehicle.mass is -1, but must be larger than 0"),
+        (["--set", "vehicle.mass=-1"], "error: --set vehicle.mass=-1: vehicle.mass is -1, but must be larger than 0"),
         (["--set", "route.top_acceleration=50", "--set", "route.top_speed=50"], "the rotors cannot fly this route"),
-        (["--seed", "-1"], "seed is -1, but must be"),
+        (["--seed", "-1"], "error: --seed -1: seed is -1, but must be"),
+        (["x" * 5000 + ".yaml"], ".yaml: cannot be read: file name too long"),
+        (["--set", "vehicle.mass=" + "[" * 5000], "is nested too deep"),
         (["--set", "vehicle.mass={choice: [0.6, 0.7]}"], "vehicle.mass is a distribution"),
         (["--sample", "-2"], "sample is -2, but must be at least 0"),
         (["diagrams/laboratory.yaml"], "error: diagrams/laboratory.yaml holds several scenarios; choose one as"),

@@ -274,5 +274,5 @@ class Scenario(Journey):
         path, end = self.route.known_end() if self.duration is None else (("duration",), self.duration)
         if end is not None and end > longest:
             demand = "must be at most {longest} s, {most} times the shortest period"
-            raise self.wrong(*path, kind="ticks", demand=demand, longest=longest, most=MOST_TICKS)
+            raise self.wrong(*path, kind="ticks", demand=demand, longest=f"{longest:g}", most=f"{MOST_TICKS:,}")
         return self

@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
-from pydrake.systems.analysis import Simulator, Simulator_
+from pydrake.systems.analysis import Simulator_
 
 from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.laboratory.delay_line import DelayLine
