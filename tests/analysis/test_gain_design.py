@@ -85,6 +85,11 @@ def test_rates_that_are_not_seen_leave_no_gains(pitch):
         design_loop(blind, PolePair(0.8), Requirements(), axis="pitch")
 
 
+def test_a_bandwidth_beyond_the_delay_needs_a_negative_gain(pitch):
+    with pytest.raises(InputError, match="pitch cannot have a bandwidth of 10 rad/s: a negative gain: k_P -5.0"):
+        design_loop(pitch, PolePair(0.8), Requirements(), axis="pitch", effort=10.0)
+
+
 def test_a_regulator_is_found_under_any_delay():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["laboratory.command_link.delay_ticks=50"])
     plant = attitude_plant(laboratory_plant(scenario), scenario, "pitch")
