@@ -74,6 +74,10 @@ def test_what_binds_is_named(pitch, requirements, limit):
     assert design_loop(pitch, PolePair(0.8), requirements, axis="pitch").limits == (limit,)
 
 
+def test_textbook_margins_are_required_if_none_are_given():
+    assert Requirements() == (45.0, 6.0, 0.0)
+
+
 def test_requirements_that_no_gains_meet(pitch):
     with pytest.raises(InputError, match=r"for pitch; at best phase margin: \d\d\.\d°, less than 80°"):
         design_loop(pitch, PolePair(0.8), Requirements(phase=80.0), axis="pitch")
