@@ -22,7 +22,7 @@ from drake_quad.analysis.cascade_design import (
 )
 from drake_quad.analysis.closed_loop import as_believed, at_rest, closed_loop, laboratory_plant
 from drake_quad.analysis.gain_design import PdGains, PolePair, Regulator, Requirements, design_loop, pd_loop
-from drake_quad.analysis.margins import fast_margins, frequencies, margins
+from drake_quad.analysis.margins import FastMargins, fast_margins, frequencies, margins
 from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.analysis.step_response import release
 
@@ -76,6 +76,15 @@ def test_what_binds_is_named(pitch, requirements, limit):
 
 def test_textbook_margins_are_required_if_none_are_given():
     assert Requirements() == (45.0, 6.0, 0.0)
+
+
+def test_what_is_broken_is_told_in_its_unit():
+    found = FastMargins(gain=5.5, phase=80.0, delay=1.0)
+    broken = Requirements(delay=2.0).broken_by(found)
+    assert {name: (text.split()[0], text.split()[-1]) for name, text in broken.items()} == {
+        "gain margin": ("5.5", "dB"),
+        "delay margin": ("1000.0", "ms"),
+    }
 
 
 def test_requirements_that_no_gains_meet(pitch):
