@@ -22,7 +22,7 @@ from drake_quad.analysis.cascade_design import (
 )
 from drake_quad.analysis.closed_loop import as_believed, at_rest, closed_loop, laboratory_plant
 from drake_quad.analysis.gain_design import PdGains, PolePair, Regulator, Requirements, design_loop, pd_loop
-from drake_quad.analysis.margins import fast_margins, frequencies, margins
+from drake_quad.analysis.margins import FastMargins, fast_margins, frequencies, margins
 from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.analysis.step_response import release
 
@@ -74,6 +74,19 @@ def test_what_binds_is_named(pitch, requirements, limit):
     assert design_loop(pitch, PolePair(0.8), requirements, axis="pitch").limits == (limit,)
 
 
+def test_textbook_margins_are_required_if_none_are_given():
+    assert Requirements() == (45.0, 6.0, 0.0)
+
+
+def test_what_is_broken_is_told_in_its_unit():
+    found = FastMargins(gain=5.5, phase=80.0, delay=1.0)
+    broken = Requirements(delay=2.0).broken_by(found)
+    assert {name: (text.split()[0], text.split()[-1]) for name, text in broken.items()} == {
+        "gain margin": ("5.5", "dB"),
+        "delay margin": ("1000.0", "ms"),
+    }
+
+
 def test_requirements_that_no_gains_meet(pitch):
     with pytest.raises(InputError, match=r"for pitch; at best phase margin: \d\d\.\d°, less than 80°"):
         design_loop(pitch, PolePair(0.8), Requirements(phase=80.0), axis="pitch")
@@ -83,6 +96,11 @@ def test_rates_that_are_not_seen_leave_no_gains(pitch):
     blind = replace(pitch, C=pitch.C * [[1.0], [0.0]])
     with pytest.raises(InputError, match="no gains of this kind are good enough for pitch; at best no gains"):
         design_loop(blind, PolePair(0.8), Requirements(), axis="pitch")
+
+
+def test_a_bandwidth_beyond_the_delay_needs_a_negative_gain(pitch):
+    with pytest.raises(InputError, match="pitch cannot have a bandwidth of 10 rad/s: a negative gain: k_P -5.0"):
+        design_loop(pitch, PolePair(0.8), Requirements(), axis="pitch", effort=10.0)
 
 
 def test_a_regulator_is_found_under_any_delay():

@@ -6,7 +6,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from drake_quad.laboratory.tape import Samples, Stream, Tape, TapePlayer
+from drake_quad.laboratory.tape import Samples, Stream, Tape, TapePlayer, connect_tapes, random_ports
+from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence
 from drake_quad.randomness import Kind
 
 GAUSSIAN, UNIFORM = RandomDistribution.kGaussian, RandomDistribution.kUniform
@@ -73,3 +74,17 @@ def test_a_player_plays_tapes_of_several_periods():
         np.testing.assert_array_equal(found[:2, tick], fast.at(0.01 * tick))
     # Between two ticks of the slower tape the nearest one counts.
     np.testing.assert_array_equal(found[2, 0:100:4], [slow.at(0.04 * i)[0] for i in range(25)])
+
+
+@pytest.mark.parametrize(
+    ("samples", "players"),
+    [([3], {"tapes", "tapes_parts"}), ([3, 4], {"tape_a.turbulence_noise", "tape_b.turbulence_noise"})],
+)
+def test_a_lone_vehicle_has_one_player_and_a_fleet_one_for_each_port(samples, players):
+    turbulence = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=15.0, airspeed=5.0)
+    builder = DiagramBuilder()
+    sources = {name: DrydenTurbulence(num_vehicles=len(samples), turbulence=turbulence) for name in "ab"}
+    for name, source in sources.items():
+        builder.AddNamedSystem(name, source)
+    connect_tapes(builder, random_ports(sources, Kind.WIND), Samples(0, tuple(samples)))
+    assert {system.get_name() for system in builder.Build().GetSystems()} == {"a", "b"} | players

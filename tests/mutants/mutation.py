@@ -4,7 +4,8 @@ They are made for formulas: beside the usual ones, an addend or a factor is left
 stands for a cosine, and neighbours change places (arguments, elements of a tuple, names that one is unpacked into).
 
 Left out is what a test cannot notice or cannot but notice: texts, messages, annotations, decorators, imports, lists of
-names; `<` for `<=` between numbers that are not whole; arguments by keyword that are left out, as most must be given.
+names; `<` for `<=` between numbers that are not whole; arguments by keyword that are left out, as most must be given;
+`strict` of zip; one more where a constant of the module says how often something is tried, or how much is done at once.
 """
 
 import ast
@@ -60,7 +61,7 @@ _COUNTERPARTS = {
 _CLAMPS = {"minimum", "maximum", "min", "max"}
 _TRANSFORMS = {"abs", "sqrt", "wrapped", "floor", "ceil", "round", "rint", "clip", "sorted", "cumsum"}
 # Their arguments may change places.
-_SYMMETRIC = {*_CLAMPS, "isinstance", "getattr", "setattr", "cast", "partial", "TypeVar", "NewType"}
+_SYMMETRIC = {*_CLAMPS, "judge", "isinstance", "getattr", "setattr", "cast", "partial", "TypeVar", "NewType"}
 
 _SKIPPED_FIELDS = {"annotation", "returns", "decorator_list", "bases", "type_params", "type"}
 _SKIPPED = (ast.Import, ast.ImportFrom, ast.JoinedStr, ast.Raise, ast.Assert)
@@ -154,6 +155,8 @@ def _changes(node: ast.AST, parent: ast.AST) -> Iterator[tuple[str, ast.AST]]:
             yield "condition", ast.Compare(left, [_OPPOSITES[type(first)](), *others], rights)
         case ast.BoolOp(operator, values):
             yield "condition", ast.BoolOp(ast.Or() if isinstance(operator, ast.And) else ast.And(), values)
+        case ast.Constant(int()) if _is_a_guard_or_a_count(parent):
+            return
         case ast.Constant(bool() as value):
             yield "number", ast.Constant(not value)
         case ast.Constant(int() | float() as value):
@@ -200,6 +203,13 @@ def _swapped(nodes: list[ast.expr]) -> Iterator[list[ast.expr]]:
     for i, (first, second) in enumerate(pairwise(nodes)):
         if type(first) is type(second) and ast.dump(first) != ast.dump(second) and not _is_text(first):
             yield [*nodes[:i], second, first, *nodes[i + 2 :]]
+
+
+def _is_a_guard_or_a_count(parent: ast.AST) -> bool:
+    """Is a whole number in it `strict` of zip, or a private constant: how often, how many at once?"""
+    if isinstance(parent, ast.keyword):
+        return parent.arg == "strict"
+    return isinstance(parent, ast.Assign) and getattr(parent.targets[0], "id", "").startswith("_")
 
 
 def _is_a_choice(parent: ast.AST) -> bool:

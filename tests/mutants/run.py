@@ -101,15 +101,17 @@ def one_of_each_package(mutants: list[tuple[str, Mutant]]) -> list[tuple[str, Mu
 def worth_running(tests: dict[str, Test], file: str, mutant: Mutant) -> dict[str, float]:
     """Tests that may kill a mutant, in order, and how long each one took, in s.
 
-    Those that run its line, or, where none does, as it runs in an import or in another process, those that run any line
-    of the file and those of the package. What another test of a file has left, as a fixture of the module does, is not
-    seen in lines: the other tests of the same files come last.
+    Those that run its line; what another test has left, as a fixture of the module does, is not seen in lines, so the
+    other tests of the same files come last. Where none runs it, as it runs in an import or in another process: all of
+    the files with one that runs any line of the mutant's file, and those of its package.
     """
     package = file.split("/")[1]
     mirrored = f"tests/{Path(file).parent.relative_to('drake_quad')}/test_{Path(file).name}"
     runners = {name for name, test in tests.items() if any(line in mutant.lines for line in test.lines.get(file, ()))}
     if mutant.declared or not runners:
-        runners = {name for name, test in tests.items() if file in test.lines or name.startswith(f"tests/{package}/")}
+        near = {name for name, test in tests.items() if file in test.lines or name.startswith(f"tests/{package}/")}
+        files = {name.split("::")[0] for name in near}
+        runners = {name for name in tests if name.split("::")[0] in files}
     files = {name.split("::")[0] for name in runners}
 
     def rank(name: str) -> tuple[bool, bool, float]:

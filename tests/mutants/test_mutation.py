@@ -28,6 +28,8 @@ def changes(line, before=""):
         ("a = x if flag else y", {"a = x if (not flag) else y", "a = x", "a = y"}),
         ("f(a, b, k=c, l=d)", {"f(b, a, k=c, l=d)", "f(a, b, k=d, l=c)", "pass"}),
         ("raise InputError(f'{1 + x} is too much', 3)", {"pass"}),
+        ("SIZE = 10", {"SIZE = 11"}),
+        ("x = zip(a, b, strict=True)", {"x = zip(b, a, strict=True)"}),
         ("flag: bool = True", {"flag: bool = False"}),
     ],
 )
@@ -36,7 +38,14 @@ def test_what_a_line_may_change_into(line, expected):
 
 
 @pytest.mark.parametrize(
-    "line", ["from x import y", "__all__ = ['a', 'b']", "Step = Callable[[Row, Rows], tuple[Row, Row]]", "'a text'"]
+    "line",
+    [
+        "from x import y",
+        "__all__ = ['a', 'b']",
+        "Step = Callable[[Row, Rows], tuple[Row, Row]]",
+        "'a text'",
+        "_ROUNDS = 10",
+    ],
 )
 def test_what_no_test_can_notice_stays(line):
     assert changes(line) == set()

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.optimize import minimize
 
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
-from drake_quad.reference.minimum_snap_program import InfeasibleError, MinimumSnapProgram, path_within
+from drake_quad.reference.minimum_snap_program import InfeasibleError, MinimumSnapProgram, Slack, path_within
 from drake_quad.reference.path_problem import Box, Limits, PathProblem, Sphere
 from drake_quad.reference.polynomial_path import evaluate, evaluate_at, peak_norm
 
@@ -180,3 +180,20 @@ def test_drake_s_log_is_as_talkative_after_a_solution_as_before():
         assert logger.level == logging.INFO
     finally:
         logger.setLevel(level)
+
+
+def test_what_limits_are_exceeded_by_is_the_least_that_must_be():
+    waypoints, durations = random_route(3, 6)
+    free = MinimumSnap(waypoints, durations).path()
+    limits = {"speed": 0.6 * peak_norm(free, 1), "acceleration": 0.6 * peak_norm(free, 2)}
+    program = MinimumSnapProgram(PathProblem(points(waypoints), limits=Limits(**limits)), durations, slack=Slack.LIMITS)
+    program.solve()
+    assert program.exceeded > 0.01
+
+    def path(share):
+        wider = Limits(**{name: (1.0 + share * program.exceeded) * limit for name, limit in limits.items()})
+        return path_within(PathProblem(points(waypoints), limits=wider), durations)
+
+    assert path(1.01).duration == pytest.approx(durations.sum())
+    with pytest.raises(InfeasibleError):
+        path(0.97)

@@ -89,3 +89,12 @@ def test_its_parts_come_out_under_their_names():
     speeds = diagram.GetOutputPort("rotor_speed_command").Eval(context)
     np.testing.assert_allclose(speeds, hover_rotor_speeds(TABLE_I)[0])
     np.testing.assert_array_equal(diagram.GetOutputPort("shortfall").Eval(context), 0.0)
+
+
+def test_what_little_room_is_left_is_given_whole():
+    """Half of a squared rad/s below the top there is room for a tenth of it."""
+    level, roll = 300.0**2 - 0.5, 0.1
+    wrench = (4.0 * 4.13e-5 * level, 2.0 * 4.13e-5 * 0.17 * roll, 0.0, 0.0)
+    speeds, shortfall = allocate(wrench, ROTORS)
+    np.testing.assert_allclose(np.square(speeds), level + np.array([0.0, -roll, 0.0, roll]), atol=1e-6)
+    np.testing.assert_allclose(shortfall, 0.0, atol=1e-12)

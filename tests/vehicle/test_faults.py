@@ -90,3 +90,8 @@ def test_vehicles_of_a_fleet_fail_each_in_its_own_way():
         alone = RotorFaults(faults.battery_sag[i], faults.failure_time[i], (1.0, faults.failure_factor[1][i], 1.0, 1.0))
         _, expected = flown(Quadrotor(faults=alone), [200.0] * 4, 1.0)
         np.testing.assert_allclose(speeds.reshape(4, 2)[:, i], expected, rtol=1e-12)
+
+
+def test_without_faults_all_speed_is_left():
+    assert RotorFaults() == (0.0, np.inf, (1.0, 1.0, 1.0, 1.0))
+    assert rotor_speed_factor(RotorFaults().to_rows(), 100.0) == (1.0, 1.0, 1.0, 1.0)

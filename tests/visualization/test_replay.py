@@ -67,7 +67,7 @@ def test_a_replay_plays_in_a_browser(flight, tmp_path):
     assert len(np.unique(rotor[:, 6].round(3))) > 5
     assert not np.allclose(rotor[:, 6], other_rotor[:, 6])
     # The piece from 2.5 to 2.75 s is not there at first, and then stays.
-    np.testing.assert_array_equal(trail[:, 0], np.array(moments) > 2.6)
+    np.testing.assert_array_equal(trail[:, 0], np.array(moments) > 2.75)
     early, late = (np.asarray(Image.open(picture).convert("L"), dtype=float) for picture in pictures)
     assert 20 < (np.abs(late - early) > 30.0).sum() < 0.1 * early.size
 

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from drake_quad import InputError
+from drake_quad import InputError, load_scenario, run_monte_carlo
 from drake_quad.analysis.monte_carlo.crew import Crew, ExecutorCrew, attempt, fly_batches
 from drake_quad.analysis.monte_carlo.workers import Workers
 
@@ -93,6 +93,20 @@ def test_what_leaves_the_program_is_an_outcome(make):
     (outcome,) = fly_batches(crew, leaving, [[4]])
     assert (outcome.given, outcome.result, outcome.reason) == ([4], None, "SystemExit: 3")
     crew.give_up()
+
+
+def test_an_executor_that_is_given_flies_everything():
+    submitted = []
+
+    class Executor(ThreadPoolExecutor):
+        def submit(self, function, /, *arguments, **options):
+            submitted.append(function)
+            return super().submit(function, *arguments, **options)
+
+    scenario = load_scenario("diagrams/hover.yaml", ["duration=0.1"])
+    with Executor(1) as executor:
+        assert len(run_monte_carlo(scenario, 4, batch_size=2, executor=executor).samples) == 4
+    assert len(submitted) == 2
 
 
 def test_a_reason_is_one_short_line():

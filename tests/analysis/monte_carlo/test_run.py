@@ -354,6 +354,7 @@ def test_a_study_is_not_overwritten(whole):
             5,
             "its vehicle.mass.normal.mean is 0.68, not 0.7",
         ),
+        (["control.position.k_d=[0.7, 0.6, 3.0]"], 5, r"its control.position.k_d\[0\] is \S+, not 0.7"),
         (["duration=0.5"], 5, r"its duration is 0.4, not 0.5"),
         ([], 6, "its seed is 5, not 6"),
     ],

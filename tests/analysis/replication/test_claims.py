@@ -16,7 +16,15 @@ from drake_quad.analysis.replication.fair import fair_entries, write_fair
 from drake_quad.analysis.replication.measures import EFFORTS, LegErrors
 from drake_quad.analysis.replication.printed import CONTROLLERS, WINDS, Cell, table_ii
 from drake_quad.analysis.replication.results import FAIR, Experiment, cells_of
-from drake_quad.analysis.replication.sweeps import NOISE, SHARES, SLOPES, Sweep, noise_settings, share_settings
+from drake_quad.analysis.replication.sweeps import (
+    NOISE,
+    SHARES,
+    SLOPES,
+    Sweep,
+    load_sweep,
+    noise_settings,
+    share_settings,
+)
 from drake_quad.analysis.replication.table import table_entries, table_markdown, write_table
 from drake_quad.laboratory.metrics import Metrics
 
@@ -431,3 +439,142 @@ def test_files_of_the_fair_comparison_and_of_efforts_hold_what_is_found(found, t
             assert row["definition"] == EFFORTS[match.name].words
             written = [float(row[name]) for name in ("ratio_x", "ratio_y", "off_by_factor", "low", "high")]
             np.testing.assert_allclose(written, [*match.shares, *match.distance], rtol=1e-8)
+
+
+def even(cells=(), recorded=(), noise=(), shares=(), slope=1.0):
+    """An experiment in which all is one, but for what is given, and no two samples differ.
+
+    Args:
+        cells: numbers by (wind or None for all, controller, metric).
+        recorded: numbers of PD+T2FNN without wind by name.
+        noise: RMSE by (row of the noise, exponents).
+        shares: likewise, by (row of q, exponents).
+        slope: the least RMSE over the slopes.
+    """
+
+    def metrics(shape, **numbers):
+        ones = {name: np.ones(shape) for name in Metrics._fields} | {"crash_time": np.full(shape, np.inf)}
+        return Metrics(**(ones | numbers))
+
+    studies = {}
+    for cell in cells_of((*CONTROLLERS, *FAIR)):
+        numbers = {
+            metric: np.full(3, value)
+            for (wind, controller, metric), value in dict(cells).items()
+            if controller == cell.controller and wind in (None, cell.wind)
+        }
+        studies[cell] = Study(None, 27.0, np.arange(3), {}, metrics(3, **numbers))
+    sweeps = []
+    for settings, numbers in ((noise_settings(), noise), (share_settings(), shares)):
+        rmse = np.ones((15, 3))
+        for (row, exponents), value in dict(numbers).items():
+            rmse[3 * row + NETWORKS.index(exponents)] = value
+        sweeps.append(Sweep(settings, np.arange(3), metrics((15, 3), rmse=rmse)))
+    rmse = np.ones((len(SLOPES), 3))
+    rmse[2] = slope
+    slopes = {wind: Sweep({"slope": np.array(SLOPES)}, np.arange(3), metrics(rmse.shape, rmse=rmse)) for wind in WINDS}
+    own = {cell: {"pd_fade": np.ones(3), "pd_return": np.ones(3)} for cell in cells_of(CONTROLLERS)}
+    own[Cell("no_wind", "pd_t2fnn")] |= {name: np.full(3, value) for name, value in dict(recorded).items()}
+    gains = {"k_p": np.array([1.0, 2.0]), "k_d": np.array([1.0, 1.0])}
+    maps = {name: Sweep(gains, np.arange(3), metrics((2, 3))) for name in ("pd", "pd_t2fnn")}
+    legs = Sweep(gains, np.arange(4), LegErrors(*np.ones((3, 2, 4))))
+    return Experiment(studies, own, *sweeps, slopes, maps, legs)
+
+
+TYPE_2 = ("pd_t2fnn", "pd_t2fnn_wide")
+
+
+def of_type_2(metric, value):
+    return {(None, name, metric): value for name in TYPE_2}
+
+
+def in_wind(rmse):
+    return {(wind, name, "rmse"): rmse for wind in ("low_wind", "high_wind") for name in CONTROLLERS}
+
+
+@pytest.mark.parametrize(
+    ("claim", "numbers", "verdict"),
+    [
+        ("50 % better", {"cells": of_type_2("rmse", 0.499)}, "holds"),
+        ("50 % better", {"cells": of_type_2("rmse", 0.6) | {("low_wind", TYPE_2[0], "rmse"): 0.499}}, "holds in part"),
+        ("50 % better", {"cells": of_type_2("rmse", 0.501), "slope": 0.499}, "holds in part"),
+        ("50 % better", {"cells": of_type_2("rmse", 0.501), "slope": 0.501}, "does not hold"),
+        ("2 to 7 %", {"cells": of_type_2("rmse", 0.979)}, "holds"),
+        ("2 to 7 %", {"cells": of_type_2("rmse", 0.979) | {("no_wind", "pd_t2fnn", "rmse"): 2.0}}, "holds"),
+        ("2 to 7 %", {"cells": of_type_2("rmse", 0.981), "noise": {(3, "pd_t2fnn"): 0.979}}, "holds in part"),
+        ("2 to 7 %", {"cells": of_type_2("rmse", 0.981), "shares": {(1, "pd_t2fnn_wide"): 0.979}}, "holds in part"),
+        ("2 to 7 %", {"cells": of_type_2("rmse", 0.981), "shares": {(3, "pd_t2fnn"): 0.979}}, "holds in part"),
+        ("2 to 7 %", {"cells": of_type_2("rmse", 0.981), "shares": {(0, "pd_t2fnn"): 0.5}}, "does not hold"),
+        ("2 to 7 %", {"cells": of_type_2("rmse", 0.981), "shares": {(4, "pd_t2fnn"): 0.5}}, "does not hold"),
+        ("more noise", {"noise": {(4, "pd_t2fnn_wide"): 0.99}}, "holds"),
+        ("more noise", {"noise": {(0, "pd_t2fnn_wide"): 1.2, (4, "pd_t2fnn_wide"): 1.1}}, "holds in part"),
+        ("more noise", {"noise": {(0, "pd_t2fnn_wide"): 0.8, (4, "pd_t2fnn_wide"): 0.9}}, "holds in part"),
+        ("more noise", {"noise": {(4, "pd_t2fnn_wide"): 1.01}}, "does not hold"),
+        ("without wind the peak", {"cells": {("no_wind", "pd_t2fnn", "peak_error"): 0.619}}, "holds"),
+        ("without wind the peak", {"cells": {("no_wind", "pd_t2fnn", "peak_error"): 0.621}}, "holds in part"),
+        ("without wind the peak", {"cells": {("no_wind", "pd_t2fnn", "peak_error"): 1.01}}, "does not hold"),
+        ("smaller error peaks", {"cells": of_type_2("peak_error", 0.99)}, "holds"),
+        ("smaller error peaks", {"cells": {("high_wind", "pd_t2fnn", "peak_error"): 0.99}}, "holds in part"),
+        ("smaller error peaks", {"cells": of_type_2("peak_error", 1.01)}, "does not hold"),
+        ("tends to zero", {"recorded": {"pd_fade": 0.49, "pd_return": 1.01}}, "holds"),
+        ("tends to zero", {"recorded": {"pd_fade": 0.51, "pd_return": 1.01}}, "holds in part"),
+        ("tends to zero", {"recorded": {"pd_fade": 0.49, "pd_return": 0.99}}, "holds in part"),
+        ("tends to zero", {"recorded": {"pd_fade": 0.51, "pd_return": 0.99}}, "does not hold"),
+        ("least effort", {"cells": {(None, "pd", f"effort_{axis}"): 0.99 for axis in "xy"}}, "holds"),
+        ("least effort", {"cells": {(None, "pd", "effort_y"): 0.99, (None, "pd", "effort_x"): 1.01}}, "holds in part"),
+        ("least effort", {"cells": {(None, "pd", f"effort_{axis}"): 1.01 for axis in "xy"}}, "does not hold"),
+        ("insensitive", {"cells": {("high_wind", name, "rmse"): 1.019 for name in CONTROLLERS}}, "holds"),
+        ("insensitive", {"cells": {("high_wind", name, "rmse"): 1.021 for name in CONTROLLERS}}, "holds in part"),
+        ("insensitive", {"cells": in_wind(1.099)}, "holds in part"),
+        ("insensitive", {"cells": in_wind(1.101)}, "does not hold"),
+    ],
+)  # fmt: skip
+def test_a_verdict_turns_at_the_level_that_its_rule_says(claim, numbers, verdict):
+    (found,) = (each for each in all_claims(even(**numbers)) if claim in each.words)
+    assert found.verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("curved", "swing", "verdict"),
+    [
+        ((1.01, 1.0), (1.0, 1.01), "holds"),
+        ((1.01, 1.0), (1.01, 1.0), "holds in part"),
+        ((0.99, 1.0), (1.0, 1.01), "holds in part"),
+        ((0.99, 1.0), (1.01, 1.0), "does not hold"),
+    ],
+)
+def test_what_is_tuned_on_one_kind_of_leg_is_judged_on_other_samples(curved, swing, verdict):
+    """On the first two samples the first gains are better on straight legs and the second on curved ones."""
+    rows = np.ones((3, 2, 4))
+    rows[0, 0, :2] = rows[1, 1, :2] = 0.5
+    rows[1, :, 2:], rows[2, :, 2:] = np.transpose([curved]), np.transpose([swing])
+    experiment = even()
+    *_, legs, _ = all_claims(replace(experiment, legs=replace(experiment.legs, metrics=LegErrors(*rows))))
+    assert legs.verdict == verdict
+
+
+@pytest.mark.parametrize(
+    ("pd", "network", "verdict"),
+    [(1, 3, "holds"), (1, 2, "holds in part"), (3, 3, "holds in part"), (2, 1, "does not hold")],
+)
+def test_a_circle_of_gains_is_a_share_that_grows_beyond_half(pd, network, verdict):
+    """Of four gains, so many are as good as the best."""
+    experiment = even()
+    gains = {"k_p": np.array([1.0, 2.0, 1.0, 2.0]), "k_d": np.array([1.0, 1.0, 2.0, 2.0])}
+    maps = {}
+    for name, good in (("pd", pd), ("pd_t2fnn", network)):
+        rmse = np.where(np.arange(4)[:, np.newaxis] < good, 1.0, 1.3) * np.ones((4, 3))
+        metrics = Metrics(**{field: np.full((4, 3), np.inf) for field in Metrics._fields})._replace(rmse=rmse)
+        maps[name] = Sweep(gains, np.arange(3), metrics)
+    *_, circle = all_claims(replace(experiment, maps=maps))
+    assert circle.verdict == verdict
+
+
+def test_a_sweep_comes_back_as_it_was(tmp_path):
+    rng = np.random.default_rng(2)
+    sweep = Sweep({"q": np.array([0.1, 0.2, 0.3])}, np.array([0, 1]), metrics_of(rng, (3, 2)))
+    read = load_sweep(sweep.save(tmp_path / "q.csv"), Metrics)
+    assert list(read.settings) == ["q"]
+    np.testing.assert_array_equal(read.settings["q"], sweep.settings["q"])
+    np.testing.assert_array_equal(read.samples, sweep.samples)
+    np.testing.assert_array_equal(read.metrics, sweep.metrics)

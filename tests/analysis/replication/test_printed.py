@@ -26,3 +26,10 @@ def test_printed_means_are_those_of_the_runs_where_all_are_printed():
 def test_gaps_are_not_numbers():
     assert math.isnan(table_ii()[Cell("high_wind", "pd_t2fnn")].rmse.mean)
     assert table_ii()[Cell("no_wind", "pd")].rmse.mean == 0.972
+
+
+def test_the_first_line_is_as_it_is_printed():
+    line = table_ii()[Cell("no_wind", "pd")]
+    assert line.rmse == ((0.978, 0.957, 0.981), 0.972)
+    assert line.effort_x == ((0.150, 0.233, 0.216), 0.199)
+    assert line.effort_y == ((0.431, 0.284, 0.493), 0.403)
