@@ -138,6 +138,10 @@ def test_the_whole_flights_go_both_ways_on_all_axes_and_meet_their_limits(flown,
     limit = position.integral_limit if name == "pid" else position.learning.weight_limit
     assert (learned.min(), learned.max()) == (-limit, limit)
     assert 0.0 < np.mean(flight["shortfall"][:, 3] != 0.0) < 0.5
+    if name == "pd_t2fnn":
+        for signal, sets in (("error", position.network.error), ("error_rate", position.network.rate)):
+            assert sets.scale * flight[signal].min() < sets.centres[0]
+            assert sets.scale * flight[signal].max() > sets.centres[-1]
 
 
 def test_rotors_that_are_too_weak_give_up_all_parts_of_the_wrench_and_meet_both_their_limits(flown):

@@ -33,8 +33,8 @@ def test_the_cascade_has_the_gains_of_the_scenario_and_believes_its_nominal_numb
 def test_a_network_has_the_sets_and_the_law_of_the_scenario(asymmetric):
     found, plan = options(asymmetric("pd_t2fnn"))
     rules, learning = found["position.network.rules"], found["position.network.learning"]
-    error = FuzzySets(1.6, (-1.0, -0.1, 0.8), (1.1, 0.9, 1.0))
-    rate = FuzzySets(0.7, (-0.9, -0.4, 0.3, 1.1), (0.8, 0.7, 0.9, 1.2))
+    error = FuzzySets(2.4, (-1.0, -0.1, 0.8), (1.1, 0.9, 1.0))
+    rate = FuzzySets(1.4, (-0.9, -0.4, 0.3, 1.1), (0.8, 0.7, 0.9, 1.2))
     assert rules["antecedents"] == Antecedents(1.3, 0.7, 0.4, error, rate)
     assert rules["axes"] == learning["axes"] == ("x", "y", "z")
     assert (learning["num_rules"], learning["slope"], learning["initial_weight"]) == (12, 1.4, 0.05)

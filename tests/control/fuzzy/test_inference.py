@@ -94,6 +94,16 @@ def test_firing_strengths_are_shares(a1, a2, q, error_sets, rate_sets, error, ra
     np.testing.assert_allclose(fleet, np.transpose(alone), atol=1e-15, rtol=1e-12)
 
 
+def test_outside_the_universe_is_as_at_its_edge():
+    error, rate = FuzzySets(2.0, (-1.0, -0.1, 0.8), (1.1, 0.9, 1.3)), FuzzySets(0.5, (-0.9, 0.3, 1.2), (1.4, 1.3, 1.5))
+    antecedents = Antecedents(1.3, 0.7, 0.4, error, rate)
+    # In units of the inputs, the universe is from -0.5 to 0.4, and from -1.8 to 2.4.
+    for beyond, edge in ((-0.51, -0.5), (-9.0, -0.5), (0.41, 0.4), (9.0, 0.4)):
+        assert firing_strengths(beyond, 0.2, antecedents) == firing_strengths(edge, 0.2, antecedents)
+    for beyond, edge in ((-1.81, -1.8), (-9.0, -1.8), (2.41, 2.4), (9.0, 2.4)):
+        assert firing_strengths(0.1, beyond, antecedents) == firing_strengths(0.1, edge, antecedents)
+
+
 @settings(max_examples=100, deadline=None)
 @given(st.lists(st.floats(-5.0, 5.0), min_size=9, max_size=9), inside, inside)
 def test_type_1_interpolates_between_the_weights(weights, error, rate):
