@@ -380,8 +380,12 @@ def test_a_mutated_table_is_planned_or_refused_in_a_sentence(folder, text, name)
             assert np.isfinite(evaluate(plan.path, np.linspace(*plan.path.times[[0, -1]], 50))).all()
 
 
-PLACES = [".".join(map(str, place)) for seed in SEEDS for place in places(seed) if place]
-assignments = st.one_of(
+def dotted(place):
+    return ".".join(map(str, place))
+
+
+PLACES = [dotted(place) for seed in SEEDS for place in places(seed) if place]
+odd_assignments = st.one_of(
     st.tuples(st.sampled_from(PLACES), scraps.map(written)).map("=".join),
     st.tuples(st.sampled_from(PLACES), st.text(max_size=6)).map("=".join),
     st.tuples(odd_texts, scraps.map(written)).map("=".join),
@@ -390,10 +394,23 @@ assignments = st.one_of(
 )
 
 
-@given(seed=st.sampled_from(SEEDS), overrides=st.lists(assignments, min_size=1, max_size=3))
+@st.composite
+def overridden(draw):
+    """A scenario and overrides of it, most of them with other numbers for its fields, some odd."""
+    tree = draw(st.sampled_from(SEEDS))
+    numbers = [place for place in places(tree) if is_number(at(tree, place))]
+    overrides = []
+    for place in draw(st.lists(st.sampled_from(numbers), max_size=3)):
+        overrides.append(f"{dotted(place)}={written(draw(near(at(tree, place))))}")
+    odd = draw(st.lists(odd_assignments, min_size=0 if overrides else 1, max_size=1))
+    return tree, [*overrides, *odd]
+
+
+@given(case=overridden())
 @fuzz(0.15)
-def test_overrides_fly_or_are_refused_in_a_sentence(folder, seed, overrides):
-    Path("loop.yaml").write_text(as_file(seed), encoding="utf-8")
+def test_overrides_fly_or_are_refused_in_a_sentence(folder, case):
+    tree, overrides = case
+    Path("loop.yaml").write_text(as_file(tree), encoding="utf-8")
     scenario = loaded(lambda: load_scenario("loop.yaml", overrides), "override ", r"loop\.yaml:\d+: ")
     if scenario is not None:
         assert_it_flies(scenario)
