@@ -228,3 +228,9 @@ def test_a_vehicle_learns_as_it_would_alone_wherever_it_is_in_a_large_fleet(law)
         np.testing.assert_allclose(weights[:, [i]], own_weights, rtol=1e-10, atol=1e-12)
         np.testing.assert_allclose(memory[:, [i]], own_memory, rtol=1e-10, atol=1e-12)
     assert 0 < np.sum(np.abs(weights) == 0.4) < weights.size
+
+
+def test_laws_that_are_told_nothing():
+    """Unit gains, and no limits."""
+    assert (CovarianceLaw(), GradientLaw(), SignLaw()) == ((1.0, 1.0, 1.0), (1.0,), (1.0, 0.0))
+    assert Limits() == (np.inf, 0.0, 0.0)
