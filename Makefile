@@ -1,5 +1,6 @@
 # make fly   sets up a virtual environment and flies the figure eight
 # make test  sets it up and runs the tests
+# make fuzz  reads and flies ten thousand mutated scenarios
 # make paper  flies the paper's experiment again and writes a report
 # make lint  checks style and types
 # make benchmark  measures speed
@@ -19,13 +20,16 @@ DRAWN = figure_eight.yaml hover.yaml slalom.yaml laboratory.yaml:low_wind outdoo
 MUTANTS ?= 500
 SEED ?= 0
 
-.PHONY: fly test paper lint benchmark mutants figures
+.PHONY: fly test fuzz paper lint benchmark mutants figures
 
 fly: $(VENV)/.installed
 	$(VENV)/bin/python scripts/simulate.py diagrams/figure_eight.yaml
 
 test: $(VENV)/.installed-test
 	$(VENV)/bin/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile
+
+fuzz: $(VENV)/.installed-test
+	FUZZ_CASES=10000 $(VENV)/bin/python -m pytest tests/scenario/test_fuzz.py
 
 paper: $(VENV)/.installed
 	$(VENV)/bin/python scripts/reproduce_paper.py
@@ -59,7 +63,8 @@ figures: $(VENV)/.installed
 	$(VENV)/bin/python scripts/document_scenarios.py --output docs
 	rm -rf diagrams/drawings
 	for scenario in $(DRAWN); do \
-		$(VENV)/bin/python scripts/draw_diagram.py diagrams/$$scenario --output diagrams/drawings || exit; done
+		name=$${scenario##*:}; $(VENV)/bin/python scripts/draw_diagram.py diagrams/$$scenario \
+			--output diagrams/drawings/$${name%.yaml} || exit; done
 	$(VENV)/bin/python scripts/calibrate_paper.py
 	cp out/calibration/calibration.csv docs/replication
 	$(VENV)/bin/python scripts/reproduce_paper.py

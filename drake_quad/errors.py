@@ -1,5 +1,42 @@
-"""The errors that a person can cause and the ones that a computation can."""
+"""The error that a person can cause, and how its sentence shows what was written."""
+
+from typing import Any
+
+# Characters of an error message: a sentence, even with a long path in it.
+_MOST = 400
 
 
 class InputError(ValueError):
-    """Something that a person wrote is wrong; the message is one sentence that says what and what is allowed."""
+    """Something that a person wrote is wrong; the message is one sentence that says what and what is allowed.
+
+    It is on one line, without control characters, and its middle is left out if it gets very long.
+    """
+
+    def __init__(self, message: str) -> None:
+        super().__init__(shortened(message, _MOST))
+
+
+def shortened(text: str, most: int = 60) -> str:
+    """A text as part of a sentence: what cannot be printed escaped, and the middle left out if it is too long.
+
+    Args:
+        text: of any length, with any characters.
+        most: characters that are left of it.
+    """
+    if len(text) > most:
+        end = (most - 3) // 3
+        text = f"{text[: most - 3 - end]}...{text[-end:]}"
+    return "".join(
+        each if each.isprintable() else each.encode("unicode_escape", "surrogatepass").decode() for each in text
+    )
+
+
+def shown(value: Any) -> str:
+    """A value as part of a sentence."""
+    return shortened(repr(value))
+
+
+def listed(names: list[str], most: int = 8) -> str:
+    """Names as part of a sentence, the first of them if there are many."""
+    more = len(names) - most
+    return ", ".join([shortened(name) for name in names[:most]] + ([f"and {more} more"] if more > 0 else []))

@@ -5,7 +5,7 @@ import tempfile
 from collections.abc import Callable
 from pathlib import Path
 
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, shortened
 
 
 def output_folder(path: Path) -> Path:
@@ -18,8 +18,9 @@ def output_folder(path: Path) -> Path:
         path.mkdir(parents=True, exist_ok=True)
         with tempfile.TemporaryFile(dir=path):
             pass
-    except OSError as error:
-        raise InputError(f"the output folder {path} cannot be written: {(error.strerror or '').lower()}") from None
+    except (OSError, ValueError) as error:
+        reason = (getattr(error, "strerror", None) or str(error)).lower()
+        raise InputError(f"the output folder {shortened(str(path), 120)} cannot be written: {reason}") from None
     return path
 
 

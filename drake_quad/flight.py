@@ -10,6 +10,7 @@ import numpy as np
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from pydrake.systems.framework import Diagram
 
+from drake_quad.errors import InputError
 from drake_quad.files import output_folder, write_whole
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.laboratory.recorder import read_recorder
@@ -22,6 +23,10 @@ from drake_quad.tracking import build_tracking_diagram
 # Between two looks at the crashes and two reports of progress, s of flight.
 _STRIDE = 1.0
 _ACCURACY, _MAX_STEP = 1e-8, 0.1
+# Of steps for a continuous state, s: a second of flight takes a quarter of a minute with these.
+_MIN_STEP = 1e-5
+# How Drake says that they are too long.
+_TOO_FAST = "smaller than minimum allowed"
 
 
 @dataclass(frozen=True, repr=False)
@@ -66,9 +71,13 @@ class Flight:
             The files.
 
         Raises:
-            InputError: the folder cannot be written.
+            InputError: the folder cannot be written, or holds a scenario of something else than a flight.
         """
         target = output_folder(Path(folder))
+        if (target / "scenario.yaml").exists() and not (target / "flight.npz").exists():
+            raise InputError(
+                f"{target / 'scenario.yaml'} would be overwritten, and is no flight's; choose another folder"
+            )
         columns = [
             f"{name}.{row.name} ({row.unit})"
             for name, values in self.signals.items()
@@ -123,8 +132,8 @@ def simulate(
         progress: called now and then with the time flown and the time to fly, s.
 
     Raises:
-        InputError: the scenario holds a distribution and no sample is given, the rotors cannot fly the route, or the
-            metric window lies beyond the flight.
+        InputError: the scenario holds a distribution and no sample is given, the rotors cannot fly the route, the
+            metric window lies beyond the flight, or a continuous state changes too fast.
     """
     sample = scenario.sample if sample is None else sample
     if sample is None:
@@ -137,10 +146,21 @@ def simulate(
     )
     simulator = Simulator(diagram)
     # For a vehicle with a continuous state; a stepping one does not use the integrator.
-    ResetIntegratorFromFlags(simulator, "runge_kutta5", _MAX_STEP).set_target_accuracy(_ACCURACY)
+    integrator = ResetIntegratorFromFlags(simulator, "runge_kutta5", _MAX_STEP)
+    integrator.set_target_accuracy(_ACCURACY)
+    integrator.set_requested_minimum_step_size(_MIN_STEP)
     if prepare is not None:
         prepare(simulator)
-    fly(simulator, duration, progress=progress)
+    try:
+        fly(simulator, duration, progress=progress)
+    except RuntimeError as error:
+        if _TOO_FAST not in str(error):
+            raise
+        time = simulator.get_context().get_time()
+        raise InputError(
+            f"vehicle.time_step is 0, but from {time:.3g} s on something moves too fast for the integration of a"
+            f" continuous state, in less than {_MIN_STEP:g} s; give it a step"
+        ) from None
     return _flights([scenario], plan, diagram, simulator.get_context())[0]
 
 
@@ -178,6 +198,8 @@ def _flights(scenarios: Sequence[Scenario], plan: Plan, diagram: Diagram, contex
     for i, scenario in enumerate(scenarios):
         own = Metrics(*(float(value[i]) for value in metrics))
         kept = time <= own.crash_time
+        # Within the step into its crash a vehicle may have left all numbers behind.
+        kept &= np.all([np.isfinite(values[:, :, i]).all(axis=1) for values in rows.values()], axis=0)
         mine = {name: values[kept, :, i] for name, values in rows.items()}
         flights.append(Flight(scenario, plan, time[kept], mine, own))
     return flights

@@ -15,6 +15,7 @@ from drake_quad.reference.routes import Route, circle, figure_eight
 from drake_quad.reference.time_allocation import stretch_factor, trapezoid_times
 from drake_quad.reference.yaw import constant_yaw, yaw_along, yaw_through
 from drake_quad.scenario import Journey, Scenario, distributions_in, routes
+from drake_quad.scenario.limits import LONGEST, MOST_TICKS
 from drake_quad.scenario.routes import CircleRoute, FigureEightRoute, HoverRoute, TrajectoryRoute, WaypointRoute
 from drake_quad.vehicle.inverse_dynamics import RotorDemand, rotor_demand
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -53,6 +54,8 @@ def plan_route(journey: Journey) -> Plan:
         case CircleRoute():
             laps = circle(radius=route.radius, height=route.height, laps=route.laps)
             plan = _within_limits(route, laps, cruise_speed=math.sqrt(route.top_acceleration * route.radius))
+    if not plan.duration <= LONGEST:
+        raise InputError(f"within its limits the route would take {plan.duration:g} s, more than {LONGEST:g} s")
     _check_rotors(plan, nominal_parameters(journey))
     return plan
 
@@ -110,11 +113,16 @@ def flight_duration(scenario: Scenario, plan: Plan) -> float:
     """How long a scenario is flown, s: a whole number of ticks of the control.
 
     Raises:
-        InputError: the metric window begins only after the flight.
+        InputError: the metric window begins only after the flight, or the flight has too many ticks.
     """
-    period = scenario.laboratory.command_link.period
+    period, shortest = scenario.laboratory.command_link.period, min(scenario.periods.values())
     wanted = scenario.duration if scenario.duration is not None else float(plan.path.times[-1])
     duration = max(1, math.ceil(wanted / period - 1e-9)) * period
+    if duration > MOST_TICKS * shortest + period:
+        raise InputError(
+            f"the flight would take {duration:g} s, but must take at most {MOST_TICKS * shortest:g} s, {MOST_TICKS:,}"
+            " times the shortest period"
+        )
     if scenario.metrics.start >= duration:
         raise InputError(
             f"metrics.start is {scenario.metrics.start:g}, but must be before the end of the flight at {duration:g} s"

@@ -1,7 +1,8 @@
 """Flies the figure eight under a position controller of your own, beside the scenario's PD."""
 
-import numpy as np
 from command_line import parser, print_table, run, scenario_of
+
+import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_quad import simulate

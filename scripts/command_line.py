@@ -2,17 +2,21 @@
 
 import argparse
 import os
+import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import get_args
 
+from interruption import SENTENCE, raise_interruptions
+
 from tqdm import tqdm
 
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.compiled import telling_of_compilation
-from drake_quad.scenario import Journey, load_journey
+from drake_quad.scenario import Journey, Override, load_journey
+from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector
 
 # The thread that watches bars would be in the way of worker processes, which are forked from a process with one thread.
@@ -25,7 +29,8 @@ def parser(description: str, example: str, *, output: str | None, scenario: str)
     Args:
         description: what the script does, a sentence.
         example: a command line that runs.
-        output: default folder for what the script writes, if it writes anything.
+        output: folder in which what the script writes has a folder by default, called after the scenario; None for a
+            script that writes nothing.
         scenario: default scenario, a file of `diagrams/`.
     """
     result = argparse.ArgumentParser(
@@ -44,9 +49,17 @@ def parser(description: str, example: str, *, output: str | None, scenario: str)
     )
     result.add_argument("--seed", type=int, help="seed of everything random (default: the scenario's)")
     if output is not None:
-        default = Path(output)
-        result.add_argument("--output", type=Path, default=default, help="folder to write to (default: %(default)s)")
+        result.set_defaults(default_output=Path(output))
+        result.add_argument(
+            "--output", type=Path, metavar="FOLDER", help=f"to write to (default: {output}/NAME, after the scenario)"
+        )
     return result
+
+
+def folder_of(arguments: argparse.Namespace, name: str) -> Path:
+    """The folder to write to: the one that a person says, or else one called after the scenario."""
+    chosen: Path = arguments.output or arguments.default_output / name
+    return chosen
 
 
 def add_vector(options: argparse.ArgumentParser) -> None:
@@ -54,10 +67,20 @@ def add_vector(options: argparse.ArgumentParser) -> None:
     options.add_argument("--vector", choices=get_args(Vector), help="write each figure also as a vector drawing")
 
 
-def scenario_of(arguments: argparse.Namespace) -> Scenario:
-    """Loads the scenario that the arguments name, with their overrides."""
-    seed = [] if arguments.seed is None else [f"seed={arguments.seed}"]
-    return load_scenario(arguments.scenario, [*arguments.set, *seed])
+def overrides_of(assignments: Iterable[str], option: str = "--set") -> list[Override]:
+    """The overrides that an option of the command line gives."""
+    return [Override(assignment, f"{option} {assignment}") for assignment in assignments]
+
+
+def all_overrides_of(arguments: argparse.Namespace) -> list[Override]:
+    """The overrides that the arguments --set and --seed give."""
+    seed = [] if arguments.seed is None else [Override(f"seed={arguments.seed}", f"--seed {arguments.seed}")]
+    return [*overrides_of(arguments.set), *seed]
+
+
+def scenario_of(arguments: argparse.Namespace, *, further: Sequence[Override] = ()) -> Scenario:
+    """Loads the scenario that the arguments name, with their overrides and further ones."""
+    return load_scenario(arguments.scenario, [*all_overrides_of(arguments), *further])
 
 
 def controlled_scenarios(arguments: argparse.Namespace) -> dict[str, Scenario]:
@@ -65,10 +88,12 @@ def controlled_scenarios(arguments: argparse.Namespace) -> dict[str, Scenario]:
     if not arguments.controller:
         scenario = scenario_of(arguments)
         return {scenario.name: scenario}
-    overrides = [*arguments.set, *([] if arguments.seed is None else [f"seed={arguments.seed}"])]
+    overrides = all_overrides_of(arguments)
     found: dict[str, Scenario] = {}
     for controller in arguments.controller:
         name = Path(controller.rpartition(":")[2]).stem
+        if not re.fullmatch(NAME, name):
+            raise InputError(f"--controller {controller}: {name!r} is no name for a folder; use letters and digits")
         if name in found:
             raise InputError(f"--controller {controller}: {name} is to be flown already; give each its own name")
         found[name] = load_scenario(arguments.scenario, overrides, layers=[controller])
@@ -77,7 +102,7 @@ def controlled_scenarios(arguments: argparse.Namespace) -> dict[str, Scenario]:
 
 def journey_of(arguments: argparse.Namespace) -> Journey:
     """Loads the route and the nominal vehicle that the arguments name, with their overrides."""
-    return load_journey(arguments.scenario, arguments.set)
+    return load_journey(arguments.scenario, overrides_of(arguments.set))
 
 
 @contextmanager
@@ -150,6 +175,7 @@ COMPILING = "compiling what is flown for the first time on this machine: up to h
 
 def run(main: Callable[[], None]) -> None:
     """Runs a script: 0 done, 1 the computation failed, 2 the input was wrong, each with one sentence."""
+    raise_interruptions()
     try:
         with telling_of_compilation(lambda: print(COMPILING, file=sys.stderr)):
             main()
@@ -163,5 +189,5 @@ def run(main: Callable[[], None]) -> None:
         print(f"failed: {error}", file=sys.stderr)
         sys.exit(1)
     except KeyboardInterrupt as interruption:
-        print(str(interruption) or "interrupted: nothing was written", file=sys.stderr)
+        print(str(interruption) or SENTENCE, file=sys.stderr)
         sys.exit(1)

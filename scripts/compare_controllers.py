@@ -5,8 +5,9 @@ import csv
 from collections.abc import Mapping
 from pathlib import Path
 
+from command_line import add_vector, all_overrides_of, flight_progress, overrides_of, print_columns, print_files, run
+
 import numpy as np
-from command_line import add_vector, flight_progress, print_columns, print_files, run
 
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.analysis.comparison import fly_samples, share_of
@@ -74,8 +75,7 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, dict[str, Scenario]
     controllers = arguments.controller or [
         str(_DIAGRAMS / "controllers" / f"paper.yaml:{name}") for name in _CONTROLLERS
     ]
-    overrides = ["duration=6"] if arguments.quick else []
-    overrides += [*arguments.set, *([] if arguments.seed is None else [f"seed={arguments.seed}"])]
+    overrides = [*overrides_of(["duration=6"] if arguments.quick else [], "--quick"), *all_overrides_of(arguments)]
     found: dict[str, dict[str, Scenario]] = {}
     for place in places:
         for controller in controllers:

@@ -18,9 +18,10 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any, NamedTuple
 
-import numpy as np
 from benchmark import machine, timed
 from command_line import remark, run
+
+import numpy as np
 from pydrake.systems.analysis import Simulator
 from tqdm import tqdm
 

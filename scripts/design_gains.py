@@ -6,7 +6,8 @@ import shlex
 import sys
 from pathlib import Path
 
-from command_line import add_vector, parser, print_columns, print_files, run, scenario_of
+from command_line import add_vector, folder_of, parser, print_columns, print_files, run, scenario_of
+
 from ruamel.yaml import YAML
 
 from drake_quad import InputError
@@ -43,7 +44,7 @@ def main() -> None:
     design = design_cascade(scenario, design_options(arguments, period))
     designed = with_gains(scenario, design.gains())
     loop = closed_loop(as_believed(designed))
-    folder = output_folder(arguments.output / scenario.name)
+    folder = output_folder(folder_of(arguments, scenario.name))
     files = [write_whole(folder / "gains.yaml", lambda path: write_gains(design, path))]
     figures = {name: plot(design) for name, plot in DESIGN_PLOTS.items()} | {"steps": plot_steps(loop)}
     files += save_figures(figures, folder, vector=arguments.vector)

@@ -1,6 +1,6 @@
 """Draws the diagram of a scenario as SVG: the loop, and one drawing for each diagram within."""
 
-from command_line import parser, print_files, run, scenario_of
+from command_line import folder_of, parser, print_files, run, scenario_of
 
 from drake_quad.files import output_folder, write_text
 from drake_quad.scenario import draw_sample
@@ -16,7 +16,7 @@ def main() -> None:
         scenario="figure_eight.yaml",
     ).parse_args()
     scenario = draw_sample(scenario_of(arguments), 0)
-    folder = output_folder(arguments.output / scenario.name)
+    folder = output_folder(folder_of(arguments, scenario.name))
     pictures = {path: svg(text) for path, text in drawings(build_tracking_diagram(scenario)).items()}
     files = [write_text(folder / f"{path.replace('/', '_') or 'loop'}.svg", text) for path, text in pictures.items()]
     print_files(files)

@@ -4,14 +4,13 @@ import argparse
 import math
 import time
 from collections.abc import Iterator, Mapping
-from concurrent.futures import Executor
 from contextlib import contextmanager
 from pathlib import Path
 
-import numpy as np
 from command_line import (
     add_vector,
     controlled_scenarios,
+    folder_of,
     parser,
     print_columns,
     print_files,
@@ -20,9 +19,12 @@ from command_line import (
     study_progress,
 )
 
-from drake_quad import Scenario
+import numpy as np
+
+from drake_quad import InputError, Scenario
 from drake_quad.analysis.monte_carlo import Study, run_monte_carlo
-from drake_quad.analysis.monte_carlo.cluster import dask_executor
+from drake_quad.analysis.monte_carlo.cluster import dask_crew
+from drake_quad.analysis.monte_carlo.crew import Crew
 from drake_quad.analysis.monte_carlo.statistics import (
     Interval,
     compare,
@@ -55,11 +57,11 @@ _SHOWN = [
 def main() -> None:
     arguments = command_line()
     scenarios = scenarios_of(arguments)
-    folder = arguments.output / next(iter(scenarios.values())).name
+    folder = folder_of(arguments, next(iter(scenarios.values())).name)
     folders = {name: folder / name if arguments.controller else folder for name in scenarios}
     studies: dict[str, Study] = {}
     began = time.perf_counter()
-    with executor_of(arguments) as (executor, num_workers):
+    with crew_of(arguments) as crew:
         for name, scenario in scenarios.items():
             with study_progress(name) as progress:
                 studies[name] = run_monte_carlo(
@@ -67,15 +69,18 @@ def main() -> None:
                     arguments.samples,
                     folder=folders[name],
                     resume=arguments.resume,
-                    num_workers=num_workers,
+                    num_workers=arguments.workers,
                     batch_size=arguments.batch,
-                    executor=executor,
+                    executor=crew,
                     progress=progress,
                 )
     seconds = time.perf_counter() - began
     files = [folders[name] / "results.csv" for name in studies]
     files += save_plots(studies, folder, arguments.metric, arguments.vector)
     for name, study in studies.items():
+        if study.misfits:
+            lines = ", ".join(map(str, study.misfits[:5])) + (", ..." if len(study.misfits) > 5 else "")
+            remark(f"{folders[name] / 'results.csv'} was altered in lines {lines}; these samples were flown again")
         print_study(name, study, folders[name])
     if len(studies) > 1:
         print_comparison(studies, arguments.metric)
@@ -103,6 +108,9 @@ def command_line() -> argparse.Namespace:
     )
     options.add_argument("--workers", type=int, help="processes (default: as many as there are cores)")
     options.add_argument("--batch", type=int, help="vehicles in a fleet (default: about a thousand)")
+    options.add_argument(
+        "--time-limit", type=float, metavar="SECONDS", help="after which a batch is given up (default: never)"
+    )
     options.add_argument("--cluster", metavar="ADDRESS", help="of a Dask scheduler whose workers fly")
     options.add_argument("--resume", action="store_true", help="go on with the study in the folder, if there is one")
     options.add_argument(
@@ -126,14 +134,16 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
 
 
 @contextmanager
-def executor_of(arguments: argparse.Namespace) -> Iterator[tuple[Executor | Workers, int]]:
-    """What flies the batches, and how many at a time: processes of this machine, or a cluster."""
-    if arguments.cluster is not None:
-        with dask_executor(arguments.cluster) as (executor, threads):
-            yield executor, threads if arguments.workers is None else arguments.workers
+def crew_of(arguments: argparse.Namespace) -> Iterator[Crew]:
+    """Who flies the batches: processes of this machine, or a cluster."""
+    if arguments.cluster is None:
+        with Workers(arguments.workers, time_limit=arguments.time_limit) as workers:
+            yield workers
+    elif arguments.time_limit is not None:
+        raise InputError("--time-limit is for processes of this machine, not for a cluster")
     else:
-        with Workers(arguments.workers) as workers:
-            yield workers, workers.num_workers
+        with dask_crew(arguments.cluster, arguments.workers) as crew:
+            yield crew
 
 
 def save_plots(studies: Mapping[str, Study], folder: Path, metric: str, vector: Vector | None) -> list[Path]:

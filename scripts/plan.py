@@ -2,8 +2,9 @@
 
 import itertools
 
+from command_line import add_vector, folder_of, journey_of, parser, print_files, print_table, run
+
 import numpy as np
-from command_line import add_vector, journey_of, parser, print_files, print_table, run
 
 from drake_quad.files import output_folder
 from drake_quad.planning import nominal_parameters, plan_demand, plan_route
@@ -31,7 +32,7 @@ def main() -> None:
     arguments = options.parse_args()
     journey = journey_of(arguments)
     plan = plan_route(journey)
-    folder = output_folder(arguments.output / journey.name)
+    folder = output_folder(folder_of(arguments, journey.name))
     route = journey.route
     problem = route.problem() if isinstance(route, WaypointRoute) else None
     limits = route.limits() if isinstance(route, WaypointRoute | FigureEightRoute | CircleRoute) else Limits()

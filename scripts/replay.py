@@ -1,6 +1,6 @@
 """Writes a page for the browser that replays flights beside each other: many samples as ghosts, or controllers."""
 
-from command_line import controlled_scenarios, parser, print_files, run
+from command_line import controlled_scenarios, folder_of, parser, print_files, run
 
 from drake_quad import Flight, InputError
 from drake_quad.files import output_folder
@@ -34,7 +34,7 @@ def main() -> None:
     scenarios = controlled_scenarios(arguments)
     samples = range(arguments.first, arguments.first + arguments.samples)
     flights = {name: simulate_samples(each, samples) for name, each in scenarios.items()}
-    file = output_folder(arguments.output) / f"{'_'.join(flights)}.html"
+    file = output_folder(folder_of(arguments, "_".join(flights))) / "replay.html"
     if arguments.samples == 1:
         save_replay({name: first for name, (first,) in flights.items()}, file)
     else:

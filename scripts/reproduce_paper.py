@@ -7,6 +7,7 @@ from contextlib import contextmanager
 from pathlib import Path
 
 from command_line import add_vector, print_columns, print_files, run
+
 from tqdm import tqdm
 
 from drake_quad import Scenario, load_scenario

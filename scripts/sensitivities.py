@@ -4,8 +4,9 @@ import csv
 import math
 from pathlib import Path
 
+from command_line import add_vector, folder_of, parser, print_columns, print_files, run, scenario_of
+
 import numpy as np
-from command_line import add_vector, parser, print_columns, print_files, run, scenario_of
 
 from drake_quad.analysis.sensitivity import DIFFERENTIABLE, Sensitivities, flight_sensitivities
 from drake_quad.files import output_folder, write_whole
@@ -38,7 +39,7 @@ def main() -> None:
     add_vector(options)
     arguments = options.parse_args()
     scenario = scenario_of(arguments)
-    folder = output_folder(arguments.output / scenario.name)
+    folder = output_folder(folder_of(arguments, scenario.name))
     fields = tuple(dict.fromkeys(arguments.field or _FIELDS))
     found = flight_sensitivities(scenario, fields, sample=arguments.sample)
     figure = plot_sensitivities(found, arguments.metric)

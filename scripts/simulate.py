@@ -5,7 +5,8 @@ import sys
 import time
 from collections.abc import Callable
 
-from command_line import add_vector, flight_progress, parser, print_files, print_table, run, scenario_of
+from command_line import add_vector, flight_progress, folder_of, parser, print_files, print_table, run, scenario_of
+
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
@@ -36,7 +37,7 @@ def main() -> None:
     if not (math.isfinite(arguments.rate) and arguments.rate >= 0.0):
         raise InputError(f"--rate is {arguments.rate}, but must be 0 or more")
     scenario = scenario_of(arguments)
-    folder = output_folder(arguments.output / scenario.name)
+    folder = output_folder(folder_of(arguments, scenario.name))
     sample = scenario.sample if arguments.sample is None else arguments.sample
     meshcat = opened_meshcat() if arguments.meshcat else None
     prepare = None if meshcat is None else live_view(meshcat, draw_sample(scenario, sample or 0), arguments.rate)

@@ -5,8 +5,9 @@ import csv
 import math
 from pathlib import Path
 
+from command_line import add_vector, folder_of, overrides_of, parser, print_files, run, scenario_of
+
 import numpy as np
-from command_line import add_vector, parser, print_files, run, scenario_of
 
 from drake_quad import InputError, Scenario
 from drake_quad.analysis.gain_design import PdGains
@@ -54,7 +55,7 @@ def main() -> None:
     worst = arguments.worst or _worst_of(scenario)
     names = [field.split("=")[0].split(".")[-1] + "=" + field.split("=", 1)[-1] for field in worst]
     cases = {"nominal": scenario, ", ".join(names): _worst_case(arguments, worst)}
-    folder = output_folder(arguments.output / scenario.name)
+    folder = output_folder(folder_of(arguments, scenario.name))
     panels = [panel(title, case, arguments.loop, k_p, k_d) for title, case in cases.items()]
     block = getattr(scenario.control, arguments.loop)
     index = 0 if arguments.loop == "position" else 1
@@ -84,11 +85,7 @@ def _worst_case(arguments: argparse.Namespace, worst: list[str]) -> Scenario:
             raise InputError(
                 f"--worst {field}: must be a field of vehicle or laboratory; the rest is not a matter of luck"
             )
-    arguments.set = [*arguments.set, *worst]
-    try:
-        return scenario_of(arguments)
-    except InputError as error:
-        raise InputError(str(error).replace("--set", "--worst")) from None
+    return scenario_of(arguments, further=overrides_of(worst, "--worst"))
 
 
 def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray) -> MapPanel:

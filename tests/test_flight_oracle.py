@@ -14,13 +14,13 @@ FLIGHTS = {
     "pid": ("pid", []),
     "pd_t2fnn": ("pd_t2fnn", []),
     "a sign law and triangles": ("pd_t1fnn", ["duration=6"]),
-    "a gradient law, three ticks of delay, frames as they come": (
+    "a gradient law, three ticks of delay and none lost, frames as they come": (
         "pd_t1fnn",
         [
             "duration=4",
             "control.position.learning={kind: gradient, rate: 0.4, slope: 1.7, leakage: 0.1, deadzone: 0.05}",
             "control.position.derivative=measurement",
-            "laboratory.command_link.delay_ticks=3",
+            "laboratory.command_link={delay_ticks: 3, loss_rate: 0}",
             "laboratory.motion_capture.latency_frames=0",
         ],
     ),

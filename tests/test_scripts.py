@@ -4,6 +4,7 @@ import csv
 import re
 import runpy
 import shutil
+import signal
 import subprocess
 import sys
 from pathlib import Path
@@ -14,7 +15,9 @@ import pytest
 from drake_quad import load_scenario
 
 ROOT = Path(__file__).parent.parent
-SCRIPTS = sorted(path for path in (ROOT / "scripts").glob("*.py") if path.name != "command_line.py")
+SCRIPTS = sorted(
+    path for path in (ROOT / "scripts").glob("*.py") if path.name not in ("command_line.py", "interruption.py")
+)
 
 
 class Result(NamedTuple):
@@ -62,6 +65,51 @@ def test_a_script_runs_in_a_process_of_its_own_from_anywhere(tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
 
 
+# What a script imports after `interruption`: by `command_line`, by itself, by Drake's.
+INTERRUPTED = """
+import os, runpy, signal, sys
+
+class Interruption:
+    def find_spec(self, name, path=None, target=None):
+        if name == module:
+            os.kill(os.getpid(), signal.SIGINT)
+
+module, script = sys.argv.pop(1), sys.argv[1]
+sys.argv.pop(0)
+sys.meta_path.insert(0, Interruption())
+sys.path.insert(0, os.path.dirname(script))
+runpy.run_path(script, run_name="__main__")
+"""
+
+
+@pytest.mark.parametrize("module", ["tqdm", "numpy", "pydrake", "drake_quad.visualization.replay.live"])
+def test_an_interruption_while_a_script_begins_is_told_in_a_sentence(module):
+    script = str(ROOT / "scripts" / "simulate.py")
+    command = [sys.executable, "-c", INTERRUPTED, module, script]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert (result.returncode, result.stdout, result.stderr) == (1, "", "interrupted: nothing was written\n")
+
+
+@pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)
+def test_a_script_imports_nothing_that_takes_long_before_it_can_be_interrupted(script):
+    """Python's own modules come first, then `command_line`, or what imports it first."""
+    imports = re.findall(r"^(?:import|from) (\w+)", script.read_text(encoding="utf-8"), re.MULTILINE)
+    others = [name for name in imports if name not in sys.stdlib_module_names]
+    assert others[0] in ("command_line", "benchmark")
+
+
+def test_the_command_line_imports_first_what_tells_of_an_interruption():
+    text = (ROOT / "scripts" / "command_line.py").read_text(encoding="utf-8")
+    imports = re.findall(r"^(?:import|from) (\w+)", text, re.MULTILINE)
+    assert next(name for name in imports if name not in sys.stdlib_module_names) == "interruption"
+
+
+def test_an_interruption_later_is_an_exception_again(run, monkeypatch):
+    """So that what is under way can be put away: nothing may still end the process at once."""
+    run("simulate.py", "--help")
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
+
+
 def test_simulate_prints_a_table_and_the_files_it_wrote(run, tmp_path):
     result = run("simulate.py", "diagrams/figure_eight.yaml", "--set", "duration=2", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -76,7 +124,7 @@ def test_simulate_flies_one_sample_of_a_study_in_the_wind(run, tmp_path):
     result = run("simulate.py", *study, "--seed", 5, "--sample", 3, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^sample +3 of seed 5$", result.stdout, re.MULTILINE)
-    assert (tmp_path / "low_wind" / "wind.png").stat().st_size > 500
+    assert (tmp_path / "wind.png").stat().st_size > 500
 
 
 def test_a_crash_is_reported_and_is_no_failure(run, tmp_path):
@@ -90,9 +138,11 @@ def test_a_crash_is_reported_and_is_no_failure(run, tmp_path):
     ("arguments", "words"),
     [
         (["diagrams/nothing.yaml"], "diagrams/nothing.yaml: cannot be read"),
-        (["--set", "vehicle.mass=-1"], "vehicle.mass is -1, but must be larger than 0"),
+        (["--set", "vehicle.mass=-1"], "error: --set vehicle.mass=-1: vehicle.mass is -1, but must be larger than 0"),
         (["--set", "route.top_acceleration=50", "--set", "route.top_speed=50"], "the rotors cannot fly this route"),
-        (["--seed", "-1"], "seed is -1, but must be"),
+        (["--seed", "-1"], "error: --seed -1: seed is -1, but must be"),
+        (["x" * 5000 + ".yaml"], ".yaml: cannot be read: file name too long"),
+        (["--set", "vehicle.mass=" + "[" * 5000], "is nested too deep"),
         (["--set", "vehicle.mass={choice: [0.6, 0.7]}"], "vehicle.mass is a distribution"),
         (["--sample", "-2"], "sample is -2, but must be at least 0"),
         (["diagrams/laboratory.yaml"], "error: diagrams/laboratory.yaml holds several scenarios; choose one as"),
@@ -126,7 +176,7 @@ def test_plan_prints_what_binds_and_writes_a_trajectory_that_flies(run, tmp_path
     assert [path.name for path in written] == ["trajectory.csv", "trajectory.yaml", "plan.png", "plan.svg"]
     assert all(path.stat().st_size > 200 for path in written)
     loop = tmp_path / "loop.yaml"
-    loop.write_text(f"loop:\n  extends: [{ROOT / 'diagrams' / 'figure_eight.yaml'}, course/trajectory.yaml]\n")
+    loop.write_text(f"loop:\n  extends: [{ROOT / 'diagrams' / 'figure_eight.yaml'}, trajectory.yaml]\n")
     result = run("simulate.py", loop, "--set", "duration=1", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
 
@@ -171,13 +221,12 @@ def test_design_gains_states_margins_and_writes_what_a_scenario_extends(run, tmp
     for axis in ("roll", "pitch", "yaw", "x", "y", "z"):
         assert re.search(rf"^{axis} .* \d\d\.\d° .* dB .* ms .* rad/s ", result.stdout, re.MULTILINE)
     assert re.search(r"^\d\.\d\d rad/s +0\.80 .* yaw", result.stdout, re.MULTILINE)
-    folder = tmp_path / "figure_eight"
     for plot in ("bode", "nyquist", "root_locus", "steps"):
-        assert (folder / f"{plot}.png").stat().st_size > 500
-    gains = (folder / "gains.yaml").read_text(encoding="utf-8")
+        assert (tmp_path / f"{plot}.png").stat().st_size > 500
+    gains = (tmp_path / "gains.yaml").read_text(encoding="utf-8")
     assert gains.startswith("# python scripts/design_gains.py --position-bandwidth 0.5")
     mine = tmp_path / "mine.yaml"
-    mine.write_text(f"mine:\n  extends: [{ROOT}/diagrams/hover.yaml, figure_eight/gains.yaml]\n", encoding="utf-8")
+    mine.write_text(f"mine:\n  extends: [{ROOT}/diagrams/hover.yaml, gains.yaml]\n", encoding="utf-8")
     position = load_scenario(mine).control.position
     assert (position.kind, position.k_p[0]) == ("pd", pytest.approx(0.15, abs=0.05))
 
@@ -186,9 +235,8 @@ def test_stability_map_counts_and_draws(run, tmp_path):
     result = run("stability_map.py", "--quick", "--loop", "attitude", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^nominal: \d+ % of the gains are stable, \d+ % flew", result.stdout, re.MULTILINE)
-    folder = tmp_path / "figure_eight"
-    assert len((folder / "attitude_map.csv").read_text(encoding="utf-8").splitlines()) == 1 + 12 * 12
-    assert (folder / "attitude_map.png").stat().st_size > 500
+    assert len((tmp_path / "attitude_map.csv").read_text(encoding="utf-8").splitlines()) == 1 + 12 * 12
+    assert (tmp_path / "attitude_map.png").stat().st_size > 500
 
 
 def test_a_map_of_gains_from_zero_on_and_of_flights_without_error(run, tmp_path):
@@ -236,8 +284,8 @@ def test_a_learned_flight_is_drawn(run, tmp_path):
     result = run("simulate.py", mine, "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     for name in ("learning", "surfaces", "secant_gains"):
-        assert (tmp_path / "mine" / f"{name}.png").stat().st_size > 500
-    header = (tmp_path / "mine" / "flight.csv").read_text(encoding="utf-8").splitlines()[0]
+        assert (tmp_path / f"{name}.png").stat().st_size > 500
+    header = (tmp_path / "flight.csv").read_text(encoding="utf-8").splitlines()[0]
     assert "weights.18 (m/s²)" in header
     assert "covariance_trace.2 (1/s)" in header
 
@@ -248,7 +296,7 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
     names = re.findall(r"^(vehicle\.\w+) .* % *$", result.stdout, re.MULTILINE)
     assert names == ["vehicle.mass", "vehicle.arm_length"]
-    assert (tmp_path / "figure_eight" / "sensitivities.png").stat().st_size > 500
+    assert (tmp_path / "sensitivities.png").stat().st_size > 500
 
 
 @pytest.mark.parametrize(
@@ -291,7 +339,7 @@ def test_monte_carlo_prints_what_the_samples_did(run, tmp_path):
     lines = result.stdout.splitlines()
     assert lines[0].startswith("robustness: 6 samples of seed 3, 0.40 s each; 0 crashed, 0 % [0, 45.9]")
     assert re.fullmatch(r"[\d,]+ vehicle-seconds per second", lines[-1])
-    files = {path.name for path in (tmp_path / "robustness").iterdir()}
+    files = {path.name for path in tmp_path.iterdir()}
     assert {"results.csv", "scenario.yaml", "study.yaml", "distribution.png", "influences.png"} <= files
     again = monte_carlo(run, tmp_path, "--seed", 3, "--resume")
     assert again.stdout.splitlines()[-1] == "nothing was left to fly"
@@ -301,10 +349,13 @@ def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
     """With the metrics of its row, to 1e-9."""
     result = monte_carlo(run, tmp_path, "--seed", 3)
     command = re.search(r"python scripts/(\S+) (\S+) --sample (\d+)", result.stdout)
-    assert run(command[1], command[2], "--sample", command[3], "--output", tmp_path).returncode == 0
-    with (tmp_path / "robustness" / "results.csv").open() as file:
+    again = run(command[1], command[2], "--sample", command[3], "--output", tmp_path)
+    assert again.returncode == 2
+    assert "scenario.yaml would be overwritten, and is no flight's" in again.stderr
+    assert run(command[1], command[2], "--sample", command[3], "--output", tmp_path / "flight").returncode == 0
+    with (tmp_path / "results.csv").open() as file:
         row = next(row for row in csv.DictReader(file) if row["sample"] == command[3])
-    with (tmp_path / "robustness" / "metrics.csv").open() as file:
+    with (tmp_path / "flight" / "metrics.csv").open() as file:
         (metrics,) = csv.DictReader(file)
     assert len(metrics) == 13
     for name, value in metrics.items():
@@ -317,8 +368,8 @@ def test_monte_carlo_compares_controllers_on_the_same_samples(run, tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
     assert "beside pd, sample by sample:" in result.stdout
     for name in ("pd", "pid"):
-        assert load_scenario(tmp_path / "robustness" / name / "scenario.yaml").control.position.kind == name
-        assert (tmp_path / "robustness" / f"influences_{name}.png").exists()
+        assert load_scenario(tmp_path / name / "scenario.yaml").control.position.kind == name
+        assert (tmp_path / f"influences_{name}.png").exists()
 
 
 @pytest.mark.parametrize(
@@ -339,6 +390,30 @@ def test_monte_carlo_refuses_what_it_cannot_fly(run, tmp_path, arguments, words)
     assert not (tmp_path / "study").exists()
 
 
+@pytest.mark.parametrize("name", ["..", ".", "a b"])
+def test_a_controller_whose_name_is_no_folder_s_is_refused(run, tmp_path, name):
+    """A folder called `..` would be the one above."""
+    file = tmp_path / "controllers.yaml"
+    file.write_text(f"{{'{name}': {{control: {{thrust_vectoring: {{max_tilt: 0.5}}}}}}}}\n")
+    result = monte_carlo(run, tmp_path / "study", "--controller", f"{file}:{name}")
+    assert result.returncode == 2
+    assert re.fullmatch(
+        r"error: --controller \S+:.*: '.*' is no name for a folder; use letters and digits\n", result.stderr
+    )
+    assert [path.name for path in tmp_path.iterdir()] == ["controllers.yaml"]
+
+
+def test_a_study_says_which_rows_were_altered_and_flown_again(run, tmp_path):
+    monte_carlo(run, tmp_path)
+    path = tmp_path / "results.csv"
+    before = path.read_text()
+    path.write_text(re.sub(r"^(3,\d\.\d+)\d,", r"\g<1>,", before, flags=re.MULTILINE))
+    assert path.read_text() != before
+    result = monte_carlo(run, tmp_path, "--resume")
+    assert (result.returncode, path.read_text()) == (0, before)
+    assert result.stderr == f"remark: {path} was altered in lines 5; these samples were flown again\n"
+
+
 def test_monte_carlo_remarks_on_a_scenario_without_distributions(run, tmp_path):
     options = ("--set", "duration=0.2", "--samples", 3, "--workers", 1, "--output", tmp_path)
     result = run("monte_carlo.py", "diagrams/figure_eight.yaml", *options)
@@ -348,12 +423,12 @@ def test_monte_carlo_remarks_on_a_scenario_without_distributions(run, tmp_path):
 
 def test_a_study_that_is_there_is_neither_overwritten_nor_mixed_with_another(run, tmp_path):
     assert monte_carlo(run, tmp_path).returncode == 0
-    before = (tmp_path / "robustness" / "results.csv").read_bytes()
+    before = (tmp_path / "results.csv").read_bytes()
     for arguments, words in (([], "holds a study already"), (["--resume", "--seed", 9], "its seed is 0, not 9")):
         result = monte_carlo(run, tmp_path, *arguments)
         assert result.returncode == 2
         assert words in result.stderr
-    assert (tmp_path / "robustness" / "results.csv").read_bytes() == before
+    assert (tmp_path / "results.csv").read_bytes() == before
 
 
 def test_calibrate_paper_refuses_too_few_samples(run, tmp_path):
@@ -380,22 +455,23 @@ def test_simulate_shows_the_flight_live(run, tmp_path):
 
 
 def test_replay_makes_pages_of_samples_and_of_controllers(run, tmp_path):
-    study = ["diagrams/laboratory.yaml:low_wind", "--set", "duration=1", "--output", tmp_path]
-    result = run("replay.py", *study, "--samples", 3)
+    study = ["diagrams/laboratory.yaml:low_wind", "--set", "duration=1", "--output"]
+    result = run("replay.py", *study, tmp_path / "swarm", "--samples", 3)
     assert (result.returncode, result.stderr) == (0, "")
     assert "low_wind: 3 flights, 0 crashed" in result.stdout
     controllers = [f"--controller=diagrams/controllers/paper.yaml:{name}" for name in ("pd", "pd_t2fnn")]
-    result = run("replay.py", *study, "--samples", 1, *controllers)
+    result = run("replay.py", *study, tmp_path / "two", "--samples", 1, *controllers)
     assert (result.returncode, result.stderr) == (0, "")
-    assert {path.name for path in tmp_path.iterdir()} == {"low_wind.html", "pd_pd_t2fnn.html"}
-    assert run("replay.py", *study, "--samples", 0).returncode == 2
+    pages = {str(path.relative_to(tmp_path)) for path in tmp_path.rglob("*.html")}
+    assert pages == {"swarm/replay.html", "two/replay.html"}
+    assert run("replay.py", *study, tmp_path, "--samples", 0).returncode == 2
 
 
 @pytest.mark.skipif(shutil.which("dot") is None, reason="no Graphviz on PATH; Debian's package is graphviz")
 def test_draw_diagram_draws_the_loop_and_what_is_in_it(run, tmp_path):
     result = run("draw_diagram.py", "diagrams/hover.yaml", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
-    assert {path.stem for path in (tmp_path / "hover").iterdir()} >= {"loop", "control", "laboratory"}
+    assert {path.stem for path in tmp_path.iterdir()} >= {"loop", "control", "laboratory"}
 
 
 def test_without_graphviz_a_sentence_says_so(run, tmp_path, monkeypatch):

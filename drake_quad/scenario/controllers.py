@@ -6,7 +6,7 @@ from typing import Annotated, Literal
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.quantities import Gains, NonNegative, Number, Positive, Probability, bounded, extremes
 
 Axis = Literal["x", "y", "z"]
@@ -41,7 +41,7 @@ class FuzzySets(Model):
     """The fuzzy sets of one input of a network."""
 
     scale: Positive = Field(default=1.0, description="that the input is multiplied with (1/m for e, s/m for its rate)")
-    centres: Annotated[tuple[float, ...], Field(strict=False, min_length=2, max_length=15)] = Field(
+    centres: Annotated[tuple[Real, ...], Field(strict=False, min_length=2, max_length=15)] = Field(
         default=(-1.0, 0.0, 1.0), description="c of each set, ascending (1); inputs are clamped to the first and last"
     )
     widths: Annotated[tuple[Positive, ...], Field(strict=False)] = Field(
@@ -58,16 +58,20 @@ class FuzzySets(Model):
     @model_validator(mode="after")
     def _covered(self) -> "FuzzySets":
         if len(self.widths) != len(self.centres):
-            raise PydanticCustomError(
-                "widths", "must be as many as centres, {count}", {"count": len(self.centres), "field": "widths"}
+            raise self.wrong(
+                "widths", kind="widths", demand="must be as many as centres, {count}", count=len(self.centres)
             )
         ends = [(centre, extremes(width)[0]) for centre, width in zip(self.centres, self.widths, strict=True)]
         for i, ((left, reach_right), (right, reach_left)) in enumerate(itertools.pairwise(ends)):
             if reach_right is None or reach_left is None or not left + reach_right > right - reach_left:
-                raise PydanticCustomError(
-                    "cover",
-                    "must be wide enough that the sets at {left} and {right} overlap, or no rule fires in between",
-                    {"left": left, "right": right, "field": f"widths.{i}"},
+                raise self.wrong(
+                    "widths",
+                    i,
+                    kind="cover",
+                    demand="must be wide enough that the sets at {left} and {right} overlap,"
+                    " or no rule fires in between",
+                    left=left,
+                    right=right,
                 )
         return self
 

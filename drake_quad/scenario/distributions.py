@@ -1,12 +1,17 @@
 """Random numbers in a scenario: any physical quantity may be one of these in place of a number."""
 
 from collections.abc import Iterator
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated, Any, LiteralString
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
 from scipy.special import ndtr, ndtri
+
+from drake_quad.errors import listed
+from drake_quad.scenario.limits import LARGEST, SMALLEST
+
+Real = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
 
 
 class Model(BaseModel):
@@ -23,39 +28,53 @@ class Model(BaseModel):
                     raise PydanticCustomError(
                         "unknown_field",
                         "is unknown; allowed are {allowed}",
-                        {"field": key, "allowed": ", ".join(cls.model_fields)},
+                        {"path": (key,), "fields": [*cls.model_fields], "allowed": listed([*cls.model_fields])},
                     )
         return data
+
+    def wrong(self, *path: str | int, kind: str, demand: LiteralString, **context: Any) -> PydanticCustomError:
+        """An error of a field inside of this mapping; it carries the field's value, which may stand in no file.
+
+        Args:
+            path: from here to the field.
+            kind: of error.
+            demand: what the field must be, with names of the context in braces.
+            context: numbers and words for the demand.
+        """
+        value: Any = self
+        for key in path:
+            value = value[key] if isinstance(key, int) else getattr(value, key)
+        return PydanticCustomError(kind, demand, {**context, "path": path, "value": value})
 
 
 class Range(Model):
     """From a smaller to a larger number."""
 
-    min: float = Field(description="smallest value")
-    max: float = Field(description="largest value")
+    min: Real = Field(description="smallest value")
+    max: Real = Field(description="largest value")
 
     @model_validator(mode="after")
     def _ordered(self) -> "Range":
         if not self.min < self.max:
-            raise PydanticCustomError(
-                "range_order", "must be larger than min, {min}", {"field": "max", "min": self.min}
-            )
+            raise self.wrong("max", kind="range_order", demand="must be larger than min, {min}", min=self.min)
         return self
 
 
 class PositiveRange(Range):
     """From a smaller to a larger positive number."""
 
-    min: float = Field(gt=0.0, description="smallest value")
+    min: Annotated[float, Field(ge=SMALLEST, le=LARGEST)] = Field(description="smallest value")
 
 
 class Bell(Model):
     """A normal distribution, cut off at its limits if it has any."""
 
-    mean: float = Field(description="mean before the limits cut anything off")
-    standard_deviation: float = Field(gt=0.0, description="standard deviation before the limits cut anything off")
-    min: float | None = Field(default=None, description="no value is smaller")
-    max: float | None = Field(default=None, description="no value is larger")
+    mean: Real = Field(description="mean before the limits cut anything off")
+    standard_deviation: Annotated[float, Field(gt=0.0, le=LARGEST)] = Field(
+        description="standard deviation before the limits cut anything off"
+    )
+    min: Real | None = Field(default=None, description="no value is smaller")
+    max: Real | None = Field(default=None, description="no value is larger")
 
     @model_validator(mode="after")
     def _limits_around_mean(self) -> "Bell":
@@ -64,8 +83,8 @@ class Bell(Model):
             ("max", self.max is not None and self.max < self.mean),
         ):
             if wrong:
-                raise PydanticCustomError(
-                    "limit_side", "must not lie beyond the mean, {mean}", {"field": field, "mean": self.mean}
+                raise self.wrong(
+                    field, kind="limit_side", demand="must not lie beyond the mean, {mean}", mean=self.mean
                 )
         return self
 
@@ -119,7 +138,7 @@ class Normal(Model):
 class Choice(Model):
     """One of these numbers, all equally likely."""
 
-    choice: Annotated[tuple[float, ...], Field(strict=False, min_length=1)]
+    choice: Annotated[tuple[Real, ...], Field(strict=False, min_length=1)]
 
     def extremes(self) -> Iterator[float | None]:
         """Numbers between which all values lie; None where there is no bound."""
@@ -152,7 +171,7 @@ if TYPE_CHECKING:
     NumberOrDistribution = Any
 else:
     NumberOrDistribution = Annotated[
-        Annotated[float, Tag("number")]
+        Annotated[Real, Tag("number")]
         | Annotated[Uniform, Tag("uniform")]
         | Annotated[LogUniform, Tag("log_uniform")]
         | Annotated[Normal, Tag("normal")]

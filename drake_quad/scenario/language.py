@@ -4,6 +4,7 @@ import copy
 from collections.abc import Iterator
 from typing import Any
 
+from drake_quad.scenario import limits
 from drake_quad.scenario.models import Scenario
 
 _REFERENCE = "#/$defs/"
@@ -57,7 +58,18 @@ def language_page() -> str:
     return _INTRODUCTION + "\n\n".join(sections) + "\n"
 
 
-_INTRODUCTION = """# The scenario language
+def _limits() -> str:
+    return f"""\
+- A file, with all that it extends: {limits.MOST_BYTES:,} bytes, {limits.MOST_NODES:,} names and values.
+- A scenario: {limits.MOST_LEVELS} levels, {limits.MOST_BASES} extensions.
+- A name or text: {limits.MOST_CHARACTERS:,} characters.
+- A route: {limits.MOST_WAYPOINTS:,} waypoints. A laboratory: {limits.MOST_SOURCES} sources of wind.
+- A number: {limits.LARGEST:,.0f} in size, and at least {limits.SMALLEST:g} where it must be larger than 0.
+- A period: from {limits.SHORTEST:g} to 1 s. A duration: from {limits.SHORTEST:g} to {limits.LONGEST:,.0f} s, a day.
+- A flight: {limits.MOST_TICKS:,} times its shortest period."""
+
+
+_INTRODUCTION = f"""# The scenario language
 
 A file holds scenarios by their names. A scenario is a mapping of the fields below. What it does not say it takes from
 what it `extends`: FILE, FILE:NAME, NAME of the same file, or a list of these, the last on top. Mappings are joined,
@@ -68,6 +80,11 @@ This page is made by `scripts/document_scenarios.py` from the models that read s
 has the same for editors: with the YAML language server, a file in `diagrams/` begins with
 
     # yaml-language-server: $schema=../docs/scenario.schema.json
+
+There are limits, which no scenario that makes sense meets: they keep a broken file from taking long to read, and
+numbers from overflowing.
+
+{_limits()}
 
 """
 
@@ -141,6 +158,7 @@ _COMPARED = {"exclusiveMinimum": ">", "minimum": "≥", "exclusiveMaximum": "<",
 
 
 def _bounds(node: dict[str, Any]) -> str:
-    # Limits that only keep numbers finite say nothing.
-    said = [f"{sign} {node[key]:g}" for key, sign in _COMPARED.items() if key in node and abs(node[key]) < 1e8]
+    # Limits that only keep numbers finite are those of the introduction.
+    bounds = [(sign, node[key]) for key, sign in _COMPARED.items() if key in node and abs(node[key]) < limits.LARGEST]
+    said = ["> 0" if bound == limits.SMALLEST else f"{sign} {bound:g}" for sign, bound in bounds]
     return f" {', '.join(said)}" if said else ""

@@ -4,26 +4,49 @@ import difflib
 import re
 from collections.abc import Iterator, Sequence
 from pathlib import Path
-from typing import Any, TypeVar
+from typing import Any, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, shortened, shown
 from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
-from drake_quad.scenario.documents import find_scenario, merged, parse_document
+from drake_quad.scenario.library import Library, merged
+from drake_quad.scenario.limits import MOST_LEVELS
 from drake_quad.scenario.models import Journey, Scenario
 from drake_quad.scenario.trees import Mark, Tree
 
 _TAGS = ("number", *DISTRIBUTIONS)
+# Characters of an override, or of the path of a field, that a message shows; the longest path has seventy.
+_MOST_OF_A_PATH = 80
 _Loaded = TypeVar("_Loaded", bound=Journey)
 
 
-def load_scenario(spec: str | Path, overrides: Sequence[str] = (), *, layers: Sequence[str | Path] = ()) -> Scenario:
+class Override(NamedTuple):
+    """A field that is given another value.
+
+    Attributes:
+        assignment: `field.path=value`, the value in YAML.
+        source: what errors call it, such as the argument of a command line that it comes from.
+    """
+
+    assignment: str
+    source: str
+
+    @classmethod
+    def of(cls, override: "str | Override") -> "Override":
+        """The override that an assignment alone stands for."""
+        return override if isinstance(override, Override) else cls(override, f"override {override}")
+
+
+Overrides = Sequence[str | Override]
+
+
+def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequence[str | Path] = ()) -> Scenario:
     """Loads a scenario.
 
     Args:
         spec: FILE, or FILE:NAME where the file holds several scenarios.
-        overrides: assignments as on the command line, `field.path=value` with the value in YAML; they win.
+        overrides: assignments `field.path=value` with the value in YAML; they win.
         layers: further FILE:NAMEs that are laid over the scenario one after the other, as if one extended them all.
 
     Raises:
@@ -33,7 +56,7 @@ def load_scenario(spec: str | Path, overrides: Sequence[str] = (), *, layers: Se
     return _validated(Scenario, _loaded(spec, overrides, layers))
 
 
-def load_journey(spec: str | Path, overrides: Sequence[str] = ()) -> Journey:
+def load_journey(spec: str | Path, overrides: Overrides = ()) -> Journey:
     """Loads what flies where, from a scenario of which nothing else need be there, or from a table of waypoints.
 
     Args:
@@ -44,21 +67,25 @@ def load_journey(spec: str | Path, overrides: Sequence[str] = ()) -> Journey:
         InputError: as `load_scenario`, or an override is of something else in a scenario.
     """
     others = Scenario.model_fields.keys() - Journey.model_fields.keys()
-    for override in overrides:
-        field = override.partition("=")[0].partition(".")[0].strip()
+    for assignment, source in map(Override.of, overrides):
+        field = assignment.partition("=")[0].partition(".")[0].strip()
         if field in others:
             allowed = ", ".join(Journey.model_fields)
-            raise InputError(f"--set {override}: a plan does not depend on {field}, only on {allowed}")
+            raise InputError(
+                f"{shortened(source, _MOST_OF_A_PATH)}: a plan does not depend on {field}, only on {allowed}"
+            )
     tree = _loaded(spec, overrides)
     return _validated(Journey, Tree({key: value for key, value in tree.value.items() if key not in others}, tree.mark))
 
 
-def _loaded(spec: str | Path, overrides: Sequence[str], layers: Sequence[str | Path] = ()) -> Tree:
-    name, tree = find_scenario(spec)
+def _loaded(spec: str | Path, overrides: Overrides, layers: Sequence[str | Path] = ()) -> Tree:
+    library = Library()
+    name, tree = library.find(spec)
     for layer in layers:
-        tree = merged(tree, find_scenario(layer)[1])
-    for override in overrides:
-        tree = merged(tree, _within_lists(tree, _override(override)))
+        tree = merged(tree, library.find(layer)[1])
+    for override in map(Override.of, overrides):
+        # What is missing is missing in the file.
+        tree = merged(tree, _within_lists(tree, _parsed(override, library)))._replace(mark=tree.mark)
     if "name" not in tree.value:
         tree = Tree({"name": Tree(name, tree.mark), **tree.value}, tree.mark)
     return tree
@@ -88,14 +115,16 @@ def _distributions(value: Any, path: str) -> Iterator[str]:
             yield from _distributions(item, f"{path}[{i}]")
 
 
-def _override(assignment: str) -> Tree:
-    source = f"--set {assignment}"
-    path, equals, text = assignment.partition("=")
+def _parsed(override: Override, library: Library) -> Tree:
+    source = shortened(override.source, _MOST_OF_A_PATH)
+    mark = Mark(source, 0)
+    path, equals, text = override.assignment.partition("=")
     keys = path.strip().split(".")
     if not equals or not all(keys) or not text.strip():
-        raise InputError(f"{source}: must be field.path=value, for example vehicle.mass=0.7")
-    mark = Mark(source, 0)
-    tree = parse_document(text, source, numbered=False)
+        raise InputError(f"{mark}: must be field.path=value, for example vehicle.mass=0.7")
+    if len(keys) > MOST_LEVELS:
+        raise InputError(f"{mark}: is nested too deep: a scenario may have {MOST_LEVELS} levels")
+    tree = library.parse(text, source, numbered=False)
     for key in reversed(keys):
         tree = Tree({key: tree}, mark)
     return tree
@@ -109,7 +138,7 @@ def _within_lists(tree: Tree, override: Tree) -> Tree:
         return Tree(known, override.mark)
     if isinstance(old, list) and isinstance(new, dict) and len(new) == 1:
         (key, value), *_ = new.items()
-        if key.isascii() and key.isdecimal() and int(key) < len(old):
+        if key in map(str, range(len(old))):
             items = list(old)
             items[int(key)] = merged(old[int(key)], _within_lists(old[int(key)], value))
             return Tree(items, override.mark)
@@ -122,9 +151,8 @@ def _explain(error: ValidationError, tree: Tree, data: Any) -> str:
     problem = problems[0]
     context = problem.get("ctx", {})
     path = _real_path(problem["loc"], data)
-    if "field" in context:
-        path = (*path, *(int(key) if key.isdecimal() and key.isascii() else key for key in context["field"].split(".")))
-    elif problem["type"] in ("union_tag_invalid", "union_tag_not_found"):
+    path = (*path, *context.get("path", ()))
+    if problem["type"] in ("union_tag_invalid", "union_tag_not_found"):
         path = (*path, "kind")
     others = [_real_path(other["loc"], data) for other in problems[1:]]
     together = all(other["type"] == "missing" for other in problems) and {other[:-1] for other in others} == {path[:-1]}
@@ -132,34 +160,34 @@ def _explain(error: ValidationError, tree: Tree, data: Any) -> str:
     if together:
         more = f", and so {'is' if len(others) == 1 else 'are'} {', '.join(str(other[-1]) for other in others)}"
     place, depth = tree.at(path)
-    if depth < len(path) and problem["type"] in ("heading", "limits"):
-        complaint = problem["msg"]  # of a default, which stands nowhere
-    else:
-        complaint = _complaint(problem, place.plain() if depth == len(path) else problem["input"], path)
+    if depth == len(path):
+        complaint = _complaint(problem, shown(place.plain()), path)
+    else:  # of a default, which stands nowhere
+        complaint = _complaint(problem, f"{shown(context.get('value', problem['input']))} by default", path)
     return f"{place.mark}: {_written(path)} {complaint}{more}"
 
 
-def _complaint(problem: Any, value: Any, path: tuple[Any, ...]) -> str:
+def _complaint(problem: Any, value: str, path: tuple[Any, ...]) -> str:
     """What is wrong with the value at a path, and what is allowed there."""
     context = problem.get("ctx", {})
     match problem["type"]:
         case "unknown_field":
-            close = difflib.get_close_matches(str(path[-1]), context["allowed"].split(", "), 1)
+            close = difflib.get_close_matches(str(path[-1]), context["fields"], 1)
             deeper = _further_in(str(path[0])) if len(path) == 1 else []
             meant = " or ".join(close or deeper)
             return f"{problem['msg']}; did you mean {meant}?" if meant else problem["msg"]
         case "missing" | "union_tag_not_found":
             return "is missing; scripts/plan.py plans a route alone" if path == ("control",) else "is missing"
         case "union_tag_invalid":
-            return f"is {_shown(value)}, but must be one of {context['expected_tags']}"
+            return f"is {value}, but must be one of {context['expected_tags']}"
         case "model_type" | "model_attributes_type":
-            return f"is {_shown(value)}, but must be a mapping of fields"
+            return f"is {value}, but must be a mapping of fields"
         case "path":
             return f"cannot be flown: {problem['msg']}"
         case "tuple_type":
-            return f"is {_shown(value)}, but must be a list"
+            return f"is {value}, but must be a list"
     demand = re.sub(r"^(Input|String|Tuple) should", "must", problem["msg"]).replace(" after validation", "")
-    return f"is {_shown(value)}, but {demand}"
+    return f"is {value}, but {demand}"
 
 
 def _further_in(name: str) -> list[str]:
@@ -186,11 +214,7 @@ def _real_path(location: tuple[Any, ...], data: Any) -> tuple[Any, ...]:
 def _written(path: tuple[Any, ...]) -> str:
     """The path as in `vehicle.inertia[0]`."""
     text = "".join(
-        f"[{key}]" if isinstance(key, int) else f".{key}" if str(key).isidentifier() else f".{key!r}" for key in path
+        f"[{key}]" if isinstance(key, int) else f".{key}" if str(key).isidentifier() else f".{shown(key)}"
+        for key in path
     )
-    return text.lstrip(".") or "the scenario"
-
-
-def _shown(value: Any) -> str:
-    text = repr(value)
-    return text if len(text) <= 60 else f"{text[:57]}..."
+    return shortened(text.lstrip("."), _MOST_OF_A_PATH) or "the scenario"

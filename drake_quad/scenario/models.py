@@ -11,17 +11,24 @@ from pydantic import Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from drake_quad.scenario.controllers import PositionController
-from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.limits import MOST_SOURCES, MOST_TICKS
 from drake_quad.scenario.quantities import (
     Gains,
+    Moment,
     NonNegative,
     Number,
     Period,
+    PlainMoment,
+    PlainNonNegative,
     PlainPositive,
+    PlainSpan,
     Position,
     Positive,
     Probability,
     Share,
+    Span,
+    Step,
     Ticks,
     bounded,
     extremes,
@@ -29,6 +36,9 @@ from drake_quad.scenario.quantities import (
 )
 from drake_quad.scenario.routes import Route
 from drake_quad.scenario.wind import Wind
+
+# What a scenario may be called, and with it folders and files.
+NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
 
 
 class Airframe(Model):
@@ -38,12 +48,12 @@ class Airframe(Model):
     inertia: Annotated[tuple[PlainPositive, PlainPositive, PlainPositive], Field(strict=False)] = Field(
         default=(0.007, 0.007, 0.012), description="I_xx, I_yy, I_zz (kg m²)"
     )
-    rotor_inertia: Annotated[float, Field(ge=0.0)] = Field(default=6.5e-5, description="J_r (kg m²)")
+    rotor_inertia: PlainNonNegative = Field(default=6.5e-5, description="J_r (kg m²)")
     thrust_factor: PlainPositive = Field(default=4.13e-5, description="b (N s²)")
     drag_factor: PlainPositive = Field(default=8.5e-7, description="d (N m s²)")
     arm_length: PlainPositive = Field(default=0.17, description="l (m)")
     gravity: PlainPositive = Field(default=9.81, description="g (m/s²)")
-    min_rotor_speed: Annotated[float, Field(ge=0.0)] = Field(default=60.0, description="idle (rad/s)")
+    min_rotor_speed: PlainNonNegative = Field(default=60.0, description="idle (rad/s)")
     max_rotor_speed: PlainPositive = Field(default=300.0, description="top speed of the rotors (rad/s)")
 
     @field_validator("max_rotor_speed")
@@ -59,7 +69,7 @@ class RotorFailure(Model):
     """One rotor that loses speed at once."""
 
     rotor: Annotated[Number, whole(least=1, most=4)] = Field(description="number of the rotor (1)")
-    time: NonNegative = Field(description="of the failure (s)")
+    time: Moment = Field(description="of the failure (s)")
     speed_factor: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
         default=0.0, description="speed from then on over the speed commanded (1)"
     )
@@ -87,7 +97,7 @@ class Vehicle(Model):
     )
     linear_drag: NonNegative = Field(default=0.0, description="drag force over airspeed (N s/m)")
     quadratic_drag: NonNegative = Field(default=0.0, description="drag force over squared airspeed (N s²/m²)")
-    rotor_time_constant: Positive = Field(default=0.05, description="lag of the rotor speed (s)")
+    rotor_time_constant: Span = Field(default=0.05, description="lag of the rotor speed (s)")
     battery_sag: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
         default=0.0, description="share of the rotor speed that is lost by the end of the flight, evenly over it (1)"
     )
@@ -95,9 +105,7 @@ class Vehicle(Model):
     attitude_kinematics: Literal["exact", "small_angle"] = Field(
         default="exact", description="small_angle takes p, q, r for the rates of roll, pitch and yaw, as eq (3)"
     )
-    time_step: Annotated[float, Field(ge=0.0)] = Field(
-        default=0.01, description="step of the built-in integration (s); 0 for a continuous state"
-    )
+    time_step: Step = Field(default=0.01, description="step of the built-in integration (s); 0 for a continuous state")
 
 
 class MotionCapture(Model):
@@ -130,7 +138,9 @@ class Laboratory(Model):
 
     motion_capture: MotionCapture = MotionCapture()
     command_link: CommandLink = CommandLink()
-    wind: Annotated[tuple[Wind, ...], Field(strict=False)] = Field(default=(), description="sources; they add up")
+    wind: Annotated[tuple[Wind, ...], Field(strict=False, max_length=MOST_SOURCES)] = Field(
+        default=(), description="sources; they add up"
+    )
 
 
 class ThrustVectoring(Model):
@@ -165,8 +175,8 @@ class Control(Model):
 class Window(Model):
     """The part of a flight that counts for the metrics."""
 
-    start: Annotated[float, Field(ge=0.0)] = Field(default=0.0, description="first time that counts (s)")
-    end: Annotated[float, Field(gt=0.0)] | None = Field(
+    start: PlainMoment = Field(default=0.0, description="first time that counts (s)")
+    end: PlainMoment | None = Field(
         default=None, description="last time that counts (s); the end of the flight if not given"
     )
 
@@ -185,8 +195,8 @@ class Crash(Model):
     tilt: Annotated[float, Field(gt=0.0, lt=math.pi / 2)] = Field(
         default=math.radians(80.0), description="of roll or pitch (rad)"
     )
-    position_error: Annotated[float, Field(gt=0.0)] = Field(default=5.0, description="Euclidean (m)")
-    height: float = Field(default=-0.5, description="least height (m)")
+    position_error: PlainPositive = Field(default=5.0, description="Euclidean (m)")
+    height: Real = Field(default=-0.5, description="least height (m)")
 
 
 class Journey(Model):
@@ -194,7 +204,8 @@ class Journey(Model):
 
     name: str = Field(
         default="scenario",
-        pattern=r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$",
+        pattern=NAME,
+        max_length=100,
         description="what plots and folders are called after; letters, digits, '_', '.' and '-'",
     )
     route: Route
@@ -207,9 +218,7 @@ class Scenario(Journey):
     vehicle: Vehicle = Vehicle()
     laboratory: Laboratory = Laboratory()
     control: Control
-    duration: Annotated[float, Field(gt=0.0, le=86_400.0)] | None = Field(
-        default=None, description="of the flight (s); that of the route if not given"
-    )
+    duration: PlainSpan | None = Field(default=None, description="of the flight (s); that of the route if not given")
     metrics: Window = Window()
     crash: Crash = Crash()
     seed: Annotated[int, Field(ge=0, lt=2**63)] = Field(default=0, description="of everything random")
@@ -230,34 +239,40 @@ class Scenario(Journey):
         idle, top = extremes(whole_vehicle.min_rotor_speed)[1], extremes(whole_vehicle.max_rotor_speed)[0]
         if idle is None or top is None or not top > idle:
             if "max_rotor_speed" not in silent:
-                raise PydanticCustomError(
-                    "idle", "must be larger than min_rotor_speed, {idle}", {"idle": idle, "field": "max_rotor_speed"}
-                )
-            raise PydanticCustomError(
-                "idle", "must be smaller than max_rotor_speed, {top}", {"top": top, "field": "min_rotor_speed"}
-            )
+                demand = "must be larger than min_rotor_speed, {idle}"
+                raise whole_vehicle.wrong("max_rotor_speed", kind="idle", demand=demand, idle=idle)
+            demand = "must be smaller than max_rotor_speed, {top}"
+            raise whole_vehicle.wrong("min_rotor_speed", kind="idle", demand=demand, top=top)
         return whole_vehicle
+
+    @property
+    def periods(self) -> dict[tuple[str, ...], float]:
+        """The periods of integration, cameras and control (s), by the path of their field."""
+        periods = {
+            ("vehicle", "time_step"): self.vehicle.time_step,
+            ("laboratory", "motion_capture", "period"): self.laboratory.motion_capture.period,
+            ("laboratory", "command_link", "period"): self.laboratory.command_link.period,
+        }
+        return {path: period for path, period in periods.items() if period > 0.0}
 
     @model_validator(mode="after")
     def _grids_coincide(self) -> "Scenario":
-        periods = {
-            "laboratory.motion_capture.period": self.laboratory.motion_capture.period,
-            "laboratory.command_link.period": self.laboratory.command_link.period,
-        }
-        if self.vehicle.time_step > 0.0:
-            periods = {"vehicle.time_step": self.vehicle.time_step, **periods}
-        base = min(periods.values())
+        base = min(self.periods.values())
         if self.vehicle.time_step > base:
-            raise PydanticCustomError(
-                "step",
-                "must not be longer than the shortest period of cameras and control, {base} s",
-                {"field": "vehicle.time_step", "base": base},
-            )
-        for field, period in periods.items():
+            demand = "must not be longer than the shortest period of cameras and control, {base} s"
+            raise self.wrong("vehicle", "time_step", kind="step", demand=demand, base=base)
+        for path, period in self.periods.items():
             if math.frexp(period / base)[0] != 0.5 or base * (period / base) != period:
-                raise PydanticCustomError(
-                    "grid",
-                    "must be the shortest period, {base}, times a power of two, so that all grids coincide",
-                    {"field": field, "base": base},
-                )
+                demand = "must be the shortest period, {base}, times a power of two, so that all grids coincide"
+                raise self.wrong(*path, kind="grid", demand=demand, base=base)
+        return self
+
+    @model_validator(mode="after")
+    def _ends(self) -> "Scenario":
+        """A flight has no more ticks than can be flown, as far as its duration is known without a plan."""
+        longest = MOST_TICKS * min(self.periods.values())
+        path, end = self.route.known_end() if self.duration is None else (("duration",), self.duration)
+        if end is not None and end > longest:
+            demand = "must be at most {longest} s, {most} times the shortest period"
+            raise self.wrong(*path, kind="ticks", demand=demand, longest=f"{longest:g}", most=f"{MOST_TICKS:,}")
         return self

@@ -5,7 +5,8 @@ from typing import Annotated
 from pydantic import AfterValidator, Field
 from pydantic_core import PydanticCustomError
 
-from drake_quad.scenario.distributions import Choice, NumberOrDistribution
+from drake_quad.scenario.distributions import Choice, NumberOrDistribution, Real
+from drake_quad.scenario.limits import LARGEST, LONGEST, SHORTEST, SMALLEST
 
 
 def extremes(value: NumberOrDistribution) -> tuple[float | None, float | None]:
@@ -63,22 +64,39 @@ def whole(*, least: int, most: int) -> AfterValidator:
 
 
 def excludes_zero(value: NumberOrDistribution) -> bool:
-    """Whether a quantity cannot be zero, whatever is drawn."""
+    """Whether a quantity cannot be zero, nor so small that it might as well be, whatever is drawn."""
     if isinstance(value, Choice):
-        return 0.0 not in value.choice
+        return all(abs(number) >= SMALLEST for number in value.choice)
     lowest, highest = extremes(value)
-    return (lowest is not None and lowest > 0.0) or (highest is not None and highest < 0.0)
+    return (lowest is not None and lowest >= SMALLEST) or (highest is not None and highest <= -SMALLEST)
+
+
+def _no_shorter_step(step: float) -> float:
+    if 0.0 < step < SHORTEST:
+        raise PydanticCustomError("step", "must be 0, or at least {least}", {"least": SHORTEST})
+    return step
 
 
 Number = NumberOrDistribution
-Positive = Annotated[NumberOrDistribution, bounded(above=0.0)]
+Positive = Annotated[NumberOrDistribution, bounded(above=0.0), bounded(least=SMALLEST)]
 NonNegative = Annotated[NumberOrDistribution, bounded(least=0.0)]
 Probability = Annotated[NumberOrDistribution, bounded(least=0.0, most=1.0)]
 # An error relative to what it is added to, which it cannot turn round.
 Share = Annotated[NumberOrDistribution, bounded(above=-1.0)]
 # Whole periods of delay; fifty are a second of control.
 Ticks = Annotated[NumberOrDistribution, whole(least=0, most=50)]
-Period = Annotated[float, Field(gt=0.0)]
-PlainPositive = Annotated[float, Field(gt=0.0)]
+# Times in a flight, and how long something takes, s.
+Moment = Annotated[NumberOrDistribution, bounded(least=0.0, most=LONGEST)]
+Span = Annotated[NumberOrDistribution, bounded(above=0.0), bounded(least=SHORTEST, most=LONGEST)]
 Position = Annotated[tuple[Number, Number, Number], Field(strict=False)]
 Gains = Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)]
+
+# The same without distributions.
+PlainPositive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
+PlainNonNegative = Annotated[float, Field(ge=0.0, le=LARGEST)]
+PlainMoment = Annotated[float, Field(ge=0.0, le=LONGEST)]
+PlainSpan = Annotated[float, Field(ge=SHORTEST, le=LONGEST)]
+Point = Annotated[tuple[Real, Real, Real], Field(strict=False)]
+# Between ticks of cameras, control or integration, s; nothing flies with less than one a second.
+Period = Annotated[float, Field(ge=SHORTEST, le=1.0)]
+Step = Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_no_shorter_step)]

@@ -10,10 +10,12 @@ from pydantic_core import PydanticCustomError
 from drake_quad.errors import InputError
 from drake_quad.reference.minimum_snap import rest_at_ends
 from drake_quad.reference.path_problem import Box, Limits, PathProblem, Sphere
-from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.quantities import Number, Position, Positive
+from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.limits import LONGEST, MOST_WAYPOINTS, SHORTEST
+from drake_quad.scenario.quantities import Number, PlainMoment, PlainPositive, PlainSpan, Point, Position, Positive
 
-Point = Annotated[tuple[float, float, float], Field(strict=False)]
+# Path of a field, and its number.
+_End = tuple[tuple[str | int, ...], float | None]
 
 
 class _Moving(Model):
@@ -31,6 +33,10 @@ class _Moving(Model):
     def limits(self) -> Limits:
         """Those of the path; the route holds no distributions."""
         return Limits(speed=self.top_speed, acceleration=self.top_acceleration)
+
+    def known_end(self) -> _End:
+        """The field of a scenario that says when the route is over, and this time (s); None if a plan decides."""
+        return ("route",), None
 
 
 class FigureEightRoute(_Moving):
@@ -69,7 +75,11 @@ class HoverRoute(Model):
     kind: Literal["hover"]
     position: Position = Field(default=(0.0, 0.0, 1.0), description="where to stay, in W (m)")
     yaw: Number = Field(default=0.0, description="constant yaw of the reference (rad)")
-    duration: Annotated[float, Field(gt=0.0)] = Field(default=10.0, description="how long to stay (s)")
+    duration: PlainSpan = Field(default=10.0, description="how long to stay (s)")
+
+    def known_end(self) -> _End:
+        """As for the others."""
+        return ("route", "duration"), self.duration
 
 
 class BoxRegion(Model):
@@ -82,9 +92,7 @@ class BoxRegion(Model):
     def _not_empty(self) -> "BoxRegion":
         for i, (low, high) in enumerate(zip(self.min, self.max, strict=True)):
             if low > high:
-                raise PydanticCustomError(
-                    "box", "must not be less than that of min, {low}", {"low": low, "field": f"max.{i}"}
-                )
+                raise self.wrong("max", i, kind="box", demand="must not be less than that of min, {low}", low=low)
         return self
 
     def box(self) -> Box:
@@ -96,7 +104,7 @@ class SphereRegion(Model):
     """A ball."""
 
     centre: Point = Field(description="centre, in W (m)")
-    radius: Annotated[float, Field(gt=0.0)] = Field(description="radius (m)")
+    radius: PlainPositive = Field(description="radius (m)")
 
 
 class Waypoint(Model):
@@ -109,7 +117,7 @@ class Waypoint(Model):
     acceleration: Point | None = Field(default=None, description="given acceleration, in W (m/s²); free by default")
     jerk: Point | None = Field(default=None, description="given jerk, in W (m/s³); free by default")
     stop: bool = Field(default=False, description="whether velocity, acceleration and jerk are zero here")
-    yaw: float | None = Field(default=None, description="yaw here (rad), for heading: waypoints; free by default")
+    yaw: Real | None = Field(default=None, description="yaw here (rad), for heading: waypoints; free by default")
 
     @model_validator(mode="before")
     @classmethod
@@ -139,7 +147,7 @@ class Given(Model):
     """When to pass each waypoint; a list of numbers alone is short for its times."""
 
     kind: Literal["given"]
-    times: Annotated[tuple[float, ...], Field(strict=False, min_length=1)] = Field(
+    times: Annotated[tuple[Real, ...], Field(strict=False, min_length=1)] = Field(
         description="one for each waypoint, increasing (s)"
     )
 
@@ -149,8 +157,14 @@ class Given(Model):
         if times[0] < 0.0:
             raise PydanticCustomError("order", "must start at 0 or later")
         for i, (now, then) in enumerate(itertools.pairwise(times)):
-            if not then > now:
-                raise PydanticCustomError("order", "must increase; time {i} does not", {"i": i + 1})
+            if not then - now >= SHORTEST:
+                raise PydanticCustomError(
+                    "order",
+                    "must increase, each time by {least} s or more; time {i} does not",
+                    {"i": i + 1, "least": SHORTEST},
+                )
+        if times[-1] > LONGEST:
+            raise PydanticCustomError("order", "must end by {longest} s", {"longest": LONGEST})
         return times
 
 
@@ -164,7 +178,7 @@ class LeastSnap(Model):
     """The times with the least snap in a given total."""
 
     kind: Literal["least_snap"]
-    duration: Annotated[float, Field(gt=0.0, le=86_400.0)] = Field(description="total (s)")
+    duration: PlainSpan = Field(description="total (s)")
 
 
 class Shortest(Model):
@@ -180,7 +194,7 @@ class WaypointRoute(_Moving):
     """Minimum snap through waypoints, within limits and corridors."""
 
     kind: Literal["waypoints"]
-    waypoints: Annotated[tuple[Waypoint, ...], Field(strict=False, min_length=2)] = Field(
+    waypoints: Annotated[tuple[Waypoint, ...], Field(strict=False, min_length=2, max_length=MOST_WAYPOINTS)] = Field(
         description="places to pass, in order; segment i leads from waypoint i to waypoint i + 1"
     )
     times: Times = Field(default=Shortest(kind="shortest"), description="when to pass them, or how to choose that")
@@ -210,25 +224,29 @@ class WaypointRoute(_Moving):
     def _consistent(self) -> "WaypointRoute":
         count = len(self.waypoints)
         if isinstance(self.times, Given) and len(self.times.times) != count:
-            raise PydanticCustomError(
-                "count", "must hold one time for each of the {count} waypoints", {"count": count, "field": "times"}
+            raise self.wrong(
+                "times", kind="count", demand="must hold one time for each of the {count} waypoints", count=count
             )
         if self.corridors is not None and len(self.corridors) != count - 1:
-            raise PydanticCustomError(
-                "count",
-                "must hold one box or null for each of the {count} segments",
-                {"count": count - 1, "field": "corridors"},
+            raise self.wrong(
+                "corridors",
+                kind="count",
+                demand="must hold one box or null for each of the {count} segments",
+                count=count - 1,
             )
         yaws = [waypoint.yaw for waypoint in self.waypoints]
         if self.heading == "waypoints" and not any(yaw is not None for yaw in yaws):
-            raise PydanticCustomError("heading", "needs a yaw at one of the waypoints", {"field": "heading"})
+            raise self.wrong("heading", kind="heading", demand="needs a yaw at one of the waypoints")
         if self.heading != "waypoints" and any(yaw is not None for yaw in yaws):
-            raise PydanticCustomError("heading", "must be waypoints if yaws are given there", {"field": "heading"})
+            raise self.wrong("heading", kind="heading", demand="must be waypoints if yaws are given there")
         limited = self.top_speed is not None or self.top_acceleration is not None
         if not limited and isinstance(self.times, Heuristic | Shortest):
-            raise PydanticCustomError(
-                "limits", "must be a number, or else top_acceleration, to choose the total time", {"field": "top_speed"}
-            )
+            demand = "must be a number, or else top_acceleration, to choose the total time"
+            raise self.wrong("top_speed", kind="limits", demand=demand)
+        return self
+
+    @model_validator(mode="after")
+    def _flyable(self) -> "WaypointRoute":
         quantities = [
             self.top_speed,
             self.top_acceleration,
@@ -245,6 +263,15 @@ class WaypointRoute(_Moving):
         """Those of the path; the route holds no distributions."""
         given = {"speed": self.top_speed, "acceleration": self.top_acceleration}
         return Limits(**{name: limit for name, limit in given.items() if limit is not None})
+
+    def known_end(self) -> _End:
+        """As for the others."""
+        match self.times:
+            case Given(times=times):
+                return ("route", "times"), times[-1]
+            case LeastSnap(duration=duration):
+                return ("route", "times", "duration"), duration
+        return super().known_end()
 
     def problem(self) -> PathProblem:
         """What the path must keep to; the route holds no distributions.
@@ -284,7 +311,7 @@ class WaypointRoute(_Moving):
 class Knot(Model):
     """Where a trajectory is at a time, and how it moves there."""
 
-    time: float = Field(description="when (s)")
+    time: PlainMoment = Field(description="when (s)")
     position: Point = Field(description="in W (m)")
     velocity: Point = Field(default=(0.0, 0.0, 0.0), description="in W (m/s)")
     acceleration: Point = Field(default=(0.0, 0.0, 0.0), description="in W (m/s²)")
@@ -294,9 +321,9 @@ class Knot(Model):
 class YawKnot(Model):
     """The yaw of a trajectory at a time."""
 
-    time: float = Field(description="when (s)")
-    yaw: float = Field(description="rad")
-    yaw_rate: float = Field(default=0.0, description="rad/s")
+    time: PlainMoment = Field(description="when (s)")
+    yaw: Real = Field(description="rad")
+    yaw_rate: Real = Field(default=0.0, description="rad/s")
 
 
 class TrajectoryRoute(Model):
@@ -315,22 +342,21 @@ class TrajectoryRoute(Model):
         times = {"knots": [knot.time for knot in self.knots], "yaw_knots": [knot.time for knot in self.yaw_knots or ()]}
         for field, instants in times.items():
             for i, (now, then) in enumerate(itertools.pairwise(instants)):
-                if not then > now:
-                    raise PydanticCustomError(
-                        "order", "must be later than {now}", {"now": now, "field": f"{field}.{i + 1}.time"}
-                    )
-        if self.knots[0].time < 0.0:
-            raise PydanticCustomError("order", "must be 0 or later", {"field": "knots.0.time"})
+                if not then - now >= SHORTEST:
+                    demand = "must be later than {now}, by {least} s or more"
+                    raise self.wrong(field, i + 1, "time", kind="order", demand=demand, now=now, least=SHORTEST)
         if self.yaw_knots is not None:
-            for end in (0, -1):
-                if self.yaw_knots[end].time != self.knots[end].time:
-                    which = 0 if end == 0 else len(self.yaw_knots) - 1
-                    raise PydanticCustomError(
-                        "order",
-                        "must be that of the knot, {time}",
-                        {"time": self.knots[end].time, "field": f"yaw_knots.{which}.time"},
-                    )
+            for end, which in ((0, 0), (-1, len(self.yaw_knots) - 1)):
+                time = self.knots[end].time
+                if self.yaw_knots[end].time != time:
+                    demand = "must be that of the knot, {time}"
+                    raise self.wrong("yaw_knots", which, "time", kind="order", demand=demand, time=time)
         return self
+
+    def known_end(self) -> _End:
+        """As for the others."""
+        last = len(self.knots) - 1
+        return ("route", "knots", last, "time"), self.knots[last].time
 
 
 Route = Annotated[

@@ -2,15 +2,21 @@
 
 from typing import Any, NamedTuple
 
+from drake_quad.errors import shortened
+
+# Characters of a source that a message shows: a path that can be opened in an editor, if at all possible.
+_MOST = 120
+
 
 class Mark(NamedTuple):
-    """Where something was written: a file and a line, or an argument of the command line and 0."""
+    """Where something was written: a file and a line, or an override and 0."""
 
     source: str
     line: int
 
     def __str__(self) -> str:
-        return f"{self.source}:{self.line}" if self.line else self.source
+        source = shortened(self.source, _MOST)
+        return f"{source}:{self.line}" if self.line else source
 
 
 class Tree(NamedTuple):
@@ -26,6 +32,14 @@ class Tree(NamedTuple):
         if isinstance(self.value, list):
             return [tree.plain() for tree in self.value]
         return self.value
+
+    def size(self) -> int:
+        """The number of names and values."""
+        if isinstance(self.value, dict):
+            return 1 + sum(1 + tree.size() for tree in self.value.values())
+        if isinstance(self.value, list):
+            return 1 + sum(tree.size() for tree in self.value)
+        return 1
 
     def at(self, path: tuple[Any, ...]) -> tuple["Tree", int]:
         """The subtree at a path, or the deepest one on the way there, and how far down the path that is."""

@@ -1,32 +1,40 @@
 """Waypoints from a CSV file, as the tree of a scenario that has a route only."""
 
 import csv
+import io
 import math
 import re
+from collections.abc import Iterator
 from pathlib import Path
 
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, shown
+from drake_quad.scenario.limits import MOST_WAYPOINTS
 from drake_quad.scenario.trees import Mark, Tree
 
 _COLUMNS = ("time", "x", "y", "z", "yaw")
 _Row = tuple[Mark, list[str]]
 
 
-def read_waypoint_table(path: Path) -> Tree:
-    """Reads a table of waypoints.
+def parse_waypoint_table(text: str, path: Path) -> Tree:
+    """Parses a table of waypoints.
 
     The first row names the columns: x, y and z (m); time (s), if it is given; yaw (rad), empty where it is free.
     Without such a row there are the three columns x, y and z. Empty lines, and those that begin with #, do not count.
+
+    Args:
+        text: of the file.
+        path: of the file.
 
     Returns:
         A document with one scenario, called after the file, that has a route of kind `waypoints`.
 
     Raises:
-        InputError: the file cannot be read, or is not such a table.
+        InputError: the text is not such a table, or has too many rows.
     """
-    rows = _rows(path)
+    file = Mark(str(path), 0)
+    rows = list(_rows(text, file))
     if not rows:
-        raise InputError(f"{path}: holds no waypoints")
+        raise InputError(f"{file}: holds no waypoints")
     names = [cell.lower() for cell in rows[0][1]]
     if all(_number(name) is not None for name in names):
         if len(names) != 3:
@@ -42,7 +50,7 @@ def read_waypoint_table(path: Path) -> Tree:
         for name, cell in zip(names, cells, strict=True):
             number = _number(cell)
             if number is None and not (name == "yaw" and not cell):
-                raise InputError(f"{mark}: {name} is {cell!r}, but must be a finite number")
+                raise InputError(f"{mark}: {name} is {shown(cell)}, but must be a finite number")
             columns[name].append(Tree(number, mark))
     top = Mark(str(path), 1)
     scenario = Tree({"route": Tree(_route(columns, [mark for mark, _ in rows], top), top)}, top)
@@ -67,22 +75,27 @@ def _route(columns: dict[str, list[Tree]], marks: list[Mark], top: Mark) -> dict
     return route
 
 
-def _rows(path: Path) -> list[_Row]:
+def _rows(text: str, file: Mark) -> Iterator[_Row]:
+    reader = csv.reader(io.StringIO(text, newline=""))
+    count = 0
     try:
-        with path.open(newline="", encoding="utf-8-sig") as file:
-            reader = csv.reader(file)
-            rows = [(Mark(str(path), reader.line_num), [cell.strip() for cell in row]) for row in reader]
-    except OSError as error:
-        raise InputError(f"{path}: cannot be read: {(error.strerror or str(error)).lower()}") from None
-    except (UnicodeDecodeError, csv.Error):
-        raise InputError(f"{path}: is not a CSV file of UTF-8 text") from None
-    return [(mark, cells) for mark, cells in rows if any(cells) and not cells[0].startswith("#")]
+        for row in reader:
+            cells = [cell.strip() for cell in row]
+            if not any(cells) or cells[0].startswith("#"):
+                continue
+            mark = file._replace(line=reader.line_num)
+            count += 1
+            if count > MOST_WAYPOINTS + 1:  # the names of the columns are a row
+                raise InputError(f"{mark}: there are too many rows: a route may have {MOST_WAYPOINTS:,} waypoints")
+            yield mark, cells
+    except csv.Error:
+        raise InputError(f"{file}: is not a CSV file") from None
 
 
 def _check_names(names: list[str], mark: Mark) -> None:
     unknown = [name for name in names if name not in _COLUMNS]
     if unknown:
-        raise InputError(f"{mark}: the column {unknown[0]!r} is unknown; allowed are {', '.join(_COLUMNS)}")
+        raise InputError(f"{mark}: the column {shown(unknown[0])} is unknown; allowed are {', '.join(_COLUMNS)}")
     for name in ("x", "y", "z"):
         if name not in names:
             raise InputError(f"{mark}: there is no column {name}")

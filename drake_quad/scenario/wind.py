@@ -6,7 +6,8 @@ from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.quantities import NonNegative, Number, Position, Positive, bounded, excludes_zero
+from drake_quad.scenario.limits import SMALLEST
+from drake_quad.scenario.quantities import Moment, NonNegative, Number, Position, Positive, Span, bounded, excludes_zero
 
 
 class _Blowing(Model):
@@ -37,9 +38,9 @@ class Gust(_Blowing):
     """A 1-cosine gust: it comes over the rise time, stays, and goes as it came."""
 
     kind: Literal["gust"]
-    start: NonNegative = Field(description="when it begins (s)")
-    rise_time: Positive = Field(description="from nothing to full height (s)")
-    hold_time: NonNegative | None = Field(
+    start: Moment = Field(description="when it begins (s)")
+    rise_time: Span = Field(description="from nothing to full height (s)")
+    hold_time: Moment | None = Field(
         default=None, description="at full height (s); for good if not given, as in MIL-F-8785C"
     )
 
@@ -81,7 +82,9 @@ class Fan(Model):
     @classmethod
     def _somewhere(cls, direction: tuple[Number, Number, Number]) -> tuple[Number, Number, Number]:
         if not any(excludes_zero(part) for part in direction):
-            raise PydanticCustomError("direction", "must have a part that cannot be zero")
+            raise PydanticCustomError(
+                "direction", "must have a part that cannot be zero, nor within {least} of it", {"least": SMALLEST}
+            )
         return direction
 
 

@@ -1,4 +1,5 @@
 import numpy as np
+import oracle.randomness
 import pytest
 from pydrake.common import RandomDistribution
 from pydrake.systems.analysis import Simulator
@@ -28,6 +29,17 @@ def test_what_stands_at_a_tick_depends_on_the_tick_and_the_sample_alone(distribu
         np.testing.assert_array_equal(crowd.at(time).reshape(rows, -1)[:, 2999], alone)
         np.testing.assert_array_equal(few.at(time).reshape(rows, -1)[:, 0], alone)
         np.testing.assert_array_equal(tape([2999], rows, distribution).at(time), alone)
+
+
+@pytest.mark.parametrize("kind", [Kind.WIND, Kind.NOISE])
+def test_a_tape_plays_what_the_oracle_makes_number_by_number(kind):
+    """SplitMix64 and Box and Muller, with Python's whole numbers."""
+    name = "motion_capture.camera_noise"
+    expected = oracle.randomness.Stream(5, 12, int(kind), name, 3)
+    for distribution, numbers in ((GAUSSIAN, expected.normal), (UNIFORM, expected.uniform)):
+        played = Tape(Samples(5, [12]), [Stream(name, kind, 3, distribution)], period=0.01)
+        for tick in (0, 1, 2, 3, 682, 683, 5001):
+            np.testing.assert_allclose(played.at(0.01 * tick), numbers(tick), rtol=1e-14)
 
 
 def test_streams_are_the_same_beside_others_on_a_tape():

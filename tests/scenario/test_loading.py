@@ -1,13 +1,9 @@
 """The scenario language: what it accepts, and one sentence for what it does not."""
 
-import copy
-import math
 import re
 from io import StringIO
 
 import pytest
-from hypothesis import HealthCheck, given, settings
-from hypothesis import strategies as st
 from ruamel.yaml import YAML
 
 from drake_quad.errors import InputError
@@ -97,7 +93,7 @@ def test_overrides_win_and_are_named(write):
     text = f"a:\n{BODY}"
     assert load_scenario(write(text), ["vehicle.mass=0.9"]).vehicle.mass == 0.9
     assert refusal(write, text, "vehicle.mass=-1") == (
-        "--set vehicle.mass=-1: vehicle.mass is -1, but must be larger than 0"
+        "override vehicle.mass=-1: vehicle.mass is -1, but must be larger than 0"
     )
     assert "must be field.path=value" in refusal(write, text, "vehicle.mass")
 
@@ -123,7 +119,7 @@ def test_overrides_win_and_are_named(write):
         ("  vehicle: {mass: {uniform: {min: -1, max: 1}}}", "6: vehicle.mass is .*, but must be larger than 0"),
         ("  vehicle: {mass: {normal: {mean: 1, standard_deviation: 1}}}", "6: vehicle.mass is .* larger than 0"),
         ("  vehicle: {mass: {gauss: 1}}", "6: vehicle.mass is .*, but must be a number or one of the distributions"),
-        ("  duration: 0", "6: duration is 0, but must be greater than 0"),
+        ("  duration: 0", "6: duration is 0, but must be greater than or equal to 0.0001"),
         ("  seed: -1", "6: seed is -1, but must be greater than or equal to 0"),
         ("  seed: 1.5", "6: seed is 1.5, but must be a valid integer"),
         (
@@ -257,7 +253,10 @@ def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehi
             "2: route.kind is 'oval', but must be one of 'figure_eight', 'circle', 'hover', 'waypoints'",
         ),
         ("{radius: 1}", "2: route.kind is missing"),
-        ("{kind: figure_eight, radius: 3.0}", "2: route.offset is 1.9, but must be larger than the radius, 3.0"),
+        (
+            "{kind: figure_eight, radius: 3.0}",
+            "2: route.offset is 1.9 by default, but must be larger than the radius, 3.0",
+        ),
         ("{kind: waypoints, waypoints: [[0, 0, 0]]}", "2: route.waypoints is .* at least 2 items"),
         ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [1, 1]}", r"2: route.times is .* must increase"),
         ("{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: [-1, 1]}", r"2: route.times is .*0 or later"),
@@ -277,7 +276,7 @@ def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehi
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], times: {kind: least_snap, duration: 0}}",
-            r"2: route.times.duration is 0, but must be greater than 0",
+            r"2: route.times.duration is 0, but must be greater than or equal to 0.0001",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], speed: 1}",
@@ -332,7 +331,7 @@ def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehi
         ),
         (
             "{kind: waypoints, waypoints: [{point: [0, 0, 0], yaw: 1.0}, [0, 0, 1]]}",
-            "2: route.heading must be waypoints if yaws are given",
+            "2: route.heading is 'constant' by default, but must be waypoints if yaws are given",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], {point: [1, 1, 1], velocity: [3, 0, 0]}, [0, 0, 1]]}",
@@ -367,7 +366,7 @@ def test_wrong_routes_are_explained(write, route, message):
         ("a:", "scenario a must be a mapping"),
         (f"a:\n{BODY}---\nb: 1", "is not YAML"),
         ("a: {route: {kind: hover}}", "control is missing; scripts/plan.py plans a route alone"),
-        ("[" * 10_000, "is not YAML"),
+        ("[" * 10_000, "is nested too deep: a scenario may have 40 levels"),
     ],
 )
 def test_wrong_files_are_explained(write, text, words):
@@ -395,100 +394,3 @@ def test_a_scenario_written_and_read_again_is_the_same(diagrams, write):
     text = StringIO()
     YAML().dump({"again": scenario.model_dump(mode="json")}, text)
     assert load_scenario(write(text.getvalue())) == scenario
-
-
-# What a person, a merge conflict or a program may leave in a file.
-scraps = st.one_of(
-    st.none(),
-    st.booleans(),
-    st.integers(-(10**400), 10**400),
-    st.floats(),
-    st.text(max_size=8),
-    st.lists(st.floats(), max_size=4),
-    st.dictionaries(st.text(max_size=5), st.integers(), max_size=2),
-    st.sampled_from([{"uniform": {"min": 0.0, "max": 1.0}}, {"normal": {}}, {"choice": []}, {"kind": "pd"}]).map(
-        copy.deepcopy
-    ),
-)
-
-
-def places(tree, path=()):
-    yield path
-    children = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
-    for key, child in children:
-        yield from places(child, (*path, key))
-
-
-def numbers(value):
-    if isinstance(value, float):
-        yield value
-    elif isinstance(value, dict):
-        for child in value.values():
-            yield from numbers(child)
-    elif isinstance(value, list | tuple):
-        for child in value:
-            yield from numbers(child)
-
-
-@pytest.fixture(scope="module")
-def full_tree():
-    from pathlib import Path
-
-    scenario = load_scenario(Path(__file__).parents[2] / "diagrams" / "figure_eight.yaml")
-    return {"loop": scenario.model_dump(mode="json")}
-
-
-@given(data=st.data())
-@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_a_mutated_tree_is_refused_in_one_sentence_or_makes_sense(full_tree, tmp_path_factory, data):
-    tree = copy.deepcopy(full_tree)
-    for _ in range(data.draw(st.integers(1, 3))):
-        *parents, last = data.draw(st.sampled_from([place for place in places(tree) if len(place) > 1]))
-        inside = tree
-        for key in parents:
-            inside = inside[key]
-        action = data.draw(st.sampled_from(["replace", "remove", "add"]))
-        if action == "replace":
-            inside[last] = data.draw(scraps)
-        elif action == "remove":
-            del inside[last]
-        elif isinstance(inside, dict):
-            inside[data.draw(st.text(max_size=6))] = data.draw(scraps)
-        else:
-            inside.append(data.draw(scraps))
-    path = tmp_path_factory.mktemp("mutated") / "loop.yaml"
-    with path.open("w", encoding="utf-8", errors="surrogatepass") as file:
-        YAML().dump(tree, file)
-    try:
-        scenario = load_scenario(path)
-    except InputError as error:
-        assert "\n" not in str(error)
-        assert str(error).startswith(str(path))
-        return
-    assert_makes_sense(scenario)
-
-
-@given(position=st.floats(0.0, 1.0), length=st.integers(0, 6), scrap=st.text(max_size=6))
-@settings(max_examples=400, deadline=None, suppress_health_check=[HealthCheck.function_scoped_fixture])
-def test_a_mutated_text_is_refused_in_one_sentence_or_makes_sense(tmp_path_factory, position, length, scrap):
-    text = f"loop:\n{BODY}  vehicle: {{mass: 0.7}}\n"
-    start = int(position * len(text))
-    mutated = text[:start] + scrap + text[start + length :]
-    path = tmp_path_factory.mktemp("mutated") / "loop.yaml"
-    path.write_bytes(mutated.encode("utf-8", errors="surrogatepass"))
-    try:
-        scenario = load_scenario(path)
-    except InputError as error:
-        assert "\n" not in str(error)
-        return
-    assert_makes_sense(scenario)
-
-
-def assert_makes_sense(scenario):
-    """Every number is finite, and those that must be positive are."""
-    assert all(math.isfinite(number) for number in numbers(scenario.model_dump()))
-    vehicle = scenario.vehicle
-    for name in ("mass", "thrust_factor", "drag_factor", "arm_length", "rotor_time_constant", "max_rotor_speed"):
-        value = getattr(vehicle, name)
-        lowest = value if isinstance(value, float) else next(value.extremes())
-        assert lowest > 0.0

@@ -41,7 +41,7 @@ def test_an_override_reaches_into_lists(write):
     journey = load_journey(path, ["route.waypoints.1=[5, 5, 5]", "route.waypoints.2.0=7"])
     assert points(journey) == [(0.0, 0.0, 1.0), (5.0, 5.0, 5.0), (7.0, 0.0, 1.0)]
     for override in ("route.waypoints.3=[5, 5, 5]", "route.waypoints.x=1"):
-        with pytest.raises(InputError, match=f"--set {override.partition('=')[0]}.*: route.waypoints is"):
+        with pytest.raises(InputError, match=f"override {override.partition('=')[0]}.*: route.waypoints is"):
             load_journey(path, [override])
     with pytest.raises(InputError, match="must be field.path=value"):
         load_journey(path, ["route.top_speed="])
@@ -84,7 +84,7 @@ def test_wrong_tables_are_explained(write, text, words):
 def test_what_is_not_text_is_explained(tmp_path):
     path = tmp_path / "course.csv"
     path.write_bytes(b"0,0,1\n\xff\xfe,0,1\n")
-    with pytest.raises(InputError, match="is not a CSV file of UTF-8 text"):
+    with pytest.raises(InputError, match="is not UTF-8 text"):
         load_journey(path)
     with pytest.raises(InputError, match="cannot be read: no such file"):
         load_journey(tmp_path / "none.csv")

@@ -39,3 +39,14 @@ def test_hover_demands_hover_speed():
     demand = rotor_demand(still, still, still, QuadrotorParameters(), yaw=(1.0, 0.0, 0.0))
     np.testing.assert_allclose(demand.rotor_speed, hover_rotor_speeds(QuadrotorParameters())[0])
     np.testing.assert_allclose(demand.attitude[:, 0], [0.0, 0.0, 1.0], atol=1e-15)
+
+
+def test_a_rotor_that_would_have_to_pull_down_stands_still():
+    """A snap along x asks the body to pitch: for more torque than the front rotor's thrust gives when it is gone."""
+    none, snap = np.zeros((3, 1)), np.array([[3000.0], [0.0], [0.0]])
+    demand = rotor_demand(none, none, snap, QuadrotorParameters(), yaw=(0.0, 0.0, 0.0))
+    torque = 0.007 * 3000.0 / 9.81
+    np.testing.assert_allclose(demand.wrench[:, 0], [0.68 * 9.81, 0.0, torque, 0.0], atol=1e-12)
+    hover = 0.68 * 9.81 / (4.0 * 4.13e-5)
+    back = hover + torque / (2.0 * 0.17 * 4.13e-5)
+    np.testing.assert_allclose(demand.rotor_speed[:, 0] ** 2, [0.0, hover, back, hover], rtol=1e-12)

@@ -84,7 +84,7 @@ class Browser:
         assert "exceptionDetails" not in result, result
         return result["result"].get("value")
 
-    def wait_for(self, expression: str, timeout: float = 30.0) -> None:
+    def wait_for(self, expression: str, timeout: float = 600.0) -> None:
         """Waits until an expression is true."""
         deadline = time.monotonic() + timeout
         while not self.value(f"Boolean({expression})"):

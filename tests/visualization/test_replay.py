@@ -1,7 +1,6 @@
 """Replays in a real browser, if there is one."""
 
 import re
-import time
 
 import numpy as np
 import pytest
@@ -23,32 +22,35 @@ def flight():
     return simulate(load_scenario("diagrams/figure_eight.yaml", ["duration=8"]))
 
 
-def watched(page, folder, names, seconds):
-    """Whether objects of a playing page are visible, where, and how they are turned, over so many seconds.
+def watched(page, folder, names, moments):
+    """Whether objects of a page are visible, where, and how they are turned, at moments of the flight (s).
 
-    Also pictures at two instants, and where the first object is when the page is scrubbed to 3 s.
+    Also pictures at the first and the last of them. The page plays by itself, and goes on from where one stops it.
     """
-    find = "((name) => viewer.scene_tree.find(name.split('/')).object)"
-    row = "[Number(o.visible), ...o.position.toArray(), ...o.quaternion.toArray()]"
+    rows = ", ".join(
+        f"((o) => [Number(o.visible), ...o.position.toArray(), ...o.quaternion.toArray()])"
+        f"(viewer.scene_tree.find('{name}'.split('/')).object)"
+        for name in names
+    )
     told, pictures = [], []
     with Browser(page, folder / "profile") as browser:
-        browser.wait_for(f"typeof viewer !== 'undefined' && {find}('{names[0]}').position.lengthSq() > 1e-6")
-        end = time.monotonic() + seconds
-        while time.monotonic() < end:
-            told.append(browser.value(f"{list(names)}.map((name) => {{ const o = {find}(name); return {row}; }})"))
-            time.sleep(0.05)
-            if len(told) == 2:
-                pictures.append(browser.screenshot(folder / "early.png"))
-        pictures.append(browser.screenshot(folder / "late.png"))
-        browser.value("scrub.value = 3.0; scrub.oninput();")
-        time.sleep(0.3)
-        scrubbed = browser.value(f"{find}('{names[0]}').position.toArray()")
+        browser.wait_for("typeof viewer !== 'undefined' && viewer.animator.playing && viewer.animator.time > 0.2")
+        for moment in moments:
+            browser.value(f"scrub.value = {moment}; scrub.oninput();")
+            browser.wait_for(f"clock.textContent === '{moment:.1f} s'")
+            told.append(browser.value(f"[{rows}]"))
+            if moment in (moments[0], moments[-1]):
+                pictures.append(browser.screenshot(folder / f"{moment}.png"))
         assert browser.value("viewer.animator.playing") is False
-        assert browser.value("clock.textContent") == "3.0 s"
         browser.value("play.click()")
-        browser.wait_for("viewer.animator.time > 3.2")
+        browser.wait_for(f"viewer.animator.time > {moments[-1]} + 0.2")
         assert browser.console == []
-    return [np.array(rows) for rows in zip(*told, strict=True)], pictures, scrubbed
+    return [np.array(rows) for rows in zip(*told, strict=True)], pictures
+
+
+def at(flight, moments):
+    """Where a flight is at some moments."""
+    return flight["state"][np.searchsorted(flight.time, np.array(moments) - 1e-9), 0:3]
 
 
 @needs_chromium
@@ -56,19 +58,16 @@ def test_a_replay_plays_in_a_browser(flight, tmp_path):
     page = save_replay({"figure_eight": flight}, tmp_path / "replay.html")
     assert page.stat().st_size < 5_000_000
     names = ["figure_eight", "figure_eight/rotor_1", "figure_eight/rotor_2", "reference", "figure_eight_trail/10"]
-    (vehicle, rotor, other_rotor, reference, trail), pictures, scrubbed = watched(page, tmp_path, names, 4.0)
-    flown = flight["state"][:, 0:3]
+    moments = [round(0.3 * k, 1) for k in range(1, 15)]
+    (vehicle, rotor, other_rotor, reference, trail), pictures = watched(page, tmp_path, names, moments)
     assert np.ptp(vehicle[:, 1:4], axis=0).max() > 0.8
-    for place in vehicle[:, 1:4]:
-        assert np.linalg.norm(flown - place, axis=1).min() < 0.02
+    np.testing.assert_allclose(vehicle[:, 1:4], at(flight, moments), atol=0.01)
     assert np.linalg.norm(vehicle[:, 1:4] - reference[:, 1:4], axis=1).max() < 0.1
-    assert scrubbed == pytest.approx(flown[np.searchsorted(flight.time, 3.0 - 1e-9)], abs=0.01)
     # Looks are too few to follow every turn.
     assert len(np.unique(rotor[:, 6].round(3))) > 5
     assert not np.allclose(rotor[:, 6], other_rotor[:, 6])
     # The piece from 2.5 to 2.75 s is not there at first, and then stays.
-    assert trail[0, 0] == 0.0
-    assert set(np.diff(trail[:, 0])) == {0.0, 1.0}
+    np.testing.assert_array_equal(trail[:, 0], np.array(moments) > 2.75)
     early, late = (np.asarray(Image.open(picture).convert("L"), dtype=float) for picture in pictures)
     assert 20 < (np.abs(late - early) > 30.0).sum() < 0.1 * early.size
 
@@ -81,7 +80,7 @@ def test_a_replay_can_be_opened_at_a_moment(flight, tmp_path):
         assert browser.value("viewer.animator.playing") is False
         place = browser.value("viewer.scene_tree.find(['figure_eight']).object.position.toArray()")
         assert browser.console == []
-    assert place == pytest.approx(flight["state"][np.searchsorted(flight.time, 5.0 - 1e-9), 0:3], abs=0.01)
+    assert place == pytest.approx(at(flight, 5.0), abs=0.01)
 
 
 @needs_chromium
@@ -93,7 +92,7 @@ def test_a_swarm_replays_its_crashes(tmp_path):
     page = save_swarm({"all": [*flights, crash]}, tmp_path / "swarm.html")
     count = 1 + sum(bool(flight.metrics.crashed) for flight in flights)
     assert f"21 flights, {count} crashed" in page.read_text(encoding="utf-8")
-    (first, last), *_ = watched(page, tmp_path, ["all/0", "all/20"], 4.0)
+    (first, last), _ = watched(page, tmp_path, ["all/0", "all/20"], [0.5, 1.5, 2.5, 4.5])
     assert np.ptp(first[:, 1:4], axis=0).max() > 0.3
     # What has crashed stays where it is.
     assert last[-1, 1:4] == pytest.approx(crash["state"][-1, 0:3], abs=1e-3)

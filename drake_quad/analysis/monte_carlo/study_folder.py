@@ -7,20 +7,21 @@ from pathlib import Path
 from typing import Any
 
 import numpy as np
-from ruamel.yaml import YAML
 
-from drake_quad.analysis.monte_carlo.results_file import ResultsFile, open_results, sort_results
+from drake_quad.analysis.monte_carlo.crew import Outcome
+from drake_quad.analysis.monte_carlo.results_file import Found, ResultsFile, open_results, write_results
 from drake_quad.analysis.monte_carlo.study import (
     FAILED,
     RESULTS,
     SCENARIO,
     STUDY,
+    Record,
     Study,
     columns_of,
-    load_record,
-    record_of,
+    fitting,
+    format_of,
+    read_record,
 )
-from drake_quad.analysis.monte_carlo.workers import Outcome
 from drake_quad.errors import InputError
 from drake_quad.files import output_folder, write_whole
 from drake_quad.scenario import Scenario, load_scenario, save_scenario
@@ -33,35 +34,54 @@ class StudyRows:
         scenario: of the study.
         num_samples: of the study.
         duration: of a flight, s.
-        known: (m, columns) rows that are there from the beginning.
+        found: what its file held at the beginning, if it has one.
         file: to which new ones are appended, if any.
     """
 
     def __init__(
-        self, scenario: Scenario, num_samples: int, duration: float, known: np.ndarray, file: ResultsFile | None
+        self,
+        scenario: Scenario,
+        num_samples: int,
+        duration: float,
+        *,
+        found: Found | None = None,
+        file: ResultsFile | None = None,
     ) -> None:
-        self._scenario, self._num_samples, self._duration, self._file = scenario, num_samples, duration, file
-        self._table = np.full((num_samples, len(columns_of(scenario))), np.nan)
-        self._table[known[:, 0].astype(int)] = known
-        self._count = len(known)
-        self.failures: dict[int, str] = {}
+        self._scenario, self.num_samples, self._duration, self._file = scenario, num_samples, duration, file
+        columns = columns_of(scenario)
+        self._crash_time = columns.index("crash_time")
+        self._table = np.full((num_samples, len(columns)), np.nan)
+        self._misfits: list[int] = []
+        if found is not None:
+            self._table[found.rows[:, 0].astype(int)] = found.rows
+            self._misfits = sorted(found.misfits)
         self._flown_time = 0.0
+        self.failures: dict[int, str] = {}
 
     def __len__(self) -> int:
-        return self._count
+        return int(self._there.sum())
+
+    @property
+    def _there(self) -> np.ndarray:
+        return ~np.isnan(self._table[:, 0])
 
     @property
     def missing(self) -> list[int]:
         """The samples that are not there."""
-        missing: list[int] = np.flatnonzero(np.isnan(self._table[:, 0])).tolist()
+        missing: list[int] = np.flatnonzero(~self._there).tolist()
         return missing
+
+    @property
+    def rows(self) -> np.ndarray:
+        """The (n, columns) rows that are there, by rising samples."""
+        return self._table[self._there]
 
     @property
     def saved(self) -> str:
         """What is on disk, in words."""
         if self._file is None:
             return "nothing was written"
-        return f"{len(self)} of {self._num_samples} samples are in {self._file.path}"
+        return f"{len(self)} of {self.num_samples} samples are in {self._file.path}"
 
     def add(self, outcome: Outcome) -> None:
         """Takes in what became of a batch, and writes it.
@@ -69,19 +89,32 @@ class StudyRows:
         Raises:
             OSError: it could not be written.
         """
-        if outcome.rows is None:
-            self.failures |= dict.fromkeys(outcome.samples, outcome.reason)
-            return
+        if outcome.reason:
+            self.failures |= dict.fromkeys(outcome.given, outcome.reason)
+        else:
+            self.add_rows(outcome.result)
+
+    def add_rows(self, rows: np.ndarray) -> None:
+        """Takes in (n, columns) rows, and writes them.
+
+        Raises:
+            OSError: they could not be written.
+        """
         if self._file is not None:
-            self._file.append(outcome.rows)
-        self._table[list(outcome.samples)] = outcome.rows
-        self._count += len(outcome.samples)
-        self._flown_time += float(np.minimum(outcome.rows[:, -1], self._duration).sum())
+            self._file.append(rows)
+        self._table[rows[:, 0].astype(int)] = rows
+        self._flown_time += float(np.minimum(rows[:, self._crash_time], self._duration).sum())
 
     def study(self) -> Study:
         """The study so far."""
-        rows = self._table[~np.isnan(self._table[:, 0])]
-        return Study.of_rows(self._scenario, self._duration, rows, self.failures, self._flown_time)
+        return Study.of_rows(
+            self._scenario,
+            self._duration,
+            self.rows,
+            failures=self.failures,
+            flown_time=self._flown_time,
+            misfits=self._misfits,
+        )
 
 
 @contextmanager
@@ -107,52 +140,67 @@ def open_study(
     Raises:
         InputError: the folder cannot be written, or holds another study or one that is not to be resumed.
     """
-    columns = columns_of(scenario)
     if folder is None:
-        yield StudyRows(scenario, num_samples, duration, np.empty((0, len(columns))), None)
+        yield StudyRows(scenario, num_samples, duration)
         return
-    folder = output_folder(Path(folder))
-    record = record_of(scenario, num_samples, duration, own)
+    folder, form = output_folder(Path(folder)), format_of(scenario)
+    record = Record.of(scenario, num_samples, duration, own)
     if (folder / RESULTS).exists():
         record = _gone_on_with(folder, scenario, record, resume=resume)
     else:
+        _check_vacant(folder, scenario)
         write_whole(folder / SCENARIO, lambda path: save_scenario(scenario, path))
-        write_whole(folder / STUDY, lambda path: YAML().dump(record, path))
-    with open_results(folder / RESULTS, columns) as (file, known):
-        if len(known) and known[:, 0].max() >= num_samples:
+        write_whole(folder / STUDY, record.write)
+    with open_results(folder / RESULTS, form) as (file, whole):
+        found = fitting(scenario, whole)
+        if len(found.rows) and found.rows[:, 0].max() >= num_samples:
             raise InputError(
-                f"{folder / RESULTS} holds sample {known[:, 0].max():.0f} already, but the study is to have only"
+                f"{folder / RESULTS} holds sample {found.rows[:, 0].max():.0f} already, but the study is to have only"
                 f" {num_samples} samples"
             )
-        write_whole(folder / STUDY, lambda path: YAML().dump(record, path))
-        rows = StudyRows(scenario, num_samples, duration, known, file)
+        write_whole(folder / STUDY, record.write)
+        rows = StudyRows(scenario, num_samples, duration, found=found, file=file)
         yield rows
-    if rows.failures:
-        write_whole(folder / FAILED, lambda path: _write_failures(path, rows.failures))
-    else:
-        (folder / FAILED).unlink(missing_ok=True)
-    sort_results(folder / RESULTS)
+        if rows.failures:
+            write_whole(folder / FAILED, lambda path: _write_failures(path, rows.failures))
+        else:
+            (folder / FAILED).unlink(missing_ok=True)
+        write_results(folder / RESULTS, form, rows.rows)
 
 
-def _gone_on_with(folder: Path, scenario: Scenario, record: dict[str, Any], *, resume: bool) -> dict[str, Any]:
+def _check_vacant(folder: Path, scenario: Scenario) -> None:
+    """Raises InputError if a folder without results holds files of someone else's that a study would overwrite."""
+    if (folder / SCENARIO).exists():
+        try:
+            ours = load_scenario(folder / SCENARIO) == scenario
+        except InputError:
+            ours = False
+        if not ours:
+            raise InputError(f"{folder / SCENARIO} would be overwritten, and is no study's; choose another folder")
+    elif (folder / STUDY).exists():
+        raise InputError(f"{folder / STUDY} would be overwritten, and is no study's; choose another folder")
+
+
+def _gone_on_with(folder: Path, scenario: Scenario, record: Record, *, resume: bool) -> Record:
     """The record of a study that a folder holds, when it is gone on with; raises InputError if it must not be."""
     if not resume:
         raise InputError(f"{folder} holds a study already; go on with it by --resume, or write elsewhere by --output")
     try:
-        before = load_record(folder)
+        before = read_record(folder)
         saved = load_scenario(folder / SCENARIO)
     except InputError as error:
         raise InputError(f"{folder / RESULTS} cannot be gone on with: {error}") from None
     for name in ("seed", "position_controller", "control", "wind"):
-        if before.get(name) != record.get(name):
+        if getattr(before, name) != getattr(record, name):
             raise InputError(
-                f"{folder / RESULTS} is of another study: its {name} is {before.get(name)}, not {record.get(name)}"
+                f"{folder / RESULTS} is of another study: its {name} is {getattr(before, name)}, not"
+                f" {getattr(record, name)}"
             )
     difference = _difference(saved.model_dump(mode="json"), scenario.model_dump(mode="json"))
     if difference is not None:
         raise InputError(f"{folder / RESULTS} is of another scenario: {difference}")
-    versions = [each for each in before["versions"] if each not in record["versions"]]
-    return {**record, "versions": [*versions, *record["versions"]]}
+    versions = [each for each in before.versions if each not in record.versions]
+    return record.model_copy(update={"versions": [*versions, *record.versions]})
 
 
 def _difference(before: Any, now: Any, path: str = "") -> str | None:

@@ -1,20 +1,20 @@
-"""Worker processes, and what becomes of batches whose worker fails."""
+"""Worker processes on this machine."""
 
 import gc
+import math
 import multiprocessing
 import os
 import pickle
 import signal
 import sys
 import threading
-from collections import deque
-from collections.abc import Callable, Iterator, Mapping, Sequence
-from concurrent.futures import FIRST_COMPLETED, BrokenExecutor, Future, ProcessPoolExecutor, wait
-from typing import Any, NamedTuple
+import time
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager, suppress
+from multiprocessing.connection import Connection, wait
+from typing import Any
 
-import numpy as np
-
-from drake_quad.analysis.monte_carlo.worker import heed
+from drake_quad.analysis.monte_carlo.crew import Crew, Outcome, attempt, failed
 from drake_quad.errors import InputError
 
 _MOST = 2**31 - 1
@@ -50,61 +50,175 @@ def _can_fork() -> bool:
     return sys.platform == "linux" and threading.active_count() == 1
 
 
-class Workers:
-    """Processes on this machine that fly batches, as a context manager; what is under way at its end is given up.
+class Workers(Crew):
+    """Processes on this machine that do tasks, as a context manager; what is under way at its end is given up.
 
     They are forked from this process where that is safe, with all that it has loaded: on Linux, while it has a single
-    thread. Elsewhere they begin anew, which takes two seconds.
+    thread. Elsewhere they begin anew, which takes two seconds. One that ends is replaced when there is work for it.
 
     Args:
         num_workers: how many; as many as there are cores if not given.
+        time_limit: after which a task is given up, and its process ended, s; none if not given.
 
     Raises:
-        InputError: that is no number of processes.
+        InputError: that is no number of processes, or no time.
     """
 
-    def __init__(self, num_workers: int | None = None) -> None:
-        self.num_workers = num_cores() if num_workers is None else num_workers
+    def __init__(self, num_workers: int | None = None, *, time_limit: float | None = None) -> None:
+        self.num_workers = self.capacity = num_cores() if num_workers is None else num_workers
         check_counts(workers=self.num_workers)
-        self._forks = _can_fork()
-        self._context = multiprocessing.get_context("fork" if self._forks else "spawn")
-        self._stop = self._context.Event()
-        self._pool: ProcessPoolExecutor | None = None
+        if time_limit is not None and not time_limit > 0.0:
+            raise InputError(f"the time limit is {time_limit:g} s, but must be larger than 0")
+        self._time_limit = time_limit
+        self._workers: list[_Worker] = []
 
     @property
     def inherit(self) -> bool:
         """Whether the processes are still to begin, with what this one has by then."""
-        return self._forks and self._pool is None
+        return not self._workers and _can_fork()
 
-    def submit(self, function: Callable[..., Any], *arguments: Any) -> Future[Any]:
-        """As `concurrent.futures.Executor.submit`, with new processes if one of the old ones has ended."""
-        for _ in range(2):
-            if self._pool is None:
-                self._pool = ProcessPoolExecutor(
-                    self.num_workers, self._context, initializer=_begin, initargs=(self._stop,)
-                )
-            try:
-                return self._pool.submit(function, *arguments)
-            except BrokenExecutor:
-                self._pool.shutdown(wait=True)  # no thread of it may be left when the next processes are forked
-                self._pool = None
-        raise BrokenExecutor("the worker processes end as soon as they begin")
+    def begin(self, function: Callable[[Any], Any], given: Any) -> None:
+        """As `Crew.begin`."""
+        worker = next((each for each in self._workers if not each.busy), None)
+        if worker is None:
+            worker = _Worker(self._time_limit)
+            self._workers.append(worker)
+        worker.begin(function, given)
+
+    def finished(self) -> list[Outcome]:
+        """As `Crew.finished`.
+
+        Raises:
+            RuntimeError: worker processes end as soon as they begin.
+        """
+        outcomes: list[Outcome] = []
+        while not outcomes:
+            busy = [worker for worker in self._workers if worker.busy]
+            patience = min(worker.time_left for worker in busy)
+            signs = [sign for worker in busy for sign in worker.signs]
+            wait(signs, None if patience == math.inf else patience)
+            outcomes = [outcome for worker in busy if (outcome := worker.outcome()) is not None]
+            self._workers = [worker for worker in self._workers if not worker.ended]
+        return outcomes
+
+    def give_up(self) -> None:
+        """As `Crew.give_up`: ends the processes that are flying, whatever they do."""
+        for worker in self._workers:
+            if worker.busy:
+                worker.end()
+        self._workers = [worker for worker in self._workers if not worker.ended]
 
     def __enter__(self) -> "Workers":
         return self
 
     def __exit__(self, *_: object) -> None:
-        self._stop.set()
-        if self._pool is not None:
-            self._pool.shutdown(wait=True, cancel_futures=True)
+        for worker in self._workers:
+            worker.end()
+        self._workers = []
 
 
-def _begin(stop: Any) -> None:
-    """Readies a worker process: it leaves Ctrl-C to its parent, and ends when its parent does."""
+class _Worker:
+    """A process that does one task at a time.
+
+    Args:
+        time_limit: of a task, s; None for none.
+    """
+
+    def __init__(self, time_limit: float | None) -> None:
+        self._time_limit = math.inf if time_limit is None else time_limit
+        self._deadline = math.inf
+        self._given: Any = None
+        self._begun = self.busy = self.ended = False
+        context: Any = multiprocessing.get_context("fork" if _can_fork() else "spawn")
+        self._pipe, theirs = context.Pipe()
+        self.process = context.Process(target=_serve, args=(theirs,), daemon=True)
+        with _interrupts_held_back():
+            self.process.start()
+        theirs.close()
+
+    @property
+    def signs(self) -> list[Any]:
+        """What is ready once there is something to read, or once the process has ended."""
+        return [self._pipe, self.process.sentinel]
+
+    @property
+    def time_left(self) -> float:
+        """Until the task under way must be done, s."""
+        return max(self._deadline - time.monotonic(), 0.0)
+
+    def begin(self, function: Callable[[Any], Any], given: Any) -> None:
+        """Begins a task."""
+        self._given, self.busy = given, True
+        self._deadline = time.monotonic() + self._time_limit
+        with suppress(BrokenPipeError, ConnectionResetError):  # it has ended, which `outcome` finds
+            self._pipe.send((function, given))
+
+    def outcome(self) -> Outcome | None:
+        """What became of the task, if it is done, its process has ended, or its time is over."""
+        ended = not self.process.is_alive()
+        try:
+            while self._pipe.poll():
+                outcome = self._pipe.recv()
+                if outcome is not None:
+                    self.busy = False
+                    found: Outcome = outcome._replace(given=self._given)
+                    return found
+                self._begun = True
+                self._deadline = time.monotonic() + self._time_limit
+        except (EOFError, ConnectionResetError):
+            ended = True
+        if ended:
+            self.end()
+            if not self._begun:
+                raise RuntimeError("the worker processes end as soon as they begin")
+            return Outcome(self._given, reason=f"its worker process was ended {_cause(self.process.exitcode)}")
+        if self.time_left == 0.0:
+            self.end()
+            return Outcome(self._given, reason=f"took longer than the time limit of {self._time_limit:g} s")
+        return None
+
+    def end(self) -> None:
+        """Ends the process, whatever it is doing."""
+        self.process.kill()
+        self.process.join()
+        self._pipe.close()
+        self.ended = True
+
+
+@contextmanager
+def _interrupts_held_back() -> Iterator[None]:
+    """Has Ctrl-C wait until a new process knows what to do with it, and this one knows of the process."""
+    if not hasattr(signal, "pthread_sigmask"):
+        yield
+        return
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
+        yield
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def _cause(exit_code: int | None) -> str:
+    if exit_code is not None and exit_code < 0:
+        return f"by {signal.Signals(-exit_code).name}"
+    return f"with exit status {exit_code}"
+
+
+def _serve(pipe: Connection) -> None:
+    """Does what comes through a pipe; Ctrl-C is left to the parent, and the process ends when that does."""
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     threading.Thread(target=_end_with_parent, daemon=True).start()
-    heed(stop)
     gc.freeze()  # what came with the fork is not looked through again, and stays shared
+    pipe.send(None)
+    while True:
+        try:
+            function, given = pipe.recv()
+        except EOFError:
+            return
+        except Exception as error:  # such as a function that this process does not find
+            pipe.send(failed(None, error))
+        else:
+            pipe.send(attempt(function, given)._replace(given=None))
 
 
 def _end_with_parent() -> None:
@@ -112,65 +226,3 @@ def _end_with_parent() -> None:
     if parent is not None:
         parent.join()
         os._exit(1)
-
-
-class Outcome(NamedTuple):
-    """What became of a batch.
-
-    Attributes:
-        samples: of the batch.
-        rows: (n, columns) of them, if it was flown.
-        reason: why it could not be, else.
-    """
-
-    samples: Sequence[int]
-    rows: np.ndarray | None
-    reason: str
-
-
-def fly_batches(
-    submit: Callable[..., Future[Any]],
-    function: Callable[[Sequence[int]], np.ndarray],
-    batches: Sequence[Sequence[int]],
-    *,
-    at_once: int,
-) -> Iterator[Outcome]:
-    """Flies batches and yields what becomes of them, in the order in which they are done.
-
-    A batch that fails is flown once more, alone: a worker that ends takes down what others have under way, and so it
-    is clear whose fault it was.
-
-    Args:
-        submit: that of an executor.
-        function: flies a batch.
-        batches: numbers of samples.
-        at_once: how many batches to have with the executor at a time.
-
-    Raises:
-        InputError: a sample is not what the scenario may say.
-    """
-    waiting, suspects = deque(batches), deque[Sequence[int]]()
-    under_way: dict[Future[Any], tuple[Sequence[int], bool]] = {}
-    try:
-        while waiting or suspects or under_way:
-            if suspects and not under_way:
-                samples = suspects.popleft()
-                under_way[submit(function, samples)] = samples, True
-            while waiting and not suspects and len(under_way) < at_once:
-                samples = waiting.popleft()
-                under_way[submit(function, samples)] = samples, False
-            done, _ = wait(under_way, return_when=FIRST_COMPLETED)
-            for future in done:
-                samples, again = under_way.pop(future)
-                try:
-                    yield Outcome(samples, future.result(), "")
-                except InputError:
-                    raise
-                except Exception as error:
-                    if again:
-                        yield Outcome(samples, None, f"{type(error).__name__}: {error}")
-                    else:
-                        suspects.append(samples)
-    finally:
-        for future in under_way:
-            future.cancel()

@@ -4,8 +4,11 @@ All are paired: a sample is the same wind and the same noise, whoever flies it.
 """
 
 import shutil
+from collections import deque
 from collections.abc import Callable, Mapping, Sequence
-from concurrent.futures import Future, ThreadPoolExecutor, as_completed
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -14,7 +17,7 @@ import numpy as np
 from drake_quad.analysis.monte_carlo import run_monte_carlo
 from drake_quad.analysis.monte_carlo.study import rows_of
 from drake_quad.analysis.monte_carlo.study_folder import open_study
-from drake_quad.analysis.monte_carlo.workers import Outcome, Workers
+from drake_quad.analysis.monte_carlo.workers import Workers
 from drake_quad.analysis.replication.measures import LegErrors, measures
 from drake_quad.analysis.replication.printed import CONTROLLERS, WINDS, Cell
 from drake_quad.analysis.replication.results import FAIR, MAPPED, cells_of, write_recorded
@@ -115,13 +118,13 @@ def fly_experiment(
     pd, gains = load(Cell("no_wind", "pd")), best_gain_settings(sizes.grid)
     legs = [jobs.submit("legs", sizes.grid**2, fly_legs, pd, gains, [sample]) for sample in range(sizes.legs)]
 
-    jobs.wait(progress)
-    write_recorded(folder / "recorded.csv", {cell: job.result()[1] for cell, job in recorded.items()})
+    jobs.work(progress)
+    write_recorded(folder / "recorded.csv", {cell: job.result[1] for cell, job in recorded.items()})
     for name, (_, settings, count) in sweeps.items():
         metrics = Metrics(*_joined(parts[name], axis=0))
         Sweep(settings, np.arange(count), metrics).save(folder / f"{name}.csv")
     Sweep(gains, np.arange(sizes.legs), LegErrors(*_joined(legs, axis=1))).save(folder / "legs.csv")
-    return {cell: job.result()[0] for cell, job in recorded.items()}
+    return {cell: job.result[0] for cell, job in recorded.items()}
 
 
 def _fly_cell(scenario: Scenario, count: int, folder: Path) -> None:
@@ -140,7 +143,7 @@ def _record_cell(scenario: Scenario, count: int, folder: Path, recorded: int) ->
         new = [sample for sample in rows.missing if sample < recorded]
         if new:
             metrics = Metrics(*np.array([flights[sample].metrics for sample in new]).T)
-            rows.add(Outcome(new, rows_of(new, {}, metrics), ""))
+            rows.add_rows(rows_of(new, {}, metrics))
     _fly_cell(scenario, count, folder)
     numbers = [measures(flight) for flight in flights]
     return flights[0], {name: np.array([each[name] for each in numbers]) for name in numbers[0]}
@@ -150,14 +153,14 @@ def _duration(scenario: Scenario) -> float:
     return flight_duration(scenario, plan_route(scenario))
 
 
-def _joined(jobs: Sequence[Future], axis: int) -> list[np.ndarray]:
+def _joined(jobs: Sequence["_Job"], axis: int) -> list[np.ndarray]:
     """Each of the rows that jobs found, along an axis."""
-    return [np.concatenate(values, axis) for values in zip(*(job.result() for job in jobs), strict=True)]
+    return [np.concatenate(values, axis) for values in zip(*(job.result for job in jobs), strict=True)]
 
 
 def _submit_sweep(
     jobs: "_Jobs", name: str, scenario: Scenario, settings: Mapping[str, np.ndarray], count: int
-) -> list[Future]:
+) -> list["_Job"]:
     """Begins to fly all settings on the same samples, in fleets, and gives their metrics in order."""
     total = len(next(iter(settings.values())))
     at_once = max(_VEHICLES // count, 1)
@@ -174,25 +177,57 @@ def _submit_sweep(
     ]
 
 
+@dataclass
+class _Job:
+    """Something for workers to do.
+
+    Attributes:
+        what: it is, in a word.
+        flights: how many it flies.
+        call: the function and its arguments.
+        result: what that returned, once it is done.
+    """
+
+    what: str
+    flights: int
+    call: Callable[[], Any]
+    result: Any = None
+
+
 class _Jobs:
-    """What workers do, and how many flights that is."""
+    """What workers are to do, in this order."""
 
     def __init__(self, workers: Workers) -> None:
         self._workers = workers
-        self._jobs: dict[Future, tuple[str, int]] = {}
+        self._jobs: list[_Job] = []
 
-    def submit(self, what: str, flights: int, function: Callable[..., Any], *arguments: Any) -> Future:
-        """Begins a job."""
-        job = self._workers.submit(function, *arguments)
-        self._jobs[job] = what, flights
-        return job
+    def submit(self, what: str, flights: int, function: Callable[..., Any], *arguments: Any) -> _Job:
+        """Adds a job."""
+        self._jobs.append(_Job(what, flights, partial(function, *arguments)))
+        return self._jobs[-1]
 
-    def wait(self, progress: Callable[[str, int], None] | None) -> None:
-        """Waits for all jobs; raises what the first that fails raised."""
-        done = 0
-        for job in as_completed(self._jobs):
-            job.result()
-            what, flights = self._jobs[job]
-            done += flights
-            if progress is not None:
-                progress(what, done)
+    def work(self, progress: Callable[[str, int], None] | None) -> None:
+        """Does all jobs.
+
+        Raises:
+            RuntimeError: one failed.
+        """
+        waiting, under_way, done = deque(enumerate(self._jobs)), 0, 0
+        while waiting or under_way:
+            while waiting and under_way < self._workers.capacity:
+                number, job = waiting.popleft()
+                self._workers.begin(_call, (number, job.call))
+                under_way += 1
+            for outcome in self._workers.finished():
+                under_way -= 1
+                if outcome.reason:
+                    raise RuntimeError(outcome.reason)
+                job = self._jobs[outcome.given[0]]
+                job.result, done = outcome.result, done + job.flights
+                if progress is not None:
+                    progress(job.what, done)
+
+
+def _call(numbered: tuple[int, Callable[[], Any]]) -> Any:
+    _, call = numbered
+    return call()

@@ -1,9 +1,10 @@
-"""The same rows from a Dask cluster: a scheduler and two workers, as the README starts them.
+"""The same rows from a Dask cluster, as the README starts one, and an end in a sentence when it is not as it should be.
 
 Everything of Dask's runs in other processes: its threads stay, and those of this one are forked elsewhere.
 """
 
 import json
+import shutil
 import signal
 import socket
 import subprocess
@@ -20,26 +21,40 @@ ROOT = Path(__file__).parents[3]
 OVERRIDES = ["duration=0.3"]
 
 
-def start(program, *options):
-    command = [sys.executable, "-m", "distributed.cli." + program, "--no-dashboard", *map(str, options)]
-    return subprocess.Popen(command, stdout=subprocess.DEVNULL, stderr=subprocess.DEVNULL)
+class Cluster:
+    """A scheduler of Dask's, and workers."""
 
-
-@pytest.fixture
-def cluster(tmp_path):
-    file = tmp_path / "scheduler.json"
-    processes = [start("dask_scheduler", "--host", "127.0.0.1", "--port", 0, "--scheduler-file", file)]
-    try:
-        deadline = time.monotonic() + 60.0
-        while not file.exists() and time.monotonic() < deadline:
+    def __init__(self, folder):
+        self._folder, self._file = folder, folder / "scheduler.json"
+        self.processes = []
+        self.scheduler = self._start("dask_scheduler", "--host", "127.0.0.1", "--port", 0)
+        while not self._file.exists():
             time.sleep(0.05)
-        folder = ("--local-directory", tmp_path)
-        processes += [start("dask_worker", "--scheduler-file", file, "--nthreads", 1, *folder) for _ in range(2)]
-        yield json.loads(file.read_text())["address"]
-    finally:
-        for process in processes:
+        self.address = json.loads(self._file.read_text())["address"]
+
+    def add_worker(self, sources=ROOT):
+        """Starts a worker that takes this package from a folder."""
+        return self._start("dask_worker", "--nthreads", 1, "--local-directory", self._folder, sources=sources)
+
+    def _start(self, program, *options, sources=ROOT):
+        command = [sys.executable, "-m", f"distributed.cli.{program}", "--no-dashboard", "--scheduler-file", self._file]
+        quiet = {"stdout": subprocess.DEVNULL, "stderr": subprocess.DEVNULL}
+        self.processes.append(subprocess.Popen([*map(str, command), *map(str, options)], cwd=sources, **quiet))
+        return self.processes[-1]
+
+    def end(self):
+        for process in self.processes:
             process.kill()
             process.wait()
+
+
+@pytest.fixture(scope="module")
+def cluster(tmp_path_factory):
+    found = Cluster(tmp_path_factory.mktemp("cluster"))
+    for _ in range(2):
+        found.add_worker()
+    yield found
+    found.end()
 
 
 def monte_carlo(address, folder, *options):
@@ -49,9 +64,16 @@ def monte_carlo(address, folder, *options):
     return subprocess.Popen([*map(str, command)], stdout=subprocess.PIPE, stderr=subprocess.PIPE, text=True)
 
 
+def until_rows(study, folder):
+    """Waits until a study has some rows."""
+    results = folder / "results.csv"
+    while study.poll() is None and not (results.exists() and results.read_text().count("\n") > 3):
+        time.sleep(0.05)
+
+
 @pytest.fixture(scope="module", autouse=True)
 def unreachable(tmp_path_factory):
-    """Studies for clusters that are not there; they wait for them while the other test runs."""
+    """Studies for clusters that are not there; they wait for them while the other tests run."""
     folder = tmp_path_factory.mktemp("unreachable") / "study"
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
@@ -64,29 +86,75 @@ def unreachable(tmp_path_factory):
 
 def test_a_cluster_flies_the_same_study(cluster, tmp_path):
     """Also after Ctrl-C: what it had done by then is gone on with."""
-    options = ("--samples", "600", "--batch", "3", "--workers", "2")
-    interrupted = monte_carlo(cluster, tmp_path, *options)
-    results = tmp_path / "robustness" / "results.csv"
-    while interrupted.poll() is None and not (results.exists() and results.read_text().count("\n") > 3):
-        time.sleep(0.05)
+    folder = tmp_path / "study"
+    interrupted = monte_carlo(cluster.address, folder, "--samples", "600", "--batch", "3", "--workers", "2")
+    until_rows(interrupted, folder)
     interrupted.send_signal(signal.SIGINT)
-    _, stderr = interrupted.communicate(timeout=60)
+    _, stderr = interrupted.communicate()
     assert interrupted.returncode == 1, stderr
-    assert stderr.splitlines()[-1].startswith("interrupted: ")  # Dask may have logged before
-    assert 0 < len(read_study(tmp_path / "robustness").samples) < 600
+    assert len(stderr.splitlines()) == 1
+    assert stderr.startswith("interrupted: ")
+    assert 0 < len(read_study(folder).samples) < 600
 
-    gone_on = monte_carlo(cluster, tmp_path, "--samples", "600", "--batch", "200", "--resume")
-    stdout, stderr = gone_on.communicate(timeout=120)
+    gone_on = monte_carlo(cluster.address, folder, "--samples", "600", "--batch", "200", "--resume")
+    stdout, stderr = gone_on.communicate()
     assert (gone_on.returncode, stderr) == (0, "")
     assert stdout.splitlines()[-1].endswith("vehicle-seconds per second")
     run_monte_carlo(load_scenario(ROOT / "diagrams" / "robustness.yaml", OVERRIDES), 600, folder=tmp_path / "here")
-    assert results.read_bytes() == (tmp_path / "here" / "results.csv").read_bytes()
+    assert (folder / "results.csv").read_bytes() == (tmp_path / "here" / "results.csv").read_bytes()
+
+
+def ends_when(cluster, folder, sent, words):
+    """A study ends in a sentence, with its rows kept, when its scheduler gets a signal."""
+    study = monte_carlo(cluster.address, folder, "--samples", "3000", "--batch", "3")
+    until_rows(study, folder)
+    cluster.scheduler.send_signal(sent)
+    _, stderr = study.communicate()
+    rows = len(read_study(folder).samples)
+    assert 0 < rows < 3000
+    saved = f"{rows} of 3000 samples are in {folder / 'results.csv'}"
+    assert (study.returncode, stderr) == (1, f"failed: the Dask scheduler at {cluster.address} {words}; {saved}\n")
+
+
+def test_a_scheduler_that_freezes_ends_a_study(cluster, tmp_path):
+    try:
+        ends_when(cluster, tmp_path, signal.SIGSTOP, "does not answer")
+    finally:
+        cluster.scheduler.send_signal(signal.SIGCONT)
+
+
+def test_a_scheduler_that_dies_ends_a_study(tmp_path):
+    cluster = Cluster(tmp_path)
+    try:
+        cluster.add_worker()
+        ends_when(cluster, tmp_path / "study", signal.SIGKILL, "is gone")
+    finally:
+        cluster.end()
+
+
+def test_a_worker_with_other_code_is_refused(tmp_path):
+    """A copy of this package in which one number is another."""
+    copy = tmp_path / "copy" / "drake_quad"
+    shutil.copytree(ROOT / "drake_quad", copy, ignore=shutil.ignore_patterns("__pycache__"))
+    changed = copy / "laboratory" / "metrics.py"
+    changed.write_text(changed.read_text().replace("np.sqrt(sums[1]", "1.02 * np.sqrt(sums[1]"))
+    cluster = Cluster(tmp_path)
+    try:
+        cluster.add_worker(copy.parent)
+        study = monte_carlo(cluster.address, tmp_path / "study", "--samples", "4")
+        _, stderr = study.communicate()
+    finally:
+        cluster.end()
+    assert study.returncode == 2
+    assert stderr.startswith("error: the worker at tcp://127.0.0.1:")
+    assert stderr.endswith(" has other sources of drake_quad\n")
+    assert not (tmp_path / "study").exists()
 
 
 def test_a_cluster_that_is_not_there_is_named(unreachable):
     folder, runs = unreachable
     for address, process in runs.items():
-        _, stderr = process.communicate(timeout=60)
+        _, stderr = process.communicate()
         assert process.returncode == 2
         assert f"error: no Dask scheduler can be reached at {address}" in stderr
     assert not folder.exists()

@@ -2,7 +2,7 @@
 
 import multiprocessing
 import os
-import random
+import shutil
 import signal
 import threading
 import time
@@ -16,6 +16,8 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.analysis.monte_carlo import StudyInterrupted, read_study, run_monte_carlo
 from drake_quad.analysis.monte_carlo import run as run_module
+from drake_quad.analysis.monte_carlo.results_file import read_results, write_results
+from drake_quad.analysis.monte_carlo.study import format_of
 from drake_quad.analysis.monte_carlo.worker import fly_batch
 from drake_quad.analysis.monte_carlo.workers import Workers
 
@@ -130,32 +132,44 @@ def runs(pid):
         return False
 
 
+def dies_at(folder, count):
+    """A report of progress that kills its process when so many samples are done, and tells of its workers before."""
+
+    def progress(done, _):
+        if done >= count:
+            (folder / f"workers_at_{count}").write_text(" ".join(map(str, children(os.getpid()))))
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    return progress
+
+
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc")
-def test_kill_at_ten_random_moments_and_resume(whole, tmp_path):
+def test_kill_at_many_row_counts_and_resume(whole, tmp_path):
     """Nothing is flown twice, no worker is left behind, and the file is the one of an undisturbed study."""
-    rng, context = random.Random(1), multiprocessing.get_context("fork")
-    path, flown = tmp_path / "results.csv", set()
-    for _ in range(10):
-        process = context.Process(target=run, args=(tmp_path,), kwargs={"resume": True, "batch_size": 2})
+    context, folder = multiprocessing.get_context("fork"), tmp_path / "study"
+    path, flown = folder / "results.csv", set()
+    for count in (0, 1, 2, 3, 7, 8, 15, 16, 22, 24):
+        options = {"resume": True, "batch_size": 2, "progress": dies_at(tmp_path, count)}
+        process = context.Process(target=run, args=(folder,), kwargs=options)
         process.start()
-        time.sleep(rng.uniform(0.0, 0.6))
-        workers = children(process.pid)
-        os.kill(process.pid, signal.SIGKILL)
         process.join()
-        before, flown = flown, {int(line.split(",")[0]) for line in _whole_lines(path)}
-        assert flown >= before
-        deadline = time.monotonic() + 10.0
-        while any(map(runs, workers)) and time.monotonic() < deadline:
-            time.sleep(0.02)
-        assert not any(map(runs, workers))
-    assert flown
-    run(tmp_path, resume=True)
+        assert process.exitcode == -signal.SIGKILL
+        before, flown = flown, [int(line.split(",")[0]) for line in path.read_text().split("\n")[1:-1]]
+        assert len(flown) == len(set(flown)) >= count
+        assert set(flown) >= set(before)
+        workers = [int(worker) for worker in (tmp_path / f"workers_at_{count}").read_text().split()]
+        assert workers or len(before) == count
+        assert _within_a_minute(lambda: not any(map(runs, workers)))  # noqa: B023
+    run(folder, resume=True)
     for name in ("results.csv", "scenario.yaml", "study.yaml"):
-        assert (tmp_path / name).read_bytes() == (whole[0] / name).read_bytes()
+        assert (folder / name).read_bytes() == (whole[0] / name).read_bytes()
 
 
-def _whole_lines(path):
-    return path.read_text().split("\n")[1:-1] if path.exists() else []
+def _within_a_minute(condition):
+    deadline = time.monotonic() + 60.0
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    return condition()
 
 
 def test_ctrl_c_keeps_what_is_done(whole, tmp_path):
@@ -195,22 +209,119 @@ def test_a_batch_that_fails_once_is_flown_again(whole, how, tmp_path, monkeypatc
     assert not found.failures
 
 
-@pytest.mark.parametrize(("how", "reason"), [("raises", "ArithmeticError: sample 7"), ("dies", "BrokenProcessPool")])
-def test_a_batch_that_fails_again_is_reported_and_the_study_goes_on(whole, how, reason, tmp_path, monkeypatch):
-    """Only its own samples, also when it takes down what other workers fly; a later run mends it."""
+@pytest.mark.parametrize(
+    ("how", "reason"),
+    [("raises", "ArithmeticError: sample 7 is cursed"), ("dies", "its worker process was ended by SIGKILL")],
+)
+def test_a_sample_that_always_fails_costs_itself_and_the_study_goes_on(whole, how, reason, tmp_path, monkeypatch):
+    """Its batch of 5 is flown in halves, 2 and 3, and those 3 again; a later run mends it."""
     attempts, folder = tmp_path / "attempts", tmp_path / "study"
     attempts.mkdir()
     with monkeypatch.context() as patch:
         patch.setattr(run_module, "fly_batch", Failing(attempts, how, 99))
         found = run(folder)
-    assert len(list(attempts.iterdir())) == 2
-    assert sorted(found.failures) == [5, 6, 7, 8, 9]
-    assert all(reason in each for each in found.failures.values())
-    np.testing.assert_array_equal(found.samples, [*range(5), *range(10, N)])
-    assert len((folder / "failed.csv").read_text().splitlines()) == 6
+    assert len(list(attempts.iterdir())) == 3
+    assert found.failures == {7: reason}
+    np.testing.assert_array_equal(found.samples, [*range(7), *range(8, N)])
+    assert (folder / "failed.csv").read_text() == f"sample,reason\n7,{reason}\n"
     run(folder, resume=True)
     assert (folder / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
     assert not (folder / "failed.csv").exists()
+
+
+def never(job, samples):
+    raise ArithmeticError(f"all {len(samples)} are cursed,\nand for long: {'x' * 1000}")
+
+
+def test_a_study_of_which_nothing_can_be_flown_ends(tmp_path, monkeypatch):
+    monkeypatch.setattr(run_module, "fly_batch", never)
+    words = (
+        r"the first 8 samples that were flown alone all failed: ArithmeticError: all 1 are cursed, and for long: x+"
+        r"\.\.\.; 0 of 24 samples are in .*results\.csv"
+    )
+    with pytest.raises(RuntimeError, match=words):
+        run(tmp_path, num_workers=1)
+    assert len((tmp_path / "results.csv").read_text().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "alter",
+    [
+        lambda cells: [cells[0], str(float(cells[1]) + 1e-9), *cells[2:]],  # a number that was drawn
+        lambda cells: [*cells[:-4], "0.123", *cells[-3:]],  # a metric
+        lambda cells: ["17", *cells[1:]],  # the number of the sample
+        lambda cells: ["3.5", *cells[1:]],
+        lambda cells: ["-1", *cells[1:]],
+        lambda cells: ["", *cells[1:]],
+        lambda cells: [cells[0], *[""] * (len(cells) - 2), cells[-1]],
+        lambda cells: cells[:-1],
+        lambda cells: ["what"],
+    ],
+)
+def test_altered_rows_are_known_and_flown_again(whole, alter, tmp_path):
+    """A file whose third row was altered is no study that can be read; when it is gone on with, it is whole again."""
+    shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
+    path = tmp_path / "results.csv"
+    lines = path.read_text().splitlines()
+    lines[3] = ",".join(alter(lines[3].split(",")))
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError, match=r"results\.csv, line 4: is not as it was written"):
+        read_study(tmp_path)
+    found = run(tmp_path, resume=True)
+    assert list(found.misfits) == [4]
+    assert found.flown_time == pytest.approx(whole[1].flight_time[2])
+    assert path.read_bytes() == (whole[0] / "results.csv").read_bytes()
+    assert not read_study(tmp_path).misfits
+
+
+def test_rows_with_numbers_that_the_seed_does_not_give_are_flown_again(whole, tmp_path):
+    """As of a version that drew otherwise: the checksum fits."""
+    shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
+    form = format_of(study("seed=5"))
+    rows = read_results(tmp_path / "results.csv", form).rows
+    rows[2, 1] *= 1.0 + 1e-9
+    write_results(tmp_path / "results.csv", form, rows)
+    with pytest.raises(InputError, match="line 4"):
+        read_study(tmp_path)
+    assert list(run(tmp_path, resume=True).misfits) == [4]
+    assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ("samples: 24", "samples: 3.5", "samples"),
+        ("duration: 0.4", "duration: [", ""),
+        ("versions:", "versions: 3\nx:", "versions"),
+    ],
+)
+def test_a_record_that_is_none_is_refused(whole, old, new, place, tmp_path):
+    shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
+    record = (tmp_path / "study.yaml").read_text()
+    assert old in record
+    (tmp_path / "study.yaml").write_text(record.replace(old, new))
+    words = rf"study\.yaml is not the record of a study: see its {place}" if place else "is not YAML"
+    for attempt in (lambda: read_study(tmp_path), lambda: run(tmp_path, resume=True)):
+        with pytest.raises(InputError, match=words):
+            attempt()
+
+
+@pytest.mark.parametrize("name", ["scenario.yaml", "study.yaml"])
+def test_what_is_not_the_study_s_own_is_not_overwritten(name, tmp_path):
+    (tmp_path / name).write_text("notes: of somebody\n")
+    with pytest.raises(InputError, match=rf"{name} would be overwritten"):
+        run(tmp_path)
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, "notes: of somebody\n")]
+
+
+def test_a_study_that_ended_before_its_first_row_is_begun_again(whole, tmp_path):
+    for names in (["scenario.yaml"], ["scenario.yaml", "study.yaml"]):
+        folder = tmp_path / str(len(names))
+        folder.mkdir()
+        for name in names:
+            shutil.copy(whole[0] / name, folder)
+        run(folder, num_samples=3)
+        assert len(read_study(folder).samples) == 3
 
 
 @pytest.mark.parametrize(

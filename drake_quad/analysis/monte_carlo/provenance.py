@@ -1,0 +1,66 @@
+"""Which code flies: versions and sources, on this machine and where else a study is flown."""
+
+import functools
+import hashlib
+import importlib
+import platform
+import sys
+from collections.abc import Callable, Iterable
+from importlib.metadata import version
+from pathlib import Path
+from typing import Any
+
+import drake_quad
+
+_PACKAGES = ("drake_quad", "drake", "numpy", "scipy", "numba")
+
+
+def provenance() -> dict[str, str]:
+    """The versions of Python and of the packages that a flight depends on, and a digest of this package's sources."""
+    return {
+        "python": platform.python_version(),
+        **{name: version(name) for name in _PACKAGES},
+        "sources": _digest_of_package(),
+    }
+
+
+@functools.cache
+def _digest_of_package() -> str:
+    folder = Path(str(drake_quad.__file__)).parent
+    return _digest(sorted(folder.rglob("*.py")), folder)
+
+
+def sources_of(functions: Iterable[Callable[..., Any] | None]) -> str:
+    """A digest of the files in which some functions or classes are written, as this process would import them.
+
+    What has no file, or is written in the main script, which has another name elsewhere, does not count.
+    """
+    files = set()
+    for function in functions:
+        name = getattr(getattr(function, "func", function), "__module__", None)
+        if name is None or name in ("__main__", "__mp_main__"):
+            continue
+        module = sys.modules.get(name) or importlib.import_module(name)
+        if getattr(module, "__file__", None) is not None:
+            files.add(Path(str(module.__file__)))
+    return _digest(sorted(files, key=lambda file: file.name), None)
+
+
+def _digest(files: Iterable[Path], folder: Path | None) -> str:
+    digest = hashlib.sha256()
+    for file in files:
+        digest.update(str(file.name if folder is None else file.relative_to(folder)).encode() + b"\0")
+        digest.update(file.read_bytes() + b"\0")
+    return digest.hexdigest()[:16]
+
+
+# What digests are of, in words.
+_DIGESTS = {"sources": "other sources of drake_quad", "own": "another controller or wind of one's own"}
+
+
+def difference(here: dict[str, str], there: dict[str, str]) -> str | None:
+    """What another process has that this one has not, in words; None if both have the same code."""
+    for name, value in here.items():
+        if there.get(name) != value:
+            return _DIGESTS.get(name, f"{name} {there.get(name)}, not {value}")
+    return None

@@ -1,0 +1,129 @@
+"""The files of a scenario, and `extends` between them."""
+
+import os
+from pathlib import Path
+
+from drake_quad.errors import InputError, listed, shortened, shown
+from drake_quad.scenario.distributions import DISTRIBUTIONS
+from drake_quad.scenario.documents import parse_document
+from drake_quad.scenario.limits import MOST_BASES, MOST_BYTES, MOST_NODES
+from drake_quad.scenario.reading import read_text
+from drake_quad.scenario.trees import Mark, Tree
+from drake_quad.scenario.waypoint_table import parse_waypoint_table
+
+_SUFFIXES = (".yaml", ".yml", ".csv")
+
+
+class Library:
+    """All that one scenario is read from: within limits, each file once, and each scenario in it once."""
+
+    def __init__(self) -> None:
+        self._bytes, self._nodes, self._bases = MOST_BYTES, MOST_NODES, MOST_BASES
+        self._documents: dict[Path, Tree] = {}
+        self._resolved: dict[str, Tree] = {}
+
+    def find(self, spec: str | Path) -> tuple[str, Tree]:
+        """Finds a scenario and merges it with what it extends.
+
+        Args:
+            spec: FILE, or FILE:NAME where the file holds several.
+
+        Returns:
+            The scenario's name and tree, without `extends`.
+
+        Raises:
+            InputError: a file or name does not exist, extensions go in a circle, or it is more than a scenario may be.
+        """
+        path, name = _split(str(spec))
+        return self._resolve(Path(path), name, Mark(str(spec), 0), ())
+
+    def parse(self, text: str, source: str, *, numbered: bool) -> Tree:
+        """Parses YAML as a part of the scenario; see `parse_document`."""
+        if len(text) > self._bytes:
+            raise InputError(f"{Mark(source, 0)}: is too large: a scenario may have {MOST_BYTES:,} bytes in all")
+        tree = parse_document(text, source, numbered=numbered, most=self._nodes)
+        self._bytes -= len(text)
+        self._nodes -= tree.size()
+        return tree
+
+    def _document(self, path: Path) -> Tree:
+        if path not in self._documents:
+            text = read_text(path, most=self._bytes)
+            if path.suffix == ".csv":
+                self._bytes -= len(text)
+                self._documents[path] = parse_waypoint_table(text, path)
+            else:
+                self._documents[path] = self.parse(text, str(path), numbered=True)
+        return self._documents[path]
+
+    def _resolve(self, path: Path, name: str | None, asked_by: Mark, stack: tuple[str, ...]) -> tuple[str, Tree]:
+        if stack and not os.path.isfile(path):  # noqa: PTH113 - Path.is_file raises where a name is too long
+            raise InputError(f"{asked_by}: extends {Mark(str(path), 0)}, which does not exist")
+        scenarios = self._document(path).value
+        file = Mark(str(path), 0)
+        if not isinstance(scenarios, dict) or not scenarios:
+            raise InputError(f"{file}: holds no scenario; the first level of the file must be names of scenarios")
+        if name is None:
+            if len(scenarios) > 1:
+                asking = "" if asked_by == file else f"{asked_by}: "
+                names = listed([*scenarios])
+                raise InputError(f"{asking}{file} holds several scenarios; choose one as {file}:NAME from {names}")
+            name = next(iter(scenarios))
+        if name not in scenarios:
+            raise InputError(
+                f"{asked_by}: there is no scenario {shown(name)} in {file}; it holds {listed([*scenarios])}"
+            )
+        identity = f"{os.path.realpath(path)}:{name}"
+        if identity in stack:
+            raise InputError(f"{asked_by}: {shortened(name)} extends itself")
+        if identity not in self._resolved:
+            self._resolved[identity] = self._with_bases(path, name, scenarios[name], (*stack, identity))
+        return name, self._resolved[identity]
+
+    def _with_bases(self, path: Path, name: str, tree: Tree, stack: tuple[str, ...]) -> Tree:
+        """A scenario of a file, laid over what it extends."""
+        if not isinstance(tree.value, dict):
+            raise InputError(f"{tree.mark}: scenario {shortened(name)} must be a mapping of fields")
+        own = Tree({key: value for key, value in tree.value.items() if key != "extends"}, tree.mark)
+        if "extends" not in tree.value:
+            return own
+        result: Tree | None = None
+        for spec in _bases(tree.value["extends"]):
+            self._bases -= 1
+            if self._bases < 0:
+                raise InputError(f"{spec.mark}: extends too many scenarios: {MOST_BASES} in all, at most")
+            file, base_name = _split(spec.value)
+            in_this_file = not file.endswith(_SUFFIXES)
+            base_path = path if in_this_file else path.parent / file
+            _, base = self._resolve(base_path, spec.value if in_this_file else base_name, spec.mark, stack)
+            result = base if result is None else merged(result, base)
+        return own if result is None else merged(result, own)
+
+
+def merged(base: Tree, extension: Tree) -> Tree:
+    """Returns a deep merge: mappings are joined, anything else in the extension replaces.
+
+    A mapping of another `kind`, or a distribution, replaces as a whole: its fields mean something else.
+    """
+    old, new = base.value, extension.value
+    if not (isinstance(old, dict) and isinstance(new, dict)):
+        return extension
+    other_kind = "kind" in new and "kind" in old and new["kind"].value != old["kind"].value
+    if other_kind or any(name in old or name in new for name in DISTRIBUTIONS):
+        return extension
+    joined = {key: merged(old[key], tree) if key in old else tree for key, tree in new.items()}
+    return Tree({**old, **joined}, extension.mark)
+
+
+def _split(spec: str) -> tuple[str, str | None]:
+    path, separator, name = spec.rpartition(":")
+    if separator and path.endswith(_SUFFIXES):
+        return path, name
+    return spec, None
+
+
+def _bases(tree: Tree) -> list[Tree]:
+    bases = tree.value if isinstance(tree.value, list) else [tree]
+    if not bases or not all(isinstance(base.value, str) and base.value for base in bases):
+        raise InputError(f"{tree.mark}: extends must name a scenario as FILE, FILE:NAME or NAME, or several in a list")
+    return bases

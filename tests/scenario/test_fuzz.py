@@ -1,0 +1,399 @@
+"""Whatever is written: a scenario that flies, to its end or into a crash, or a sentence that says what is wrong where.
+
+`make test` tries a few hundred cases, the same each time; `make fuzz` ten thousand others.
+"""
+
+import copy
+import itertools
+import json
+import math
+import os
+import re
+import time
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, event, given, settings
+from hypothesis import strategies as st
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.planning import plan_route
+from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.scenario import load_journey
+
+DIAGRAMS = Path(__file__).parents[2] / "diagrams"
+CASES = os.environ.get("FUZZ_CASES")
+# Of the processor, s; what is read here takes a few hundredths.
+PATIENCE = 2.0
+LONGEST_SENTENCE = 300
+
+
+def fuzz(share):
+    return settings(
+        max_examples=round(share * int(CASES or 320)),
+        derandomize=not CASES,
+        database=None,
+        deadline=None,
+        print_blob=True,
+        suppress_health_check=list(HealthCheck),
+    )
+
+
+ROUTES = [
+    {"kind": "hover", "position": [0.0, 0.0, 1.0], "yaw": 0.5, "duration": 3.0},
+    {"kind": "circle", "radius": 1.5, "height": 1.0, "laps": 1, "heading": "along_path"},
+    {
+        "kind": "waypoints",
+        "waypoints": [
+            [0.0, 0.0, 1.0],
+            {"box": {"min": [1.0, -0.5, 1.0], "max": [1.2, 0.5, 1.5]}},
+            {"sphere": {"centre": [2.0, 0.0, 1.0], "radius": 0.3}, "yaw": 1.0},
+            {"point": [3.0, 0.0, 1.0], "stop": True},
+        ],
+        "heading": "waypoints",
+        "times": {"kind": "heuristic"},
+        "corridors": [None, {"min": [-1.0, -1.0, 0.0], "max": [4.0, 1.0, 3.0]}, None],
+        "space": {"min": [-1.0, -2.0, 0.0], "max": [4.0, 2.0, 3.0]},
+    },
+    {
+        "kind": "waypoints",
+        "waypoints": [[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]],
+        "times": [0.0, 4.0],
+        "heading": "along_path",
+    },
+    {
+        "kind": "waypoints",
+        "waypoints": [[0.0, 0.0, 1.0], {"point": [1.0, 0.0, 1.0], "velocity": [0.5, 0.0, 0.0]}, [2.0, 0.0, 1.0]],
+        "times": {"kind": "least_snap", "duration": 8.0},
+        "top_acceleration": None,
+    },
+    {
+        "kind": "trajectory",
+        "knots": [{"time": 0.0, "position": [0.0, 0.0, 1.0]}, {"time": 4.0, "position": [1.0, 0.0, 1.0]}],
+        "yaw_knots": [{"time": 0.0, "yaw": 0.0, "yaw_rate": 0.0}, {"time": 4.0, "yaw": 1.0}],
+    },
+]
+WIND = [
+    {"kind": "gust", "speed": 1.0, "heading": 0.5, "start": 0.05, "rise_time": 1.0, "hold_time": 2.0},
+    {"kind": "dryden", "level": "light", "height": 6.0, "airspeed": 2.0, "heading": 0.1},
+]
+
+
+def dumped(spec):
+    return load_scenario(DIAGRAMS / spec).model_dump(mode="json")
+
+
+def grown(spec, route):
+    tree = dumped(spec)
+    tree["laboratory"]["wind"] += copy.deepcopy(WIND)
+    tree["vehicle"]["rotor_failure"] = {"rotor": 2.0, "time": 0.04, "speed_factor": 0.5}
+    return {**tree, "route": copy.deepcopy(route), "metrics": {"start": 0.0, "end": 1.0}}
+
+
+# Every kind of route, wind, controller and law, and every field with a value.
+SEEDS = [
+    dumped("figure_eight.yaml"),
+    dumped("robustness.yaml"),
+    *itertools.starmap(
+        grown,
+        zip(
+            ("laboratory.yaml:low_wind", "paper.yaml:low_wind_pd_t2fnn", "paper.yaml:low_wind_pd_t1fnn") * 2,
+            ROUTES,
+            strict=True,
+        ),
+    ),
+]
+SEEDS[2]["control"]["position"] |= {"kind": "pid", "k_i": [0.1, 0.1, 0.1]}
+SEEDS[3]["control"]["position"]["learning"] = {"kind": "gradient", "rate": 1.0}
+SEEDS[4]["control"]["position"]["learning"] = {"kind": "sign", "rate": 1.0}
+SEEDS[5]["vehicle"]["time_step"] = 0.0
+
+
+def written(value):
+    """A value as YAML on one line."""
+    if isinstance(value, dict):
+        return "{" + ", ".join(f"{json.dumps(key)}: {written(each)}" for key, each in value.items()) + "}"
+    if isinstance(value, list):
+        return "[" + ", ".join(map(written, value)) + "]"
+    if isinstance(value, float) and not math.isfinite(value):
+        return ".nan" if math.isnan(value) else ".inf" if value > 0.0 else "-.inf"
+    return json.dumps(value)
+
+
+def as_file(tree):
+    """A scenario as YAML, a field a line."""
+    fields = "".join(f"  {json.dumps(key)}: {written(value)}\n" for key, value in tree.items())
+    return f"loop:\n{fields}" if fields else "loop: {}\n"
+
+
+def places(tree, path=()):
+    yield path
+    children = tree.items() if isinstance(tree, dict) else enumerate(tree) if isinstance(tree, list) else ()
+    for key, child in children:
+        yield from places(child, (*path, key))
+
+
+def at(tree, path):
+    for key in path:
+        tree = tree[key]
+    return tree
+
+
+odd_numbers = st.one_of(
+    st.sampled_from([0, 1, -1, 0.5, -0.0, 5e-324, 1e-300, 1e-12, 1e-9, 1e-4, 1e4, 86400, 1e9, 1.1e9, 1e300, 2**63]),
+    st.floats(),
+    st.integers(-(10**400), 10**400),
+)
+odd_texts = st.one_of(
+    st.sampled_from(["", "pd", "x", "shortest", "a\nb", "\x1b[31m", "1e3", "nan", "x" * 2000]), st.text()
+)
+distributions = st.one_of(
+    st.tuples(odd_numbers, odd_numbers).map(lambda ends: {"uniform": {"min": ends[0], "max": ends[1]}}),
+    st.tuples(odd_numbers, odd_numbers).map(lambda ends: {"log_uniform": {"min": ends[0], "max": ends[1]}}),
+    st.tuples(odd_numbers, odd_numbers).map(lambda bell: {"normal": {"mean": bell[0], "standard_deviation": bell[1]}}),
+    st.lists(odd_numbers, max_size=3).map(lambda numbers: {"choice": numbers}),
+    st.sampled_from([{"uniform": {}}, {"normal": 1}, {"choice": "x"}, {"uniform": {"min": 0}, "choice": [1]}]),
+)
+scraps = st.one_of(
+    st.none(),
+    st.booleans(),
+    odd_numbers,
+    odd_texts,
+    distributions,
+    st.lists(odd_numbers, max_size=4),
+    st.dictionaries(odd_texts, odd_numbers, max_size=2),
+    st.integers(1, 60).map(lambda levels: [json.loads("[" * levels + "]" * levels)]),
+)
+
+
+def near(number):
+    """Other values of a number: most of the same sign, some very large or small, some distributions about it."""
+    low, high = sorted((0.9 * number, 1.1 * number))
+    about = [
+        {"uniform": {"min": low, "max": high}},
+        {"log_uniform": {"min": low, "max": high}},
+        {"choice": [low, high]},
+        {"normal": {"mean": number, "standard_deviation": 0.1, "min": low, "max": high}},
+    ]
+    powers = st.integers(-12, 12).map(lambda power: (number or 1.0) * 10.0**power)
+    return st.one_of(powers, powers, powers, st.sampled_from([-number, 0, 2 * number, *about]))
+
+
+def is_number(value):
+    return isinstance(value, int | float) and not isinstance(value, bool) and abs(value) < 1e100
+
+
+@st.composite
+def varied_trees(draw):
+    """Nothing but other numbers, so that most can be flown."""
+    tree = copy.deepcopy(draw(st.sampled_from(SEEDS)))
+    numbers = [place for place in places(tree) if is_number(at(tree, place))]
+    for path in draw(st.lists(st.sampled_from(numbers), min_size=1, max_size=5, unique=True)):
+        inside = at(tree, path[:-1])
+        inside[path[-1]] = copy.deepcopy(draw(near(inside[path[-1]])))
+    return tree
+
+
+@st.composite
+def mutated_trees(draw):
+    tree = copy.deepcopy(draw(st.sampled_from(SEEDS)))
+    for _ in range(draw(st.integers(1, 3))):
+        path = draw(st.sampled_from([place for place in places(tree) if place] or [("name",)]))
+        inside, last = at(tree, path[:-1]), path[-1]
+        if last not in (inside if isinstance(inside, dict) else range(len(inside))):
+            continue
+        value = inside[last]
+        match draw(st.sampled_from(["replace", "copy", "remove", "add", "rename"])):
+            case "replace":
+                inside[last] = copy.deepcopy(draw(scraps))
+            case "copy":
+                inside[last] = copy.deepcopy(at(tree, draw(st.sampled_from(list(places(tree))))))
+            case "remove":
+                del inside[last]
+            case "add" if isinstance(inside, list):
+                inside.insert(last, copy.deepcopy(value))
+            case "add":
+                inside[draw(odd_texts)] = copy.deepcopy(draw(scraps))
+            case "rename" if isinstance(inside, dict):
+                inside[draw(odd_texts)] = inside.pop(last)
+    return tree
+
+
+def assert_a_sentence(error, *beginnings):
+    message = str(error)
+    assert message.isprintable(), message
+    assert len(message) <= LONGEST_SENTENCE, message
+    assert any(re.match(beginning, message) for beginning in beginnings), message
+
+
+def loaded(load, *beginnings):
+    """What a call loads, or None after a sentence that begins as it should."""
+    start = time.process_time()
+    try:
+        return load()
+    except InputError as error:
+        event("refused")
+        assert_a_sentence(error, *beginnings)
+        return None
+    finally:
+        assert time.process_time() - start < PATIENCE
+
+
+def numbers(value):
+    """All numbers of a scenario or a part of it."""
+    if isinstance(value, float):
+        yield value
+    elif isinstance(value, dict):
+        yield from itertools.chain.from_iterable(map(numbers, value.values()))
+    elif isinstance(value, list | tuple):
+        yield from itertools.chain.from_iterable(map(numbers, value))
+
+
+def assert_it_makes_sense(scenario):
+    """Every number is finite, and those that must be positive are."""
+    assert all(math.isfinite(number) for number in numbers(scenario.model_dump()))
+    for name in ("mass", "thrust_factor", "drag_factor", "arm_length", "rotor_time_constant", "max_rotor_speed"):
+        value = getattr(scenario.vehicle, name)
+        assert (value if isinstance(value, float) else next(value.extremes())) > 0.0
+
+
+def assert_it_flies(scenario):
+    """For a few ticks, to finite numbers; or a sentence says why not."""
+    assert_it_makes_sense(scenario)
+    ticks = 4 * max(scenario.periods.values())
+    short = scenario.model_copy(update={"duration": min(ticks, scenario.duration or math.inf)})
+    try:
+        flight = simulate(short, sample=0)
+    except InputError as error:
+        event("loaded, not flown")
+        assert_a_sentence(error, "")
+        return
+    event("crashed" if flight.metrics.crashed else "flown")
+    assert all(np.isfinite(values).all() for values in flight.signals.values())
+    assert flight.metrics.crashed or math.isfinite(flight.metrics.rmse)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """A short path, as that of a person who works where the files are."""
+    path = tmp_path_factory.mktemp("fuzz")
+    before = Path.cwd()
+    os.chdir(path)
+    yield path
+    os.chdir(before)
+
+
+@given(tree=st.one_of(varied_trees(), mutated_trees()))
+@fuzz(0.5)
+def test_a_mutated_tree_flies_or_is_refused_in_a_sentence(folder, tree):
+    Path("loop.yaml").write_text(as_file(tree), encoding="utf-8")
+    scenario = loaded(lambda: load_scenario("loop.yaml"), r"loop\.yaml:\d+: ")
+    if scenario is not None:
+        assert_it_flies(scenario)
+
+
+SMALL = """\
+%YAML 1.2
+---
+base: &base
+  route: {kind: hover, duration: 1}
+  control:
+    position: {kind: pd, k_p: [1.0, 1.0, 1.0], k_d: [1, 1e0, 1.5]}
+    attitude: &gains {k_p: [9.0, 9.0, 4.0], k_d: [6.0, 6.0, 3.0]}
+loop: # "a comment"
+  extends: [base]
+  vehicle:
+    mass: 0.7
+    time_step: 0.01
+    attitude_kinematics: 'exact'
+  control: {attitude: *gains}
+  laboratory: {wind: [{kind: steady, velocity: [1, 0, 0]}]}
+"""
+TAGS = [f"!!{name} " for name in ("bool", "float", "int", "null", "str", "map", "seq", "set", "binary", "omap")]
+SIGNS = list("\t\ufeff\0\r\n\x85\u2028\ud800!&*?:-|>#'\"{}[],~=@`\\_e.+")
+WORDS = ["0x", "0o7", "0b1", "1_0", "1:30", "2001-01-01", "yes", "null", ".inf", "1e400", "9999999999", "extends: "]
+MARKS = ["<<: ", "<<: *base", "...", "---", ">-", "&gains ", "*gains", "*base", "%YAML 1.1", "%TAG ! x", "!<x> ", "? "]
+snippets = st.one_of(st.sampled_from([*TAGS, *SIGNS, *WORDS, *MARKS]), st.text(max_size=4))
+
+
+@st.composite
+def mutated_texts(draw, text):
+    for _ in range(draw(st.integers(1, 3))):
+        start = draw(st.integers(0, len(text)))
+        text = text[:start] + draw(snippets) + text[start + draw(st.integers(0, 5)) :]
+    return text
+
+
+@given(text=mutated_texts(SMALL), rubbish=st.binary(max_size=3), share=st.floats(-2.0, 1.0))
+@fuzz(0.25)
+def test_a_mutated_text_flies_or_is_refused_in_a_sentence(folder, text, rubbish, share):
+    data = text.encode("utf-8", errors="surrogatepass")
+    place = max(0, round(share * len(data)))
+    Path("loop.yaml").write_bytes(data[:place] + rubbish + data[place:] if place else data)
+    scenario = loaded(lambda: load_scenario("loop.yaml:loop"), r"loop\.yaml:\d+: ", r"loop\.yaml(:loop)?: ")
+    if scenario is not None:
+        assert_it_flies(scenario)
+
+
+cells = st.one_of(st.floats(-3.0, 3.0).map(str), st.sampled_from(["0", "1", " 2 ", "1.5", "-1"]))
+odd_cells = st.one_of(odd_numbers.map(str), st.sampled_from(["", "nan", "1,2", '"', "#", "1_0", "٣", "x\0"]), odd_texts)
+
+
+@st.composite
+def tables(draw):
+    columns = draw(st.sampled_from([["x", "y", "z"], ["time", "x", "y", "z"], ["Z", "x", "y", "yaw", "time"]]))
+    rows = [[draw(cells) for _ in columns] for _ in range(draw(st.integers(0, 4)))]
+    for number, row in enumerate(rows):
+        if "time" in columns:
+            row[columns.index("time")] = str(4 * number)
+    rows.insert(0, columns)
+    for _ in range(draw(st.integers(0, 2))):
+        row = draw(st.sampled_from(rows))
+        match draw(st.sampled_from(["change", "add", "remove", "comment", "drop"])):
+            case "change" if row:
+                row[draw(st.integers(0, len(row) - 1))] = draw(odd_cells)
+            case "add":
+                row.append(draw(odd_cells))
+            case "remove" if row:
+                row.pop()
+            case "comment":
+                row.insert(0, "# ")
+            case "drop" if len(rows) > 1:
+                rows.remove(row)
+    return "\n".join(",".join(row) for row in rows)
+
+
+@given(text=st.one_of(tables(), tables().flatmap(mutated_texts)), name=st.sampled_from(["course", "-", "a b", "1"]))
+@fuzz(0.1)
+def test_a_mutated_table_is_planned_or_refused_in_a_sentence(folder, text, name):
+    Path(f"{name}.csv").write_bytes(text.encode("utf-8", errors="surrogatepass"))
+    options = [] if "time" in text else ["route.times=heuristic"]
+    journey = loaded(lambda: load_journey(f"{name}.csv", options), rf"{name}\.csv(:\d+)?: ", "override ")
+    if journey is not None:
+        try:
+            plan = plan_route(journey)
+        except InputError as error:
+            assert_a_sentence(error, "")
+        else:
+            event("planned")
+            assert np.isfinite(evaluate(plan.path, np.linspace(*plan.path.times[[0, -1]], 50))).all()
+
+
+PLACES = [".".join(map(str, place)) for seed in SEEDS for place in places(seed) if place]
+assignments = st.one_of(
+    st.tuples(st.sampled_from(PLACES), scraps.map(written)).map("=".join),
+    st.tuples(st.sampled_from(PLACES), st.text(max_size=6)).map("=".join),
+    st.tuples(odd_texts, scraps.map(written)).map("=".join),
+    st.sampled_from(PLACES).flatmap(lambda place: mutated_texts(f"{place}=1.0")),
+    odd_texts,
+)
+
+
+@given(seed=st.sampled_from(SEEDS), overrides=st.lists(assignments, min_size=1, max_size=3))
+@fuzz(0.15)
+def test_overrides_fly_or_are_refused_in_a_sentence(folder, seed, overrides):
+    Path("loop.yaml").write_text(as_file(seed), encoding="utf-8")
+    scenario = loaded(lambda: load_scenario("loop.yaml", overrides), "override ", r"loop\.yaml:\d+: ")
+    if scenario is not None:
+        assert_it_flies(scenario)

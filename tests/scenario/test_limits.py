@@ -1,0 +1,364 @@
+"""What is far too much for a scenario is refused before it is read, and times without sense before they are flown."""
+
+import os
+import re
+
+import numpy as np
+import pytest
+from ruamel.yaml.composer import Composer
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.planning import flight_duration, plan_route
+from drake_quad.scenario import Override, library, limits, load_journey
+
+BODY = """\
+  route: {kind: hover}
+  control:
+    position: {kind: pd, k_p: [1.0, 1.0, 1.0], k_d: [1.0, 1.0, 1.5]}
+    attitude: {k_p: [9.0, 9.0, 4.0], k_d: [6.0, 6.0, 3.0]}
+"""
+SMALL = f"small:\n{BODY}"
+
+
+@pytest.fixture
+def write(tmp_path):
+    def writer(text, name="loop.yaml"):
+        path = tmp_path / name
+        path.write_text(text, encoding="utf-8")
+        return path
+
+    return writer
+
+
+@pytest.fixture
+def composed(monkeypatch):
+    """How many names and values of YAML were composed."""
+    counts = []
+    compose = Composer.compose_node
+    monkeypatch.setattr(Composer, "compose_node", lambda *arguments: counts.append(1) or compose(*arguments))
+    return counts
+
+
+def refusal(load, *arguments):
+    with pytest.raises(InputError) as caught:
+        load(*arguments)
+    message = str(caught.value)
+    assert message.isprintable()
+    assert len(message) <= 300
+    return message
+
+
+def chain(levels, *, twice=False):
+    """Scenarios that each extend the one before, the first of them whole."""
+    bases = [f"[s{i}, s{i}]" if twice else f"s{i}" for i in range(levels)]
+    return f"s0:\n{BODY}" + "".join(f"s{i + 1}: {{extends: {base}}}\n" for i, base in enumerate(bases))
+
+
+def test_what_is_extended_several_times_is_resolved_once(write, monkeypatch):
+    calls = []
+    merged = library.merged
+    monkeypatch.setattr(library, "merged", lambda *trees: calls.append(1) or merged(*trees))
+    scenario = load_scenario(f"{write(chain(18, twice=True))}:s18")
+    assert scenario.route.kind == "hover"
+    assert len(calls) < 500
+
+
+def test_a_scenario_may_be_laid_over_so_many_others_and_no_more(write):
+    path = write(chain(2000))
+    assert load_scenario(f"{path}:s{limits.MOST_BASES}").control.position.k_d[2] == 1.5
+    assert "extends too many scenarios: 100 in all" in refusal(load_scenario, f"{path}:s{limits.MOST_BASES + 1}")
+    assert "extends too many scenarios: 100 in all" in refusal(load_scenario, f"{path}:s2000")
+    wide = write(f"{SMALL}wide: {{extends: [{'small, ' * 101}]}}\n")
+    assert "loop.yaml:6: extends too many" in refusal(load_scenario, f"{wide}:wide")
+
+
+def test_a_circle_is_found_behind_what_is_known_already(write):
+    path = write("a: {extends: [b, c]}\nb: {route: {kind: hover}}\nc: {extends: [b, a]}\n")
+    assert "loop.yaml:3: a extends itself" in refusal(load_scenario, f"{path}:a")
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        f"{SMALL}# {'x' * 10_000_000}\n",
+        f"{SMALL}  name: '{'x' * 10_000_000}'\n",
+        f"{SMALL}  vehicle:\n" + "".join(f"    k{i}: 1\n" for i in range(300_000)),
+        f"{SMALL}  duration:\n" + "    - 1\n" * 200_000,
+        "é" * 300_000,
+    ],
+)
+def test_a_file_that_is_too_large_is_not_parsed(write, monkeypatch, text):
+    path = write(text)
+    monkeypatch.setattr(library, "parse_document", None)
+    words = "loop.yaml: is too large: a scenario and what it extends may have 500,000 bytes in all"
+    assert refusal(load_scenario, path).endswith(words)
+
+
+def test_a_table_that_is_too_large_is_not_parsed(write, monkeypatch):
+    path = write("0.001,0.002,1\n" * 100_000, "course.csv")
+    monkeypatch.setattr(library, "parse_waypoint_table", None)
+    assert "course.csv: is too large" in refusal(load_journey, path)
+
+
+def test_bytes_count_in_all_files_and_overrides_together(write):
+    path = write("a: {extends: [b, c]}\nb: {extends: one.yaml}\nc: {extends: two.yaml}\n")
+    write(f"{SMALL}# {'x' * 300_000}\n", "one.yaml")
+    write(f"{SMALL}# {'x' * 100_000}\n", "two.yaml")
+    load_scenario(f"{path}:a")
+    assert "is too large: a scenario" in refusal(load_scenario, f"{path}:a", [f"seed=1 # {'x' * 100_000}"])
+    write(f"{SMALL}# {'x' * 300_000}\n", "two.yaml")
+    assert "two.yaml: is too large" in refusal(load_scenario, f"{path}:a")
+
+
+@pytest.mark.parametrize(
+    "value", ["[" + "1," * 200_000 + "]", "\n    k: 1" + "".join(f"\n    k{i}: 1" for i in range(30_000))]
+)
+def test_no_more_names_and_values_are_parsed_than_a_scenario_may_have(write, composed, value):
+    message = refusal(load_scenario, write(f"{SMALL}  vehicle: {value}\n"))
+    assert "is too large: a scenario and what it extends may have 30,000 names and values in all" in message
+    assert len(composed) <= limits.MOST_NODES
+
+
+def test_names_and_values_count_in_all_files_together(write, composed):
+    numbers = ", ".join(["1.0"] * 14_000)
+    path = write("a: {extends: [one.yaml, two.yaml]}\n")
+    for name in ("one.yaml", "two.yaml"):
+        write(f"{SMALL}  vehicle: {{mass: {{choice: [{numbers}]}}}}\n", name)
+    assert load_scenario(path).vehicle.mass.choice[0] == 1.0
+    write(f"{SMALL}  vehicle: {{mass: {{choice: [{numbers}, {numbers}]}}}}\n", "two.yaml")
+    composed.clear()
+    assert "two.yaml:6: is too large" in refusal(load_scenario, path)
+    assert len(composed) <= limits.MOST_NODES
+
+
+@pytest.mark.parametrize("text", ["[" * 100_000, "{" * 100_000, "- " * 100_000, "? " * 100_000, "[" * 41 + "]" * 41])
+def test_no_more_levels_are_parsed_than_a_scenario_may_have(write, composed, text):
+    assert "loop.yaml:1: is nested too deep: a scenario may have 40 levels" in refusal(load_scenario, write(text))
+    assert len(composed) <= limits.MOST_LEVELS
+
+
+LAUGHS = "[&a [1], " + ", ".join(f"&{new} [{f'*{old}, ' * 10}]" for old, new in ("ab", "bc", "cd", "de", "ef")) + "]"
+
+
+@pytest.mark.parametrize(
+    ("value", "words"),
+    [
+        ("&a [*a, *a]", "is nested too deep"),
+        (LAUGHS, "is too large"),
+    ],
+)
+def test_aliases_that_multiply_or_contain_themselves_are_refused(write, value, words):
+    assert words in refusal(load_scenario, write(f"{SMALL}  vehicle: {value}\n"))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (
+            f"{SMALL}  name: {'x' * 1001}\n",
+            "loop.yaml:6: 'xxx.* is too long: a name or value may have 1,000 char",
+        ),
+        (f"{SMALL}  seed: 0x{'f' * 5000}\n", "loop.yaml:6: '0xfff.* is too long"),
+        (f"{SMALL}  name: {'x' * 101}\n", "loop.yaml:6: name is 'xxx.*, but must have at most 100 characters"),
+        (f"{SMALL}  vehicle: !!bool 3\n", "loop.yaml:6: '3' is not true or false"),
+        (f"{SMALL}  vehicle: !!float x\n", "loop.yaml:6: 'x' is not a number"),
+        (f"{SMALL}  vehicle: !!int ''\n", "loop.yaml:6: '' is not a number"),
+        (f"{SMALL}  {'y' * 900}: 1\n", "loop.yaml:6: yyyyy.*yyy is unknown; allowed are name, route, .*, and 3 more"),
+        (f"{SMALL}  seed: 1\0\n", "loop.yaml:6: is not YAML: it holds '.x00', which is no text"),
+        ("a: {extends: x\\ny.yaml}", "loop.yaml:1: extends .*, which does not exist"),
+        ('a: {extends: "x\\0y.yaml"}', "loop.yaml:1: extends .*, which does not exist"),
+        (f"a: {{extends: {'x' * 900}.yaml}}", "loop.yaml:1: extends .*xxx.yaml, which does not exist"),
+    ],
+)
+def test_odd_text_is_explained(write, text, words):
+
+    assert re.search(words, refusal(load_scenario, write(text)))
+
+
+def test_a_reused_anchor_is_no_concern_of_a_reader(write):
+    assert load_scenario(write(f"{SMALL}  seed: &a 1\n  duration: &a 2.0\n")).duration == 2.0
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("x" * 5000 + ".yaml", r"x\.\.\.x*\.yaml: cannot be read: file name too long"),
+        ("a\0b.yaml", "b.yaml: cannot be read"),
+        ("a\0b.csv", "b.csv: cannot be read"),
+        ("a\nb.yaml", r"a\\nb.yaml: cannot be read: no such file"),
+        (f"loop.yaml:{'x' * 5000}", "there is no scenario 'xxx.* in .*loop.yaml; it holds small"),
+    ],
+)
+def test_odd_names_of_files_are_explained(write, monkeypatch, name, words):
+
+    monkeypatch.chdir(write(SMALL).parent)
+    assert re.search(words, refusal(load_scenario, name))
+
+
+def test_what_never_ends_is_not_read(tmp_path):
+    os.mkfifo(tmp_path / "pipe.yaml")
+    assert "pipe.yaml: cannot be read: it is not a file" in refusal(load_scenario, tmp_path / "pipe.yaml")
+    (tmp_path / "endless.csv").symlink_to("/dev/zero")
+    assert "endless.csv: cannot be read: it is not a file" in refusal(load_journey, tmp_path / "endless.csv")
+
+
+def test_a_route_may_have_so_many_waypoints_and_no_more(write):
+    rows = [f"{i},0,1\n" for i in range(limits.MOST_WAYPOINTS)]
+    assert len(load_journey(write("x,y,z\n" + "".join(rows), "course.csv")).route.waypoints) == limits.MOST_WAYPOINTS
+    for header in ("x,y,z\n", ""):
+        path = write(header + "".join([*rows, "0,0,1\n", "x,x,x\n"]), "course.csv")
+        assert "1,000" in refusal(load_journey, path)
+    points = "[[0, 0, 1], " + "[1, 0, 1], " * limits.MOST_WAYPOINTS + "]"
+    text = SMALL.replace("{kind: hover}", f"{{kind: waypoints, waypoints: {points}}}")
+    assert "must have at most 1000 items, not 1001" in refusal(load_scenario, write(text))
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("vehicle.mass=" + "1" * 5000, "is too long"),
+        ("laboratory.wind." + "1" * 5000 + "=1", "laboratory.wind is {'111.* must be a list"),
+        ("control.position.k_p." + "1" * 5000 + "=1", "k_p is {'111.* must be a list"),
+        ("1" * 5000 + "=1", "is unknown; allowed are name"),
+        ("vehicle." + "a." * 5000 + "b=1", "is nested too deep: a scenario may have 40 levels"),
+        ("vehicle.mass=" + "[" * 5000 + "]" * 5000, "is nested too deep"),
+        ("name=" + "x" * 5000, "is too long"),
+        ("vehicle.mass=x\ny\n: 3", "is not YAML"),
+        ("seed=" + "[1," * 30 + "1" + "]" * 30 + " # " + "x" * 600_000, "is too large"),
+    ],
+)
+def test_odd_overrides_are_explained(write, override, words):
+
+    message = refusal(load_scenario, write(SMALL), [override])
+    assert re.match(f"override .*{words}", message)
+
+
+def test_errors_call_an_override_what_its_giver_calls_it(write):
+    path = write(SMALL)
+    assert refusal(load_scenario, path, ["seed=-1"]).startswith("override seed=-1: seed is -1, but must be")
+    assert refusal(load_scenario, path, [Override("seed=-1", "--seed -1")]).startswith("--seed -1: seed is -1, but")
+    assert refusal(load_journey, path, ["seed=1"]) == (
+        "override seed=1: a plan does not depend on seed, only on name, route, nominal"
+    )
+    assert refusal(load_journey, path, [Override("seed=1", "--set seed=1")]).startswith("--set seed=1: a plan does")
+
+
+def test_what_is_missing_or_misnamed_in_a_file_is_no_fault_of_an_override(write):
+    assert refusal(load_scenario, write("a: {route: {kind: hover}}\n"), ["seed=1"]) == (
+        f"{write('a: {route: {kind: hover}}')}:1: control is missing; scripts/plan.py plans a route alone"
+    )
+    path = write("0,0,1\n1,0,1\n", "-.csv")
+    assert "-.csv:1: name is '-', but must match" in refusal(load_journey, path, ["route.top_speed=1"])
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("laboratory.motion_capture.period=0.005", "vehicle.time_step is 0.01 by default, but must not be longer than"),
+        ("laboratory.command_link.period=0.03", "laboratory.command_link.period is 0.03, but must be the shortest"),
+        ("vehicle.time_step=0.02", "vehicle.time_step is 0.02, but must not be longer than the shortest period"),
+        ("laboratory={motion_capture: {period: 0.03}}", "laboratory.motion_capture.period is 0.03, but must be the"),
+        ("nominal={min_rotor_speed: 400}", "nominal.max_rotor_speed is 300.0 by default, but must be larger than"),
+        ("vehicle={min_rotor_speed: 400}", "vehicle.min_rotor_speed is 400, but must be smaller than max_rotor_speed"),
+    ],
+)
+def test_the_value_of_the_field_itself_is_shown_also_of_a_default(write, override, words):
+    assert words in refusal(load_scenario, write(SMALL), [override])
+
+
+TWO = "route={kind: waypoints, waypoints: [[0, 0, 1], [1, 0, 1]], times:"
+KNOTS = "route={kind: trajectory, knots: [{time: 0, position: [0, 0, 1]}, {time: %s, position: [1, 0, 1]}]}"
+GUST = "laboratory.wind=[{kind: gust, velocity: [1, 0, 0], start: %s, rise_time: %s, hold_time: %s}]"
+FAN = "laboratory.wind=[{kind: fan, position: [0, 0, 1], direction: %s, flow: 1, diameter: 1}]"
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("vehicle.time_step=9.313225746154786e-12", "vehicle.time_step is 9.3.*, but must be 0, or at least 0.0001"),
+        ("vehicle.time_step=2", "vehicle.time_step is 2, but must be less than or equal to 1"),
+        ("laboratory.motion_capture.period=1e-9", "motion_capture.period is 1e-09, but must be .* 0.0001"),
+        ("laboratory.command_link.period=1e-9", "command_link.period is 1e-09, but must be .* 0.0001"),
+        ("laboratory.command_link.period=1e9", "command_link.period is 10+.0, but must be less than or equal to 1"),
+        ("duration=1e300", r"duration is 1e\+300, but must be less than or equal to 86400"),
+        ("route.duration=1e300", r"route.duration is 1e\+300, but must be less than or equal to 86400"),
+        ("route.duration=1e-300", "route.duration is 1e-300, but must be greater than or equal to 0.0001"),
+        (f"{TWO} [0, 1e9]}}", "route.times is .*, but must end by 86400"),
+        (f"{TWO} [0, 1e300]}}", r"route.times\[1\] is 1e\+300, but must be less"),
+        (f"{TWO} [0, 1e-300]}}", "route.times is .*, but must increase, each time by 0.0001 s or more"),
+        (f"{TWO} {{kind: least_snap, duration: 1e-300}}}}", "route.times.duration is 1e-300, but must be greater"),
+        (KNOTS % "1e300", r"route.knots\[1\].time is 1e\+300, but must be less than or equal to 86400"),
+        (KNOTS % "1e-300", r"route.knots\[1\].time is 1e-300, but must be later than 0.0?, by 0.0001 s or more"),
+        (GUST % ("1e6", "1", "1"), r"wind\[0\].start is 1000000.0, but must be at least 0 and at most 86400"),
+        (GUST % ("0", "1e-320", "1"), r"wind\[0\].rise_time is 1e-320, but must be at least 0.0001 and at most 86400"),
+        (GUST % ("0", "1", "1e6"), r"wind\[0\].hold_time is 1000000.0, but must be at least 0 and at most 86400"),
+        (GUST % ("{uniform: {min: 0, max: 1e6}}", "1", "1"), r"wind\[0\].start is .*, but must be .* at most 86400"),
+        ("vehicle.rotor_failure={rotor: 1, time: 1e6}", "rotor_failure.time is 1000000.0, but must be .* 86400"),
+        ("vehicle.rotor_time_constant=1e-320", "rotor_time_constant is 1e-320, but must be at least 0.0001"),
+        ("metrics.start=1e6", "metrics.start is 1000000.0, but must be less than or equal to 86400"),
+        ("metrics.end=1e6", "metrics.end is 1000000.0, but must be less than or equal to 86400"),
+        (FAN % "[1e-320, 0, 0]", r"wind\[0\].direction is \[1e-320, 0, 0\], but must have a part that cannot be zero"),
+        (FAN % "[{choice: [1e-320, 1]}, 0, 0]", r"wind\[0\].direction is .*, but must have a part"),
+        (FAN % "[1e200, 0, 0]", r"wind\[0\].direction\[0\] is 1e\+200, but must be less than or equal to 1000000000"),
+        ("vehicle.mass=1e-320", "vehicle.mass is 1e-320, but must be at least 1e-12"),
+        ("vehicle.mass=1e300", r"vehicle.mass is 1e\+300, but must be less than or equal to 1000000000"),
+        ("vehicle.mass={choice: [1, 1e300]}", r"vehicle.mass.choice\[1\] is 1e\+300, but must be less"),
+        (
+            "laboratory.wind=[" + "{kind: dryden}, " * 101 + "]",
+            "laboratory.wind is .*must have at most 100 items",
+        ),
+    ],
+)
+def test_times_and_numbers_without_sense_are_refused(write, override, words):
+
+    assert re.search(words, refusal(load_scenario, write(SMALL), [override]))
+
+
+FAST = [f"{field}=0.001" for field in ("vehicle.time_step", "laboratory.command_link.period")]
+FAST += ["laboratory.motion_capture.period=0.001"]
+
+
+@pytest.mark.parametrize(
+    ("override", "field"),
+    [
+        ("duration=10001", "duration"),
+        ("route.duration=10001", "route.duration"),
+        (f"{TWO} [0, 10001]}}", "route.times"),
+        (f"{TWO} {{kind: given, times: [0, 10001]}}}}", "route.times"),
+        (f"{TWO} {{kind: least_snap, duration: 10001}}}}", "route.times.duration"),
+        (KNOTS % "10001", r"route.knots[1].time"),
+    ],
+)
+def test_a_flight_has_no_more_ticks_than_can_be_flown(write, override, field):
+    message = refusal(load_scenario, write(SMALL), [*FAST, override])
+    assert message.startswith("override ")
+    assert f" {field} is " in message
+    assert message.endswith("but must be at most 10000 s, 10,000,000 times the shortest period")
+    assert load_scenario(write(SMALL), [*FAST, override.replace("10001", "10000")])
+
+
+def test_a_planned_flight_has_no_more_ticks_than_can_be_flown(write):
+    tiny = [field.replace("0.001", "0.0001") for field in FAST]
+    scenario = load_scenario(write(SMALL), ["route={kind: circle, laps: 100, radius: 5}", *tiny])
+    with pytest.raises(InputError, match=r"the flight would take .* s, but must take at most 1000 s, 10,000,"):
+        flight_duration(scenario, plan_route(scenario))
+
+
+def test_a_route_that_takes_longer_than_a_day_is_not_planned(write):
+    slow = load_scenario(write(SMALL), ["route={kind: circle, top_speed: 1e-6}"])
+    with pytest.raises(InputError, match="the route would take .* s, more than 86400 s"):
+        plan_route(slow)
+
+
+def test_a_vehicle_that_leaves_all_numbers_behind_has_crashed_and_keeps_none_of_them(write):
+
+    flight = simulate(load_scenario(write(SMALL), ["vehicle.centre_of_mass=[1e6, 0]", "duration=0.2"]))
+    assert flight.metrics.crashed
+    assert flight.time[-1] < flight.metrics.crash_time
+    assert all(np.isfinite(values).all() for values in flight.signals.values())
+
+
+def test_a_continuous_state_that_changes_too_fast_is_told(write):
+    fast = ["vehicle={time_step: 0, inertia: [1e-12, 1e-12, 1e-12], centre_of_mass: [0.1, 0]}", "duration=0.2"]
+    with pytest.raises(InputError, match="vehicle.time_step is 0, but from .* s on something moves too fast"):
+        simulate(load_scenario(write(SMALL), fast))

@@ -1,0 +1,39 @@
+"""What a person sees of what was written."""
+
+import pickle
+
+import pytest
+
+from drake_quad.errors import InputError, listed, shortened, shown
+
+
+@pytest.mark.parametrize("text", ["a\nb", "\x1b[31mred", "a\0b", "\u2028", "\ud800", "\ufeff"])
+def test_a_message_is_on_one_line_and_can_be_printed(text):
+    message = str(InputError(f"{text} is wrong"))
+    assert message.isprintable()
+    assert message.encode("utf-8").endswith(b" is wrong")
+
+
+def test_what_can_be_printed_stays_as_it_is():
+    sentence = "vehicle.mass is -1 kg m², but must be larger than 0 – 'größer'"
+    assert str(InputError(sentence)) == sentence
+
+
+def test_of_a_long_message_both_ends_are_left():
+    message = str(InputError(f"beginning {'x' * 10_000} end"))
+    assert len(message) == 400
+    assert message.startswith("beginning xxx")
+    assert message.endswith("xxx end")
+
+
+def test_long_values_texts_and_lists_are_shortened():
+    assert shortened("a" * 60) == "a" * 60
+    assert shortened("a" * 50 + "b" * 50) == "a" * 38 + "..." + "b" * 19
+    assert len(shown(list(range(10_000)))) == 60
+    assert listed([f"n{i}" for i in range(8)]).endswith("n6, n7")
+    assert listed([f"n{i}" for i in range(10)]).endswith("n7, and 2 more")
+
+
+def test_a_message_comes_out_of_a_worker_process_as_it_went_in():
+    error = InputError("a\nb is 1\\2")
+    assert str(pickle.loads(pickle.dumps(error))) == str(error)
