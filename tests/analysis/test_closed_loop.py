@@ -172,3 +172,9 @@ def test_a_release_is_a_flight_that_begins_beside_the_reference(laboratory):
             state = vehicle.GetOutputPort("state").Eval(context)
             np.testing.assert_allclose(state - equilibrium, deviation, atol=1e-9)
         assert np.abs(found[-1, 0:3] - found[0, 0:3]).min() > 1e-3
+
+
+def test_a_distribution_has_no_linear_model():
+    scenario = load_scenario("diagrams/hover.yaml", ["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"])
+    with pytest.raises(InputError, match="vehicle.mass is a distribution; a linear model needs a number there"):
+        closed_loop(scenario)

@@ -40,6 +40,13 @@ def test_each_place_of_the_map_is_a_loop_of_its_own(scenario, loop):
         assert found.delay[i, j] == pytest.approx(margins(pd_loop(plant, gains)).delay, rel=5e-3)
 
 
+def test_a_position_that_is_left_alone_is_not_held(scenario):
+    """Without k_P the integrator stays at 1, on either side as far as numbers go."""
+    found = stability_map(mapped_plant(scenario, "position"), np.array([0.0]), K_D[:3])
+    np.testing.assert_allclose(found.size, 1.0, atol=1e-8)
+    assert not found.stable.any()
+
+
 @pytest.mark.parametrize("loop", ["position", "attitude"])
 @pytest.mark.parametrize(
     "overrides",

@@ -61,7 +61,7 @@ _COUNTERPARTS = {
 _CLAMPS = {"minimum", "maximum", "min", "max"}
 _TRANSFORMS = {"abs", "sqrt", "wrapped", "floor", "ceil", "round", "rint", "clip", "sorted", "cumsum"}
 # Their arguments may change places.
-_SYMMETRIC = {*_CLAMPS, "judge", "isinstance", "getattr", "setattr", "cast", "partial", "TypeVar", "NewType"}
+_SYMMETRIC = {*_CLAMPS, "hypot", "judge", "isinstance", "getattr", "setattr", "cast", "partial", "TypeVar", "NewType"}
 
 _SKIPPED_FIELDS = {"annotation", "returns", "decorator_list", "bases", "type_params", "type"}
 _SKIPPED = (ast.Import, ast.ImportFrom, ast.JoinedStr, ast.Raise, ast.Assert)

@@ -212,3 +212,25 @@ def test_a_constant_disturbance_is_learned_at_the_predicted_rate():
             errors.append(abs(e))
     exponent = np.polyfit(np.log(times), np.log(errors), 1)[0]
     assert exponent == pytest.approx(-gain * slope / k_p, rel=0.03)
+
+
+@pytest.mark.parametrize("law", [CovarianceLaw(0.9, 3.0, 0.99), GradientLaw(0.7), SignLaw(0.3, 0.2)])
+def test_a_vehicle_learns_as_it_would_alone_wherever_it_is_in_a_large_fleet(law):
+    """On X, with a dead zone, a leakage and a limit that some are at."""
+    n, limits, rng = 150, Limits(weight=0.4, deadzone=0.1, leakage=0.3), np.random.default_rng(5)
+    firing, signal, (weights, memory) = strengths(rng, n), rng.normal(size=n), started(law, 9, n)
+    lone = [[array[:, [i]].copy() for array in (weights, memory, firing)] for i in range(n)]
+    for _ in range(3):
+        learn(law, limits, weights, memory, firing, signal, 0.5)
+    for i, (own_weights, own_memory, own_firing) in enumerate(lone):
+        for _ in range(3):
+            learn(law, limits, own_weights, own_memory, own_firing, signal[[i]], 0.5)
+        np.testing.assert_allclose(weights[:, [i]], own_weights, rtol=1e-10, atol=1e-12)
+        np.testing.assert_allclose(memory[:, [i]], own_memory, rtol=1e-10, atol=1e-12)
+    assert 0 < np.sum(np.abs(weights) == 0.4) < weights.size
+
+
+def test_laws_that_are_told_nothing():
+    """Unit gains, and no limits."""
+    assert (CovarianceLaw(), GradientLaw(), SignLaw()) == ((1.0, 1.0, 1.0), (1.0,), (1.0, 0.0))
+    assert Limits() == (np.inf, 0.0, 0.0)
