@@ -7,6 +7,7 @@ import gc
 import importlib
 import multiprocessing
 import os
+import pkgutil
 import signal
 import sys
 import time
@@ -128,6 +129,9 @@ def note(file: str, interpreted: list[str]) -> tuple[dict[str, Test], list[str]]
     """Runs the tests of a file, formulas of some folders interpreted, and returns what was noted and what failed."""
     os.environ["DRAKE_QUAD_INTERPRETED"] = os.pathsep.join(interpreted)
     plugin = Plugin()
+    # What an import runs is no test's, though it be the first to import.
+    for module in pkgutil.walk_packages([str(ROOT / "drake_quad")], "drake_quad."):
+        importlib.import_module(module.name)
     plugin.note_lines()
     run_pytest(plugin, file)
     return plugin.noted, plugin.failed
