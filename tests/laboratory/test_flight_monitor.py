@@ -7,7 +7,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from drake_quad.laboratory.flight_monitor import FlightMonitor
+from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor
 
 PERIOD = 0.02
 
@@ -79,8 +79,9 @@ def test_only_the_window_counts():
         ("state", 0, -6.0),
         ("state", 1, 6.0),
         ("reference", 2, 6.5),
-        ("acceleration_command", 2, math.nan),
         ("acceleration_command", 0, math.inf),
+        ("acceleration_command", 1, -math.inf),
+        ("acceleration_command", 2, math.nan),
     ],
 )
 def test_a_crash_is_called_and_ends_what_counts(port, element, value):
@@ -101,6 +102,34 @@ def test_the_error_of_a_crash_is_the_distance_in_space():
         tape["reference"][25:, 0:3] = 10.0 + np.roll([3.0, -2.9, 2.9], turn)
         metrics, _ = watched(tape)
         assert metrics.crash_time[0] == pytest.approx(25 * PERIOD)
+
+
+def test_at_the_limits_a_vehicle_still_flies():
+    tape = {"state": np.zeros((5, 12)), "reference": np.zeros((5, 11))}
+    tape["state"][:, 2:5] = -0.5, 1.2, -1.2
+    tape["reference"][:, 0:3] = 3.0, -4.0, -0.5
+    assert watched(tape, limits=CrashLimits(tilt=1.2))[1] == 0.0
+    assert watched(tape, limits=CrashLimits(tilt=1.1999))[1] == 1.0
+    assert watched(tape, limits=CrashLimits(tilt=1.2, position_error=4.9999))[1] == 1.0
+    assert watched(tape, limits=CrashLimits(tilt=1.2, height=-0.4999))[1] == 1.0
+
+
+@pytest.mark.parametrize("part", range(4))
+def test_rotors_are_saturated_if_they_give_up_any_part_of_the_wrench(part):
+    tape = random_tape()
+    tape["shortfall"][:] = 0.0
+    tape["shortfall"][[3, 7, 8], part] = 0.1, -0.2, 1e-9
+    assert watched(tape)[0].saturation_share[0] == pytest.approx(3.0 / 40.0)
+
+
+def test_a_single_tick_has_an_error_but_no_variation():
+    tape = random_tape()
+    metrics, _ = watched(tape, window=(0.2, 0.21))
+    error = tape["reference"][10, :3] - tape["state"][10, :3]
+    assert metrics.rmse[0] == metrics.peak_error[0] == pytest.approx(np.linalg.norm(error))
+    assert np.isnan([metrics.variation_x[0], metrics.variation_y[0], metrics.variation_z[0]]).all()
+    nothing, _ = watched(tape, window=(0.201, 0.219))
+    assert np.isnan([nothing.rmse[0], nothing.peak_error[0], nothing.effort_x[0], nothing.saturation_share[0]]).all()
 
 
 def test_a_crash_touches_no_other_vehicle():

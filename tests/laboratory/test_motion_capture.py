@@ -143,10 +143,13 @@ def test_latency_is_a_whole_number_of_frames():
 
 
 @pytest.mark.parametrize("bandwidth", [None, 50.0])
-def test_until_the_first_frame_arrives_the_cameras_show_the_place_of_the_start(bandwidth):
+def test_until_the_first_frame_arrives_the_cameras_show_the_start(bandwidth):
+    """With its velocity and body rates where they are seen; a filter begins at rest, whatever moves."""
+    start = np.array([1.0, 2.0, 3.0, 0.1, -0.2, 0.3, -0.4, 0.5, -0.6, 0.7, -0.8, 0.9])
     camera = MotionCapture(derivative_bandwidth=bandwidth, latency_frames=4)
-    _, frames = seen(still(), camera, duration=0.1)
-    np.testing.assert_array_equal(frames[:, 0], np.repeat(still().value(0.0), frames.shape[2], axis=1))
+    _, frames = seen(PiecewisePolynomial(start[:, None]), camera, duration=0.1)
+    shown = start if bandwidth is None else np.concatenate([start[:6], np.zeros(6)])
+    np.testing.assert_array_equal(frames[:, 0], np.repeat(shown[:, None], frames.shape[2], axis=1))
 
 
 def test_lost_frames_repeat_the_one_before():

@@ -5,11 +5,13 @@ import math
 import numpy as np
 import pytest
 
+from drake_quad import InputError
 from drake_quad.laboratory.flight_monitor import CrashLimits
 from drake_quad.laboratory.motion_capture import CameraErrors
 from drake_quad.laboratory.wind.dryden import WIND_AT_20_FEET, Turbulence
 from drake_quad.parts.laboratory import laboratory_parts, monitor_part, vehicle_parameters
 from drake_quad.planning import plan_route
+from drake_quad.scenario import draw_sample
 
 DURATION = 16.0
 
@@ -89,6 +91,30 @@ def test_wind_is_made_of_its_sources(parts):
     np.testing.assert_allclose(np.cross(second.direction, (-2.0, -1.5, -0.3)), 0.0, atol=1e-15)
     assert second.exit_speed == pytest.approx(4.0 * 1.9 / (math.pi * 0.6**2))
     assert all(options["period"] == 0.01 for name, options in winds.items() if name != "steady")
+
+
+def test_a_step_is_too_long_for_drag_that_stops_a_vehicle_within_two_fifths_of_it(asymmetric):
+    """(c₁ + 2 c₂ |v|) / m times the step, in all the wind that there can be, is at most 2.5."""
+    fans = sum(4.0 * flow / (math.pi * diameter**2) for flow, diameter in ((2.3, 0.8), (1.9, 0.6)))
+    gusts = math.hypot(1.5, 1.2, 0.6) + 1.4
+    airspeed = math.hypot(0.7, 0.5, 0.3) + gusts + fans
+    most = 2.5 * 0.74 / 0.01 - 2.0 * 0.02 * airspeed
+    for share, fits in ((1.0 - 1e-9, True), (1.0 + 1e-9, False)):
+        scenario = asymmetric("pid", f"vehicle.linear_drag={share * most!r}")
+        plan = plan_route(scenario)
+        if fits:
+            laboratory_parts(scenario, scenario, plan, DURATION, 1)
+        else:
+            with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for this much drag"):
+                laboratory_parts(scenario, scenario, plan, DURATION, 1)
+
+
+def test_there_is_room_for_the_longest_delay_that_can_be_drawn(asymmetric):
+    delays = ["laboratory.motion_capture.latency_frames={choice: [3, 1, 2]}"]
+    scenario = asymmetric("pid", *delays, "laboratory.command_link.delay_ticks={choice: [0, 4, 1]}")
+    found = laboratory_parts(scenario, draw_sample(scenario, 0), plan_route(scenario), DURATION, 1)
+    assert found["motion_capture"].options["longest_latency"] == 3
+    assert found["command_link"].options["longest_delay"] == 4
 
 
 def test_turbulence_goes_by_with_the_steady_wind_and_along_it_where_it_does_not_say(asymmetric):

@@ -140,6 +140,11 @@ def test_power_spectral_density_over_two_decades():
             assert density[band, axis].mean() == pytest.approx(analytic.mean(), rel=0.06)
 
 
+def test_levels_are_15_30_and_45_knots():
+    expected = {"light": 7.71667, "moderate": 15.43333, "severe": 23.15}
+    assert pytest.approx(expected, rel=1e-5) == WIND_AT_20_FEET
+
+
 def test_scales_and_deviations_of_the_specification():
     """At 1000 feet all lengths are 1000 feet and all deviations a tenth of the wind; below 10 feet nothing changes."""
     high = Turbulence.at_low_altitude(height=1000.0 * FOOT, wind_at_20_feet=WIND_AT_20_FEET["moderate"], airspeed=20.0)
