@@ -6,7 +6,8 @@ import numpy as np
 import pytest
 from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import InitializeParams, Simulator
-from pydrake.systems.framework import BasicVector, LeafSystem
+from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 from scipy.linalg import expm
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario
@@ -182,3 +183,17 @@ def test_what_no_input_reaches_and_no_output_sees_is_left_out():
     assert faint.connected().states == ("a", "b")
     rounding = replace(system, A=system.A + 1e-16 * np.ones((4, 4)))
     assert rounding.connected().states == ("a", "b")
+
+
+def test_an_output_that_depends_on_nothing_has_no_derivative():
+    builder = DiagramBuilder()
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.1, 1))
+    constant = builder.AddNamedSystem("constant", ConstantVectorSource([3.0]))
+    builder.ExportInput(hold.get_input_port(), "u")
+    builder.ExportOutput(hold.get_output_port(), "y")
+    builder.ExportOutput(constant.get_output_port(), "c")
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    diagram.get_input_port().FixValue(context, [0.0])
+    system, _ = linearize(diagram, at_tick(diagram, 0.2, context), period=0.1, outputs=["y", "c"])
+    np.testing.assert_array_equal(system.C, [[1.0], [0.0]])

@@ -57,6 +57,9 @@ def main() -> int:
     parser.add_argument("--processes", type=int, default=os.cpu_count())
     parser.add_argument("--only", default="", help="mutants of the files whose path begins so, from drake_quad/ on")
     arguments = parser.parse_args()
+    if sys.version_info < (3, 12):
+        print("a mutation run needs Python 3.12 or newer, which tells what lines a test runs", file=sys.stderr)
+        return 2
     prepare()
     tests = noted_tests(arguments.processes)
     mutants = drawn(arguments.number, arguments.seed, arguments.only)

@@ -4,10 +4,18 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
+from pydrake.solvers import ClarabelSolver
 from scipy.optimize import minimize
 
+from drake_quad.reference import minimum_snap_program
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
-from drake_quad.reference.minimum_snap_program import InfeasibleError, MinimumSnapProgram, Slack, path_within
+from drake_quad.reference.minimum_snap_program import (
+    InfeasibleError,
+    MinimumSnapProgram,
+    Slack,
+    SolverError,
+    path_within,
+)
 from drake_quad.reference.path_problem import Box, Limits, PathProblem, Sphere
 from drake_quad.reference.polynomial_path import evaluate, evaluate_at, peak_norm
 
@@ -197,3 +205,18 @@ def test_what_limits_are_exceeded_by_is_the_least_that_must_be():
     assert path(1.01).duration == pytest.approx(durations.sum())
     with pytest.raises(InfeasibleError):
         path(0.97)
+
+
+def test_a_program_that_is_not_solved_is_no_path(monkeypatch):
+    """Its solver may take a single step."""
+
+    class Hasty(ClarabelSolver):
+        def Solve(self, program, guess, options):
+            options.SetOption(ClarabelSolver.id(), "max_iter", 1)
+            return super().Solve(program, guess, options)
+
+    monkeypatch.setattr(minimum_snap_program, "ClarabelSolver", Hasty)
+    route = points(np.array([[0.0, 0.0, 0.0], [1.0, 2.0, 0.0], [3.0, 0.0, 1.0]]))
+    problem = PathProblem(route, derivatives=rest_at_ends(3, 3), limits=Limits(speed=2.0))
+    with pytest.raises(SolverError, match="the minimum-snap program was not solved: k"):
+        path_within(problem, np.array([1.5, 1.5]))

@@ -111,7 +111,7 @@ class StudyRows:
             self._scenario,
             self._duration,
             self.rows,
-            failures=self.failures,
+            failures=dict(sorted(self.failures.items())),
             flown_time=self._flown_time,
             misfits=self._misfits,
         )

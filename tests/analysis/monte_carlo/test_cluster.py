@@ -34,7 +34,9 @@ class Cluster:
 
     def add_worker(self, sources=ROOT):
         """Starts a worker that takes this package from a folder."""
-        return self._start("dask_worker", "--nthreads", 1, "--local-directory", self._folder, sources=sources)
+        return self._start(
+            "dask_worker", "--host", "127.0.0.1", "--nthreads", 1, "--local-directory", self._folder, sources=sources
+        )
 
     def _start(self, program, *options, sources=ROOT):
         command = [sys.executable, "-m", f"distributed.cli.{program}", "--no-dashboard", "--scheduler-file", self._file]

@@ -16,8 +16,10 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.analysis.monte_carlo import StudyInterrupted, read_study, run_monte_carlo
 from drake_quad.analysis.monte_carlo import run as run_module
+from drake_quad.analysis.monte_carlo.crew import Outcome
 from drake_quad.analysis.monte_carlo.results_file import read_results, write_results
-from drake_quad.analysis.monte_carlo.study import format_of
+from drake_quad.analysis.monte_carlo.study import format_of, read_record
+from drake_quad.analysis.monte_carlo.study_folder import open_study
 from drake_quad.analysis.monte_carlo.worker import fly_batch
 from drake_quad.analysis.monte_carlo.workers import Workers
 
@@ -417,3 +419,26 @@ def test_a_scenario_without_distributions_flies_too(tmp_path):
     assert not found.parameters
     assert len(np.unique(found.metrics.rmse)) == 6
     assert (tmp_path / "results.csv").read_text().startswith("sample,rmse,")
+
+
+def test_versions_with_which_a_study_was_flown_stand_one_after_another(whole, tmp_path):
+    shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
+    record = read_record(tmp_path)
+    before = {**record.versions[0], "numpy": "0.0.1"}
+    record.model_copy(update={"versions": [before]}).write(tmp_path / "study.yaml")
+    run(tmp_path, resume=True)
+    assert read_record(tmp_path).versions == [before, *record.versions]
+
+
+def test_where_another_scenario_differs_in_a_list_is_said(whole):
+    """First what was written, then what is asked for."""
+    other = study("vehicle.inertia.1={normal: {mean: 0.0071, standard_deviation: 0.00035, min: 0.0056, max: 0.0084}}")
+    with pytest.raises(InputError, match=r"its vehicle.inertia\[1\].normal.mean is 0\.007, not 0\.0071$"):
+        run_monte_carlo(other, N, 5, folder=whole[0], resume=True)
+
+
+def test_failures_are_written_in_the_order_of_their_samples(tmp_path):
+    with open_study(tmp_path, study("seed=5"), N, 0.4, {}, resume=False) as rows:
+        rows.add(Outcome([7], reason="late"))
+        rows.add(Outcome([3], reason="early, with a comma"))
+    assert (tmp_path / "failed.csv").read_text() == 'sample,reason\n3,"early, with a comma"\n7,late\n'

@@ -4,7 +4,9 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.analysis.replication.experiment import QUICK, Sizes
+from drake_quad.analysis.monte_carlo import run as run_module
+from drake_quad.analysis.monte_carlo.workers import Workers
+from drake_quad.analysis.replication.experiment import QUICK, Sizes, _fly_cell, _Jobs
 from drake_quad.analysis.replication.measures import CURVED, STRAIGHT
 from drake_quad.analysis.replication.sweeps import fly_legs, fly_settings, gain_settings, noise_settings, share_settings
 from drake_quad.flight import simulate_samples
@@ -84,3 +86,28 @@ def test_as_much_is_flown_as_the_report_says():
     assert Sizes().flights == 24 * 1000 + (15 + 15 + 3 * 7) * 60 + 2 * 256 * 4 + 256 * 16
     assert QUICK == (4, 4, 4, 5, 2, 2)
     assert QUICK.flights == 24 * 4 + (15 + 15 + 3 * 7) * 4 + 2 * 25 * 2 + 25 * 2
+
+
+def fail(what):
+    raise ArithmeticError(f"{what} is cursed")
+
+
+def test_jobs_are_done_by_workers_and_their_failure_is_told():
+    seen = []
+    with Workers(2) as workers:
+        jobs = _Jobs(workers)
+        done = [jobs.submit(name, count, int, str(count)) for name, count in (("a", 3), ("b", 4), ("c", 5))]
+        jobs.work(lambda what, flights: seen.append((what, flights)))
+        assert [job.result for job in done] == [3, 4, 5]
+        assert sorted(what for what, _ in seen) == ["a", "b", "c"]
+        assert seen[-1][1] == 12
+        jobs = _Jobs(workers)
+        jobs.submit("d", 1, fail, "this one")
+        with pytest.raises(RuntimeError, match="ArithmeticError: this one is cursed"):
+            jobs.work(None)
+
+
+def test_a_cell_with_a_sample_that_cannot_be_flown_is_none(tmp_path, monkeypatch):
+    monkeypatch.setattr(run_module, "fly_batch", lambda job, samples: fail(f"sample {samples[0]}"))
+    with pytest.raises(RuntimeError, match="sample 0 of hover could not be flown: ArithmeticError: sample 0 is cursed"):
+        _fly_cell(load_scenario("diagrams/hover.yaml", ["duration=0.1"]), 2, tmp_path)

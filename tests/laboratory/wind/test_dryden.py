@@ -158,3 +158,9 @@ def test_scales_and_deviations_of_the_specification():
         assert Turbulence.at_low_altitude(height=height, wind_at_20_feet=10.0, airspeed=0.0) == (
             Turbulence.at_low_altitude(height=3.048, wind_at_20_feet=10.0, airspeed=1.0)
         )
+
+
+def test_the_winds_at_20_feet_are_those_of_the_specification():
+    """MIL-F-8785C: 15, 30 and 45 knots, a knot being a nautical mile of 1,852 m an hour."""
+    knots = {"light": 15.0, "moderate": 30.0, "severe": 45.0}
+    assert {level: pytest.approx(wind * 1852.0 / 3600.0) for level, wind in knots.items()} == WIND_AT_20_FEET
