@@ -1,9 +1,13 @@
-"""Files that are whole or not there."""
+"""Files that are whole or not there, and tables."""
 
+import csv
 import os
 import tempfile
-from collections.abc import Callable
+from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
+from typing import Any
+
+import numpy as np
 
 from drake_quad.errors import InputError, shortened
 
@@ -42,3 +46,52 @@ def write_text(path: Path, text: str) -> Path:
         target.write_text(text, encoding="utf-8")
 
     return write_whole(path, write)
+
+
+def write_table(path: Path, columns: Mapping[str, Iterable[Any]], *, digits: int = 17) -> Path:
+    """Writes columns of equal length as CSV and returns the path.
+
+    Args:
+        path: of the file.
+        columns: numbers and words by the heading of their column; what is not a number leaves its cell empty.
+        digits: of numbers; all of them if not given, so that they come back as they were.
+    """
+
+    def cell(value: Any) -> str:
+        if isinstance(value, str):
+            return value
+        plain = value.item() if isinstance(value, np.generic) else value
+        if isinstance(plain, float):
+            return "" if plain != plain else repr(plain) if digits == 17 else f"{plain:.{digits}g}"
+        return str(plain)
+
+    rows = zip(*(map(cell, values) for values in columns.values()), strict=True)
+
+    def write(target: Path) -> None:
+        with target.open("w", newline="", encoding="utf-8") as file:
+            writer = csv.writer(file, lineterminator="\n")
+            writer.writerow(columns)
+            writer.writerows(rows)
+
+    return write_whole(path, write)
+
+
+def read_table(path: Path) -> dict[str, np.ndarray]:
+    """Reads what `write_table` wrote: arrays of numbers where every cell is one or empty, else of words.
+
+    Raises:
+        InputError: the file cannot be read, or its rows differ in length.
+    """
+    try:
+        header, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
+        columns = zip(*rows, strict=True) if rows else [()] * len(header)
+        return {name: _array(cells) for name, cells in zip(header, columns, strict=True)}
+    except (OSError, ValueError):
+        raise InputError(f"{path} cannot be read, or is not a table") from None
+
+
+def _array(cells: tuple[str, ...]) -> np.ndarray:
+    try:
+        return np.array([float(cell) if cell else np.nan for cell in cells])
+    except ValueError:
+        return np.array(cells)

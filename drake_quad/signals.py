@@ -1,67 +1,246 @@
-"""The signals of the loop: what the rows of each port mean, and in what unit."""
+"""The signals of the loop: what the rows of each port mean, in what unit and along whose axes.
 
-from typing import NamedTuple
+World frame W: Z up. Body frame B: x towards rotor 1, y towards rotor 4, z up. The yaw turns from X towards Y.
+"""
+
+from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
+
+# One number a vehicle: a float for one, an array for a fleet, or whatever Drake or the compiler put in their place
+# (`drake_quad.framework.elementary`). To a type checker it is a float, so that formulas are checked as if of one vehicle.
+Row = float
 
 
-class Row(NamedTuple):
-    """One row of a port.
+class Quantity(NamedTuple):
+    """What a row is.
 
     Attributes:
-        name: as in a column of a table.
         unit: SI.
+        frame: along whose axes, W or B; empty if it has no direction.
     """
 
-    name: str
     unit: str
+    frame: str = ""
 
 
-def _rows(unit: str, *names: str) -> tuple[Row, ...]:
-    return tuple(Row(name, unit) for name in names)
+PositionW = Annotated[Row, Quantity("m", "W")]
+VelocityW = Annotated[Row, Quantity("m/s", "W")]
+AccelerationW = Annotated[Row, Quantity("m/s²", "W")]
+JerkW = Annotated[Row, Quantity("m/s³", "W")]
+SnapW = Annotated[Row, Quantity("m/s⁴", "W")]
+Angle = Annotated[Row, Quantity("rad")]
+AngleRate = Annotated[Row, Quantity("rad/s")]
+AngleAcceleration = Annotated[Row, Quantity("rad/s²")]
+BodyRateB = Annotated[Row, Quantity("rad/s", "B")]
+BodyAccelerationB = Annotated[Row, Quantity("rad/s²", "B")]
+ForceB = Annotated[Row, Quantity("N", "B")]
+TorqueB = Annotated[Row, Quantity("N m", "B")]
+RotorRate = Annotated[Row, Quantity("rad/s")]
+Number = Annotated[Row, Quantity("1")]
+Time = Annotated[Row, Quantity("s")]
+Gain = Annotated[Row, Quantity("1/s")]
 
 
-_STATE = (
-    _rows("m", "x", "y", "z")
-    + _rows("rad", "roll", "pitch", "yaw")
-    + _rows("m/s", "v_x", "v_y", "v_z")
-    + _rows("rad/s", "p", "q", "r")
-)
-_ACCELERATION = _rows("m/s²", "x", "y", "z")
-_WRENCH = _rows("N", "thrust") + _rows("N m", "tau_x", "tau_y", "tau_z")
-_ROTORS = _rows("rad/s", "1", "2", "3", "4")
+class State(NamedTuple):
+    """Position, attitude, velocity and body rates of the vehicle, or what is measured of them."""
 
-# Signals whose size depends on the network.
-_NETWORK_UNITS = {"weights": "m/s²", "covariance_trace": "1/s"}
+    x: PositionW
+    y: PositionW
+    z: PositionW
+    roll: Angle
+    pitch: Angle
+    yaw: Angle
+    v_x: VelocityW
+    v_y: VelocityW
+    v_z: VelocityW
+    p: BodyRateB
+    q: BodyRateB
+    r: BodyRateB
 
-SIGNALS: dict[str, tuple[Row, ...]] = {
-    "state": _STATE,
-    "rotor_speed": _ROTORS,
-    "rotor_speed_command": _ROTORS,
-    "wrench": _WRENCH,
-    "shortfall": _WRENCH,
-    "wind": _rows("m/s", "x", "y", "z"),
-    "measurement": _STATE,
-    "reference": (
-        _rows("m", "x", "y", "z")
-        + _rows("m/s", "v_x", "v_y", "v_z")
-        + _rows("m/s²", "a_x", "a_y", "a_z")
-        + _rows("rad", "yaw")
-        + _rows("rad/s", "yaw_rate")
-    ),
-    "error": _rows("m", "x", "y", "z"),
-    "error_rate": _rows("m/s", "x", "y", "z"),
-    "pd": _ACCELERATION,
-    "correction": _ACCELERATION,
-    "acceleration_command": _ACCELERATION,
-    "attitude_command": _rows("rad", "roll", "pitch", "yaw"),
-    "crashed": _rows("1", "crashed"),
+
+class RotorSpeed(NamedTuple):
+    """Speeds of the four rotors."""
+
+    rotor_1: RotorRate
+    rotor_2: RotorRate
+    rotor_3: RotorRate
+    rotor_4: RotorRate
+
+
+class Wrench(NamedTuple):
+    """Thrust F_z and torques τ_x, τ_y, τ_z."""
+
+    thrust: ForceB
+    tau_x: TorqueB
+    tau_y: TorqueB
+    tau_z: TorqueB
+
+
+class Wind(NamedTuple):
+    """Velocity of the air."""
+
+    x: VelocityW
+    y: VelocityW
+    z: VelocityW
+
+
+class Reference(NamedTuple):
+    """Where the vehicle shall be, how it shall move, and where it shall look."""
+
+    x: PositionW
+    y: PositionW
+    z: PositionW
+    v_x: VelocityW
+    v_y: VelocityW
+    v_z: VelocityW
+    a_x: AccelerationW
+    a_y: AccelerationW
+    a_z: AccelerationW
+    yaw: Angle
+    yaw_rate: AngleRate
+
+
+class Jerk(NamedTuple):
+    """Third derivative of the reference's position."""
+
+    x: JerkW
+    y: JerkW
+    z: JerkW
+
+
+class Snap(NamedTuple):
+    """Fourth derivative of the reference's position, second of its yaw."""
+
+    x: SnapW
+    y: SnapW
+    z: SnapW
+    yaw: AngleAcceleration
+
+
+class PositionError(NamedTuple):
+    """Reference minus measured position, e."""
+
+    x: PositionW
+    y: PositionW
+    z: PositionW
+
+
+class PositionErrorRate(NamedTuple):
+    """Rate of the position error, ė."""
+
+    x: VelocityW
+    y: VelocityW
+    z: VelocityW
+
+
+class Acceleration(NamedTuple):
+    """A commanded acceleration, or a part of it."""
+
+    x: AccelerationW
+    y: AccelerationW
+    z: AccelerationW
+
+
+class Thrust(NamedTuple):
+    """Thrust F_z."""
+
+    thrust: ForceB
+
+
+class Torque(NamedTuple):
+    """Torques about the axes of the body."""
+
+    tau_x: TorqueB
+    tau_y: TorqueB
+    tau_z: TorqueB
+
+
+class Attitude(NamedTuple):
+    """Roll, pitch and yaw."""
+
+    roll: Angle
+    pitch: Angle
+    yaw: Angle
+
+
+class BodyRates(NamedTuple):
+    """Rates of turning about the axes of the body."""
+
+    p: BodyRateB
+    q: BodyRateB
+    r: BodyRateB
+
+
+class AngularAcceleration(NamedTuple):
+    """Rates of the body rates."""
+
+    p: BodyAccelerationB
+    q: BodyAccelerationB
+    r: BodyAccelerationB
+
+
+class Crashed(NamedTuple):
+    """1 for a vehicle that has crashed, 0 for one that flies."""
+
+    crashed: Number
+
+
+class CrashTime(NamedTuple):
+    """When the vehicle crashed; infinite for one that flies."""
+
+    crash_time: Time
+
+
+# Signals of a network have as many rows as it has rules, or axes.
+Firing = tuple[Number, ...]
+Weights = tuple[AccelerationW, ...]
+CovarianceTrace = tuple[Gain, ...]
+
+SIGNALS: dict[str, Any] = {
+    "state": State,
+    "measurement": State,
+    "rotor_speed": RotorSpeed,
+    "rotor_speed_command": RotorSpeed,
+    "wrench": Wrench,
+    "shortfall": Wrench,
+    "wind": Wind,
+    "reference": Reference,
+    "reference_jerk": Jerk,
+    "reference_snap": Snap,
+    "error": PositionError,
+    "error_rate": PositionErrorRate,
+    "pd": Acceleration,
+    "feed_forward": Acceleration,
+    "correction": Acceleration,
+    "acceleration_command": Acceleration,
+    "thrust": Thrust,
+    "torque": Torque,
+    "attitude_command": Attitude,
+    "body_rate_command": BodyRates,
+    "angular_acceleration_command": AngularAcceleration,
+    "crashed": Crashed,
+    "crash_time": CrashTime,
+    "firing": Firing,
+    "weights": Weights,
+    "covariance_trace": CovarianceTrace,
 }
+"""What a port of this name holds."""
 
 
-def signal_rows(name: str, size: int) -> tuple[Row, ...]:
-    """What the rows of a signal of one vehicle mean.
+def row_names(name: str, num_rows: int) -> list[str]:
+    """The names of the rows of a signal of one vehicle; those of a network are numbered from 1, axis after axis."""
+    kind = SIGNALS[name]
+    return list(kind._fields) if hasattr(kind, "_fields") else [str(number + 1) for number in range(num_rows)]
 
-    The rows of a network are numbered, axis after axis.
-    """
-    if name in _NETWORK_UNITS:
-        return _rows(_NETWORK_UNITS[name], *(str(number) for number in range(1, size + 1)))
-    return SIGNALS[name]
+
+def quantities(name: str, num_rows: int) -> list[Quantity]:
+    """The quantities of the rows of a signal of one vehicle."""
+    kind = SIGNALS[name]
+    if not hasattr(kind, "_fields"):
+        return [_quantity(get_args(kind)[0])] * num_rows
+    hints = get_type_hints(kind, include_extras=True)
+    return [_quantity(hints[field]) for field in kind._fields]
+
+
+def _quantity(row: Any) -> Quantity:
+    quantity: Quantity = get_args(row)[1]
+    return quantity

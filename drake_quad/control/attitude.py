@@ -1,37 +1,59 @@
 """The inner loop: from the attitude error to torques."""
 
-from typing import Any
+from typing import Annotated, NamedTuple
 
-from drake_quad.compiled import formula
-from drake_quad.elementary import Row, Rows, wrapped
-from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.control.axes import PerAngle
+from drake_quad.framework.elementary import wrapped
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, Quantity, Row, State, Torque
+
+_Inertia = Annotated[Row, Quantity("kg m²", "B")]
 
 
-@formula
+class AttitudeNumbers(NamedTuple):
+    """Gains of an attitude controller, and what it believes of the vehicle.
+
+    Attributes:
+        k_p: on the error of each angle, 1/s².
+        k_d: on the errors of the body rates, 1/s.
+        i_xx: moment of inertia about x_B.
+        i_yy: about y_B.
+        i_zz: about z_B.
+    """
+
+    k_p: PerAngle
+    k_d: PerAngle
+    i_xx: _Inertia
+    i_yy: _Inertia
+    i_zz: _Inertia
+
+
 def attitude_law(
-    measurement: Rows, attitude: Rows, rates: Rows, accelerations: Rows, parameters: Rows
-) -> tuple[tuple[Row, Row, Row]]:
-    """The torque of an `AttitudeController`, N m.
+    measurement: State,
+    attitude: Attitude,
+    rates: BodyRates,
+    acceleration: AngularAcceleration,
+    numbers: AttitudeNumbers,
+) -> Torque:
+    """The torque of an `AttitudeController`.
 
     Args:
-        measurement: 12 rows, as the vehicle's state.
-        attitude: commanded roll, pitch and yaw, rad.
-        rates: commanded p, q, r, rad/s.
-        accelerations: commanded rates of p, q, r, rad/s².
-        parameters: k_P, k_D and the moments of inertia, 9 rows.
+        measurement: of the vehicle's state.
+        attitude: commanded.
+        rates: commanded.
+        acceleration: commanded.
+        numbers: gains and inertia.
     """
-    p_roll, p_pitch, p_yaw, d_roll, d_pitch, d_yaw, i_xx, i_yy, i_zz = parameters
-    roll, pitch, yaw = measurement[3:6]
-    p, q, r = measurement[9:12]
-    roll_r, pitch_r, yaw_r = attitude
+    k_p, k_d, i_xx, i_yy, i_zz = numbers
     p_r, q_r, r_r = rates
-    a_x, a_y, a_z = accelerations
-    torque = (
-        i_xx * (p_roll * (roll_r - roll) + d_roll * (p_r - p) + a_x) + (i_zz - i_yy) * q_r * r_r,
-        i_yy * (p_pitch * (pitch_r - pitch) + d_pitch * (q_r - q) + a_y) + (i_xx - i_zz) * p_r * r_r,
-        i_zz * (p_yaw * wrapped(yaw_r - yaw) + d_yaw * (r_r - r) + a_z) + (i_yy - i_xx) * p_r * q_r,
+    roll = k_p.roll * (attitude.roll - measurement.roll) + k_d.roll * (p_r - measurement.p)
+    pitch = k_p.pitch * (attitude.pitch - measurement.pitch) + k_d.pitch * (q_r - measurement.q)
+    yaw = k_p.yaw * wrapped(attitude.yaw - measurement.yaw) + k_d.yaw * (r_r - measurement.r)
+    return Torque(
+        i_xx * (roll + acceleration.p) + (i_zz - i_yy) * q_r * r_r,
+        i_yy * (pitch + acceleration.q) + (i_xx - i_zz) * p_r * r_r,
+        i_zz * (yaw + acceleration.r) + (i_yy - i_xx) * p_r * q_r,
     )
-    return (torque,)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -49,31 +71,21 @@ class AttitudeController(FleetSystem):
         output_ports:
         - torque
 
-    e is `attitude_command` (3 rows, rad) minus roll, pitch, yaw of `measurement` (12), the yaw error wrapped to half
-    a turn; ė is `body_rate_command` ω_r (3, rad/s) minus p, q, r; ω̇_r is `angular_acceleration_command` (3, rad/s²),
-    zero if not connected.
-    `torque` (3, N m) is scaled by the moments of inertia, so that the gains are those of a double integrator.
+    e is `attitude_command` minus the measured attitude, the yaw error wrapped to half a turn; ė is `body_rate_command`
+    ω_r minus the measured body rates; ω̇_r is `angular_acceleration_command`, zero if not connected. `torque` is scaled
+    by the moments of inertia, so that the gains are those of a double integrator.
 
-    One numeric parameter of the context: k_P and k_D of the three axes, then I_xx, I_yy, I_zz.
+    The only parameter of the context is `numbers`.
 
     Args:
         num_vehicles: N.
-        k_p: 3 rows, 1/s².
-        k_d: 3 rows, 1/s.
-        inertia: believed, 3 rows, kg m².
+        numbers: gains, and the inertia that is believed.
     """
 
-    def declare(self, *, num_vehicles: int = 1, k_p: Rows, k_d: Rows, inertia: Rows) -> None:
-        """Declares the system; see the class for the arguments."""
-        self._gains = self.numeric_parameter([*k_p, *k_d, *inertia])
-        self._measurement = self.input("measurement", 12)
-        self._attitude = self.input("attitude_command", 3)
-        self._rates = self.input("body_rate_command", 3)
-        self._acceleration = self.input("angular_acceleration_command", 3)
-        self._law = self.mapped(attitude_law, inputs=(12, 3, 3, 3, 9), outputs=(3,))
-        uses = {self.all_input_ports_ticket(), self.all_parameters_ticket()}
-        self.output("torque", 3, self._calc, uses=uses)
-
-    def _calc(self, context: Any, output: Any) -> None:
-        inputs = self.inputs(context, self._measurement, self._attitude, self._rates, self._acceleration)
-        self._law([output], [*inputs, self.parameter(context, self._gains)])
+    def declare(self, *, numbers: AttitudeNumbers) -> None:
+        """Declares the system."""
+        parameter = self.parameter("numbers", lambda numbers: numbers)
+        measurement, attitude = self.input("measurement"), self.input("attitude_command")
+        rates = self.input("body_rate_command")
+        acceleration = self.input("angular_acceleration_command", absent=AngularAcceleration(0.0, 0.0, 0.0))
+        self.output("torque", attitude_law, measurement, attitude, rates, acceleration, parameter)

@@ -6,7 +6,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Multiplexer
 
 from drake_quad.control.position import FeedForward
-from drake_quad.fleet import split_output
+from drake_quad.framework.wiring import split_output
 
 # What a position controller may show of its inside, beside its `acceleration_command`.
 POSITION_SIGNALS = ("error", "error_rate", "pd", "correction", "weights", "covariance_trace")

@@ -1,11 +1,25 @@
 """From a commanded acceleration to thrust and attitude: eq (7), at any yaw and within limits."""
 
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
-from drake_quad.compiled import formula
-from drake_quad.elementary import Row, Rows, maximum, minimum, sin_cos, sqrt
-from drake_quad.flatness import angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
-from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.flatness import HeadingVector, angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
+from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.signals import (
+    Acceleration,
+    AngularAcceleration,
+    Attitude,
+    BodyRates,
+    ForceB,
+    Jerk,
+    Number,
+    Quantity,
+    Reference,
+    Row,
+    Snap,
+    State,
+    Thrust,
+)
 
 # Keeps 0 / 0 away where no horizontal force is commanded or allowed, and infinite derivatives of its square root.
 _TINY = 1e-100
@@ -16,24 +30,53 @@ class ThrustLimits(NamedTuple):
 
     Attributes:
         slope: tangent of the largest angle between thrust and vertical.
-        min_thrust: least vertical thrust, N: it keeps u_z + g well above zero, where eq (7) loses its meaning.
-        max_thrust: largest thrust, N.
+        min_thrust: least vertical thrust: it keeps u_z + g well above zero, where eq (7) loses its meaning.
+        max_thrust: largest thrust.
     """
 
-    slope: Row
-    min_thrust: Row
-    max_thrust: Row
+    slope: Number
+    min_thrust: ForceB
+    max_thrust: ForceB
 
 
-@formula
-def specific_thrust(acceleration: Rows, mass: Row, gravity: Row, limits: ThrustLimits) -> tuple[Row, Row, Row]:
+class VectoringNumbers(NamedTuple):
+    """What thrust vectoring believes of the vehicle, and its limits.
+
+    Attributes:
+        mass: believed.
+        gravity: g.
+        limits: of thrust and tilt.
+    """
+
+    mass: Annotated[Row, Quantity("kg")]
+    gravity: Annotated[Row, Quantity("m/s²")]
+    limits: ThrustLimits
+
+
+class Vectored(NamedTuple):
+    """What comes of a commanded acceleration.
+
+    Attributes:
+        thrust: F_z.
+        attitude_command: φ_r, θ_r, ψ_r.
+        body_rate_command: p, q, r that keep the thrust on its way.
+        angular_acceleration_command: their rates.
+    """
+
+    thrust: Thrust
+    attitude_command: Attitude
+    body_rate_command: BodyRates
+    angular_acceleration_command: AngularAcceleration
+
+
+def specific_thrust(acceleration: HeadingVector, mass: Row, gravity: Row, limits: ThrustLimits) -> HeadingVector:
     """Returns the commanded thrust over mass (m/s²) within limits.
 
     The vertical part is limited first; then the horizontal part is shortened, in its direction, to what the slope
     and the remaining thrust allow.
 
     Args:
-        acceleration: commanded, forward, left and up, m/s².
+        acceleration: commanded, m/s².
         mass: kg.
         gravity: m/s².
         limits: of thrust and tilt.
@@ -41,41 +84,40 @@ def specific_thrust(acceleration: Rows, mass: Row, gravity: Row, limits: ThrustL
     forward, left, u_z = acceleration
     low, high = limits.min_thrust / mass, limits.max_thrust / mass
     up = minimum(maximum(u_z + gravity, low), high)
-    # Not a difference of squares: the compiler rounds only one of them, which may leave less than nothing.
     reach = maximum(minimum(up * up * limits.slope * limits.slope, (high - up) * (high + up)), _TINY)
     share = sqrt(reach / maximum(forward * forward + left * left, reach))
-    return share * forward, share * left, up
+    return HeadingVector(share * forward, share * left, up)
 
 
-@formula
 def vectored_thrust(
-    command: Rows, measurement: Rows, reference: Rows, jerk: Rows, snap: Rows, parameters: Rows, with_snap: float
-) -> tuple[Rows, Rows, Rows, Rows]:
-    """Thrust (N), attitude (rad), body rates (rad/s) and angular accelerations (rad/s²) for an acceleration.
+    command: Acceleration,
+    measurement: State,
+    reference: Reference,
+    jerk: Jerk,
+    snap: Snap | None,
+    numbers: VectoringNumbers,
+) -> Vectored:
+    """Thrust, attitude, body rates and angular accelerations for a commanded acceleration.
 
     Args:
-        command: the acceleration, 3 rows in W, m/s².
-        measurement: 12 rows, as the vehicle's state.
-        reference: 11 rows.
-        jerk: of the reference, 3 rows, m/s³.
-        snap: of the reference (3 rows, m/s⁴) and the acceleration of its yaw (rad/s²).
-        parameters: of a `ThrustVectoring`, 5 rows.
-        with_snap: 0 if there shall be no angular acceleration.
+        command: the acceleration.
+        measurement: of the vehicle's state.
+        reference: which has the yaw.
+        jerk: of the reference.
+        snap: of the reference; None if there shall be no angular acceleration.
+        numbers: what is believed of the vehicle, and limits.
     """
-    mass, gravity, slope, min_thrust, max_thrust = parameters
-    sin_yaw, cos_yaw = sin_cos(measurement[5])
-    limits = ThrustLimits(slope, min_thrust, max_thrust)
+    mass, gravity, limits = numbers
+    sin_yaw, cos_yaw = sin_cos(measurement.yaw)
     tilt = tilt_of(specific_thrust(in_heading(command, sin_yaw, cos_yaw), mass, gravity, limits))
-    turned_jerk, turned_snap = in_heading(jerk, sin_yaw, cos_yaw), in_heading(snap[0:3], sin_yaw, cos_yaw)
-    rates = body_rates(tilt, turned_jerk, reference[10])
-    a_x, a_y, a_z = angular_accelerations(tilt, rates, turned_jerk, turned_snap, reference[10], snap[3])
+    turned_jerk = in_heading(jerk, sin_yaw, cos_yaw)
+    rates = body_rates(tilt, turned_jerk, reference.yaw_rate)
     roll, pitch = attitude_of(tilt)
-    return (
-        (mass * tilt.thrust,),
-        (roll, pitch, reference[9]),
-        rates,
-        (with_snap * a_x, with_snap * a_y, with_snap * a_z),
-    )
+    acceleration = AngularAcceleration(0.0, 0.0, 0.0)
+    if snap is not None:
+        turned_snap = in_heading(snap, sin_yaw, cos_yaw)
+        acceleration = angular_accelerations(tilt, rates, turned_jerk, turned_snap, reference.yaw_rate, snap.yaw)
+    return Vectored(Thrust(mass * tilt.thrust), Attitude(roll, pitch, reference.yaw), rates, acceleration)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -94,36 +136,23 @@ class ThrustVectoring(FleetSystem):
         output_ports:
         - thrust_and_attitude
 
-    `acceleration_command` (3 rows, m/s²) is turned by minus the measured yaw in `measurement` (12), so that eq (7),
-    written for zero yaw, holds at any. The output packs `thrust`, F_z (N); `attitude_command`, φ_r, θ_r, ψ_r (rad);
-    `body_rate_command` (rad/s) and `angular_acceleration_command` (rad/s²), p, q, r and their rates. These are what
-    keeps the thrust on its way (`drake_quad.flatness`) under `reference_jerk` (3, m/s³) and `reference_snap` (4: snap,
-    m/s⁴, and the yaw's acceleration, rad/s²), with yaw and its rate as in `reference` (11). Without a jerk the thrust
-    is taken to stay as it is; without a snap there is no angular acceleration.
+    `acceleration_command` is turned by minus the measured yaw, so that eq (7), written for zero yaw, holds at any. The
+    output packs the signals of `Vectored`. Body rates and angular accelerations are what keeps the thrust on its way
+    (`drake_quad.flatness`) under `reference_jerk` and `reference_snap`, with yaw and its rate as in `reference`.
+    Without a jerk the thrust is taken to stay as it is; without a snap there is no angular acceleration.
 
-    One numeric parameter of the context: mass, gravity and the three rows of the limits.
+    The only parameter of the context is `numbers`.
 
     Args:
         num_vehicles: N.
-        mass: believed, kg.
-        gravity: m/s².
-        limits: of thrust and tilt.
+        numbers: what is believed of the vehicle, and limits of thrust and tilt.
     """
 
-    def declare(self, *, num_vehicles: int = 1, mass: Row, gravity: Row, limits: ThrustLimits) -> None:
-        """Declares the system; see the class for the arguments."""
-        self._parameters = self.numeric_parameter([mass, gravity, *limits])
-        self._command = self.input("acceleration_command", 3)
-        self._measurement = self.input("measurement", 12)
-        self._reference = self.input("reference", 11)
-        self._jerk = self.input("reference_jerk", 3)
-        self._snap = self.input("reference_snap", 4)
-        self._vector = self.mapped(vectored_thrust, inputs=(3, 12, 11, 3, 4, 5), outputs=(1, 3, 3, 3))
-        uses = {self.all_input_ports_ticket(), self.all_parameters_ticket()}
-        parts = {"thrust": 1, "attitude_command": 3, "body_rate_command": 3, "angular_acceleration_command": 3}
-        self.packed_output("thrust_and_attitude", parts, self._calc, uses=uses)
-
-    def _calc(self, context: Any, output: Any) -> None:
-        inputs = self.inputs(context, self._command, self._measurement, self._reference, self._jerk, self._snap)
-        parameters = self.parameter(context, self._parameters)
-        self._vector([output], [*inputs, parameters], 0.0 if inputs[-1] is None else 1.0)
+    def declare(self, *, numbers: VectoringNumbers) -> None:
+        """Declares the system."""
+        parameter = self.parameter("numbers", lambda numbers: numbers)
+        command, measurement = self.input("acceleration_command"), self.input("measurement")
+        reference = self.input("reference")
+        jerk, snap = self.input("reference_jerk", absent=Jerk(0.0, 0.0, 0.0)), self.input("reference_snap")
+        reads = command, measurement, reference, jerk, snap, parameter
+        self.packed_output("thrust_and_attitude", Vectored, vectored_thrust, *reads)

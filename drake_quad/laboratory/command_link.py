@@ -1,19 +1,51 @@
 """The radio link from the ground station to the vehicle."""
 
-from typing import Any
+from typing import Any, NamedTuple
 
 from pydrake.common import RandomDistribution
 
-from drake_quad.compiled import formula
-from drake_quad.elementary import Row, Rows, is_zero, where
-from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.laboratory.delay_line import DelayLine
+from drake_quad.framework.elementary import where
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.laboratory.delay_line import carried, declare_delay_line, newest
+from drake_quad.signals import Number, Wrench
 
 
-@formula
-def sent(wrench: Rows, last: Rows, number: Rows, loss_rate: Rows) -> tuple[Rows]:
-    """The wrench, or the last one again if the packet is lost, for which the number is below the loss rate."""
-    return (where(number[0] < loss_rate[0], last, wrench),)
+class PacketLoss(NamedTuple):
+    """A random number between 0 and 1 for each packet, which is lost if it is below the loss rate."""
+
+    packet: Number
+
+
+class LinkNumbers(NamedTuple):
+    """What a command link does to packets.
+
+    Attributes:
+        delay_ticks: whole number of ticks from sampling to arrival.
+        loss_rate: share of the packets that are lost.
+        initial: the wrench that is out before the first packet arrives.
+    """
+
+    delay_ticks: Number = 0.0
+    loss_rate: Number = 0.0
+    initial: Wrench = Wrench(0.0, 0.0, 0.0, 0.0)
+
+
+def sent(
+    wrench: Wrench, out: Wrench, under_way: tuple[Wrench, ...], random: PacketLoss | None, numbers: LinkNumbers
+) -> Any:
+    """What is out, and under way if there can be a delay, after a tick.
+
+    Args:
+        wrench: sampled at this tick.
+        out: the wrench that is out.
+        under_way: the last packets, the newest first.
+        random: None if no packet can be lost.
+        numbers: of the link.
+    """
+    packet = wrench
+    if random is not None:
+        packet = where(random.packet < numbers.loss_rate, newest(out, under_way), wrench)
+    return carried(packet, under_way, numbers.delay_ticks)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -29,49 +61,33 @@ class CommandLink(FleetSystem):
         output_ports:
         - wrench
 
-    Both wrenches have 4 rows: F_z (N), τ_x, τ_y, τ_z (N m). What is sampled at a tick leaves `delay_ticks` later; a
-    packet that is lost leaves the one before it out. `packet_loss` (1 row) is random: a number between 0 and 1 for
-    each packet, which is lost if it is below the loss rate. The port is there if packets can be lost.
+    What is sampled at a tick leaves `delay_ticks` later; in place of a packet that is lost goes the one before it.
+    `packet_loss` is random: a number between 0 and 1 for each packet, which is lost if it is below the loss rate. The
+    port is there if packets can be lost.
 
-    Discrete-state groups, 4 rows each: those of a `DelayLine`. Numeric parameters of the context: the delay, if there
-    can be any, and the loss rate, if packets can be lost.
+    The states are those of a `DelayLine`, `wrench` and `wrench_under_way`; the only parameter of the context is `link`.
 
     Args:
         num_vehicles: N.
         period: of the ticks, s; the paper's controllers run at 50 Hz.
-        delay_ticks: whole number of ticks from sampling to arrival; a number or an (N,) array.
-        longest_delay: that it will ever be in a context; if not given, no longer than these.
-        loss_rate: share of the packets that are lost, 1; likewise.
-        initial: 4 rows, the wrench that is out before the first one arrives.
+        longest_delay: that there will ever be, in ticks.
+        loses_packets: whether packets can be lost.
+        numbers: of the link.
     """
 
     def declare(
         self,
         *,
-        num_vehicles: int = 1,
         period: float = 0.02,
-        delay_ticks: Row = 0,
-        longest_delay: int | None = None,
-        loss_rate: Row = 0.0,
-        initial: Rows = (0.0, 0.0, 0.0, 0.0),
+        longest_delay: int = 0,
+        loses_packets: bool = False,
+        numbers: LinkNumbers = LinkNumbers(),
     ) -> None:
-        """Declares the system; see the class for the arguments."""
-        self.period = period
-        self._wrench = self.input("wrench", 4)
-        self._line = DelayLine(self, "wrench", initial, delay_ticks, longest_delay)
-        self._loss_rate = None
-        if not is_zero(loss_rate):
-            self._loss_rate = self.numeric_parameter([loss_rate])
-            self._send = self.mapped(sent, inputs=(4, 4, 1, 1), outputs=(4,))
-            self._packet_loss = self.random_input("packet_loss", 1, RandomDistribution.kUniform)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._tick)
-        self.state_output(4, self._line.out)
-
-    def _tick(self, context: Any, discrete_state: Any) -> None:
-        wrench, packet = self.EvalVectorInput(context, self._wrench), self._line.advance(context, discrete_state)
-        if self._loss_rate is None:
-            self.copy(packet, wrench)
-        else:
-            (number,), rate = self.inputs(context, self._packet_loss), self.parameter(context, self._loss_rate)
-            self._send([packet], [wrench, self._line.newest(context), number, rate])
-        self._line.release(context, discrete_state)
+        """Declares the system."""
+        wrench, link = self.input("wrench"), self.parameter("link", lambda numbers: numbers)
+        random = None
+        if loses_packets:
+            random = self.random_input("packet_loss", PacketLoss, RandomDistribution.kUniform, period=period)
+        line = declare_delay_line(self, "wrench", lambda numbers: numbers.initial, longest_delay)
+        self.update(period, sent, wrench, line.out, line.under_way, random, link, writes=line.writes)
+        self.state_output(line.out)

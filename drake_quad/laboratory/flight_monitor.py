@@ -4,11 +4,12 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
+from pydrake.systems.framework import Context
 
-from drake_quad.compiled import formula
-from drake_quad.elementary import Row, Rows, minimum, where
-from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.laboratory.metrics import NUM_SUMS, Metrics, add_tick, summarized
+from drake_quad.framework.elementary import minimum, where
+from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.laboratory.metrics import Metrics, PerAxis, Sums, add_tick, summarized
+from drake_quad.signals import Acceleration, Crashed, CrashTime, PositionError, Reference, Row, State, Wrench
 
 
 class CrashLimits(NamedTuple):
@@ -25,53 +26,76 @@ class CrashLimits(NamedTuple):
     height: float = -0.5
 
 
-@formula
+class Window(NamedTuple):
+    """When a flight counts for its metrics.
+
+    Attributes:
+        start: first time that counts, s.
+        end: last time that counts, s.
+    """
+
+    start: float = 0.0
+    end: float = math.inf
+
+
+class Judgement(NamedTuple):
+    """What the monitor knows of a vehicle.
+
+    Attributes:
+        crashed: whether it has crashed.
+        crash_time: when.
+        sums: from which its metrics follow.
+    """
+
+    crashed: Crashed
+    crash_time: CrashTime
+    sums: Sums
+
+
 def judged(
-    state: Rows,
-    reference: Rows,
-    command: Rows,
-    shortfall: Rows,
-    crash_time: Rows,
-    sums: Rows,
+    state: State,
+    reference: Reference,
+    command: Acceleration,
+    shortfall: Wrench,
+    before: CrashTime,
+    sums: Sums,
     time: Row,
-    counts: float,
-    tilt: float,
-    reach: float,
-    height: float,
-) -> tuple[Rows, Rows, Rows]:
-    """Whether a vehicle has crashed (1 or 0), when (s), and its sums.
+    limits: CrashLimits,
+    window: Window,
+) -> Judgement:
+    """What the monitor knows of a vehicle after one more tick.
 
     Args:
-        state: 12 rows.
-        reference: 11 rows.
-        command: commanded acceleration, 3 rows, m/s².
-        shortfall: what is given up of the wrench, 4 rows.
-        crash_time: until now, s; infinite for a vehicle that has not crashed.
-        sums: until now, 15 rows.
+        state: the true one.
+        reference: to follow.
+        command: commanded acceleration.
+        shortfall: what is given up of the wrench.
+        before: when it crashed, until now.
+        sums: until now.
         time: s.
-        counts: 1 if this tick counts for the metrics, else 0.
-        tilt: the largest, rad.
-        reach: the largest position error, m.
-        height: the least, m.
+        limits: beyond which a vehicle has crashed.
+        window: in which ticks count.
     """
-    e_x, e_y, e_z = reference[0] - state[0], reference[1] - state[1], reference[2] - state[2]
-    total = command[0] + command[1] + command[2]
+    error = PositionError(reference.x - state.x, reference.y - state.y, reference.z - state.z)
+    total = command.x + command.y + command.z
     # Not a number is beyond any limit.
     flying = (
-        (abs(state[3]) <= tilt)
-        & (abs(state[4]) <= tilt)
-        & (e_x * e_x + e_y * e_y + e_z * e_z <= reach * reach)
-        & (state[2] >= height)
+        (abs(state.roll) <= limits.tilt)
+        & (abs(state.pitch) <= limits.tilt)
+        & (error.x * error.x + error.y * error.y + error.z * error.z <= limits.position_error * limits.position_error)
+        & (state.z >= limits.height)
         & (total - total == 0.0)
-        & (crash_time[0] == math.inf)
+        & (before.crash_time == math.inf)
     )
-    lost_1, lost_2, lost_3, lost_4 = shortfall
-    saturated = where((lost_1 != 0.0) | (lost_2 != 0.0) | (lost_3 != 0.0) | (lost_4 != 0.0), 1.0, 0.0)
-    after = add_tick(sums, (e_x, e_y, e_z), command, saturated)
-    return (
-        (where(flying, 0.0, 1.0),),
-        (where(flying, crash_time[0], minimum(crash_time[0], time)),),
-        where(flying & (counts != 0.0), after, sums),
+    complete = True
+    for part in shortfall:
+        complete = complete & (part == 0.0)
+    after = add_tick(sums, error, command, where(complete, 0.0, 1.0))
+    counts = (time >= window.start) & (time <= window.end)
+    return Judgement(
+        Crashed(where(flying, 0.0, 1.0)),
+        CrashTime(where(flying, before.crash_time, minimum(before.crash_time, time))),
+        where(flying & counts, after, sums),
     )
 
 
@@ -91,55 +115,46 @@ class FlightMonitor(FleetSystem):
         - crashed
         - crash_time
 
-    At every tick of the control it compares the true position in `state` (12 rows) with that in `reference` (11) and
-    adds to the sums of `drake_quad.laboratory.metrics`. A vehicle has crashed when it is beyond a limit or when the
-    commanded acceleration is not finite: `crashed` (1) is then 1 instead of 0, and `crash_time` (1) is that tick (s)
-    instead of infinity. The tick of a crash no longer counts. `acceleration_command` (3) is what the control effort
-    is made of and `shortfall` (4) what saturation is; not connected they count as zero.
+    At every tick of the control it compares the true position in `state` with that in `reference` and adds to the sums
+    of `drake_quad.laboratory.metrics`. A vehicle has crashed when it is beyond a limit or when the commanded
+    acceleration is not finite: `crashed` is then 1 instead of 0, and `crash_time` is that tick instead of infinity. The
+    tick of a crash no longer counts. `acceleration_command` is what the control effort is made of and `shortfall` what
+    saturation is; not connected they count as zero.
 
-    Discrete-state groups: 0 `crashed`, 1 `crash_time`, 2 the 15 rows of sums.
+    The states are `crashed`, `crash_time` and `sums`.
 
     Args:
         num_vehicles: N.
         period: of the ticks, s.
         limits: beyond which a vehicle has crashed.
-        window: first and last time that counts for the metrics, s.
+        window: in which ticks count for the metrics.
     """
 
     def declare(
-        self,
-        *,
-        num_vehicles: int = 1,
-        period: float = 0.02,
-        limits: CrashLimits = CrashLimits(),
-        window: tuple[float, float] = (0.0, math.inf),
+        self, *, period: float = 0.02, limits: CrashLimits = CrashLimits(), window: Window = Window()
     ) -> None:
-        """Declares the system; see the class for the arguments."""
-        self._period, self._limits, self._window = period, limits, window
-        self._state = self.input("state", 12)
-        self._reference = self.input("reference", 11)
-        self._command = self.input("acceleration_command", 3)
-        self._shortfall = self.input("shortfall", 4)
-        self._crashed = self.discrete_state("crashed", [0.0])
-        self._crash_time = self.discrete_state("crash_time", [math.inf])
-        self._sums = self.discrete_state("sums", [0.0] * NUM_SUMS)
-        self._judge = self.mapped(judged, inputs=(12, 11, 3, 4, 1, NUM_SUMS), outputs=(1, 1, NUM_SUMS))
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._watch)
-        self.state_output(1, self._crashed)
-        self.state_output(1, self._crash_time)
+        """Declares the system."""
+        self._period = period
+        state, reference = self.input("state"), self.input("reference")
+        self._command = self.input("acceleration_command", absent=Acceleration(0.0, 0.0, 0.0))
+        self._shortfall = self.input("shortfall", absent=Wrench(0.0, 0.0, 0.0, 0.0))
+        crashed = self.state("crashed", lambda _: Crashed(0.0))
+        crash_time, sums = self.state("crash_time", lambda _: CrashTime(math.inf)), self.state("sums", lambda _: Sums())
+        reads = state, reference, self._command, self._shortfall, crash_time, sums, TIME, limits, window
+        self.update(period, judged, *reads, writes=[crashed, crash_time, sums])
+        self.state_output(crashed)
+        self.state_output(crash_time)
 
-    def metrics(self, context: Any) -> Metrics:
+    def metrics(self, context: Context) -> Metrics:
         """The metrics so far, (N,) arrays; those of what is not connected are NaN."""
-        sums = context.get_discrete_state(self._sums).CopyToVector().reshape(NUM_SUMS, self.num_vehicles)
-        if not self.get_input_port(self._command).HasValue(context):
-            sums[6:12] = np.nan
-        if not self.get_input_port(self._shortfall).HasValue(context):
-            sums[2] = np.nan
-        return summarized(sums, context.get_discrete_state(self._crash_time).CopyToVector(), self._period)
+        sums, unknown = self._arrays(context, "sums"), PerAxis(np.nan, np.nan, np.nan)
+        if not self.get_input_port(self._command.index).HasValue(context):
+            sums = sums._replace(effort=unknown, variation=unknown)
+        if not self.get_input_port(self._shortfall.index).HasValue(context):
+            sums = sums._replace(saturated=np.nan)
+        return summarized(sums, self._arrays(context, "crash_time").crash_time, self._period)
 
-    def _watch(self, context: Any, discrete_state: Any) -> None:
-        time, (first, last) = context.get_time(), self._window
-        counts = 1.0 if first <= time <= last else 0.0
-        groups = [discrete_state.get_mutable_vector(i) for i in (self._crashed, self._crash_time, self._sums)]
-        inputs = self.inputs(context, self._state, self._reference, self._command, self._shortfall)
-        self._judge(groups, [*inputs, *groups[1:]], time, counts, *self._limits)
+    def _arrays(self, context: Context, name: str) -> Any:
+        """The record of a state, of (N,) arrays."""
+        group = self.states[name]
+        return group.layout.build(group.vector(self, context).CopyToVector().reshape(-1, self.num_vehicles))

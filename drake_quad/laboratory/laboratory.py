@@ -18,10 +18,10 @@ from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_quad.fleet import split_output
-from drake_quad.laboratory.tape import Samples, connect_random_sources, connect_tapes, random_ports
+from drake_quad.framework.wiring import split_output
 from drake_quad.laboratory.wind.wind import build_wind
-from drake_quad.randomness import Kind
+from drake_quad.randomness.noise import Samples, connect_noise, connect_random_sources, random_streams
+from drake_quad.randomness.streams import Kind
 
 
 def build_laboratory(
@@ -57,8 +57,8 @@ def build_laboratory(
         allocation: from `wrench` to `rotor_speed_command` and `shortfall`, packed.
         motion_capture: from `state` to `measurement`.
         command_link: from `wrench` to `wrench`.
-        wind: sources of it, as `build_wind` takes them.
-        samples: that the vehicles fly, from whose tapes the random input ports are fed; or None, to feed them from
+        wind: its sources by name, each with one output port and perhaps the input port `state`.
+        samples: of a study that the vehicles fly, which say what noise there is; None to feed random input ports from
             Drake's random sources.
     """
     builder = DiagramBuilder()
@@ -66,21 +66,27 @@ def build_laboratory(
     allocated = split_output(builder, "allocation", allocation)
     builder.AddNamedSystem("vehicle", vehicle)
     builder.AddNamedSystem("motion_capture", motion_capture)
-    sum_of_wind = builder.AddNamedSystem("wind", build_wind(wind, num_vehicles=vehicle.num_vehicles))
+    gusts = random_streams(wind, Kind.WIND)
+    air = builder.AddNamedSystem("wind", build_wind(wind, streams=gusts, num_vehicles=vehicle.num_vehicles))
 
     builder.Connect(command_link.GetOutputPort("wrench"), allocation.GetInputPort("wrench"))
     builder.Connect(allocated["rotor_speed_command"], vehicle.GetInputPort("rotor_speed_command"))
-    builder.Connect(sum_of_wind.GetOutputPort("wind"), vehicle.GetInputPort("wind"))
-    for watcher in (motion_capture, sum_of_wind):
-        if watcher.HasInputPort("state"):
-            builder.Connect(vehicle.GetOutputPort("state"), watcher.GetInputPort("state"))
-    noisy = {"motion_capture": motion_capture, "command_link": command_link}
-    gusty = [each._replace(port=sum_of_wind.GetInputPort(each.stream.name)) for each in random_ports(wind, Kind.WIND)]
-    ports = [*random_ports(noisy, Kind.NOISE), *gusty]
+    builder.Connect(air.GetOutputPort("wind"), vehicle.GetInputPort("wind"))
+    builder.Connect(vehicle.GetOutputPort("state"), motion_capture.GetInputPort("state"))
+    if air.HasInputPort("state"):
+        builder.Connect(vehicle.GetOutputPort("state"), air.GetInputPort("state"))
+
+    electronics = {"motion_capture": motion_capture, "command_link": command_link}
+    ports = {
+        stream: electronics[name].GetInputPort(stream.name.removeprefix(f"{name}."))
+        for name, streams in random_streams(electronics, Kind.NOISE).items()
+        for stream in streams
+    }
+    ports |= {stream: air.GetInputPort(stream.name) for streams in gusts.values() for stream in streams}
     if samples is None:
         connect_random_sources(builder, ports)
     else:
-        connect_tapes(builder, ports, samples)
+        connect_noise(builder, ports, samples)
 
     builder.ExportInput(command_link.GetInputPort("wrench"), "wrench")
     builder.ExportInput(vehicle.GetInputPort("crashed"), "crashed")
@@ -89,7 +95,7 @@ def build_laboratory(
     builder.ExportOutput(vehicle.GetOutputPort("rotor_speed"), "rotor_speed")
     builder.ExportOutput(allocated["rotor_speed_command"], "rotor_speed_command")
     builder.ExportOutput(allocated["shortfall"], "shortfall")
-    builder.ExportOutput(sum_of_wind.GetOutputPort("wind"), "wind")
+    builder.ExportOutput(air.GetOutputPort("wind"), "wind")
     laboratory = builder.Build()
     laboratory.set_name("laboratory")
     return laboratory

@@ -13,110 +13,132 @@ Ticks count within the scenario's window and until the vehicle crashes.
 """
 
 import math
-from typing import NamedTuple
+from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 
 import numpy as np
 
-from drake_quad.compiled import formula
-from drake_quad.elementary import Row, Rows, maximum, minimum
+from drake_quad.framework.elementary import maximum, minimum
+from drake_quad.signals import Acceleration, Number, PositionError, Quantity, Row, Time
 
-# Rows of the sums: ticks, max |e|², saturated ticks, Σ e² (3), Σ u² (3), Σ |Δu| (3), the last u (3).
-NUM_SUMS = 15
+_Length = Annotated[Row, Quantity("m")]
+_Effort = Annotated[Row, Quantity("m²/s⁴")]
+_Variation = Annotated[Row, Quantity("m/s³")]
+
+
+class PerAxis(NamedTuple):
+    """A sum for each axis of W."""
+
+    x: Row = 0.0
+    y: Row = 0.0
+    z: Row = 0.0
+
+
+class Sums(NamedTuple):
+    """What is gathered tick by tick; all zero at the beginning.
+
+    Attributes:
+        ticks: n.
+        peak: max |e|², m².
+        saturated: ticks at which the rotors cannot give the wrench.
+        error: Σ e², m².
+        effort: Σ u², m²/s⁴.
+        variation: Σ |Δu|, m/s².
+        last: u of the tick before, m/s².
+    """
+
+    ticks: Row = 0.0
+    peak: Row = 0.0
+    saturated: Row = 0.0
+    error: PerAxis = PerAxis()
+    effort: PerAxis = PerAxis()
+    variation: PerAxis = PerAxis()
+    last: PerAxis = PerAxis()
 
 
 class Metrics(NamedTuple):
     """Metrics of a flight, or (N,) arrays of them for a fleet; NaN where no tick counted or nothing was commanded.
 
     Attributes:
-        rmse: of the Euclidean position error, m.
-        rmse_x: of the position error along X of W, m; `rmse_y` and `rmse_z` likewise.
-        peak_error: largest Euclidean position error, m.
-        effort_x: control effort on X, m²/s⁴; `effort_y` and `effort_z` likewise.
-        variation_x: total variation of the commanded acceleration on X, m/s³; `variation_y`, `variation_z` likewise.
+        rmse: of the Euclidean position error.
+        rmse_x: of the position error along X of W.
+        rmse_y: along Y.
+        rmse_z: along Z.
+        peak_error: largest Euclidean position error.
+        effort_x: control effort on X.
+        effort_y: on Y.
+        effort_z: on Z.
+        variation_x: total variation of the commanded acceleration on X.
+        variation_y: on Y.
+        variation_z: on Z.
         saturation_share: between 0 and 1.
-        crash_time: s; infinite for a vehicle that did not crash.
+        crash_time: infinite for a vehicle that did not crash.
     """
 
-    rmse: Row
-    rmse_x: Row
-    rmse_y: Row
-    rmse_z: Row
-    peak_error: Row
-    effort_x: Row
-    effort_y: Row
-    effort_z: Row
-    variation_x: Row
-    variation_y: Row
-    variation_z: Row
-    saturation_share: Row
-    crash_time: Row
+    rmse: _Length
+    rmse_x: _Length
+    rmse_y: _Length
+    rmse_z: _Length
+    peak_error: _Length
+    effort_x: _Effort
+    effort_y: _Effort
+    effort_z: _Effort
+    variation_x: _Variation
+    variation_y: _Variation
+    variation_z: _Variation
+    saturation_share: Number
+    crash_time: Time
 
     @property
-    def crashed(self) -> Row:
+    def crashed(self) -> Any:
         """Whether the vehicle crashed."""
         return self.crash_time < math.inf
 
 
-UNITS = {
-    **dict.fromkeys(("rmse", "rmse_x", "rmse_y", "rmse_z", "peak_error"), "m"),
-    **dict.fromkeys(("effort_x", "effort_y", "effort_z"), "m²/s⁴"),
-    **dict.fromkeys(("variation_x", "variation_y", "variation_z"), "m/s³"),
-    "saturation_share": "1",
-    "crash_time": "s",
-}
+UNITS = {name: get_args(hint)[1].unit for name, hint in get_type_hints(Metrics, include_extras=True).items()}
+"""The unit of each metric."""
 
 
-@formula
-def add_tick(sums: Rows, error: Rows, command: Rows, saturated: Row) -> tuple[Row, ...]:
+def add_tick(sums: Sums, error: PositionError, command: Acceleration, saturated: Row) -> Sums:
     """Returns the sums with one more tick.
 
     Args:
-        sums: 15 rows, zero at the beginning.
-        error: reference minus true position, 3 rows, m.
-        command: commanded acceleration, 3 rows, m/s².
+        sums: until now.
+        error: reference minus true position.
+        command: commanded acceleration.
         saturated: 1 where the rotors cannot give the commanded wrench, else 0.
     """
-    ticks, peak, saturated_ticks, ee_x, ee_y, ee_z, uu_x, uu_y, uu_z, du_x, du_y, du_z, last_x, last_y, last_z = sums
-    e_x, e_y, e_z = error[0] * error[0], error[1] * error[1], error[2] * error[2]
-    u_x, u_y, u_z = command
-    started = minimum(ticks, 1.0)
-    return (
-        ticks + 1.0,
-        maximum(peak, e_x + e_y + e_z),
-        saturated_ticks + saturated,
-        ee_x + e_x,
-        ee_y + e_y,
-        ee_z + e_z,
-        uu_x + u_x * u_x,
-        uu_y + u_y * u_y,
-        uu_z + u_z * u_z,
-        du_x + started * abs(u_x - last_x),
-        du_y + started * abs(u_y - last_y),
-        du_z + started * abs(u_z - last_z),
-        u_x,
-        u_y,
-        u_z,
+    e_x, e_y, e_z = (e * e for e in error)
+    started = minimum(sums.ticks, 1.0)
+    return Sums(
+        ticks=sums.ticks + 1.0,
+        peak=maximum(sums.peak, e_x + e_y + e_z),
+        saturated=sums.saturated + saturated,
+        error=PerAxis(sums.error.x + e_x, sums.error.y + e_y, sums.error.z + e_z),
+        effort=PerAxis._make(total + u * u for total, u in zip(sums.effort, command, strict=True)),
+        variation=PerAxis._make(
+            total + started * abs(u - last)
+            for total, u, last in zip(sums.variation, command, sums.last, strict=True)
+        ),
+        last=PerAxis(*command),
     )
 
 
-def summarized(sums: np.ndarray, crash_time: np.ndarray, period: float) -> Metrics:
+def summarized(sums: Sums, crash_time: np.ndarray, period: float) -> Metrics:
     """Returns the metrics of each vehicle.
 
     Args:
-        sums: (15, N).
+        sums: of (N,) arrays.
         crash_time: (N,), s; infinite for a vehicle that did not crash.
         period: of the ticks, s.
     """
-    ticks = np.where(sums[0] > 0.0, sums[0], np.nan)
-    time = np.where(sums[0] > 1.0, sums[0] - 1.0, np.nan) * period
-    return Metrics._make(
-        [
-            np.sqrt(sums[3:6].sum(axis=0) / ticks),
-            *np.sqrt(sums[3:6] / ticks),
-            np.sqrt(sums[1] * np.where(sums[0] > 0.0, 1.0, np.nan)),
-            *(sums[6:9] / ticks),
-            *(sums[9:12] / time),
-            sums[2] / ticks,
-            crash_time,
-        ]
+    ticks = np.where(sums.ticks > 0.0, sums.ticks, np.nan)
+    time = np.where(sums.ticks > 1.0, sums.ticks - 1.0, np.nan) * period
+    return Metrics(
+        np.sqrt(np.sum(sums.error, axis=0) / ticks),
+        *(np.sqrt(total / ticks) for total in sums.error),
+        np.sqrt(sums.peak * np.where(sums.ticks > 0.0, 1.0, np.nan)),
+        *(total / ticks for total in sums.effort),
+        *(total / time for total in sums.variation),
+        sums.saturated / ticks,
+        crash_time,
     )

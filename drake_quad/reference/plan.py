@@ -11,6 +11,10 @@ from pydrake.trajectories import PiecewisePolynomial
 from drake_quad.reference.polynomial_path import PolynomialPath, path_derivative, refined
 from drake_quad.reference.routes import Leg
 from drake_quad.reference.yaw import constant_yaw
+from drake_quad.signals import SIGNALS, Jerk, Reference, Snap
+
+REFERENCE_PORTS = {name: SIGNALS[name] for name in ("reference", "reference_jerk", "reference_snap")}
+"""What a plan shows at each of its ports."""
 
 
 @dataclass(frozen=True)
@@ -66,15 +70,15 @@ class Plan:
         return to_piecewise_polynomial(path_derivative(self.path, order))
 
     def reference(self) -> PiecewisePolynomial:
-        """The (18, 1) trajectory of what the reference shows.
-
-        Its rows are those of the `reference` port, position, velocity, acceleration, yaw and yaw rate, then the jerk,
-        then the snap and the yaw's acceleration.
-        """
+        """The trajectory of what the reference shows: the rows of the ports in `REFERENCE_PORTS`, one after another."""
         path, yaw = refined(self.path, self.yaw.times), refined(self.yaw, self.path.times)
         position, velocity, acceleration, jerk, snap = (_axes(path_derivative(path, order)) for order in range(5))
-        angle, rate, angular_acceleration = (_axes(path_derivative(yaw, order)) for order in range(3))
-        rows = [*position, *velocity, *acceleration, *angle, *rate, *jerk, *snap, *angular_acceleration]
+        (angle,), (rate,), (angular_acceleration,) = (_axes(path_derivative(yaw, order)) for order in range(3))
+        rows = [
+            *Reference(*position, *velocity, *acceleration, angle, rate),
+            *Jerk(*jerk),
+            *Snap(*snap, angular_acceleration),
+        ]
         return _piecewise_polynomial(path.times, rows)
 
 

@@ -4,6 +4,7 @@ import re
 from typing import Any
 
 from drake_quad.scenario.models import Journey
+from drake_quad.scenario.paths import parts_of
 
 
 def description_at(scenario: Journey, path: str) -> str:
@@ -11,16 +12,14 @@ def description_at(scenario: Journey, path: str) -> str:
 
     Args:
         scenario: that has it.
-        path: as `distributions_in` gives it, for example `vehicle.inertia[0]`.
+        path: of the field, for example `vehicle.inertia.0`.
     """
     value: Any = scenario
     text = ""
-    for name, index in re.findall(r"(\w+)|\[(\d+)\]", path):
-        if name:
-            text = type(value).model_fields[name].description or text
-            value = getattr(value, name)
-        else:
-            value = value[int(index)]
+    for step in path.split("."):
+        if not step.isdecimal():
+            text = type(value).model_fields[step].description or text
+        value = dict(parts_of(value))[step]
     return text
 
 

@@ -2,17 +2,18 @@
 
 import difflib
 import re
-from collections.abc import Iterator, Sequence
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar
 
 from pydantic import ValidationError
 
 from drake_quad.errors import InputError, shortened, shown
-from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
+from drake_quad.scenario.distributions import DISTRIBUTIONS
 from drake_quad.scenario.library import Library, merged
 from drake_quad.scenario.limits import MOST_LEVELS
 from drake_quad.scenario.models import Journey, Scenario
+from drake_quad.scenario.paths import joined
 from drake_quad.scenario.trees import Mark, Tree
 
 _TAGS = ("number", *DISTRIBUTIONS)
@@ -97,22 +98,6 @@ def _validated(model: type[_Loaded], tree: Tree) -> _Loaded:
         return model.model_validate(data)
     except ValidationError as error:
         raise InputError(_explain(error, tree, data)) from None
-
-
-def distributions_in(scenario: Journey) -> list[str]:
-    """The paths of the fields of a scenario that hold a distribution."""
-    return list(_distributions(scenario, ""))
-
-
-def _distributions(value: Any, path: str) -> Iterator[str]:
-    if isinstance(value, tuple(DISTRIBUTIONS.values())):
-        yield path
-    elif isinstance(value, Model):
-        for name in type(value).model_fields:
-            yield from _distributions(getattr(value, name), f"{path}.{name}" if path else name)
-    elif isinstance(value, tuple):
-        for i, item in enumerate(value):
-            yield from _distributions(item, f"{path}[{i}]")
 
 
 def _parsed(override: Override, library: Library) -> Tree:
@@ -212,9 +197,6 @@ def _real_path(location: tuple[Any, ...], data: Any) -> tuple[Any, ...]:
 
 
 def _written(path: tuple[Any, ...]) -> str:
-    """The path as in `vehicle.inertia[0]`."""
-    text = "".join(
-        f"[{key}]" if isinstance(key, int) else f".{key}" if str(key).isidentifier() else f".{shown(key)}"
-        for key in path
-    )
-    return shortened(text.lstrip("."), _MOST_OF_A_PATH) or "the scenario"
+    """The path as in `vehicle.inertia.0`."""
+    steps = [key if isinstance(key, int) or str(key).isidentifier() else shown(key) for key in path]
+    return shortened(joined(*steps), _MOST_OF_A_PATH) or "the scenario"

@@ -63,6 +63,11 @@ def whole(*, least: int, most: int) -> AfterValidator:
     return AfterValidator(check)
 
 
+def can_differ_from_zero(value: NumberOrDistribution) -> bool:
+    """Is a quantity anything but the number zero? Then what it stands for has a place in the diagram."""
+    return not isinstance(value, float | int) or value != 0.0
+
+
 def excludes_zero(value: NumberOrDistribution) -> bool:
     """Whether a quantity cannot be zero, nor so small that it might as well be, whatever is drawn."""
     if isinstance(value, Choice):

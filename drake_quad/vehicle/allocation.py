@@ -1,10 +1,10 @@
 """From a commanded wrench to rotor speeds: the inverse of eq (5) within the rotors' limits."""
 
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
-from drake_quad.compiled import formula
-from drake_quad.elementary import Row, Rows, maximum, minimum, sqrt
-from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.elementary import maximum, minimum, sqrt
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.signals import Quantity, RotorRate, RotorSpeed, Row, Wrench
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # Keeps 0 / 0 away where there is neither room nor demand; no squared rotor speed is as small.
@@ -15,18 +15,18 @@ class RotorModel(NamedTuple):
     """What the autopilot believes of the rotors, all four alike.
 
     Attributes:
-        thrust_factor: b, N s².
-        drag_factor: d, N m s².
-        arm_length: l, m.
-        min_speed: rad/s.
-        max_speed: rad/s.
+        thrust_factor: b.
+        drag_factor: d.
+        arm_length: l.
+        min_speed: idle.
+        max_speed: the largest.
     """
 
-    thrust_factor: Row
-    drag_factor: Row
-    arm_length: Row
-    min_speed: Row
-    max_speed: Row
+    thrust_factor: Annotated[Row, Quantity("N s²")]
+    drag_factor: Annotated[Row, Quantity("N m s²")]
+    arm_length: Annotated[Row, Quantity("m")]
+    min_speed: RotorRate
+    max_speed: RotorRate
 
     @classmethod
     def of(cls, parameters: QuadrotorParameters) -> "RotorModel":
@@ -40,9 +40,20 @@ class RotorModel(NamedTuple):
         )
 
 
-@formula
-def allocate(wrench: Rows, rotors: Rows) -> tuple[Rows, Rows]:
-    """Returns the rotor speeds for a wrench, or for the part of it that the rotors can give, and what is given up.
+class Allocated(NamedTuple):
+    """What comes of a wrench.
+
+    Attributes:
+        rotor_speed_command: the rotor speeds that give it, or the part of it that the rotors can give.
+        shortfall: the part that is given up, exactly zero where nothing is.
+    """
+
+    rotor_speed_command: RotorSpeed
+    shortfall: Wrench
+
+
+def allocate(wrench: Wrench, rotors: RotorModel) -> Allocated:
+    """The rotor speeds for a wrench, or for the part of it that the rotors can give, and what is given up.
 
     Where they cannot give all, yaw torque is given up first, then roll and pitch torque in equal shares, and thrust
     last. In squared rotor speeds, with the thrust's `level`, the `room` above and below it, and the sizes of what
@@ -52,14 +63,6 @@ def allocate(wrench: Rows, rotors: Rows) -> tuple[Rows, Rows]:
 
     so roll and pitch leave yaw an interval, and their share is the largest for which that interval still holds a
     yaw between none and the one that is wanted.
-
-    Args:
-        wrench: F_z (N), τ_x, τ_y, τ_z (N m).
-        rotors: a `RotorModel`, as believed, or its five rows.
-
-    Returns:
-        Four rotor speeds (rad/s), and the four parts of the wrench that are given up (N, N m): exactly zero where
-        nothing is.
     """
     thrust, tau_x, tau_y, tau_z = wrench
     b, d, length, min_speed, max_speed = rotors
@@ -75,18 +78,17 @@ def allocate(wrench: Rows, rotors: Rows) -> tuple[Rows, Rows]:
     least, most = maximum(along - below, across - above), minimum(above - along, below - across)
     yaw = maximum(minimum(wanted_yaw, most), least)
     given_up = 1.0 - share
-    return (
-        (
+    return Allocated(
+        RotorSpeed(
             sqrt(maximum(level - pitch + yaw, low)),
             sqrt(maximum(level - roll - yaw, low)),
             sqrt(maximum(level + pitch + yaw, low)),
             sqrt(maximum(level + roll - yaw, low)),
         ),
-        (4.0 * b * (wanted_level - level), given_up * tau_x, given_up * tau_y, 4.0 * d * (wanted_yaw - yaw)),
+        Wrench(4.0 * b * (wanted_level - level), given_up * tau_x, given_up * tau_y, 4.0 * d * (wanted_yaw - yaw)),
     )
 
 
-@formula
 def _share_of_roll_and_pitch(level: Row, across: Row, along: Row, yaw: Row, low: Row, high: Row) -> Row:
     """The largest share, at most 1, of roll and pitch that leaves a yaw between none and the wanted one.
 
@@ -106,7 +108,6 @@ def _share_of_roll_and_pitch(level: Row, across: Row, along: Row, yaw: Row, low:
     return minimum(minimum(_share(room_along, along), _share(room_across, across)), _share(room_both, along + across))
 
 
-@formula
 def _share(room: Row, demand: Row) -> Row:
     return room / maximum(demand, maximum(room, _TINY))
 
@@ -123,25 +124,17 @@ class Allocation(FleetSystem):
         output_ports:
         - rotor_speed_command_and_shortfall
 
-    The output packs what `allocate` returns for `wrench` (4 rows: F_z in N; τ_x, τ_y, τ_z in N m):
-    `rotor_speed_command` (4 rows, rad/s), the inverse of eq (5) within the rotors' limits, and `shortfall` (4 rows),
-    what was given up of the wrench for that.
+    The output packs the two signals of `Allocated`: `rotor_speed_command`, the inverse of eq (5) within the rotors'
+    limits, and `shortfall`, what was given up of the `wrench` for that.
 
-    The model of the rotors is one numeric parameter of the context, the five rows of `RotorModel`.
+    The only parameter of the context is `rotors`.
 
     Args:
         num_vehicles: N.
-        rotors: what the autopilot believes of them.
+        numbers: what the autopilot believes of the rotors.
     """
 
-    def declare(self, *, num_vehicles: int = 1, rotors: RotorModel = RotorModel.of(QuadrotorParameters())) -> None:
-        """Declares the system; see the class for the arguments."""
-        self._rotors = self.numeric_parameter(rotors)
-        self._wrench = self.input("wrench", 4)
-        self._allocate = self.mapped(allocate, inputs=(4, 5), outputs=(4, 4))
-        uses = [self.all_input_ports_ticket(), self.all_parameters_ticket()]
-        parts = {"rotor_speed_command": 4, "shortfall": 4}
-        self.packed_output("rotor_speed_command_and_shortfall", parts, self._calc, uses=uses)
-
-    def _calc(self, context: Any, output: Any) -> None:
-        self._allocate([output], [self.EvalVectorInput(context, self._wrench), self.parameter(context, self._rotors)])
+    def declare(self, *, numbers: RotorModel = RotorModel.of(QuadrotorParameters())) -> None:
+        """Declares the system."""
+        wrench, rotors = self.input("wrench"), self.parameter("rotors", lambda rotors: rotors)
+        self.packed_output("rotor_speed_command_and_shortfall", Allocated, allocate, wrench, rotors)

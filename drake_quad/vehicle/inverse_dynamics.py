@@ -7,31 +7,31 @@ the torques.
 from typing import NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
 
 from drake_quad.flatness import angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
-from drake_quad.vehicle.dynamics import rotor_wrench
+from drake_quad.signals import Acceleration, Attitude, BodyRates, Jerk, Reference, RotorSpeed, Snap, Wrench
+from drake_quad.vehicle.dynamics import rotor_action
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
 class RotorDemand(NamedTuple):
-    """What a trajectory asks of the vehicle, at each of its samples.
+    """What a trajectory asks of the vehicle; the rows are as those of the trajectory.
 
     Attributes:
-        rotor_speed: (4, samples), rad/s; zero where a rotor would have to pull down.
-        attitude: (3, samples) roll, pitch, yaw, rad.
-        body_rates: (3, samples) p, q, r, rad/s.
-        wrench: (4, samples) F_z (N) and torques (N m) in B.
+        rotor_speed: zero where a rotor would have to pull down.
+        attitude: of the body.
+        body_rates: of the body.
+        wrench: of the rotors.
     """
 
-    rotor_speed: np.ndarray
-    attitude: np.ndarray
-    body_rates: np.ndarray
-    wrench: np.ndarray
+    rotor_speed: RotorSpeed
+    attitude: Attitude
+    body_rates: BodyRates
+    wrench: Wrench
 
 
 def rotor_demand(
-    acceleration: np.ndarray, jerk: np.ndarray, snap: np.ndarray, parameters: QuadrotorParameters, *, yaw: ArrayLike
+    reference: Reference, jerk: Jerk, snap: Snap, parameters: QuadrotorParameters
 ) -> RotorDemand:
     """Returns what the vehicle needs to follow a trajectory in still air without drag, rotors without lag.
 
@@ -39,39 +39,34 @@ def rotor_demand(
     equal speeds.
 
     Args:
-        acceleration: (3, samples) in W, m/s².
-        jerk: (3, samples), m/s³.
-        snap: (3, samples), m/s⁴.
+        reference: numbers, or arrays of samples.
+        jerk: of the reference.
+        snap: of the reference.
         parameters: of one vehicle.
-        yaw: (3, samples) or (3,) yaw (rad), its rate (rad/s) and acceleration (rad/s²).
     """
-    heading, yaw_rate, yaw_acceleration = np.broadcast_arrays(*np.asarray(yaw, dtype=float), acceleration[0])[:3]
-    gravity = np.array([[0.0], [0.0], [parameters.gravity]])
-    thrust, turned_jerk, turned_snap = (
-        in_heading(vector, np.sin(heading), np.cos(heading)) for vector in (acceleration + gravity, jerk, snap)
+    thrust = Acceleration(reference.a_x, reference.a_y, reference.a_z + parameters.gravity)
+    specific_thrust, turned_jerk, turned_snap = (
+        in_heading(vector, np.sin(reference.yaw), np.cos(reference.yaw)) for vector in (thrust, jerk, snap)
     )
-    tilt = tilt_of(thrust)
-    p, q, r = rates = body_rates(tilt, turned_jerk, yaw_rate)
-    p_dot, q_dot, r_dot = angular_accelerations(tilt, rates, turned_jerk, turned_snap, yaw_rate, yaw_acceleration)
+    tilt = tilt_of(specific_thrust)
+    p, q, r = rates = body_rates(tilt, turned_jerk, reference.yaw_rate)
+    p_dot, q_dot, r_dot = angular_accelerations(
+        tilt, rates, turned_jerk, turned_snap, reference.yaw_rate, snap.yaw
+    )
     i_xx, i_yy, i_zz = parameters.inertia
-    wrench = np.array(
-        [
-            parameters.mass * tilt.thrust,
-            i_xx * p_dot - (i_yy - i_zz) * q * r,
-            i_yy * q_dot - (i_zz - i_xx) * p * r,
-            i_zz * r_dot - (i_xx - i_yy) * p * q,
-        ]
+    wrench = Wrench(
+        parameters.mass * tilt.thrust,
+        i_xx * p_dot - (i_yy - i_zz) * q * r,
+        i_yy * q_dot - (i_zz - i_xx) * p * r,
+        i_zz * r_dot - (i_xx - i_yy) * p * q,
     )
-    squares = np.linalg.solve(_wrench_matrix(parameters), wrench)
+    squares = np.linalg.solve(_wrench_matrix(parameters), np.array(np.broadcast_arrays(*wrench)))
+    roll, pitch = attitude_of(tilt)
     return RotorDemand(
-        np.sqrt(np.maximum(squares, 0.0)),
-        np.array([*attitude_of(tilt), heading]),
-        np.array([p, q, r]),
-        wrench,
+        RotorSpeed(*np.sqrt(np.maximum(squares, 0.0))), Attitude(roll, pitch, reference.yaw), rates, wrench
     )
 
 
 def _wrench_matrix(parameters: QuadrotorParameters) -> np.ndarray:
     """(4, 4) matrix of eq (5), from squared rotor speeds to the wrench."""
-    unit = np.eye(4)
-    return np.array([rotor_wrench(column, parameters) for column in unit]).T
+    return np.array([rotor_action(RotorSpeed(*column), parameters).wrench for column in np.eye(4)]).T

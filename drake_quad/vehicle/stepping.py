@@ -5,173 +5,122 @@ rotors exactly, at the beginning, the middle and the end of the interval, and in
 wrench by the classical fourth-order Runge–Kutta method.
 """
 
-from typing import Any
+from typing import NamedTuple
 
-from drake_quad.compiled import formula
-from drake_quad.elementary import Row, Rows, exp, where
+from drake_quad.framework.elementary import exp, where
+from drake_quad.signals import Crashed, RotorSpeed, Row, State, Wind
 from drake_quad.vehicle.dynamics import (
     AttitudeKinematics,
+    Motion,
     equations_of_motion,
     held_rotor_speed,
-    quadrotor_derivative,
-    rigid_kinematics,
-    rotor_residual,
-    rotor_wrench,
-    small_angle_kinematics,
+    rigid_body_derivative,
+    rotor_action,
 )
-from drake_quad.vehicle.faults import rotor_speed_factor
-from drake_quad.vehicle.parameters import QuadrotorParameters, parameters_from_rows
-
-_AT_REST = (0.0,) * 16
+from drake_quad.vehicle.faults import RotorFaults, SpeedFactors, speed_factors
+from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
-@formula
+class VehicleState(NamedTuple):
+    """Rigid body and rotors; or their rates, per second."""
+
+    body: State
+    rotors: RotorSpeed
+
+
 def quadrotor_step(
-    kinematics: AttitudeKinematics,
-    rigid_body: Rows,
-    rotor_speed: Rows,
-    rotor_speed_command: Rows,
-    wind: Rows,
-    crashed: Rows,
-    parameters: Rows,
-    faults: Rows,
+    body: State,
+    rotors: RotorSpeed,
+    command: RotorSpeed,
+    wind: Wind,
+    crashed: Crashed | None,
+    parameters: QuadrotorParameters,
+    faults: RotorFaults | None,
     time: Row,
     time_step: float,
-) -> tuple[Rows, Rows]:
-    """Returns the rigid body's state and the rotor speeds at the end of a step.
+    kinematics: AttitudeKinematics,
+) -> VehicleState:
+    """The vehicle at the end of a step.
 
     Args:
-        kinematics: `rigid_kinematics` or `small_angle_kinematics`.
-        rigid_body: the 12 rows of `rigid_body_derivative`.
-        rotor_speed: ω₁ to ω₄, rad/s.
-        rotor_speed_command: likewise; what lies outside the rotors' limits is clipped.
-        wind: velocity of the air in W, m/s.
-        crashed: a row; a vehicle for which it is not zero stays as it is.
-        parameters: the 19 rows of `QuadrotorParameters`.
-        faults: the 6 rows of `RotorFaults`, taken at the middle of the step.
+        body: at its beginning.
+        rotors: at its beginning.
+        command: rotor speeds; those beyond the rotors' limits are clipped.
+        wind: velocity of the air.
+        crashed: a vehicle for which it is not zero stays as it is; None if all fly.
+        parameters: of the vehicle.
+        faults: of the rotors, taken at the middle of the step; None if there are none.
         time: at the end of the step, s.
         time_step: h, s.
+        kinematics: `rigid_kinematics` or `small_angle_kinematics`.
     """
-    vehicle = parameters_from_rows(parameters)
-    body, rotors = step_of_flight(
-        kinematics,
-        rigid_body,
-        rotor_speed,
-        held_rotor_speed(rotor_speed_command, vehicle, rotor_speed_factor(faults, time - 0.5 * time_step)),
-        wind,
-        vehicle,
-        time_step,
-    )
-    stays = crashed[0] != 0.0
-    return where(stays, rigid_body, body), where(stays, rotor_speed, rotors)
+    factors = SpeedFactors() if faults is None else speed_factors(faults, time - 0.5 * time_step)
+    target = held_rotor_speed(command, parameters, factors)
+    after = step_of_flight(body, rotors, target, wind, parameters, time_step, kinematics)
+    return after if crashed is None else where(crashed.crashed != 0.0, VehicleState(body, rotors), after)
 
 
-@formula
 def step_of_flight(
-    kinematics: AttitudeKinematics,
-    rigid_body: Rows,
-    rotor_speed: Rows,
-    target: Rows,
-    wind: Rows,
-    vehicle: QuadrotorParameters,
+    body: State,
+    rotors: RotorSpeed,
+    target: RotorSpeed,
+    wind: Wind,
+    parameters: QuadrotorParameters,
     time_step: float,
-) -> tuple[Rows, Rows]:
-    """The same for a vehicle that has not crashed and whose rotors are on their way to a target (rad/s)."""
-    decay = exp(-0.5 * time_step / vehicle.rotor_time_constant)
-    middle = lagging(rotor_speed, target, decay)
+    kinematics: AttitudeKinematics,
+) -> VehicleState:
+    """The same for a vehicle that has not crashed and whose rotors are on their way to a target."""
+    decay = exp(-0.5 * time_step / parameters.rotor_time_constant)
+    middle = lagging(rotors, target, decay)
     end = lagging(middle, target, decay)
-    rotors_1 = (*rotor_wrench(rotor_speed, vehicle), rotor_residual(rotor_speed))
-    rotors_2 = (*rotor_wrench(middle, vehicle), rotor_residual(middle))
-    rotors_3 = (*rotor_wrench(end, vehicle), rotor_residual(end))
+    action_1, action_2, action_3 = (rotor_action(speed, parameters) for speed in (rotors, middle, end))
 
-    motion_1 = rigid_body[3:12]
-    slope_1 = equations_of_motion(motion_1, rotors_1, wind, vehicle, kinematics)
+    motion_1 = Motion.of(body)
+    slope_1 = equations_of_motion(motion_1, action_1, wind, parameters, kinematics)
     motion_2 = moved(motion_1, slope_1, 0.5 * time_step)
-    slope_2 = equations_of_motion(motion_2, rotors_2, wind, vehicle, kinematics)
+    slope_2 = equations_of_motion(motion_2, action_2, wind, parameters, kinematics)
     motion_3 = moved(motion_1, slope_2, 0.5 * time_step)
-    slope_3 = equations_of_motion(motion_3, rotors_2, wind, vehicle, kinematics)
+    slope_3 = equations_of_motion(motion_3, action_2, wind, parameters, kinematics)
     motion_4 = moved(motion_1, slope_3, time_step)
-    slope_4 = equations_of_motion(motion_4, rotors_3, wind, vehicle, kinematics)
+    slope_4 = equations_of_motion(motion_4, action_3, wind, parameters, kinematics)
 
     sixth, third = time_step / 6.0, time_step / 3.0
     motion = moved(moved(moved(moved(motion_1, slope_1, sixth), slope_2, third), slope_3, third), slope_4, sixth)
     # Nothing depends on the position: its part of the method is a weighted mean of the stages' velocities.
-    position = (
-        rigid_body[0] + sixth * (motion_1[3] + 2.0 * (motion_2[3] + motion_3[3]) + motion_4[3]),
-        rigid_body[1] + sixth * (motion_1[4] + 2.0 * (motion_2[4] + motion_3[4]) + motion_4[4]),
-        rigid_body[2] + sixth * (motion_1[5] + 2.0 * (motion_2[5] + motion_3[5]) + motion_4[5]),
-    )
-    return (*position, *motion), end
+    x = body.x + sixth * (motion_1.v_x + 2.0 * (motion_2.v_x + motion_3.v_x) + motion_4.v_x)
+    y = body.y + sixth * (motion_1.v_y + 2.0 * (motion_2.v_y + motion_3.v_y) + motion_4.v_y)
+    z = body.z + sixth * (motion_1.v_z + 2.0 * (motion_2.v_z + motion_3.v_z) + motion_4.v_z)
+    return VehicleState(State(x, y, z, *motion), end)
 
 
-@formula
-def lagging(speed: Rows, target: Rows, decay: Row) -> tuple[Row, Row, Row, Row]:
+def lagging(speed: RotorSpeed, target: RotorSpeed, decay: Row) -> RotorSpeed:
     """Rotor speeds some time later, on their way to a target: the decay is exp(-time / time constant)."""
-    w_1, w_2, w_3, w_4 = speed
-    t_1, t_2, t_3, t_4 = target
-    return (
-        t_1 + (w_1 - t_1) * decay,
-        t_2 + (w_2 - t_2) * decay,
-        t_3 + (w_3 - t_3) * decay,
-        t_4 + (w_4 - t_4) * decay,
-    )
+    return RotorSpeed._make(t + (w - t) * decay for w, t in zip(speed, target, strict=True))
 
 
-@formula
-def moved(motion: Rows, slope: Rows, time: Row) -> tuple[Row, ...]:
-    """The 9 rows of a motion after a time with a slope."""
-    roll, pitch, yaw, v_x, v_y, v_z, p, q, r = motion
-    d_roll, d_pitch, d_yaw, a_x, a_y, a_z, d_p, d_q, d_r = slope
-    return (
-        roll + time * d_roll,
-        pitch + time * d_pitch,
-        yaw + time * d_yaw,
-        v_x + time * a_x,
-        v_y + time * a_y,
-        v_z + time * a_z,
-        p + time * d_p,
-        q + time * d_q,
-        r + time * d_r,
-    )
+def moved(motion: Motion, slope: Motion, time: Row) -> Motion:
+    """A motion after a time (s) with a slope."""
+    return Motion._make(row + time * rate for row, rate in zip(motion, slope, strict=True))
 
 
-@formula
-def rigid_step(*rows_and_numbers: Any) -> tuple[Rows, Rows]:
-    """The step with `rigid_kinematics`."""
-    return quadrotor_step(rigid_kinematics, *rows_and_numbers)
-
-
-@formula
-def small_angle_step(*rows_and_numbers: Any) -> tuple[Rows, Rows]:
-    """The step with `small_angle_kinematics`."""
-    return quadrotor_step(small_angle_kinematics, *rows_and_numbers)
-
-
-@formula
 def quadrotor_slope(
-    kinematics: AttitudeKinematics,
-    state: Rows,
-    rotor_speed_command: Rows,
-    wind: Rows,
-    crashed: Rows,
-    parameters: Rows,
-    faults: Rows,
+    state: VehicleState,
+    command: RotorSpeed,
+    wind: Wind,
+    crashed: Crashed | None,
+    parameters: QuadrotorParameters,
+    faults: RotorFaults | None,
     time: Row,
-) -> tuple[Rows]:
-    """Returns the time derivatives of the 16 rows of rigid body and rotors; arguments as for `quadrotor_step`."""
-    factor = rotor_speed_factor(faults, time)
-    vehicle = parameters_from_rows(parameters)
-    slope = quadrotor_derivative(state, rotor_speed_command, wind, vehicle, kinematics, factor)
-    return (where(crashed[0] != 0.0, _AT_REST, slope),)
-
-
-@formula
-def rigid_slope(*rows_and_numbers: Any) -> tuple[Rows]:
-    """The slope with `rigid_kinematics`."""
-    return quadrotor_slope(rigid_kinematics, *rows_and_numbers)
-
-
-@formula
-def small_angle_slope(*rows_and_numbers: Any) -> tuple[Rows]:
-    """The slope with `small_angle_kinematics`."""
-    return quadrotor_slope(small_angle_kinematics, *rows_and_numbers)
+    kinematics: AttitudeKinematics,
+) -> VehicleState:
+    """The time derivative of rigid body and rotors; arguments as for `quadrotor_step`."""
+    factors = SpeedFactors() if faults is None else speed_factors(faults, time)
+    target = held_rotor_speed(command, parameters, factors)
+    body = rigid_body_derivative(state.body, rotor_action(state.rotors, parameters), wind, parameters, kinematics)
+    lag = parameters.rotor_time_constant
+    rotors = RotorSpeed._make((t - w) / lag for t, w in zip(target, state.rotors, strict=True))
+    slope = VehicleState(body, rotors)
+    if crashed is None:
+        return slope
+    at_rest = VehicleState(State(*[0.0] * len(body)), RotorSpeed(*[0.0] * len(rotors)))
+    return where(crashed.crashed != 0.0, at_rest, slope)

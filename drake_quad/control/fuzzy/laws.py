@@ -12,20 +12,21 @@ so that P⁻¹ grows by h W Wᵀ and stays positive definite however large it wa
 exceeds 1. It is least squares without forgetting: the covariance only shrinks and learning slows down for ever. The
 variants in `CovarianceLaw` let it grow again.
 
-A law is made of rows (numbers for all vehicles, or (N,) arrays), so that they can stand in a context. What it
-remembers, its memory, has m rows for each axis of each vehicle. `drake_quad.control.fuzzy.learning` learns by it.
+A law learns on one axis. What it remembers is its memory, a tuple of rows.
 """
 
 import math
+from collections.abc import Iterator, Sequence
 from typing import Literal, NamedTuple, Protocol
 
-import numpy as np
+from drake_quad.framework.elementary import log_of_1_plus, maximum, where
+from drake_quad.signals import Number, Row
 
-from drake_quad.elementary import Row
+Rows = tuple[Row, ...]
 
 
 class Law(Protocol):
-    """What all laws have in common; they are NamedTuples of rows."""
+    """What all laws have in common; they are records of rows."""
 
     @property
     def memory_name(self) -> str:
@@ -35,8 +36,19 @@ class Law(Protocol):
     def learns_from(self) -> Literal["surface", "command"]:
         """What the signal is: s_p of eq (15), m/s, or the PD's command τ_c, m/s²."""
 
-    def memory(self, num_rules: int) -> list[Row]:
-        """The rows of the memory at the beginning."""
+    def memory(self, num_rules: int) -> Rows:
+        """The memory at the beginning."""
+
+    def learned(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
+        """Weights and memory a period later.
+
+        Args:
+            weights: F of the R rules, m/s².
+            memory: of the law.
+            firing: W of the R rules.
+            signal: that is learned from.
+            period: h, s.
+        """
 
 
 class CovarianceLaw(NamedTuple):
@@ -56,7 +68,7 @@ class CovarianceLaw(NamedTuple):
 
     gain: Row = 1.0
     initial_covariance: Row = 1.0
-    forgetting: Row = 1.0
+    forgetting: Number = 1.0
 
     @property
     def memory_name(self) -> str:
@@ -68,10 +80,27 @@ class CovarianceLaw(NamedTuple):
         """See `Law`."""
         return "surface"
 
-    def memory(self, num_rules: int) -> list[Row]:
+    def memory(self, num_rules: int) -> Rows:
         """See `Law`."""
-        on_diagonal = np.equal(*np.triu_indices(num_rules))
-        return [self.initial_covariance if on else 0.0 for on in on_diagonal]
+        return tuple([self.initial_covariance if i == j else 0.0 for i, j in _upper_triangle(num_rules)])
+
+    def learned(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
+        """Eqs (16) and (17); see `Law`."""
+        size = len(weights)
+        covariance = dict(zip(_upper_triangle(size), memory, strict=True))
+        information = [
+            dot([covariance[min(i, j), max(i, j)] for j in range(size)], firing) for i in range(size)
+        ]  # g = P W
+        variance = dot(firing, information)  # c
+        factor = period / (1.0 + period * variance)
+        left = tuple(
+            [memory_ij - factor * information[i] * information[j] for (i, j), memory_ij in covariance.items()]
+        )
+        step = self.gain * signal * log_of_1_plus(period * variance) / variance
+        after = tuple([f - step * g for f, g in zip(weights, information, strict=True)])
+        filled = maximum(1.0 - trace(left) / (size * self.initial_covariance), 0.0)
+        growth = 1.0 / (1.0 - (1.0 - self.forgetting) * filled)
+        return after, tuple([growth * row for row in left])
 
 
 class GradientLaw(NamedTuple):
@@ -93,9 +122,14 @@ class GradientLaw(NamedTuple):
         """See `Law`."""
         return "surface"
 
-    def memory(self, num_rules: int) -> list[Row]:
+    def memory(self, num_rules: int) -> Rows:
         """See `Law`: none."""
-        return []
+        return ()
+
+    def learned(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
+        """See `Law`."""
+        step = period * self.rate * signal
+        return tuple([f - step * w for f, w in zip(weights, firing, strict=True)]), memory
 
 
 class SignLaw(NamedTuple):
@@ -121,13 +155,21 @@ class SignLaw(NamedTuple):
         """See `Law`."""
         return "command"
 
-    def memory(self, num_rules: int) -> list[Row]:
+    def memory(self, num_rules: int) -> Rows:
         """See `Law`."""
-        return [self.initial_slope]
+        return (self.initial_slope,)
+
+    def learned(self, weights: Rows, memory: Rows, firing: Rows, signal: Row, period: float) -> tuple[Rows, Rows]:
+        """See `Law`."""
+        (slope,) = memory
+        sign = where(signal > 0.0, 1.0, where(signal < 0.0, -1.0, 0.0))
+        step = period * slope * sign / dot(firing, firing)
+        after = tuple([f - w * step for f, w in zip(weights, firing, strict=True)])
+        return after, (slope + 2.0 * period * self.rate * abs(signal),)
 
 
 class Limits(NamedTuple):
-    """What keeps learning within bounds; each entry is a number or an (n,) array, and changes nothing by default.
+    """What keeps learning within bounds; nothing does by default.
 
     Attributes:
         weight: largest |F|, m/s².
@@ -138,3 +180,21 @@ class Limits(NamedTuple):
     weight: Row = math.inf
     deadzone: Row = 0.0
     leakage: Row = 0.0
+
+
+def dot(first: Sequence[Row], second: Sequence[Row]) -> Row:
+    """The scalar product of two vectors."""
+    start, *others = (x * y for x, y in zip(first, second, strict=True))
+    return sum(others, start=start)
+
+
+def trace(triangle: Rows) -> Row:
+    """The trace of a symmetric matrix, given its upper triangle, row by row."""
+    size = math.isqrt(2 * len(triangle))
+    start, *others = (row for (i, j), row in zip(_upper_triangle(size), triangle, strict=True) if i == j)
+    return sum(others, start=start)
+
+
+def _upper_triangle(size: int) -> Iterator[tuple[int, int]]:
+    """The places in the upper triangle of a matrix, row by row."""
+    return ((i, j) for i in range(size) for j in range(i, size))

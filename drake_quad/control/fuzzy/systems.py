@@ -2,23 +2,32 @@
 
 import math
 from collections.abc import Sequence
-from typing import Any, Literal
+from typing import Any, NamedTuple
 
-import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_quad.control.fuzzy.inference import Antecedents, firing_on_axes
-from drake_quad.control.fuzzy.laws import CovarianceLaw, Limits
-from drake_quad.control.fuzzy.learning import LEARNING, traces, weighted_firing
-from drake_quad.elementary import Row, plain
-from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_rows, fleet_system
+from drake_quad.control.axes import Axis
+from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
+from drake_quad.control.fuzzy.laws import CovarianceLaw, Limits, Rows, dot, trace
+from drake_quad.framework.elementary import exp, maximum, minimum, nearest, where
+from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.records import Layout, layout_of
+from drake_quad.signals import SIGNALS, Acceleration, PositionError, PositionErrorRate, Row
 
-Axis = Literal["x", "y", "z"]
+# What is known of a network on each of its axes.
+PerNetworkAxis = tuple[Rows, ...]
 
 
-def places(axes: Sequence[Axis]) -> list[int]:
-    """Where axes are among X, Y, Z, rising."""
-    return [i for i, axis in enumerate("xyz") if axis in axes]
+def _layout(num_axes: int, num_rows: int) -> Layout:
+    """The layout of so many rows on each axis of a network."""
+    return layout_of(PerNetworkAxis, ((0.0,) * num_rows,) * num_axes)
+
+
+def firing_on_axes(
+    error: PositionError, rate: PositionErrorRate, antecedents: Antecedents, axes: Sequence[Axis]
+) -> PerNetworkAxis:
+    """The firing strengths on each axis of a network."""
+    return tuple([firing_strengths(getattr(error, axis), getattr(rate, axis), antecedents) for axis in axes])
 
 
 @fleet_system(float, AutoDiffXd)
@@ -34,40 +43,125 @@ class FuzzyRules(FleetSystem):
         output_ports:
         - firing
 
-    `error` (3 rows, m) and `error_rate` (3 rows, m/s) are those of the position controller. `firing` has the normalised
-    firing strengths, R rows for each axis of the network, one axis after another.
+    `error` and `error_rate` are those of the position controller. `firing` has the normalised firing strengths, R rows
+    for each axis of the network, one axis after another.
 
-    Numeric parameters of the context, as in `Antecedents.to_rows`: 0 a1, a2, q and the scales of error and rate; 1
-    centre and width of each set of the error; 2 those of the rate.
+    The only parameter of the context is `antecedents`.
 
     Args:
         num_vehicles: N.
-        axes: of the network.
-        antecedents: of its rules; each number may be an (N,) array.
+        axes: of the network, in the order of X, Y, Z.
+        numbers: antecedents of the rules.
     """
 
-    def declare(
-        self,
-        *,
-        num_vehicles: int = 1,
-        axes: Sequence[Axis] = ("x", "y"),
-        antecedents: Antecedents = Antecedents(),
-    ) -> None:
-        """Declares the system; see the class for the arguments."""
-        self._axes = places(axes)
-        parameters = antecedents.to_rows()
-        self._parameters = [self.numeric_parameter(rows) for rows in parameters]
-        self._error, self._error_rate = self.input("error", 3), self.input("error_rate", 3)
-        num_axes, outputs = len(self._axes), [antecedents.num_rules] * len(self._axes)
-        sizes = [len(rows) for rows in parameters]
-        self._fire = self.mapped(firing_on_axes, inputs=(num_axes, num_axes, *sizes), outputs=outputs)
-        uses = {self.all_input_ports_ticket(), self.all_parameters_ticket()}
-        self.output("firing", sum(outputs), self._calc, uses=uses)
+    def declare(self, *, axes: Sequence[Axis] = ("x", "y"), numbers: Antecedents = Antecedents()) -> None:
+        """Declares the system."""
+        error, rate = self.input("error"), self.input("error_rate")
+        antecedents = self.parameter("antecedents", lambda antecedents: antecedents)
+        layout = _layout(len(axes), numbers.num_rules)
+        self.output("firing", firing_on_axes, error, rate, antecedents, tuple(axes), layout=layout)
 
-    def _calc(self, context: Any, output: Any) -> None:
-        inputs = self.inputs(context, self._error, self._error_rate)
-        parameters = [context.get_numeric_parameter(index) for index in self._parameters]
-        self._fire([output], [*(self.some_rows(vector, self._axes) for vector in inputs), *parameters])
+
+class LearningNumbers(NamedTuple):
+    """What a network learns by.
+
+    Attributes:
+        slope: λ of eq (15), 1/s; of no meaning for a law that learns from the PD's command.
+        law: a record of `drake_quad.control.fuzzy.laws`.
+        limits: of learning.
+        initial_weight: F₀ of all rules, m/s².
+    """
+
+    slope: Row = 1.0
+    law: Any = CovarianceLaw()
+    limits: Limits = Limits()
+    initial_weight: Row = 0.0
+
+
+def learned(
+    weights: PerNetworkAxis,
+    memory: PerNetworkAxis,
+    firing: PerNetworkAxis,
+    signals: tuple[Row, ...],
+    numbers: LearningNumbers,
+    begins_anew: bool,
+    period: float,
+) -> Any:
+    """Weights and memory a tick later, on each axis of a network; only the weights by a law without memory.
+
+    Args:
+        weights: F.
+        memory: of the law.
+        firing: W.
+        signals: that is learned from, on each axis.
+        numbers: to learn by.
+        begins_anew: whether the law forgets all that it remembers.
+        period: h, s.
+    """
+    law, (limit, deadzone, leakage) = numbers.law, numbers.limits
+    kept = exp(-leakage * period)
+    after = []
+    for f, remembered, w, signal in zip(weights, memory, firing, signals, strict=True):
+        known = where(begins_anew, law.memory(len(f)), remembered)
+        counts = where(abs(signal) < deadzone, 0.0 * signal, signal)
+        f_after, memory_after = law.learned(tuple([kept * f_i for f_i in f]), known, w, counts, period)
+        after.append((tuple([minimum(maximum(f_i, -limit), limit) for f_i in f_after]), memory_after))
+    all_weights, all_memory = tuple([f for f, _ in after]), tuple([remembered for _, remembered in after])
+    return (all_weights, all_memory) if any(all_memory) else all_weights
+
+
+def learned_from_surface(
+    weights: PerNetworkAxis,
+    memory: PerNetworkAxis,
+    firing: PerNetworkAxis,
+    error: PositionError,
+    rate: PositionErrorRate,
+    numbers: LearningNumbers,
+    time: Row,
+    axes: Sequence[Axis],
+    period: float,
+    reset_ticks: Sequence[int],
+) -> Any:
+    """The same from s_p of eq (15)."""
+    signals = tuple([getattr(rate, axis) + numbers.slope * getattr(error, axis) for axis in axes])
+    return learned(weights, memory, firing, signals, numbers, _is_one_of(time, reset_ticks, period), period)
+
+
+def learned_from_command(
+    weights: PerNetworkAxis,
+    memory: PerNetworkAxis,
+    firing: PerNetworkAxis,
+    pd: Acceleration,
+    numbers: LearningNumbers,
+    time: Row,
+    axes: Sequence[Axis],
+    period: float,
+    reset_ticks: Sequence[int],
+) -> Any:
+    """The same from the PD's command."""
+    signals = tuple([getattr(pd, axis) for axis in axes])
+    return learned(weights, memory, firing, signals, numbers, _is_one_of(time, reset_ticks, period), period)
+
+
+def _is_one_of(time: Row, ticks: Sequence[int], period: float) -> bool:
+    """Is a time (s) that of one of some ticks?"""
+    if not ticks:
+        return False
+    tick, found = nearest(time / period), False
+    for other in ticks:
+        found = found | (tick == float(other))
+    return found
+
+
+def network_output(weights: PerNetworkAxis, firing: PerNetworkAxis, axes: Sequence[Axis]) -> Acceleration:
+    """τ_f = Fᵀ W on each axis of a network, zero on the others."""
+    on_axes = {axis: dot(f, w) for axis, f, w in zip(axes, weights, firing, strict=True)}
+    return Acceleration(on_axes.get("x", 0.0), on_axes.get("y", 0.0), on_axes.get("z", 0.0))
+
+
+def covariance_traces(memory: PerNetworkAxis) -> tuple[Row, ...]:
+    """Tr P on each axis of a network."""
+    return tuple([trace(covariance) for covariance in memory])
 
 
 @fleet_system(float, AutoDiffXd)
@@ -86,84 +180,61 @@ class WeightLearning(FleetSystem):
         - weights
         - covariance_trace
 
-    `correction` (3 rows, m/s²) is τ_f = Fᵀ W of the `firing` strengths from `FuzzyRules`, zero on axes that the network
-    does not have. The weights F learn at every tick from s_p = ė + λ e, eq (15), of `error` (3 rows, m) and
-    `error_rate` (3 rows, m/s). A law that learns from the PD's command has the input `pd` (3 rows, m/s²) in their
-    place. `weights` shows F in the order of `firing`; `covariance_trace`, with the law that has one, a row for each
-    axis.
+    `correction` is τ_f = Fᵀ W of the `firing` strengths from `FuzzyRules`, zero on axes that the network does not have.
+    The weights F learn at every tick from s_p = ė + λ e, eq (15), of `error` and `error_rate`. A law that learns from
+    the PD's command has the input `pd` in their place. `weights` shows F in the order of `firing`; `covariance_trace`,
+    with the law that has one, a row for each axis.
 
-    Discrete-state groups: 0 `weights`; 1 the memory of the law, if it has one. One numeric parameter of the context:
-    λ, zero for a law that learns from the PD's command; the rows of the law; those of `Limits`.
+    The states are `weights` and the memory of the law, under its name, if it has one. The only parameter of the context
+    is `learning`.
 
     Args:
         num_vehicles: N.
-        period: of the ticks, s.
-        axes: of the network.
+        period: h of the ticks, s.
+        axes: of the network, in the order of X, Y, Z.
         num_rules: R.
-        slope: λ, 1/s; a number or an (N,) array.
-        law: of learning; likewise.
-        limits: of learning; likewise.
-        initial_weight: F₀ of all rules, m/s²; likewise.
         reset_times: at which the memory of the law begins anew, s: at the first tick from then on.
+        numbers: to learn by.
     """
 
     def declare(
         self,
         *,
-        num_vehicles: int = 1,
         period: float = 0.02,
         axes: Sequence[Axis] = ("x", "y"),
         num_rules: int = 9,
-        slope: Row = 1.0,
-        law: Any = CovarianceLaw(),
-        limits: Limits = Limits(),
-        initial_weight: Row = 0.0,
         reset_times: Sequence[float] = (),
+        numbers: LearningNumbers = LearningNumbers(),
     ) -> None:
-        """Declares the system; see the class for the arguments."""
-        self._axes = np.array(places(axes))
-        self._period, self._law, self._rules = period, law.__class__, num_rules
-        self._step = LEARNING[self._law]
-        self._resets = {math.ceil(time / period - 1e-9) for time in reset_times}
-        self._firing = self.input("firing", num_rules * len(self._axes))
+        """Declares the system."""
+        law, axes = numbers.law, tuple(axes)
+        ticks = tuple([math.ceil(time / period - 1e-9) for time in reset_times])
+        per_axis = _layout(len(axes), num_rules)
+        firing = self.input("firing", layout=per_axis)
+        learning = self.parameter("learning", lambda numbers: numbers)
+        weights = self.state(
+            "weights", lambda numbers: ((numbers.initial_weight,) * num_rules,) * len(axes), layout=per_axis
+        )
+        rows = len(law.memory(num_rules))
+        memory, writes = ((),) * len(axes), [weights]
+        if rows:
+            memory = self.state(
+                law.memory_name,
+                lambda numbers: (numbers.law.memory(num_rules),) * len(axes),
+                layout=_layout(len(axes), rows),
+            )
+            writes = [weights, memory]
         if law.learns_from == "surface":
-            self._signals = [self.input("error", 3), self.input("error_rate", 3)]
+            signals, formula = (self.input("error"), self.input("error_rate")), learned_from_surface
         else:
-            self._signals, slope = [self.input("pd", 3)] * 2, 0.0
-        self._parameters = self.numeric_parameter([slope, *law, *limits])
-        num_weights = num_rules * len(self._axes)
-        self._weights = self.discrete_state("weights", [initial_weight] * num_weights)
-        memory = law.memory(num_rules) * len(self._axes)
-        self._memory = self.discrete_state(law.memory_name, memory) if memory else None
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._learn)
-        self.output("correction", 3, self._calc, uses={self.all_input_ports_ticket(), self.xd_ticket()})
-        self.state_output(num_weights, self._weights)
+            signals, formula = (self.input("pd"),), learned_from_command
+        reads = weights, memory, firing, *signals, learning, TIME if ticks else 0.0, axes, period, ticks
+        self.update(period, formula, *reads, writes=writes)
+        self.output("correction", network_output, weights, firing, axes)
+        self.state_output(weights)
         if law.memory_name == "covariance":
-            self.output("covariance_trace", len(self._axes), self._calc_trace, uses={self.xd_ticket()})
-
-    def _learn(self, context: Any, discrete_state: Any) -> None:
-        groups = [self._weights] if self._memory is None else [self._weights, self._memory]
-        vectors = [discrete_state.get_mutable_vector(group) for group in groups]
-        weights, *memories = arrays = [self.values_to_change(vector) for vector in vectors]
-        memory = memories[0] if memories else weights[0:0]
-        if self._resets and round(plain(context.get_time()) / self._period) in self._resets:
-            _, *law = self.parameter_rows(context, self._parameters)[: 1 + len(self._law._fields)]
-            memory[:] = fleet_rows(self._law(*law).memory(self._rules) * len(self._axes), self.num_vehicles)
-        inputs = self.inputs(context, self._firing, *self._signals)
-        firing, error, rate = (self.values(vector) for vector in inputs)
-        parameters = self.parameter_table(context, self._parameters)
-        self._step(weights, memory, firing, error, rate, parameters, self._axes, self._rules, self._period)
-        if self.scalar is not float:
-            for vector, array in zip(vectors, arrays, strict=True):
-                vector.SetFromVector(array)
-
-    def _calc(self, context: Any, output: Any) -> None:
-        weights, firing = context.get_discrete_state(self._weights), self.EvalVectorInput(context, self._firing)
-        output.SetFromVector(weighted_firing(self.values(weights), self.values(firing), self._axes, self._rules))
-
-    def _calc_trace(self, context: Any, output: Any) -> None:
-        memory = self.values(context.get_discrete_state(self._memory))
-        output.SetFromVector(traces(memory, len(self._axes), self._rules))
+            trace_layout = layout_of(SIGNALS["covariance_trace"], (0.0,) * len(axes))
+            self.output("covariance_trace", covariance_traces, memory, layout=trace_layout)
 
 
 def build_fuzzy_network(*, rules: Any, learning: Any) -> Diagram:
@@ -190,16 +261,16 @@ def build_fuzzy_network(*, rules: Any, learning: Any) -> Diagram:
     builder = DiagramBuilder()
     builder.AddNamedSystem("rules", rules)
     builder.AddNamedSystem("learning", learning)
-    builder.Connect(rules.get_output_port(), learning.GetInputPort("firing"))
+    builder.Connect(rules.GetOutputPort("firing"), learning.GetInputPort("firing"))
     for name in ("error", "error_rate"):
         builder.ExportInput(rules.GetInputPort(name), name)
         if learning.HasInputPort(name):
             builder.ConnectInput(name, learning.GetInputPort(name))
     if learning.HasInputPort("pd"):
         builder.ExportInput(learning.GetInputPort("pd"), "pd")
-    for i in range(learning.num_output_ports()):
-        port = learning.get_output_port(i)
-        builder.ExportOutput(port, port.get_name())
+    for name in ("correction", "weights", "covariance_trace"):
+        if learning.HasOutputPort(name):
+            builder.ExportOutput(learning.GetOutputPort(name), name)
     network = builder.Build()
     network.set_name("network")
     return network

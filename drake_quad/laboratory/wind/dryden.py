@@ -16,15 +16,14 @@ are 1, ½, ½. So σ is delivered whatever the step.
 """
 
 import math
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydrake.common import RandomDistribution
 from scipy.special import gammainc
 
-from drake_quad.compiled import formula
-from drake_quad.elementary import Row, Rows
-from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.signals import Angle, Number, Quantity, Row, VelocityW, Wind
 
 FOOT, KNOT = 0.3048, 1852.0 / 3600.0
 # The specification's wind at 20 feet, m/s.
@@ -35,18 +34,26 @@ LEAST_HEIGHT, LEAST_AIRSPEED = 10.0 * FOOT, 1.0
 _OF_F, _OF_G = math.sqrt(1.5), math.sqrt(0.5) - math.sqrt(1.5)
 
 
+class PerDirection(NamedTuple):
+    """A number for the direction of the mean wind (u), and for those across it (v level, w up)."""
+
+    u: Row
+    v: Row
+    w: Row
+
+
 class Turbulence(NamedTuple):
-    """Dryden's turbulence along (u) and across (v, w) the mean wind.
+    """Dryden's turbulence.
 
     Attributes:
-        deviation: σ_u, σ_v, σ_w, 3 rows, m/s.
-        length: L_u, L_v, L_w, 3 rows, m.
-        airspeed: V with which it goes by, m/s.
+        deviation: σ, m/s.
+        length: L, m.
+        airspeed: V with which it goes by.
     """
 
-    deviation: Rows
-    length: Rows
-    airspeed: Row
+    deviation: PerDirection
+    length: PerDirection
+    airspeed: VelocityW
 
     @classmethod
     def at_low_altitude(cls, *, height: Row, wind_at_20_feet: Row, airspeed: Row) -> "Turbulence":
@@ -62,111 +69,160 @@ class Turbulence(NamedTuple):
         vertical = 0.1 * wind_at_20_feet
         level = vertical / shear**0.4
         long = feet / shear**1.2 * FOOT
-        return cls((level, level, vertical), (long, long, feet * FOOT), np.maximum(airspeed, LEAST_AIRSPEED))
+        return cls(
+            PerDirection(level, level, vertical),
+            PerDirection(long, long, feet * FOOT),
+            np.maximum(airspeed, LEAST_AIRSPEED),
+        )
 
 
-class SampledFilter(NamedTuple):
-    """Dryden's filters from one sample to the next, of u, v, w for f and of v, w for g.
+class TurbulenceNumbers(NamedTuple):
+    """Turbulence, and where it comes from.
 
     Attributes:
-        p_u: decay p; `p_v` and `p_w` likewise.
-        t_v: transfer η p from f to g; `t_w` likewise.
-        b_u: standard deviation of the noise of f; `b_v` and `b_w` likewise.
-        c_v: what the noise of g has of the same normal number; `c_w` likewise.
-        d_v: what it has of one of its own; `d_w` likewise.
+        turbulence: along and across the mean wind.
+        heading: of the mean wind, from X towards Y.
     """
 
-    p_u: Row
-    p_v: Row
-    p_w: Row
-    t_v: Row
-    t_w: Row
-    b_u: Row
-    b_v: Row
-    b_w: Row
-    c_v: Row
-    c_w: Row
-    d_v: Row
-    d_w: Row
+    turbulence: Turbulence
+    heading: Angle = 0.0
+
+
+class Filter(NamedTuple):
+    """Dryden's filter on one axis, from one sample to the next.
+
+    Attributes:
+        p: decay.
+        b: standard deviation of the noise of f.
+    """
+
+    p: Number
+    b: Number
+
+
+class FilterAcross(NamedTuple):
+    """The same on an axis across the mean wind, where g follows f.
+
+    Attributes:
+        p: decay.
+        b: standard deviation of the noise of f.
+        t: transfer η p from f to g.
+        c: what the noise of g has of the same normal number.
+        d: what it has of one of its own.
+    """
+
+    p: Number
+    b: Number
+    t: Number
+    c: Number
+    d: Number
+
+
+class SampledTurbulence(NamedTuple):
+    """Dryden's filters from one sample to the next.
+
+    Attributes:
+        u: along the mean wind.
+        v: across it, level.
+        w: across it, up.
+        deviation: σ, m/s.
+        cos_heading: cosine of the heading.
+        sin_heading: sine of the heading.
+    """
+
+    u: Filter
+    v: FilterAcross
+    w: FilterAcross
+    deviation: PerDirection
+    cos_heading: Number
+    sin_heading: Number
 
     @classmethod
-    def of(cls, turbulence: Turbulence, period: float) -> "SampledFilter":
-        """The exact sampled filter of numbers or arrays.
+    def of(cls, numbers: TurbulenceNumbers, period: float) -> "SampledTurbulence":
+        """The exact sampled filters, of numbers or arrays.
 
         Args:
-            turbulence: its lengths and airspeed.
+            numbers: of the turbulence.
             period: h, s.
         """
-        eta = [period * turbulence.airspeed / length for length in turbulence.length]
-        noise_f = [np.sqrt(gammainc(1.0, 2.0 * x)) for x in eta]
-        noise_shared = [0.5 * gammainc(2.0, 2.0 * x) / own for x, own in zip(eta[1:], noise_f[1:], strict=True)]
-        noise_g = [
-            np.sqrt(0.5 * gammainc(3.0, 2.0 * x) - shared * shared)
-            for x, shared in zip(eta[1:], noise_shared, strict=True)
-        ]
-        transfer = [x * np.exp(-x) for x in eta[1:]]
-        return cls(*(np.exp(-x) for x in eta), *transfer, *noise_f, *noise_shared, *noise_g)
+        turbulence = numbers.turbulence
+        u, v, w = (period * turbulence.airspeed / length for length in turbulence.length)
+        return cls(
+            Filter(np.exp(-u), np.sqrt(gammainc(1.0, 2.0 * u))),
+            _across(v),
+            _across(w),
+            turbulence.deviation,
+            np.cos(numbers.heading),
+            np.sin(numbers.heading),
+        )
 
 
-@formula
-def filtered(state: Rows, noise: Rows, sampled: Rows) -> tuple[Row, Row, Row, Row, Row]:
-    """The state of the filter a period later.
+def _across(eta: Row) -> FilterAcross:
+    noise_f = np.sqrt(gammainc(1.0, 2.0 * eta))
+    shared = 0.5 * gammainc(2.0, 2.0 * eta) / noise_f
+    own = np.sqrt(0.5 * gammainc(3.0, 2.0 * eta) - shared * shared)
+    return FilterAcross(np.exp(-eta), noise_f, eta * np.exp(-eta), shared, own)
 
-    Args:
-        state: f_u, f_v, f_w, g_v, g_w.
-        noise: five normal numbers.
-        sampled: the 12 rows of a `SampledFilter`.
-    """
-    f_u, f_v, f_w, g_v, g_w = state
-    n_1, n_2, n_3, n_4, n_5 = noise
-    p_u, p_v, p_w, t_v, t_w, b_u, b_v, b_w, c_v, c_w, d_v, d_w = sampled
-    return (
-        p_u * f_u + b_u * n_1,
-        p_v * f_v + b_v * n_2,
-        p_w * f_w + b_w * n_3,
-        t_v * f_v + p_v * g_v + c_v * n_2 + d_v * n_4,
-        t_w * f_w + p_w * g_w + c_w * n_3 + d_w * n_5,
+
+class FilterState(NamedTuple):
+    """The state of the filters: f of each axis, and g of those across. Or a normal number for each."""
+
+    f_u: Number
+    f_v: Number
+    f_w: Number
+    g_v: Number
+    g_w: Number
+
+
+class Turbulent(NamedTuple):
+    """The states of a `DrydenTurbulence`."""
+
+    wind: Wind
+    filter: FilterState
+
+
+def filtered(state: FilterState, noise: FilterState, sampled: SampledTurbulence) -> FilterState:
+    """The state of the filters a period later, given normal numbers."""
+    u, v, w = sampled.u, sampled.v, sampled.w
+    return FilterState(
+        u.p * state.f_u + u.b * noise.f_u,
+        v.p * state.f_v + v.b * noise.f_v,
+        w.p * state.f_w + w.b * noise.f_w,
+        v.t * state.f_v + v.p * state.g_v + v.c * noise.f_v + v.d * noise.g_v,
+        w.t * state.f_w + w.p * state.g_w + w.c * noise.f_w + w.d * noise.g_w,
     )
 
 
-@formula
-def stationary_state(noise: Rows) -> tuple[Row, Row, Row, Row, Row]:
-    """A state of the filter that is as likely as any later one, from five normal numbers."""
-    f_u, f_v, f_w, n_v, n_w = noise
-    return f_u, f_v, f_w, 0.5 * (f_v + n_v), 0.5 * (f_w + n_w)
+def stationary_state(noise: FilterState) -> FilterState:
+    """A state of the filters that is as likely as any later one, given normal numbers."""
+    return noise._replace(g_v=0.5 * (noise.f_v + noise.g_v), g_w=0.5 * (noise.f_w + noise.g_w))
 
 
-@formula
-def filtered_velocity(state: Rows, deviation: Rows) -> tuple[Row, Row, Row]:
-    """The turbulence u, v, w (m/s) of a state of the filter."""
-    f_u, f_v, f_w, g_v, g_w = state
-    return deviation[0] * f_u, deviation[1] * (_OF_F * f_v + _OF_G * g_v), deviation[2] * (_OF_F * f_w + _OF_G * g_w)
+def filtered_velocity(state: FilterState, deviation: PerDirection) -> PerDirection:
+    """The turbulence (m/s) of a state of the filters."""
+    return PerDirection(
+        deviation.u * state.f_u,
+        deviation.v * (_OF_F * state.f_v + _OF_G * state.g_v),
+        deviation.w * (_OF_F * state.f_w + _OF_G * state.g_w),
+    )
 
 
-@formula
-def first_sample(noise: Rows, parameters: Rows) -> tuple[Rows, Rows]:
-    """The state of the filter and the wind in W (m/s) at the beginning.
-
-    Args:
-        noise: five normal numbers.
-        parameters: of a `DrydenTurbulence`, 17 rows.
-    """
+def first_sample(noise: FilterState, sampled: SampledTurbulence) -> Turbulent:
+    """Wind and filters at the beginning, given normal numbers."""
     state = stationary_state(noise)
-    return state, _wind(state, parameters)
+    return Turbulent(_wind(state, sampled), state)
 
 
-@formula
-def next_sample(state: Rows, noise: Rows, parameters: Rows) -> tuple[Rows, Rows]:
-    """The state of the filter and the wind in W (m/s) a period later; other arguments as for `first_sample`."""
-    later = filtered(state, noise, parameters[0:12])
-    return later, _wind(later, parameters)
+def next_sample(state: FilterState, noise: FilterState, sampled: SampledTurbulence) -> Turbulent:
+    """The same a period later."""
+    later = filtered(state, noise, sampled)
+    return Turbulent(_wind(later, sampled), later)
 
 
-@formula
-def _wind(state: Rows, parameters: Rows) -> tuple[Row, Row, Row]:
-    u, v, w = filtered_velocity(state, parameters[12:15])
-    cos_heading, sin_heading = parameters[15], parameters[16]
-    return u * cos_heading - v * sin_heading, u * sin_heading + v * cos_heading, w
+def _wind(state: FilterState, sampled: SampledTurbulence) -> Wind:
+    u, v, w = filtered_velocity(state, sampled.deviation)
+    cos_heading, sin_heading = sampled.cos_heading, sampled.sin_heading
+    return Wind(u * cos_heading - v * sin_heading, u * sin_heading + v * cos_heading, w)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -181,45 +237,25 @@ class DrydenTurbulence(FleetSystem):
         output_ports:
         - wind
 
-    `turbulence_noise` (5 rows) is random: normal numbers, new ones at every sample. `wind` (3 rows, m/s in W) has
-    their spectra along and across the heading and upwards. It is stationary from the first sample on,
-    which a simulator takes when it initializes: one that goes on with a flight must suppress initialization events.
+    `turbulence_noise` is random: normal numbers, new ones at every sample. `wind` has Dryden's spectra along and across
+    the heading and upwards. It is stationary from the first sample on, which a simulator takes when it initializes: one
+    that goes on with a flight must suppress initialization events.
 
-    Discrete-state groups: 0 what is held, 1 the five rows of the filter. One numeric parameter of the context: the 12
-    rows of `SampledFilter`, the three deviations, cosine and sine of the heading.
+    The states are `wind` and `filter`, the only parameter of the context is `turbulence`.
 
     Args:
         num_vehicles: N; each in turbulence of its own.
         period: of the samples, s; the vehicle's time step.
-        turbulence: each entry a number or an (N,) array.
-        heading: of the longitudinal axis, from X towards Y, rad.
+        numbers: of the turbulence.
     """
 
-    def declare(
-        self, *, num_vehicles: int = 1, period: float = 0.01, turbulence: Turbulence, heading: Row = 0.0
-    ) -> None:
-        """Declares the system; see the class for the arguments."""
-        self.period = period
-        axes = [*turbulence.deviation, np.cos(heading), np.sin(heading)]
-        self._parameters = self.numeric_parameter([*SampledFilter.of(turbulence, period), *axes])
-        self._noise = self.random_input("turbulence_noise", 5, RandomDistribution.kGaussian)
-        self._wind = self.discrete_state("wind", [0.0] * 3)
-        self._state = self.discrete_state("filter", [0.0] * 5)
-        self._first = self.interpreted(first_sample, inputs=(5, 17))
-        self._next = self.mapped(next_sample, inputs=(5, 5, 17), outputs=(5, 3))
-        self.DeclareInitializationDiscreteUpdateEvent(self._start)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
-        self.state_output(3, self._wind)
-
-    def _start(self, context: Any, discrete_state: Any) -> None:
-        noise, parameters = self.EvalVectorInput(context, self._noise), self.parameter(context, self._parameters)
-        self._first(self._groups(discrete_state), [noise, parameters])
-
-    def _sample(self, context: Any, discrete_state: Any) -> None:
-        if context.get_time() == 0.0:
-            return  # the start has used up the numbers of this instant
-        noise, parameters = self.EvalVectorInput(context, self._noise), self.parameter(context, self._parameters)
-        self._next(self._groups(discrete_state), [context.get_discrete_state(self._state), noise, parameters])
-
-    def _groups(self, discrete_state: Any) -> list[Any]:
-        return [discrete_state.get_mutable_vector(self._state), discrete_state.get_mutable_vector(self._wind)]
+    def declare(self, *, period: float = 0.01, numbers: TurbulenceNumbers) -> None:
+        """Declares the system."""
+        turbulence = self.parameter("turbulence", lambda numbers: SampledTurbulence.of(numbers, period))
+        noise = self.random_input("turbulence_noise", FilterState, RandomDistribution.kGaussian, period=period)
+        wind = self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))
+        filters = self.state("filter", lambda _: FilterState(0.0, 0.0, 0.0, 0.0, 0.0))
+        self.initialize(first_sample, noise, turbulence, writes=[wind, filters])
+        # The first sample has used up the numbers of time zero.
+        self.update(period, next_sample, filters, noise, turbulence, writes=[wind, filters], at_start=False)
+        self.state_output(wind)

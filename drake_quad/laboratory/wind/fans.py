@@ -9,15 +9,14 @@ Behind the outlet the air is at rest, and what the jet draws in from the sides i
 """
 
 import math
-from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import Annotated, NamedTuple
 
 import numpy as np
 from pydrake.common import RandomDistribution
 
-from drake_quad.compiled import formula
-from drake_quad.elementary import Row, Rows, exp, maximum, sqrt, where
-from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.elementary import exp, maximum, sqrt, where
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.signals import Number, PositionW, Quantity, Row, State, VelocityW, Wind
 
 CORE_LENGTH, SPREAD = 5.9, 0.094
 _LN_2 = math.log(2.0)
@@ -25,121 +24,127 @@ _LN_2 = math.log(2.0)
 _LEAST_LENGTH, _TINY = 1e-9, 1e-200
 
 
+class Outlet(NamedTuple):
+    """The middle of a fan's outlet."""
+
+    x: PositionW
+    y: PositionW
+    z: PositionW
+
+
+class Direction(NamedTuple):
+    """A unit vector in W."""
+
+    x: Number
+    y: Number
+    z: Number
+
+
 class Jet(NamedTuple):
     """The free jet of a fan.
 
     Attributes:
-        position: of the middle of its outlet, 3 rows in W, m.
-        direction: in which it blows, a unit vector, 3 rows in W.
-        exit_speed: U₀, m/s.
-        diameter: D of the outlet, m.
-        turbulence: standard deviation of the air's velocity over its mean, on each axis, 1.
+        outlet: where it begins.
+        direction: in which it blows.
+        exit_speed: U₀.
+        diameter: D of the outlet.
+        turbulence: standard deviation of the air's velocity over its mean, on each axis.
     """
 
-    position: Rows
-    direction: Rows
-    exit_speed: Row
-    diameter: Row
-    turbulence: Row = 0.0
+    outlet: Outlet
+    direction: Direction
+    exit_speed: VelocityW
+    diameter: Annotated[Row, Quantity("m")]
+    turbulence: Number = 0.0
 
     @classmethod
-    def of_fan(cls, *, position: Rows, direction: Rows, flow: Row, diameter: Row, turbulence: Row) -> "Jet":
+    def of_fan(cls, *, outlet: Outlet, direction: Direction, flow: Row, diameter: Row, turbulence: Row) -> "Jet":
         """The jet of a fan, of numbers or arrays.
 
         Args:
-            position: of the middle of its outlet, 3 rows in W, m.
-            direction: 3 rows of any length.
+            outlet: where it begins.
+            direction: of any length.
             flow: Q, m³/s.
             diameter: D, m.
-            turbulence: share, 1.
+            turbulence: share.
         """
         length = np.sqrt(sum(part * part for part in direction))
-        unit = [part / length for part in direction]
-        return cls(position, unit, 4.0 * flow / (math.pi * diameter * diameter), diameter, turbulence)
-
-    def to_rows(self) -> list[Row]:
-        """The jet as 9 rows, in the order above."""
-        position, direction, *rest = self
-        return [*position, *direction, *rest]
-
-    def speed(self, place: Rows) -> tuple[Row, Row]:
-        """See `jet_speed`."""
-        return jet_speed(place, self.to_rows())
+        unit = Direction._make(part / length for part in direction)
+        return cls(outlet, unit, 4.0 * flow / (math.pi * diameter * diameter), diameter, turbulence)
 
 
-@formula
-def jet_speed(place: Rows, jet: Rows) -> tuple[Row, Row]:
-    """The mean speed of a jet at a place (m/s) and the half-width there (m).
+class Air(NamedTuple):
+    """What jets do at a place, summed.
 
-    Args:
-        place: in W, in the first 3 rows, m.
-        jet: the 9 rows of a `Jet`.
+    Attributes:
+        mean: wind.
+        variance: of the turbulence on each axis, m²/s².
+        rate: of the turbulence, 1/s.
     """
-    x_0, y_0, z_0, d_x, d_y, d_z, exit_speed, diameter, _ = jet
-    x, y, z = place[0] - x_0, place[1] - y_0, place[2] - z_0
-    along = x * d_x + y * d_y + z * d_z
+
+    mean: Wind
+    variance: Row
+    rate: Row
+
+
+class Eddies(NamedTuple):
+    """Turbulence over its standard deviation on each axis; or a normal number for each."""
+
+    x: Number
+    y: Number
+    z: Number
+
+
+class Blown(NamedTuple):
+    """The states of `Fans`."""
+
+    wind: Wind
+    eddies: Eddies
+
+
+def jet_speed(state: State, jet: Jet) -> tuple[Row, Row]:
+    """The mean speed of a jet at a vehicle (m/s) and the half-width there (m)."""
+    x, y, z = state.x - jet.outlet.x, state.y - jet.outlet.y, state.z - jet.outlet.z
+    along = x * jet.direction.x + y * jet.direction.y + z * jet.direction.z
     across = sqrt(maximum(x * x + y * y + z * z - along * along, _TINY))
-    reach = CORE_LENGTH * diameter
-    core = 0.5 * diameter * maximum(1.0 - along / reach, 0.0)
+    reach = CORE_LENGTH * jet.diameter
+    core = 0.5 * jet.diameter * maximum(1.0 - along / reach, 0.0)
     half_width = SPREAD * maximum(along, _LEAST_LENGTH)
     flank = maximum(across - core, 0.0) / half_width
-    centreline = exit_speed * reach / maximum(along, reach)
+    centreline = jet.exit_speed * reach / maximum(along, reach)
     return where(along > 0.0, centreline * exp(-_LN_2 * flank * flank), 0.0), half_width
 
 
-@formula
-def air(place: Rows, jets: Rows) -> tuple[Row, Row, Row, Row, Row]:
-    """What the jets do at a place, summed: mean wind in W (m/s), variance (m²/s²) and rate (1/s) of its turbulence.
-
-    Args:
-        place: in W, in the first 3 rows, m.
-        jets: the 9 rows of each `Jet`.
-    """
-    if len(jets) == 0:
-        return 0.0, 0.0, 0.0, 0.0, 0.0
-    x, y, z, variance, rate = air(place, jets[9:])
-    speed, half_width = jet_speed(place, jets[0:9])
-    swing = jets[8] * speed
-    return (
-        x + speed * jets[3],
-        y + speed * jets[4],
-        z + speed * jets[5],
-        variance + swing * swing,
-        rate + speed / half_width,
-    )
+def air(state: State, jets: tuple[Jet, ...]) -> Air:
+    """What jets do at a vehicle."""
+    x = y = z = variance = rate = 0.0
+    # The first jet comes last in the sum.
+    for jet in reversed(jets):
+        speed, half_width = jet_speed(state, jet)
+        swing = jet.turbulence * speed
+        x, y, z = x + speed * jet.direction.x, y + speed * jet.direction.y, z + speed * jet.direction.z
+        variance, rate = variance + swing * swing, rate + speed / half_width
+    return Air(Wind(x, y, z), variance, rate)
 
 
-@formula
-def first_sample(state: Rows, noise: Rows, jets: Rows) -> tuple[Rows, Rows]:
-    """The turbulence over its deviation and the wind in W (m/s) at the beginning.
-
-    Args:
-        state: of the vehicle, 12 rows.
-        noise: three normal numbers.
-        jets: the 9 rows of each `Jet`.
-    """
-    x, y, z, variance, _ = air(state, jets)
-    return noise, _gusty((x, y, z), variance, noise)
+def first_sample(state: State, noise: Eddies, jets: tuple[Jet, ...]) -> Blown:
+    """Wind and turbulence at the beginning, given normal numbers."""
+    here = air(state, jets)
+    return Blown(_gusty(here, noise), noise)
 
 
-@formula
-def next_sample(state: Rows, eddies: Rows, noise: Rows, jets: Rows, period: float) -> tuple[Rows, Rows]:
+def next_sample(state: State, eddies: Eddies, noise: Eddies, jets: tuple[Jet, ...], period: float) -> Blown:
     """The same a period (s) later, with the turbulence of before."""
-    x, y, z, variance, rate = air(state, jets)
-    decay = exp(-period * rate)
+    here = air(state, jets)
+    decay = exp(-period * here.rate)
     fresh = sqrt(maximum(1.0 - decay * decay, _TINY))
-    later = (
-        decay * eddies[0] + fresh * noise[0],
-        decay * eddies[1] + fresh * noise[1],
-        decay * eddies[2] + fresh * noise[2],
-    )
-    return later, _gusty((x, y, z), variance, later)
+    later = Eddies._make(decay * eddy + fresh * number for eddy, number in zip(eddies, noise, strict=True))
+    return Blown(_gusty(here, later), later)
 
 
-@formula
-def _gusty(mean: Rows, variance: Row, eddies: Rows) -> tuple[Row, Row, Row]:
-    deviation = sqrt(maximum(variance, _TINY))
-    return mean[0] + deviation * eddies[0], mean[1] + deviation * eddies[1], mean[2] + deviation * eddies[2]
+def _gusty(here: Air, eddies: Eddies) -> Wind:
+    deviation = sqrt(maximum(here.variance, _TINY))
+    return Wind._make(mean + deviation * eddy for mean, eddy in zip(here.mean, eddies, strict=True))
 
 
 @fleet_system(float, AutoDiffXd)
@@ -155,45 +160,27 @@ class Fans(FleetSystem):
         output_ports:
         - wind
 
-    `wind` (3 rows, m/s in W) is the sum of the jets at the position in the vehicle's `state` (12 rows), and their
-    turbulence: alike in all directions, a first-order Gauss–Markov process in time, with the root of the jets' summed
-    variances for deviation and a half-width over the speed of the air, which is about what an eddy takes to go by, for
-    time scale. `jet_noise` (3 rows) is random: normal numbers, new ones at every sample. A simulator that goes on with
-    a flight must suppress initialization events, which begin the turbulence anew.
+    `wind` is the sum of the jets at the vehicle's position, and their turbulence: alike in all directions, a first-order
+    Gauss–Markov process in time, with the root of the jets' summed variances for deviation and a half-width over the
+    speed of the air, which is about what an eddy takes to go by, for time scale. `jet_noise` is random: normal numbers,
+    new ones at every sample. A simulator that goes on with a flight must suppress initialization events, which begin
+    the turbulence anew.
 
-    Discrete-state groups: 0 what is held, 1 the turbulence over its deviation, 3 rows. One numeric parameter of the
-    context: the 9 rows of each `Jet`.
+    The states are `wind` and `eddies`, the only parameter of the context is `jets`.
 
     Args:
         num_vehicles: N; each in turbulence of its own.
         period: of the samples, s; the vehicle's time step.
-        jets: each entry a number or an (N,) array.
+        numbers: the jets.
     """
 
-    def declare(self, *, num_vehicles: int = 1, period: float = 0.01, jets: Sequence[Jet]) -> None:
-        """Declares the system; see the class for the arguments."""
-        self.period = period
-        self._jets = self.numeric_parameter([row for jet in jets for row in jet.to_rows()])
-        self._vehicle = self.input("state", 12)
-        self._noise = self.random_input("jet_noise", 3, RandomDistribution.kGaussian)
-        self._wind = self.discrete_state("wind", [0.0] * 3)
-        self._eddies = self.discrete_state("eddies", [0.0] * 3)
-        self._first = self.interpreted(first_sample, inputs=(12, 3, 9 * len(jets)))
-        self._next = self.mapped(next_sample, inputs=(12, 3, 3, 9 * len(jets)), outputs=(3, 3))
-        self.DeclareInitializationDiscreteUpdateEvent(self._start)
-        self.DeclarePeriodicDiscreteUpdateEvent(period, 0.0, self._sample)
-        self.state_output(3, self._wind)
-
-    def _start(self, context: Any, discrete_state: Any) -> None:
-        vehicle, noise = self.inputs(context, self._vehicle, self._noise)
-        self._first(self._groups(discrete_state), [vehicle, noise, self.parameter(context, self._jets)])
-
-    def _sample(self, context: Any, discrete_state: Any) -> None:
-        if context.get_time() == 0.0:
-            return  # the start has used up the numbers of this instant
-        vehicle, noise = self.inputs(context, self._vehicle, self._noise)
-        eddies, jets = context.get_discrete_state(self._eddies), self.parameter(context, self._jets)
-        self._next(self._groups(discrete_state), [vehicle, eddies, noise, jets], self.period)
-
-    def _groups(self, discrete_state: Any) -> list[Any]:
-        return [discrete_state.get_mutable_vector(self._eddies), discrete_state.get_mutable_vector(self._wind)]
+    def declare(self, *, period: float = 0.01, numbers: tuple[Jet, ...]) -> None:
+        """Declares the system."""
+        jets, state = self.parameter("jets", lambda jets: jets), self.input("state")
+        noise = self.random_input("jet_noise", Eddies, RandomDistribution.kGaussian, period=period)
+        wind = self.state("wind", lambda _: Wind(0.0, 0.0, 0.0))
+        eddies = self.state("eddies", lambda _: Eddies(0.0, 0.0, 0.0))
+        self.initialize(first_sample, state, noise, jets, writes=[wind, eddies])
+        # The first sample has used up the numbers of time zero.
+        self.update(period, next_sample, state, eddies, noise, jets, period, writes=[wind, eddies], at_start=False)
+        self.state_output(wind)

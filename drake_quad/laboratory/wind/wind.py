@@ -7,11 +7,40 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource, ZeroOrderHold
 
-from drake_quad.laboratory.tape import random_ports
-from drake_quad.randomness import Kind
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.randomness.noise import Stream
+from drake_quad.signals import Wind
 
 
-def build_wind(sources: Mapping[str, Any], *, num_vehicles: int = 1) -> Diagram:
+def _unchanged(wind: Wind) -> Wind:
+    return wind
+
+
+@fleet_system(float, AutoDiffXd)
+class SteadyWind(FleetSystem):
+    """The same wind everywhere, always.
+
+    .. pydrake_system::
+
+        name: SteadyWind
+        output_ports:
+        - wind
+
+    The only parameter of the context is `velocity`.
+
+    Args:
+        num_vehicles: N.
+        numbers: the velocity of the air.
+    """
+
+    def declare(self, *, numbers: Wind) -> None:
+        """Declares the system."""
+        self.output("wind", _unchanged, self.parameter("velocity", lambda velocity: velocity))
+
+
+def build_wind(
+    sources: Mapping[str, Any], *, streams: Mapping[str, list[Stream]], num_vehicles: int = 1
+) -> Diagram:
     """Builds the diagram `wind`, the sum of its sources; still air if there are none.
 
     .. pydrake_system::
@@ -24,27 +53,28 @@ def build_wind(sources: Mapping[str, Any], *, num_vehicles: int = 1) -> Diagram:
         output_ports:
         - wind
 
-    `wind` (3 rows) is the velocity of the air at the vehicle, in W (m/s). `state` (12 rows), the vehicle's, is there if
-    a source depends on the place. Random input ports of the sources are ports of the diagram, called after source and
-    port: here for two such sources.
+    `state`, the vehicle's, is there if a source depends on the place. Random input ports of the sources are ports of
+    the diagram, called after their streams: here for two such sources.
 
     Args:
-        sources: systems with one output port of 3 rows and perhaps the input port `state`, by name.
+        sources: systems with one output port for the wind and perhaps the input port `state`, by name.
+        streams: for the random input ports of the sources, by the name of the source.
         num_vehicles: N.
     """
     builder = DiagramBuilder()
     if not sources:
         sources = {"still_air": ConstantVectorSource(np.zeros(3 * num_vehicles))}
+    placed = False
     for name, source in sources.items():
         builder.AddNamedSystem(name, source)
-    placed = [source.GetInputPort("state") for source in sources.values() if source.HasInputPort("state")]
-    for i, port in enumerate(placed):
-        if i == 0:
-            builder.ExportInput(port, "state")
-        else:
-            builder.ConnectInput("state", port)
-    for port, stream, _ in random_ports(sources, Kind.WIND):
-        builder.ExportInput(port, stream.name)
+        if source.HasInputPort("state"):
+            if placed:
+                builder.ConnectInput("state", source.GetInputPort("state"))
+            else:
+                builder.ExportInput(source.GetInputPort("state"), "state")
+            placed = True
+        for stream in streams.get(name, []):
+            builder.ExportInput(source.GetInputPort(stream.name.removeprefix(f"{name}.")), stream.name)
     ports = [source.get_output_port() for source in sources.values()]
     if len(ports) > 1:
         total = builder.AddNamedSystem("total", Adder(len(ports), 3 * num_vehicles))
@@ -69,11 +99,11 @@ def build_held_wind(source: Any, *, period: float) -> Diagram:
         - wind
 
     A source that is a function of time or place would be read at the end of a step of the vehicle, with the state of
-    its beginning. `state` (12 rows) is there if the source has it, `wind` (3 rows, m/s in W) is its only output, zero
-    before the first sample at time zero, which no step of the vehicle sees.
+    its beginning. `state` is there if the source has it; `wind` is zero before the first sample at time zero, which no
+    step of the vehicle sees.
 
     Args:
-        source: with one output port, of 3 rows, and perhaps the input port `state`.
+        source: with one output port for the wind, and perhaps the input port `state`.
         period: of the samples, s; the vehicle's time step.
     """
     builder = DiagramBuilder()

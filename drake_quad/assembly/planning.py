@@ -18,13 +18,16 @@ from drake_quad.scenario import Journey, Scenario, distributions_in, routes
 from drake_quad.scenario.limits import LONGEST, MOST_TICKS
 from drake_quad.scenario.routes import CircleRoute, FigureEightRoute, HoverRoute, TrajectoryRoute, WaypointRoute
 from drake_quad.vehicle.inverse_dynamics import RotorDemand, rotor_demand
-from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.signals import Jerk, Reference, Snap
+from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters, ThrustFactors
 
 
 def nominal_parameters(journey: Journey) -> QuadrotorParameters:
     """What is believed of the vehicle: no drag, four rotors alike, the centre of mass in their middle."""
-    fields = journey.nominal.model_dump()
-    return QuadrotorParameters(**{**fields, "thrust_factor": (journey.nominal.thrust_factor,) * 4})
+    nominal = journey.nominal
+    fields = {name: getattr(nominal, name) for name in type(nominal).model_fields}
+    alike = ThrustFactors(*(nominal.thrust_factor,) * 4)
+    return QuadrotorParameters(**{**fields, "inertia": Inertia(*nominal.inertia), "thrust_factor": alike})
 
 
 def plan_route(journey: Journey) -> Plan:
@@ -132,16 +135,17 @@ def flight_duration(scenario: Scenario, plan: Plan) -> float:
 
 def plan_demand(plan: Plan, parameters: QuadrotorParameters, times: np.ndarray) -> RotorDemand:
     """What a plan asks of a vehicle at given times (samples,), s."""
-    acceleration, jerk, snap = (evaluate(plan.path, times, order) for order in (2, 3, 4))
-    yaw = np.vstack([evaluate(plan.yaw, times, order) for order in range(3)])
-    return rotor_demand(acceleration, jerk, snap, parameters, yaw=yaw)
+    position, velocity, acceleration, jerk, snap = (evaluate(plan.path, times, order) for order in range(5))
+    ((yaw,), (yaw_rate,), (yaw_acceleration,)) = (evaluate(plan.yaw, times, order) for order in range(3))
+    reference = Reference(*position, *velocity, *acceleration, yaw, yaw_rate)
+    return rotor_demand(reference, Jerk(*jerk), Snap(*snap, yaw_acceleration), parameters)
 
 
 def _check_rotors(plan: Plan, parameters: QuadrotorParameters) -> None:
     times = sample_times(plan.path)
     violation = first_violation(
         times,
-        plan_demand(plan, parameters, times).rotor_speed,
+        np.array(plan_demand(plan, parameters, times).rotor_speed),
         min_rotor_speed=parameters.min_rotor_speed,
         max_rotor_speed=parameters.max_rotor_speed,
     )

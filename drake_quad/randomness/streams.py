@@ -13,15 +13,16 @@ and is mixed.
 import functools
 import hashlib
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 from typing import Any
 
 import numpy as np
 
-from drake_quad.compiled import compiled, formula
-from drake_quad.elementary import log, sin_cos, sqrt
-from drake_quad.seeding import child_words
+from drake_quad.framework.elementary import bits_of, float_of, log, sin_cos, sqrt
+from drake_quad.framework.formulas import run_on_arrays
+from drake_quad.randomness.seeding import child_words
+from drake_quad.signals import Row
 
 _GAMMA = np.uint64(0x9E3779B97F4A7C15)
 _FACTORS = np.uint64(0xBF58476D1CE4E5B9), np.uint64(0x94D049BB133111EB)
@@ -49,7 +50,8 @@ def stream_states(seed: int, samples: Sequence[int], kind: Kind, name: str) -> n
         name: of what it is for.
     """
     label = int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest(), "little")
-    return mixed(_sample_words(seed, tuple(samples), kind) ^ np.uint64(label))
+    states: np.ndarray = mixed(_sample_words(seed, tuple(samples), kind) ^ np.uint64(label))
+    return states
 
 
 @functools.lru_cache(maxsize=8)
@@ -58,59 +60,51 @@ def _sample_words(seed: int, samples: tuple[int, ...], kind: Kind) -> np.ndarray
     return child_words(seed, np.array(samples), int(kind))
 
 
-@formula
+def words(states: np.ndarray, first: int, count: int) -> np.ndarray:
+    """What the words of N streams are mixed from, (count, N) uint64, from word `first` on."""
+    places = np.arange(first + 1, first + 1 + count, dtype=np.uint64)
+    moved: np.ndarray = states + (places * _GAMMA)[:, None]
+    return moved
+
+
 def mixed(state: Any) -> Any:
-    """SplitMix64's number for each state, uint64."""
+    """SplitMix64's word for each state, uint64."""
     state = (state ^ (state >> _SHIFTS[0])) * _FACTORS[0]
     state = (state ^ (state >> _SHIFTS[1])) * _FACTORS[1]
     return state ^ (state >> _SHIFTS[2])
 
 
-@formula
-def word(state: Any, k: int) -> Any:
-    """Number k of a stream with this state, uint64."""
-    return mixed(state + np.uint64(k + 1) * _GAMMA)
+def uniform_number(state: Row) -> Row:
+    """A number between 0 and 1, and neither of them, from 52 bits of a word; given the bits of the word's state."""
+    return (float_of(mixed(bits_of(state)) >> _FRACTION) + 0.5) * 2.0**-52
 
 
-@formula
-def uniform_number(word: Any) -> Any:
-    """A number between 0 and 1, and neither of them, from 52 bits of a word."""
-    return (np.float64(word >> _FRACTION) + 0.5) * 2.0**-52
-
-
-@formula
-def normal_pair(word: Any) -> tuple[Any, Any]:
+def normal_pair(state: Row) -> tuple[Row, Row]:
     """Two normal numbers, by Box and Muller: √(-2 ln u) times sine and cosine of 2π v, u and v of 32 bits each."""
-    radius = sqrt(-2.0 * log((np.float64(word & _LOW_HALF) + 0.5) * 2.0**-32))
-    sine, cosine = sin_cos(np.float64(word >> _HALF) * (math.tau * 2.0**-32))
+    word = mixed(bits_of(state))
+    radius = sqrt(-2.0 * log((float_of(word & _LOW_HALF) + 0.5) * 2.0**-32))
+    sine, cosine = sin_cos(float_of(word >> _HALF) * (math.tau * 2.0**-32))
     return radius * sine, radius * cosine
 
 
-@compiled
 def uniform_numbers(states: np.ndarray, first: int, count: int) -> np.ndarray:
     """The (count, N) uniform numbers of N streams, from number `first` on."""
-    numbers = np.empty((count, states.size))
-    for k in range(count):
-        for i in range(states.size):
-            numbers[k, i] = uniform_number(word(states[i], first + k))
+    (numbers,) = _made(uniform_number, 1, words(states, first, count))
     return numbers
 
 
-@compiled
 def normal_pairs(states: np.ndarray, first: int, count: int) -> np.ndarray:
     """The (2, count, N) standard normal numbers that `count` words of N streams make, from word `first` on."""
-    pairs = np.empty((2, count, states.size))
-    if count > states.size:  # the inner loop should be the longer one
-        for i in range(states.size):
-            for k in range(count):
-                pairs[0, k, i], pairs[1, k, i] = normal_pair(word(states[i], first + k))
-    else:
-        for k in range(count):
-            for i in range(states.size):
-                pairs[0, k, i], pairs[1, k, i] = normal_pair(word(states[i], first + k))
-    return pairs
+    return _made(normal_pair, 2, words(states, first, count))
+
+
+def _made(formula: Callable[..., Any], num_rows: int, states: np.ndarray) -> np.ndarray:
+    """The (rows, count, N) numbers that a formula makes of (count, N) states."""
+    return run_on_arrays(formula, [states.ravel().view(float)], num_rows).reshape(num_rows, *states.shape)
 
 
 def parameter_numbers(seed: int, samples: Sequence[int], path: str) -> np.ndarray:
     """The (N,) numbers in (0, 1) from which the field at a path is drawn."""
-    return uniform_numbers(stream_states(seed, samples, Kind.PARAMETERS, path), 0, 1)[0]
+    (numbers,) = uniform_numbers(stream_states(seed, samples, Kind.PARAMETERS, path), 0, 1)
+    drawn: np.ndarray = numbers
+    return drawn

@@ -1,0 +1,254 @@
+"""The laboratory of a scenario, and its referee."""
+
+import math
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Diagram
+
+from drake_quad.assembly.planning import nominal_parameters
+from drake_quad.assembly.recipe import FleetScenario, Recipe
+from drake_quad.errors import InputError
+from drake_quad.framework.elementary import sin_cos, where
+from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
+from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor, Window
+from drake_quad.laboratory.laboratory import build_laboratory
+from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture
+from drake_quad.laboratory.wind.dryden import WIND_AT_20_FEET, DrydenTurbulence, Turbulence, TurbulenceNumbers
+from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
+from drake_quad.laboratory.wind.gust import Gust, GustNumbers
+from drake_quad.laboratory.wind.wind import SteadyWind
+from drake_quad.randomness.noise import Samples
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario import Batch, Scenario, models, wind
+from drake_quad.scenario.quantities import can_differ_from_zero, extremes
+from drake_quad.signals import Attitude, Row, Wind, Wrench
+from drake_quad.vehicle.allocation import Allocation, RotorModel
+from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
+from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters, ThrustFactors
+from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
+
+# A fourth-order Runge-Kutta step is stable up to 2.78 time constants of a decay.
+_STABLE = 2.5
+_WIND = "wind."
+
+
+def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, Recipe]:
+    """Recipes for what the laboratory of a scenario is made of around its vehicles, by the path in its diagram.
+
+    Args:
+        batch: that is flown.
+        plan: at whose beginning the vehicles hover.
+        duration: of the flight, s.
+
+    Raises:
+        InputError: the vehicle's time step is too long for its drag.
+    """
+    scenario, fleet = batch.scenario, FleetScenario(batch)
+    _check_step(fleet)
+    return {
+        "vehicle": _vehicle(scenario.vehicle, fleet.vehicle, plan, duration),
+        "allocation": Recipe(Allocation, {}, RotorModel.of(nominal_parameters(scenario))),
+        "motion_capture": _motion_capture(scenario.laboratory.motion_capture, fleet.laboratory.motion_capture),
+        "command_link": _command_link(scenario, fleet.laboratory.command_link),
+        **{f"{_WIND}{name}": recipe for name, recipe in _wind(scenario, fleet).items()},
+    }
+
+
+def build_laboratory_of(
+    recipes: dict[str, Recipe], num_vehicles: int, samples: Samples | None, *, own_wind: Any = None
+) -> Diagram:
+    """Builds a laboratory.
+
+    Args:
+        recipes: of its parts.
+        num_vehicles: N.
+        samples: that the vehicles fly; None for Drake's random sources.
+        own_wind: a source of wind beside those of the recipes.
+    """
+    systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}
+    sources = {path.removeprefix(_WIND): systems.pop(path) for path in recipes if path.startswith(_WIND)}
+    if own_wind is not None:
+        sources["own"] = own_wind
+    return build_laboratory(**systems, wind=sources, samples=samples)
+
+
+def wind_period(scenario: Scenario) -> float:
+    """How long wind is held, s."""
+    return scenario.vehicle.time_step or scenario.laboratory.motion_capture.period
+
+
+def build_monitor(scenario: Scenario, num_vehicles: int) -> FlightMonitor:
+    """Builds the monitor of a scenario's flight."""
+    window, crash = scenario.metrics, scenario.crash
+    monitor: FlightMonitor = FlightMonitor(
+        num_vehicles=num_vehicles,
+        period=scenario.laboratory.command_link.period,
+        limits=CrashLimits(crash.tilt, crash.position_error, crash.height),
+        window=Window(window.start, math.inf if window.end is None else window.end),
+    )
+    return monitor
+
+
+def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
+    """The parameters of the vehicle of a scenario, or of a `FleetScenario`, as it is."""
+    named = {name: getattr(vehicle, name) for name in QuadrotorParameters._fields}
+    factors = (vehicle.thrust_factor * (1.0 + error) for error in vehicle.thrust_factor_error)
+    return QuadrotorParameters(
+        **named
+        | {
+            "inertia": Inertia(*vehicle.inertia),
+            "thrust_factor": ThrustFactors(*factors),
+            "centre_of_mass": CentreOfMass(*vehicle.centre_of_mass),
+        }
+    )
+
+
+def _vehicle(vehicle: models.Vehicle, fleet: Any, plan: Plan, duration: float) -> Recipe:
+    structure = {
+        "time_step": vehicle.time_step,
+        "kinematics": vehicle.attitude_kinematics,
+        "faulty": vehicle.rotor_failure is not None or can_differ_from_zero(vehicle.battery_sag),
+    }
+    x, y, z = plan.waypoints[0]
+    numbers = QuadrotorNumbers(
+        vehicle_parameters(fleet), _faults(fleet, duration), Place(float(x), float(y), float(z), plan.initial_yaw)
+    )
+    return Recipe(Quadrotor, structure, numbers)
+
+
+def _faults(fleet: Any, duration: float) -> RotorFaults:
+    faults, failure = RotorFaults(battery_sag=fleet.battery_sag / duration), fleet.rotor_failure
+    if failure is None:
+        return faults
+    left = SpeedFactors._make(
+        where(failure.rotor == number, failure.speed_factor, 1.0) for number in (1.0, 2.0, 3.0, 4.0)
+    )
+    return faults._replace(failure_time=failure.time, failure_factor=left)
+
+
+def _check_step(fleet: Any) -> None:
+    """Raises InputError if drag stops a vehicle so fast that its steps would not be stable."""
+    vehicle, sources = fleet.vehicle, fleet.laboratory.wind
+    steady = [_velocity(source) for source in sources if source.kind == "steady"]
+    gusts = [_velocity(source) for source in sources if source.kind == "gust"]
+    speeds = [np.sqrt(sum(part * part for part in velocity)) for velocity in (_total(steady), *gusts)]
+    airspeed = sum(speeds) + sum(jet.exit_speed for jet in jets(sources))
+    rate = np.max((vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed) / vehicle.mass)
+    if vehicle.time_step * rate > _STABLE:
+        raise InputError(
+            f"vehicle.time_step is {vehicle.time_step:g} s, too long for this much drag, which carries a vehicle along"
+            f" within {1.0 / rate:.2g} s; shorten it, or make it 0 for a continuous state"
+        )
+
+
+def _motion_capture(cameras: models.MotionCapture, fleet: Any) -> Recipe:
+    structure = {
+        "period": cameras.period,
+        "noisy": can_differ_from_zero(cameras.position_noise) or can_differ_from_zero(cameras.attitude_noise),
+        "loses_frames": can_differ_from_zero(cameras.dropout_rate),
+        "misaligned": any(map(can_differ_from_zero, cameras.misalignment)),
+        "filtered": cameras.derivative_bandwidth is not None,
+        "longest_latency": _longest(cameras.latency_frames),
+    }
+    numbers = CameraNumbers(
+        position_noise=fleet.position_noise,
+        attitude_noise=fleet.attitude_noise,
+        dropout_rate=fleet.dropout_rate,
+        misalignment=Attitude(*fleet.misalignment),
+        bandwidth=0.0 if fleet.derivative_bandwidth is None else fleet.derivative_bandwidth,
+        latency_frames=fleet.latency_frames,
+    )
+    return Recipe(MotionCapture, structure, numbers)
+
+
+def _command_link(scenario: Scenario, fleet: Any) -> Recipe:
+    link, believed = scenario.laboratory.command_link, nominal_parameters(scenario)
+    structure = {
+        "period": link.period,
+        "longest_delay": _longest(link.delay_ticks),
+        "loses_packets": can_differ_from_zero(link.loss_rate),
+    }
+    hover = Wrench(believed.mass * believed.gravity, 0.0, 0.0, 0.0)
+    return Recipe(CommandLink, structure, LinkNumbers(fleet.delay_ticks, fleet.loss_rate, hover))
+
+
+def _longest(delay: Any) -> int:
+    """The most ticks that a delay can take."""
+    _, longest = extremes(delay)
+    return int(longest or 0.0)
+
+
+def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
+    """Recipes for the wind of a scenario; sources of a kind are numbered: others leave their turbulence as it is."""
+    held = {"period": wind_period(scenario)}
+    recipes: dict[str, Recipe] = {}
+    sources = fleet.laboratory.wind
+    steady = [source for source in scenario.laboratory.wind if isinstance(source, wind.SteadyWind)]
+    mean = _total([_velocity(source) for source in sources if source.kind == "steady"])
+    if any(_blows(source) for source in steady):
+        recipes["steady"] = Recipe(SteadyWind, {}, mean)
+    for source in sources:
+        name = f"{source.kind}_{sum(other.startswith(source.kind) for other in recipes)}"
+        match source.kind:
+            case "gust":
+                hold_time = math.inf if source.hold_time is None else source.hold_time
+                numbers = GustNumbers(_velocity(source), source.start, source.rise_time, hold_time)
+                recipes[name] = Recipe(Gust, held, numbers)
+            case "dryden":
+                recipes[name] = Recipe(DrydenTurbulence, held, _dryden(source, mean))
+    if jets(sources):
+        recipes["fans"] = Recipe(Fans, held, jets(sources))
+    return recipes
+
+
+def _blows(source: wind.SteadyWind) -> bool:
+    """Can there be wind from a source?"""
+    parts = (source.speed,) if source.velocity is None else source.velocity
+    return any(map(can_differ_from_zero, parts))
+
+
+def steady_wind(scenario: Scenario) -> Wind:
+    """The sum of all steady wind of a scenario of numbers."""
+    return _total([_velocity(source) for source in scenario.laboratory.wind if isinstance(source, wind.SteadyWind)])
+
+
+def _total(velocities: list[Wind]) -> Wind:
+    return Wind._make(sum(parts, start=0.0) for parts in zip(*velocities, strict=True)) if velocities else Wind(0.0, 0.0, 0.0)
+
+
+def _velocity(source: Any) -> Wind:
+    """The velocity of the air of steady wind or a gust."""
+    if source.velocity is not None:
+        return Wind(*source.velocity)
+    sin_heading, cos_heading = sin_cos(source.heading)
+    return Wind(source.speed * cos_heading, source.speed * sin_heading, 0.0)
+
+
+def jets(sources: Any) -> tuple[Jet, ...]:
+    """The jets of all fans among some sources of wind."""
+    return tuple(
+        [
+            Jet.of_fan(
+                outlet=Outlet(*source.position),
+                direction=Direction(*source.direction),
+                flow=source.flow,
+                diameter=source.diameter,
+                turbulence=source.turbulence,
+            )
+            for source in sources
+            if source.kind == "fan"
+        ]
+    )
+
+
+def _dryden(source: Any, mean: Wind) -> TurbulenceNumbers:
+    """The turbulence and its heading, both by the steady wind where the source does not say."""
+    airspeed: Row = np.sqrt(mean.x * mean.x + mean.y * mean.y + mean.z * mean.z)
+    heading: Row = np.arctan2(mean.y, mean.x)
+    turbulence = Turbulence.at_low_altitude(
+        height=source.height,
+        wind_at_20_feet=WIND_AT_20_FEET[source.level] * source.intensity,
+        airspeed=airspeed if source.airspeed is None else source.airspeed,
+    )
+    return TurbulenceNumbers(turbulence, heading if source.heading is None else source.heading)

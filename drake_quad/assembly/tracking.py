@@ -1,0 +1,196 @@
+"""The wiring: a scenario in, a named Diagram out.
+
+reference ──▶ control ──▶ laboratory
+│            ▲             │
+│            └─measurement─┘
+└──▶ monitor, recorder ◀── (all of them)
+"""
+
+from collections.abc import Sequence
+from typing import Any
+
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+
+from drake_quad.assembly.control import build_control, control_recipes
+from drake_quad.assembly.laboratory import build_laboratory_of, build_monitor, laboratory_recipes, wind_period
+from drake_quad.assembly.planning import flight_duration, plan_route, refuse_distributions
+from drake_quad.assembly.recipe import Recipe
+from drake_quad.assembly.recorder import build_recorder
+from drake_quad.assembly.user_systems import UserSystems, check_user_systems
+from drake_quad.control.cascade import POSITION_SIGNALS
+from drake_quad.framework.fleet_system import FleetSystem
+from drake_quad.framework.wiring import subsystem
+from drake_quad.laboratory.wind.wind import build_held_wind
+from drake_quad.randomness.noise import NoiseSource, Samples
+from drake_quad.reference.plan import Plan
+from drake_quad.reference.source import build_reference
+from drake_quad.scenario import Batch, Scenario, distributions_in
+
+# What is exported, and recorded, from each part; a control of the user's own need only have `wrench`.
+_SIGNALS = {
+    "reference": ("reference",),
+    "control": (*POSITION_SIGNALS, "acceleration_command", "attitude_command", "wrench"),
+    "laboratory": ("measurement", "state", "rotor_speed", "rotor_speed_command", "shortfall", "wind"),
+    "monitor": ("crashed",),
+}
+
+
+def build_tracking_diagram(
+    scenario: Scenario,
+    num_vehicles: int = 1,
+    *,
+    position_controller: Any = None,
+    control: Any = None,
+    wind: Any = None,
+    plan: Plan | None = None,
+    record: bool = False,
+    drake_random: bool = False,
+) -> Diagram:
+    """Builds the closed loop of a scenario, for vehicles that all fly the same.
+
+    Each is in the wind and noise of a sample of its own: the scenario's sample, or 0, the next one, and so on.
+
+    Its subsystems are `reference`, `control`, `laboratory`, `monitor` and, if asked for, `recorder`. Every signal of
+    the loop is exported under its name; what the control does not have is left out. The default context is hover at
+    the reference's first point.
+
+    Args:
+        scenario: with numbers only.
+        num_vehicles: N.
+        position_controller: a system that stands in for the scenario's: from `measurement` (12 rows) and `reference`
+            (11 rows) to `acceleration_command` (3 rows, m/s²). The diagram takes it over.
+        control: a system that stands in for the whole cascade: from `measurement` and `reference` to `wrench`
+            (4 rows: F_z in N; τ_x, τ_y, τ_z in N m). The diagram takes it over.
+        wind: a source of wind beside the scenario's: one output port of 3 rows, the velocity of the air in W (m/s), and
+            perhaps the input port `state` (12 rows). The diagram takes it over, and samples it at the vehicle's time
+            step; a FleetSystem, such as those of `drake_quad.laboratory.wind`, does that itself.
+        plan: flown instead of that of the scenario's route.
+        record: whether to add a recorder of all signals, sampled at every tick of the control.
+        drake_random: whether wind and noise come from Drake's random sources, for its own Monte Carlo tools, in place
+            of those of the samples.
+
+    Raises:
+        InputError: the scenario holds a distribution, the rotors cannot fly the route, or a system that is given does
+            not fit.
+    """
+    refuse_distributions(distributions_in(scenario))
+    first = scenario.sample or 0
+    batch = Batch.draw(scenario, range(first, first + num_vehicles))
+    own = UserSystems(position_controller, control, wind)
+    plan = plan or plan_route(scenario)
+    return build_fleet_diagram(batch, plan, own=own, record=record, drake_random=drake_random)
+
+
+def build_fleet_diagram(
+    batch: Batch, plan: Plan, *, own: UserSystems = UserSystems(), record: bool = False, drake_random: bool = False
+) -> Diagram:
+    """Builds the closed loop of a scenario for the samples of a batch, each flown by a vehicle.
+
+    Args:
+        batch: that is flown.
+        plan: that is flown.
+        own: systems of the user's, for as many vehicles. The diagram takes them over.
+        record: as for `build_tracking_diagram`.
+        drake_random: likewise.
+
+    Raises:
+        InputError: a system of the user's does not fit, or the vehicle's time step is too long for its drag.
+    """
+    scenario, num_vehicles = batch.scenario, len(batch)
+    check_user_systems(own, num_vehicles)
+    recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan))
+    samples = None if drake_random else _samples(batch)
+    builder = DiagramBuilder()
+    reference = builder.AddNamedSystem("reference", build_reference(plan, num_vehicles=num_vehicles))
+    control = own.control
+    if control is None:
+        control = build_control(scenario, _control_recipes(batch, plan, own), num_vehicles, own.position_controller)
+    builder.AddNamedSystem("control", control)
+    own_wind = _sampled(own.wind, scenario)
+    laboratory = build_laboratory_of(recipes, num_vehicles, samples, own_wind=own_wind)
+    builder.AddNamedSystem("laboratory", laboratory)
+    monitor = builder.AddNamedSystem("monitor", build_monitor(scenario, num_vehicles))
+
+    def connect(source: Any, signal: str, target: Any) -> None:
+        """Connects ports of one name, if the target takes the signal and the source has it."""
+        if target.HasInputPort(signal) and source.HasOutputPort(signal):
+            builder.Connect(source.GetOutputPort(signal), target.GetInputPort(signal))
+
+    connect(reference, "reference", control)
+    connect(reference, "reference_jerk", control)
+    connect(reference, "reference_snap", control)
+    connect(laboratory, "measurement", control)
+    connect(control, "wrench", laboratory)
+    connect(monitor, "crashed", laboratory)
+    connect(laboratory, "state", monitor)
+    connect(reference, "reference", monitor)
+    connect(control, "acceleration_command", monitor)
+    connect(laboratory, "shortfall", monitor)
+
+    systems = {"reference": reference, "control": control, "laboratory": laboratory, "monitor": monitor}
+    signals = {
+        name: systems[part].GetOutputPort(name)
+        for part, names in _SIGNALS.items()
+        for name in names
+        if systems[part].HasOutputPort(name)
+    }
+    for name, port in signals.items():
+        builder.ExportOutput(port, name)
+    if record:
+        sizes = {name: port.size() for name, port in signals.items()}
+        recorder = build_recorder(sizes, period=scenario.laboratory.command_link.period)
+        builder.AddNamedSystem("recorder", recorder)
+        for name, port in signals.items():
+            builder.Connect(port, recorder.GetInputPort(name))
+    diagram = builder.Build()
+    diagram.set_name(scenario.name)
+    return diagram
+
+
+def reset_fleet(
+    diagram: Diagram, context: Context, batch: Batch, plan: Plan, *, own: UserSystems = UserSystems()
+) -> None:
+    """Makes a context what it would be by default, had its diagram been built for another batch.
+
+    Args:
+        diagram: from `build_fleet_diagram`, for a batch of the same scenario and size, and with the same plan.
+        context: of the diagram.
+        batch: that shall be flown.
+        plan: that is flown.
+        own: the user's systems that were given: none of the batch's numbers are in them.
+
+    Raises:
+        InputError: the vehicle's time step is too long for its drag.
+    """
+    diagram.SetDefaultContext(context)
+    context.SetTime(0.0)
+    laboratory = diagram.GetSubsystemByName("laboratory")
+    for path, recipe in laboratory_recipes(batch, plan, flight_duration(batch.scenario, plan)).items():
+        recipe.reset(laboratory, path, context)
+    for system in laboratory.GetSystems():
+        if isinstance(system, NoiseSource):
+            system.reset(system.GetMyMutableContextFromRoot(context), _samples(batch))
+    control = diagram.GetSubsystemByName("control")
+    for path, recipe in _control_recipes(batch, plan, own).items():
+        recipe.reset(control, path, context)
+
+
+def _control_recipes(batch: Batch, plan: Plan, own: UserSystems) -> dict[str, Recipe]:
+    """Recipes for what of the cascade is not the user's."""
+    if own.control is not None:
+        return {}
+    recipes = control_recipes(batch, plan)
+    if own.position_controller is None:
+        return recipes
+    return {path: recipe for path, recipe in recipes.items() if not path.startswith("position.")}
+
+
+def _samples(batch: Batch) -> Samples:
+    return Samples(batch.scenario.seed, batch.samples)
+
+
+def _sampled(wind: Any, scenario: Scenario) -> Any:
+    """A user's source of wind, sampled unless it does that itself; None if there is none."""
+    if wind is None or isinstance(wind, FleetSystem):
+        return wind
+    return build_held_wind(wind, period=wind_period(scenario))

@@ -1,0 +1,106 @@
+"""Systems of the user's own, which stand in for parts of the loop."""
+
+from collections.abc import Callable, Mapping
+from typing import Any, NamedTuple
+
+from drake_quad.errors import InputError
+from drake_quad.framework.records import layout_of
+from drake_quad.signals import SIGNALS
+
+
+class UserSystems(NamedTuple):
+    """Systems that a user puts into the loop; or, for studies, functions that make them for N vehicles.
+
+    Attributes:
+        position_controller: stands in for the scenario's: from `measurement` and `reference` to
+            `acceleration_command`.
+        control: stands in for the whole cascade: from `measurement` and `reference`, and perhaps `reference_jerk` and
+            `reference_snap`, to `wrench`.
+        wind: a source of wind beside the scenario's: one output port with the velocity of the air, and perhaps the
+            input port `state`. It is sampled at the vehicle's time step; a FleetSystem, such as those of
+            `drake_quad.laboratory.wind`, does that itself.
+    """
+
+    position_controller: Any = None
+    control: Any = None
+    wind: Any = None
+
+    def made(self, num_vehicles: int) -> "UserSystems":
+        """What these functions make for N vehicles."""
+        makers: tuple[Callable[[int], Any] | None, ...] = self
+        return UserSystems._make(None if make is None else make(num_vehicles) for make in makers)
+
+
+class Place(NamedTuple):
+    """What a system in some place of the loop must be like.
+
+    Attributes:
+        inputs: the input ports that it may have.
+        output: the signal of its output port.
+        named: whether that port must have the signal's name, and others may stand beside it.
+        all_inputs: whether it must have all of the inputs.
+    """
+
+    inputs: tuple[str, ...]
+    output: str
+    named: bool
+    all_inputs: bool
+
+
+PLACES = {
+    "position_controller": Place(("measurement", "reference"), "acceleration_command", named=True, all_inputs=True),
+    "control": Place(
+        ("measurement", "reference", "reference_jerk", "reference_snap"), "wrench", named=True, all_inputs=False
+    ),
+    "wind": Place(("state",), "wind", named=False, all_inputs=False),
+}
+
+
+def check_user_systems(systems: UserSystems, num_vehicles: int) -> None:
+    """Checks that a user's systems have the ports that their places in the loop need.
+
+    Args:
+        systems: to check.
+        num_vehicles: N.
+
+    Raises:
+        InputError: one of them does not fit.
+    """
+    if systems.control is not None and systems.position_controller is not None:
+        raise InputError("control stands in for the whole cascade, so there is no place for a position_controller")
+    for name, system in systems._asdict().items():
+        if system is not None:
+            _check(name, system, PLACES[name], num_vehicles)
+
+
+def _check(name: str, system: Any, place: Place, num_vehicles: int) -> None:
+    if isinstance(system, type) or not hasattr(system, "num_output_ports"):
+        raise InputError(f"{name} must be a Drake system, an object and not its class, but is {system!r}")
+    inputs = {port.get_name(): port.size() for port in map(system.get_input_port, range(system.num_input_ports()))}
+    outputs = {port.get_name(): port.size() for port in map(system.get_output_port, range(system.num_output_ports()))}
+    if (place.output not in outputs) if place.named else (len(outputs) != 1):
+        wanted = f"the output port `{place.output}`" if place.named else "a single output port"
+        raise InputError(f"{name} needs {wanted}, but has {_listed(outputs)}")
+    # Random numbers come from elsewhere.
+    random = getattr(system, "random_inputs", {})
+    allowed = {port: _num_rows(port) for port in place.inputs}
+    for port in inputs:
+        if port not in allowed and port not in random:
+            raise InputError(f"{name} has the input port `{port}`, but may have {_listed(allowed)}")
+    for port in allowed:
+        if place.all_inputs and port not in inputs:
+            raise InputError(f"{name} needs the input port `{port}`, but has {_listed(inputs)}")
+    output = place.output if place.named else next(iter(outputs))
+    sizes = [(port, inputs[port], rows) for port, rows in allowed.items() if port in inputs]
+    for port, size, rows in [*sizes, (output, outputs[output], _num_rows(place.output))]:
+        if size != rows * num_vehicles:
+            fleet = f" for each of {num_vehicles} vehicles" if num_vehicles > 1 else ""
+            raise InputError(f"the port `{port}` of {name} must have {rows} rows{fleet}, but has {size}")
+
+
+def _num_rows(signal: str) -> int:
+    return layout_of(SIGNALS[signal]).num_rows
+
+
+def _listed(names: Mapping[str, int]) -> str:
+    return ", ".join(f"`{name}`" for name in names) or "none"

@@ -1,0 +1,7 @@
+"""Flying: one vehicle, or a fleet of them."""
+
+from drake_quad.flight.fleet import StudyFleet
+from drake_quad.flight.flight import Flight
+from drake_quad.flight.simulation import simulate, simulate_samples
+
+__all__ = ["Flight", "StudyFleet", "simulate", "simulate_samples"]

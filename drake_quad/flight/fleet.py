@@ -1,0 +1,81 @@
+"""A fleet that flies the samples of a study, batch after batch, in one diagram."""
+
+from collections.abc import Callable, Sequence
+
+from pydrake.systems.analysis import Simulator
+
+from drake_quad.assembly.planning import flight_duration, plan_route
+from drake_quad.assembly.tracking import build_fleet_diagram, reset_fleet
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.errors import InputError
+from drake_quad.flight.simulation import fly, read_metrics
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario import Batch, Scenario
+
+
+class StudyFleet:
+    """Flies samples of a scenario's study side by side, up to N at a time.
+
+    The diagram is built once; its context is reset for every batch of samples.
+
+    Args:
+        scenario: of the study.
+        num_vehicles: N.
+        plan: flown instead of that of the scenario's route.
+        own: functions that make systems of the user's for N vehicles.
+
+    Raises:
+        InputError: the route holds a distribution, or the rotors cannot fly it; or the vehicle has no time step.
+    """
+
+    def __init__(
+        self, scenario: Scenario, num_vehicles: int, *, plan: Plan | None = None, own: UserSystems = UserSystems()
+    ) -> None:
+        if scenario.vehicle.time_step == 0.0:
+            # An integrator chooses its steps by all vehicles of a fleet.
+            raise InputError("vehicle.time_step is 0; samples fly alike in any fleet only with a time step")
+        self.scenario, self.num_vehicles = scenario, num_vehicles
+        self._plan = plan or plan_route(scenario)
+        self.duration = flight_duration(scenario, self._plan)
+        self._own = own.made(num_vehicles)
+        batch = Batch.draw(scenario, range(num_vehicles))
+        self._simulator = Simulator(build_fleet_diagram(batch, self._plan, own=self._own))
+
+    def fly(
+        self,
+        samples: Sequence[int],
+        *,
+        duration: float | None = None,
+        progress: Callable[[float, float], None] | None = None,
+    ) -> Metrics:
+        """Flies samples and returns the (n,) metrics of each.
+
+        Args:
+            samples: n numbers of samples, from 1 to N of them.
+            duration: after which to stop, s; that of the flight if not given.
+            progress: called now and then with the time flown and the time to fly, s.
+
+        Raises:
+            InputError: a sample's drag is too much for the vehicle's time step.
+        """
+        return self.fly_batch(Batch.draw(self.scenario, samples), duration=duration, progress=progress)
+
+    def fly_batch(
+        self,
+        batch: Batch,
+        *,
+        duration: float | None = None,
+        progress: Callable[[float, float], None] | None = None,
+    ) -> Metrics:
+        """Flies a batch of n vehicles, from 1 to N of them, and returns the (n,) metrics of each.
+
+        With fewer than N the last is flown several times: what a vehicle does depends on no other.
+        """
+        if not 0 < len(batch) <= self.num_vehicles:
+            raise ValueError(f"a fleet of {self.num_vehicles} cannot fly {len(batch)} samples at once")
+        diagram, context = self._simulator.get_system(), self._simulator.get_mutable_context()
+        reset_fleet(diagram, context, batch.padded(self.num_vehicles), self._plan, own=self._own)
+        self._simulator.Initialize()
+        fly(self._simulator, self.duration if duration is None else duration, progress=progress)
+        return Metrics(*(values[: len(batch)] for values in read_metrics(diagram, context)))

@@ -1,0 +1,174 @@
+"""Functions that act alike on Python floats, NumPy arrays, AutoDiffXd, Expression and symbols.
+
+A formula of this project is written once, on rows: one number a vehicle. A row is a float for one vehicle and an array
+for a fleet, an AutoDiffXd or Expression where Drake differentiates or simplifies, and a `Symbol` where machine code is
+made. NumPy alone would not do: on a Python float it takes several times as long as `math`, its maximum and minimum
+refuse an Expression, and it knows no symbols.
+"""
+
+import math
+from typing import Any, TypeVar
+
+import numpy as np
+from pydrake import symbolic
+
+from drake_quad.framework import approximations
+from drake_quad.framework.symbols import Symbol
+from drake_quad.signals import Row
+
+_Rows = TypeVar("_Rows")
+_TRUTH = (bool, np.bool)
+
+
+def cos(x: Row) -> Row:
+    """Cosine of an angle in radians."""
+    return sin_cos(x)[1] if x.__class__ is not float else math.cos(x)
+
+
+def sin_cos(x: Row) -> tuple[Row, Row]:
+    """Sine and cosine of an angle in radians."""
+    if x.__class__ is float:
+        return math.sin(x), math.cos(x)
+    if x.__class__ is Symbol:
+        return _untyped(approximations.sin_cos(x))
+    return np.sin(x), np.cos(x)
+
+
+def sqrt(x: Row) -> Row:
+    """Square root; NaN, not an error, for a negative float that came from a diverged vehicle."""
+    if x.__class__ is float:
+        return math.sqrt(x) if x >= 0.0 else math.nan
+    return _untyped(approximations.sqrt(x)) if x.__class__ is Symbol else np.sqrt(x)
+
+
+def arctan(x: Row) -> Row:
+    """Inverse tangent, rad."""
+    if x.__class__ is float:
+        return math.atan(x)
+    return _untyped(approximations.arctan(x)) if x.__class__ is Symbol else np.arctan(x)
+
+
+def arcsin(x: Row) -> Row:
+    """Inverse sine, rad; NaN, not an error, for a float outside [-1, 1]."""
+    if x.__class__ is float:
+        return math.asin(x) if -1.0 <= x <= 1.0 else math.nan
+    return _untyped(approximations.arcsin(x)) if x.__class__ is Symbol else np.arcsin(x)
+
+
+def arctan2(y: Row, x: Row) -> Row:
+    """Angle of the point (x, y), rad. Not for Expression."""
+    if x.__class__ is float and y.__class__ is float:
+        return math.atan2(y, x)
+    if x.__class__ is Symbol or y.__class__ is Symbol:
+        return _untyped(approximations.arctan2(y, x))
+    return np.arctan2(y, x)
+
+
+def exp(x: Row) -> Row:
+    """Exponential."""
+    if x.__class__ is float:
+        return math.exp(x)
+    return _untyped(approximations.exp(x)) if x.__class__ is Symbol else np.exp(x)
+
+
+def log(x: Row) -> Row:
+    """Natural logarithm."""
+    if x.__class__ is float:
+        return math.log(x)
+    return _untyped(approximations.log(x)) if x.__class__ is Symbol else np.log(x)
+
+
+def log_of_1_plus(x: Row) -> Row:
+    """Natural logarithm of 1 + x, accurate for small x, which must not be negative."""
+    if x.__class__ is Symbol:
+        return _untyped(approximations.log_of_1_plus(x))
+    if x.__class__ is float or (isinstance(x, np.ndarray) and x.dtype == float):
+        return np.log1p(x)
+    rounded = 1.0 + x
+    # What was lost in the sum is lost in the difference, too.
+    return x if rounded == 1.0 else log(rounded) * (x / (rounded - 1.0))
+
+
+def maximum(x: Row, y: Row) -> Row:
+    """The larger of the two; y where x is NaN."""
+    if x.__class__ is float and y.__class__ is float:
+        return x if x > y else y
+    if x.__class__ is Symbol or y.__class__ is Symbol:
+        return where(x > y, x, y)
+    return _maximum_of_objects(x, y) if _is_symbolic(x) or _is_symbolic(y) else _of_one_type(np.fmax(x, y))
+
+
+def minimum(x: Row, y: Row) -> Row:
+    """The smaller of the two; y where x is NaN."""
+    if x.__class__ is float and y.__class__ is float:
+        return x if x < y else y
+    if x.__class__ is Symbol or y.__class__ is Symbol:
+        return where(x < y, x, y)
+    return _minimum_of_objects(x, y) if _is_symbolic(x) or _is_symbolic(y) else _of_one_type(np.fmin(x, y))
+
+
+def where(mask: bool, x: _Rows, y: _Rows) -> _Rows:
+    """X, a row or a record of rows, for the vehicles for which the mask is true, y for the others. Not for Expression."""
+    if isinstance(mask, _TRUTH):
+        return x if mask else y
+    if isinstance(x, tuple):
+        rows = [where(mask, row, other) for row, other in zip(x, _untyped(y), strict=True)]
+        return _untyped(x._make(rows) if hasattr(x, "_make") else tuple(rows))
+    if mask.__class__ is Symbol:
+        return _untyped(x if x is y else approximations.select(mask, x, y))
+    return _untyped(_of_one_type(np.where(mask, x, y)))
+
+
+def wrapped(angle: Row) -> Row:
+    """The same angle in [-π, π], rad. Not for Expression."""
+    if angle.__class__ is float:
+        return math.remainder(angle, math.tau) if math.isfinite(angle) else math.nan
+    if angle.__class__ is Symbol:
+        return _untyped(approximations.wrapped(angle))
+    return angle - math.tau * np.rint(plain(angle) / math.tau)
+
+
+def nearest(x: Row) -> Row:
+    """The nearest whole number, without derivatives. Not for Expression."""
+    return _untyped(approximations.nearest(x)) if x.__class__ is Symbol else np.rint(plain(x))
+
+
+def bits_of(x: Row) -> Any:
+    """The 64 bits of a number, uint64. For arrays and symbols."""
+    return approximations.bits_of(x) if x.__class__ is Symbol else _untyped(x).view(np.uint64)
+
+
+def float_of(word: Any) -> Row:
+    """The nearest floating-point number of 64 bits that are a whole number below 2**53."""
+    return _untyped(approximations.float_of(word) if word.__class__ is Symbol else word.astype(float))
+
+
+def plain(x: Row) -> Row:
+    """The values of a row, without their derivatives. Not for Expression."""
+    if isinstance(x, np.ndarray):
+        return np.array([value.value() for value in x]) if x.dtype == object else x
+    return x if x.__class__ in (float, Symbol) else _untyped(x).value()
+
+
+def _untyped(x: Any) -> Any:
+    """The same; a type checker, for which a row is a float, shall not ask what it is here."""
+    return x
+
+
+def _of_one_type(x: Any) -> Any:
+    """The same without floats among objects: NumPy's functions take no mixture."""
+    if not (isinstance(x, np.ndarray) and x.dtype == object):
+        return x
+    kind = next((element.__class__ for element in x.flat if element.__class__ is not float), float)
+    alike = [kind(element) if element.__class__ is float else element for element in x.flat]
+    return np.array(alike).reshape(x.shape)
+
+
+def _is_symbolic(x: Any) -> bool:
+    if isinstance(x, np.ndarray):
+        return x.dtype == object and x.size > 0 and isinstance(x.flat[0], symbolic.Expression)
+    return isinstance(x, symbolic.Expression)
+
+
+_maximum_of_objects = np.frompyfunc(symbolic.max, 2, 1)
+_minimum_of_objects = np.frompyfunc(symbolic.min, 2, 1)

@@ -1,0 +1,545 @@
+"""A LeafSystem that carries many vehicles, says what it computes, and converts its scalar type.
+
+A port, parameter or state with k rows has k N elements, row after row (C order, shape (k, N)); for one vehicle that is
+the plain k-vector. What its rows mean is a record: `drake_quad.signals` has those of the ports.
+
+A system declares its ports, parameters and states, and what follows from which of them by which formula:
+
+    measurement, reference = self.input("measurement"), self.input("reference")
+    gains = self.parameter("gains", lambda gains: gains)
+    self.output("acceleration_command", pd_law, measurement, reference, gains)
+
+Drake's callbacks follow from the declaration, for every scalar type, and so does the machine code that runs for plain
+numbers. A formula takes and returns records whose fields are rows, numbers for one vehicle and arrays for a fleet; it
+is made of arithmetic, comparisons and `drake_quad.framework.elementary`.
+
+`declare` is told structure, that is which ports and events there are, apart from `numbers`, which may differ from
+vehicle to vehicle. Parameters and states are recipes: functions of the numbers. `FleetSystem.reset` follows them once
+more, so that a diagram that is built flies again with other numbers.
+"""
+
+import inspect
+import sys
+from collections.abc import Callable, Iterator, Sequence
+from contextlib import contextmanager
+from types import MethodType
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.common import RandomDistribution, cpp_template
+from pydrake.symbolic import Expression
+from pydrake.systems.framework import (
+    BasicVector_,
+    Context,
+    DiscreteStateIndex,
+    InputPortIndex,
+    LeafSystem_,
+    NumericParameterIndex,
+)
+from pydrake.systems.scalar_conversion import TemplateSystem
+
+from drake_quad.framework.formulas import INTERPRETED, TIME, interpret, kernel, packed
+from drake_quad.framework.records import Layout, layout_of
+from drake_quad.signals import SIGNALS
+
+if TYPE_CHECKING:
+    from pydrake.systems.framework import LeafSystem as _Base
+else:
+    _Base = object
+
+__all__ = ["TIME", "AutoDiffXd", "Expression", "FleetSystem", "fleet_system"]
+
+
+class Input(NamedTuple):
+    """An input port.
+
+    Attributes:
+        name: of the port.
+        index: of the port.
+        layout: of what it holds.
+        absent: what a formula gets in its place where nothing is connected.
+    """
+
+    name: str
+    index: InputPortIndex
+    layout: Layout
+    absent: Any
+
+    def vector(self, system: "FleetSystem", context: Context) -> Any:
+        """The BasicVector at the port; None if nothing is connected."""
+        return system.EvalVectorInput(context, self.index)
+
+    def ticket(self, system: "FleetSystem") -> Any:
+        """What Drake calls it when it asks what an output depends on."""
+        return system.input_port_ticket(self.index)
+
+
+class Parameter(NamedTuple):
+    """A numeric parameter of the context.
+
+    Attributes:
+        name: in this system.
+        index: among the numeric parameters.
+        layout: of its rows.
+        recipe: from the system's numbers to the record.
+    """
+
+    name: str
+    index: NumericParameterIndex
+    layout: Layout
+    recipe: Callable[[Any], Any]
+
+    def vector(self, system: "FleetSystem", context: Context) -> Any:
+        """Its BasicVector."""
+        return context.get_numeric_parameter(self.index)
+
+    def mutable_vector(self, context: Context) -> Any:
+        """Its BasicVector, to be written."""
+        return context.get_mutable_numeric_parameter(self.index)
+
+    def ticket(self, system: "FleetSystem") -> Any:
+        """What Drake calls it when it asks what an output depends on."""
+        return system.numeric_parameter_ticket(self.index)
+
+
+class StateGroup(NamedTuple):
+    """A group of the discrete state, or the continuous state.
+
+    Attributes:
+        name: in this system.
+        index: among the discrete groups; None for the continuous state.
+        layout: of its rows.
+        recipe: from the system's numbers to the record at the beginning.
+    """
+
+    name: str
+    index: DiscreteStateIndex | None
+    layout: Layout
+    recipe: Callable[[Any], Any]
+
+    def vector(self, system: "FleetSystem", context: Context) -> Any:
+        """Its vector."""
+        if self.index is None:
+            return context.get_continuous_state_vector()
+        return context.get_discrete_state(self.index)
+
+    def mutable_vector(self, context: Context) -> Any:
+        """Its vector, to be written."""
+        if self.index is None:
+            return context.get_mutable_continuous_state_vector()
+        return context.get_mutable_discrete_state(self.index)
+
+    def ticket(self, system: "FleetSystem") -> Any:
+        """What Drake calls it when it asks what an output depends on."""
+        return system.xc_ticket() if self.index is None else system.discrete_state_ticket(self.index)
+
+
+_Read = Input | Parameter | StateGroup
+
+
+class Computation:
+    """What a system computes: by which formula, from what, and what it writes.
+
+    Attributes:
+        formula: a function of records and constants.
+        reads: its arguments: ports, parameters, states, `TIME`, or constants.
+        results: the layouts of what it returns.
+        writes: the states that it changes; none for an output.
+    """
+
+    def __init__(
+        self, formula: Callable[..., Any], reads: Sequence[Any], results: Sequence[Layout], writes: Sequence[StateGroup]
+    ) -> None:
+        self.formula, self.reads, self.results, self.writes = formula, tuple(reads), tuple(results), tuple(writes)
+        self._timed = TIME in self.reads
+        # What is read of what is written stands where it will be written.
+        places = {write.index: place for place, write in enumerate(writes)}
+        self._sources = [
+            (read, places.get(read.index) if isinstance(read, StateGroup) else None)
+            for read in self.reads
+            if isinstance(read, _Read)
+        ]
+        self._kernels: dict[tuple[int, ...], Callable[..., None]] = {}
+
+    def tickets(self, system: "FleetSystem") -> set[Any]:
+        """What the result depends on, as Drake asks for it."""
+        found = {read.ticket(system) for read, _ in self._sources}
+        if self._timed:
+            found.add(system.time_ticket())
+        return found or {system.nothing_ticket()}
+
+    def run(self, system: "FleetSystem", context: Context, vectors: Sequence[Any]) -> None:
+        """Computes the results and writes them into BasicVectors, which hold what was before if they are states."""
+        if system.scalar is not float or INTERPRETED:
+            self.interpret(system, context, vectors)
+            return
+        targets = [vector.get_mutable_value() for vector in vectors]
+        sources, absent = [], ()
+        for read, place in self._sources:
+            if place is not None:
+                sources.append(targets[place])
+                continue
+            vector = read.vector(system, context)
+            if vector is None:
+                absent += (read.index,)
+            else:
+                sources.append(vector.CopyToVector() if read.index is None else vector.value())
+        run = self._kernels.get(absent) or self._made(absent, lone=system.num_vehicles == 1)
+        run(system.num_vehicles, context.get_time() if self._timed else 0.0, *targets, *sources)
+
+    def interpret(self, system: "FleetSystem", context: Context, vectors: Sequence[Any]) -> None:
+        """The same without machine code."""
+        sources, absent = [], ()
+        for read, place in self._sources:
+            vector = read.vector(system, context) if place is None else vectors[place]
+            if vector is None:
+                absent += (read.index,)
+            else:
+                sources.append(vector.CopyToVector())
+        results = interpret(
+            self.formula,
+            self._arguments(absent),
+            sources,
+            self.results,
+            system.num_vehicles,
+            context.get_time() if self._timed else 0.0,
+        )
+        for vector, elements in zip(vectors, results, strict=True):
+            vector.SetFromVector(elements.astype(system.scalar))
+
+    def _made(self, absent: tuple[int, ...], *, lone: bool) -> Callable[..., None]:
+        self._kernels[absent] = kernel(self.formula, self._arguments(absent), self.results, lone=lone).function
+        return self._kernels[absent]
+
+    def _arguments(self, absent: tuple[int, ...]) -> tuple[Any, ...]:
+        """The arguments of the formula where nothing is connected to some input ports."""
+        arguments = []
+        for read in self.reads:
+            if isinstance(read, Input) and read.index in absent:
+                arguments.append(read.absent)
+            else:
+                arguments.append(read.layout if isinstance(read, _Read) else read)
+        return tuple(arguments)
+
+
+class FleetSystem(_Base):
+    """What the systems of this project have in common; a subclass is made a Drake system by `fleet_system`.
+
+    A subclass defines `declare` in place of a constructor: it is called with the keyword arguments of the constructor
+    other than `num_vehicles`, and again with the same ones on the converted copy. If it has an argument `numbers`, that
+    is what the recipes of its parameters and states are functions of.
+
+    Attributes:
+        scalar: float, AutoDiffXd or Expression.
+        num_vehicles: N.
+        parameters: the numeric parameters, by name.
+        states: the groups of the state, by name.
+        random_inputs: the input ports for random numbers, by name.
+        outputs: what is computed for each output port, by name; not those that show a state.
+        updates: what is computed at events.
+        packed: the layouts of the signals that the only output port packs, by name; empty if it packs none.
+    """
+
+    scalar: type
+    num_vehicles: int
+    parameters: dict[str, Parameter]
+    states: dict[str, StateGroup]
+    random_inputs: dict[str, "RandomInput"]
+    outputs: dict[str, Computation]
+    updates: list["Update"]
+    packed: dict[str, Layout]
+    _numbers: Any
+
+    def declare(self, *args: Any, **options: Any) -> None:
+        """Declares ports, state, parameters and events; every subclass has its own."""
+
+    def input(self, name: str, *, layout: Layout | None = None, absent: Any = None) -> Input:
+        """Declares an input port.
+
+        Args:
+            name: of the port; what it holds is what `drake_quad.signals` says, unless there is a layout.
+            layout: of what it holds.
+            absent: what a formula gets in its place where nothing is connected.
+        """
+        layout = layout or layout_of(SIGNALS[name])
+        return Input(name, self.DeclareVectorInputPort(name, self._model(layout)).get_index(), layout, absent)
+
+    def random_input(self, name: str, kind: Any, distribution: RandomDistribution, *, period: float) -> Input:
+        """Declares an input port for random numbers, as Drake's RandomSource gives them.
+
+        Args:
+            name: of the port.
+            kind: of record that it holds.
+            distribution: of each of its rows.
+            period: after which the system takes new ones, s.
+        """
+        layout = layout_of(kind)
+        index = self.DeclareVectorInputPort(name, self._model(layout), distribution).get_index()
+        self.random_inputs[name] = RandomInput(layout.num_rows, distribution, period)
+        return Input(name, index, layout, None)
+
+    def parameter(self, name: str, recipe: Callable[[Any], Any]) -> Parameter:
+        """Declares a numeric parameter, given its record as a function of the system's numbers."""
+        record = recipe(self._numbers)
+        layout = layout_of(type(record), record)
+        index = self.DeclareNumericParameter(self._vector(layout, record))
+        self.parameters[name] = Parameter(name, NumericParameterIndex(int(index)), layout, recipe)
+        return self.parameters[name]
+
+    def state(self, name: str, recipe: Callable[[Any], Any], *, layout: Layout | None = None) -> StateGroup:
+        """Declares a group of the discrete state, given its record at the beginning as a function of the numbers."""
+        record = recipe(self._numbers)
+        layout = layout or layout_of(type(record), record)
+        index = self.DeclareDiscreteState(self._vector(layout, record))
+        self.states[name] = StateGroup(name, DiscreteStateIndex(int(index)), layout, recipe)
+        return self.states[name]
+
+    def continuous_state(self, recipe: Callable[[Any], Any]) -> StateGroup:
+        """Declares the continuous state, likewise."""
+        record = recipe(self._numbers)
+        layout = layout_of(type(record), record)
+        self.DeclareContinuousState(self._vector(layout, record))
+        self.states["continuous"] = StateGroup("continuous", None, layout, recipe)
+        return self.states["continuous"]
+
+    def output(self, name: str, formula: Callable[..., Any], *reads: Any, layout: Layout | None = None) -> None:
+        """Declares an output port.
+
+        Args:
+            name: of the port; what it holds is what `drake_quad.signals` says, unless there is a layout.
+            formula: which returns what it holds.
+            reads: the formula's arguments: ports, parameters, states, `TIME`, or constants.
+            layout: of what it holds.
+        """
+        layout = layout or layout_of(SIGNALS[name])
+        computation = self.outputs[name] = Computation(formula, reads, [layout], [])
+
+        def calc(system: FleetSystem, context: Context, output: Any) -> None:
+            computation.run(system, context, [output])
+
+        self.DeclareVectorOutputPort(
+            name, self._model(layout), MethodType(calc, self), computation.tickets(self)
+        )
+
+    def packed_output(self, name: str, kind: Any, formula: Callable[..., Any], *reads: Any) -> None:
+        """Declares an output port that packs several signals, for `drake_quad.framework.wiring.split_output` to take apart.
+
+        Args:
+            name: of the port.
+            kind: a record of signals, which are the ports that result; the formula returns one.
+            formula: as for `output`.
+            reads: likewise.
+        """
+        layout = layout_of(kind)
+        self.packed = dict(zip(kind._fields, layout.parts, strict=True))
+        self.output(name, formula, *reads, layout=layout)
+
+    def state_output(self, group: StateGroup) -> None:
+        """Declares an output port that shows a group of the discrete state, under its name."""
+        if self.num_vehicles == 1:
+            self.DeclareStateOutputPort(group.name, group.index)
+            return
+
+        # Drake would make a virtual call for every element.
+        def show(system: FleetSystem, context: Context, output: Any) -> None:
+            system.copy(output, context.get_discrete_state(group.index))
+
+        self.DeclareVectorOutputPort(
+            group.name, self._model(group.layout), MethodType(show, self), {group.ticket(self)}
+        )
+
+    def update(
+        self,
+        period: float,
+        formula: Callable[..., Any],
+        *reads: Any,
+        writes: Sequence[StateGroup],
+        unrestricted: bool = False,
+        at_start: bool = True,
+    ) -> None:
+        """Declares a periodic update of groups of the discrete state, at 0, h, 2h, ...
+
+        Args:
+            period: h, s.
+            formula: which returns what they will hold: a record, or one after another if there are several.
+            reads: as for `output`. What is read of the discrete state is what it was before this instant.
+            writes: the groups that change; no other update may write them.
+            unrestricted: whether it is done before the discrete updates of that instant, which then see the result.
+            at_start: whether anything is done at time zero.
+        """
+        computation = Computation(formula, reads, [group.layout for group in writes], writes)
+        self.updates.append(Update(period, computation, unrestricted, at_start))
+        indices = [group.index for group in writes]
+
+        def write(system: FleetSystem, context: Context, values: Any) -> None:
+            if at_start or context.get_time() != 0.0:
+                groups = values.get_mutable_discrete_state() if unrestricted else values
+                computation.run(system, context, [groups.get_mutable_vector(index) for index in indices])
+
+        event = self.DeclarePeriodicUnrestrictedUpdateEvent if unrestricted else self.DeclarePeriodicDiscreteUpdateEvent
+        event(period, 0.0, MethodType(write, self))
+
+    def initialize(self, formula: Callable[..., Any], *reads: Any, writes: Sequence[StateGroup]) -> None:
+        """Declares an update that is done when a simulation begins; arguments as for `update`."""
+        computation = Computation(formula, reads, [group.layout for group in writes], writes)
+        indices = [group.index for group in writes]
+
+        # Once in a flight: machine code would take longer to make.
+        def write(system: FleetSystem, context: Context, groups: Any) -> None:
+            computation.interpret(system, context, [groups.get_mutable_vector(index) for index in indices])
+
+        self.DeclareInitializationDiscreteUpdateEvent(MethodType(write, self))
+
+    def derivative(self, formula: Callable[..., Any], *reads: Any) -> None:
+        """Declares the time derivative of the continuous state, which the formula returns."""
+        self._derivative = Computation(formula, reads, [self.states["continuous"].layout], [])
+
+    def DoCalcTimeDerivatives(self, context: Context, derivatives: Any) -> None:
+        """Drake's hook for a continuous state."""
+        if self._derivative is None:
+            return
+        # The floating-point flags that arithmetic on objects leaves behind mean nothing.
+        with np.errstate(all=None if self.scalar is float else "ignore"):
+            slope = BasicVector_[self.scalar](derivatives.size())
+            self._derivative.run(self, context, [slope])
+        derivatives.get_mutable_vector().SetFromVector(slope.CopyToVector())
+
+    def reset(self, context: Context, numbers: Any) -> None:
+        """Makes parameters and state of a context what they would be by default, had these been the numbers.
+
+        Args:
+            context: of this system.
+            numbers: as at construction; each row may be an (N,) array.
+        """
+        for part in (*self.parameters.values(), *self.states.values()):
+            part.mutable_vector(context).SetFromVector(self._elements(part.layout, part.recipe(numbers)))
+
+    def get_parameter(self, context: Context, name: str) -> Any:
+        """The record of a numeric parameter, a copy."""
+        return self._record(self.parameters[name], context)
+
+    def set_parameter(self, context: Context, name: str, record: Any) -> None:
+        """Writes a record into a numeric parameter; each row is a number for all vehicles, or an (N,) array."""
+        parameter = self.parameters[name]
+        parameter.mutable_vector(context).SetFromVector(self._elements(parameter.layout, record))
+
+    def get_state(self, context: Context, name: str) -> Any:
+        """The record of a group of the state, a copy."""
+        return self._record(self.states[name], context)
+
+    def set_state(self, context: Context, name: str, record: Any) -> None:
+        """Writes a record into a group of the state, likewise."""
+        group = self.states[name]
+        group.mutable_vector(context).SetFromVector(self._elements(group.layout, record))
+
+    def copy(self, target: Any, source: Any) -> None:
+        """Copies the elements of a BasicVector into another."""
+        # SetFrom makes a virtual call for every element: the fastest for a few, the slowest for a fleet.
+        if self.scalar is float and self.num_vehicles > 1:
+            target.get_mutable_value()[:] = source.value()
+        else:
+            target.SetFrom(source)
+
+    def _record(self, part: Parameter | StateGroup, context: Context) -> Any:
+        elements = part.vector(self, context).CopyToVector()
+        rows = elements.tolist() if self.num_vehicles == 1 else elements.reshape(-1, self.num_vehicles)
+        return part.layout.build(rows)
+
+    def _elements(self, layout: Layout, record: Any) -> np.ndarray:
+        return packed(layout.flatten(record), self.num_vehicles).astype(self.scalar)
+
+    def _vector(self, layout: Layout, record: Any) -> Any:
+        return BasicVector_[self.scalar](self._elements(layout, record))
+
+    def _model(self, layout: Layout) -> Any:
+        return BasicVector_[self.scalar](layout.num_rows * self.num_vehicles)
+
+
+class RandomInput(NamedTuple):
+    """What an input port for random numbers asks for.
+
+    Attributes:
+        num_rows: for each vehicle.
+        distribution: of each row.
+        period: after which it takes new ones, s.
+    """
+
+    num_rows: int
+    distribution: RandomDistribution
+    period: float
+
+
+class Update(NamedTuple):
+    """A periodic update of the discrete state.
+
+    Attributes:
+        period: s.
+        computation: what is computed, and what is written.
+        unrestricted: whether it is done before the discrete updates of its instant.
+        at_start: whether anything is done at time zero.
+    """
+
+    period: float
+    computation: Computation
+    unrestricted: bool
+    at_start: bool
+
+
+@contextmanager
+def _quick_templates() -> Iterator[None]:
+    """Spares Drake the search for the module in which a method is made a template.
+
+    For its name alone it reads the source of every caller: half of the time that it took to import this package.
+    """
+    search = getattr(cpp_template, "_get_module_from_stack", None)
+    if search is None:
+        yield
+        return
+    cpp_template._get_module_from_stack = lambda frame=2: sys.modules[__name__]
+    try:
+        yield
+    finally:
+        cpp_template._get_module_from_stack = search
+
+
+def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
+    """Makes a FleetSystem a Drake system for these scalar types, float first, that converts between them.
+
+    The class that results is the one for float; its attribute `template` holds the others.
+    """
+
+    def decorate(cls: type[FleetSystem]) -> Any:
+        template = TemplateSystem(f"{cls.__name__}_", T_list=list(scalars), scope=sys.modules[cls.__module__])
+        numbers = inspect.signature(cls.declare).parameters.get("numbers")
+        default = None if numbers is None or numbers.default is numbers.empty else numbers.default
+
+        def instantiate(param: tuple[type]) -> type:
+            (T,) = param
+
+            class Impl(cls, LeafSystem_[T]):  # type: ignore[misc, valid-type]
+                __doc__ = cls.__doc__
+                scalar = T
+
+                def _construct(self, *, converter: Any = None, num_vehicles: int = 1, **options: Any) -> None:
+                    LeafSystem_[T].__init__(self, converter)
+                    self.num_vehicles, self._options = num_vehicles, options
+                    self.parameters, self.states, self.random_inputs = {}, {}, {}
+                    self.outputs, self.updates, self.packed = {}, [], {}
+                    self._derivative = None
+                    self._numbers = options.get("numbers", default)
+                    self.declare(**options)
+
+                def _construct_copy(self, other: Any, converter: Any = None) -> None:
+                    Impl._construct(self, converter=converter, num_vehicles=other.num_vehicles, **other._options)
+
+            return Impl
+
+        template.add_instantiations(instantiate, [(T,) for T in scalars])
+        with _quick_templates():
+            instance = template[scalars[0]]
+        instance.template = template
+        instance.__name__ = instance.__qualname__ = cls.__name__
+        return instance
+
+    return decorate

@@ -1,0 +1,123 @@
+"""Formulas, applied to every vehicle.
+
+A formula is a plain function of records and constants. On numbers it runs as machine code, made of it once; on
+AutoDiffXd, Expression, and wherever the environment variable DRAKE_QUAD_INTERPRETED is set, it runs as it is written.
+"""
+
+import functools
+import os
+from collections.abc import Callable, Sequence
+from typing import Any
+
+import numpy as np
+
+from drake_quad.framework.machine_code import Kernel
+from drake_quad.framework.records import ROW, Layout
+from drake_quad.framework.symbols import Listing
+
+# So that a debugger stops in formulas.
+INTERPRETED = bool(os.environ.get("DRAKE_QUAD_INTERPRETED"))
+
+
+class _Time:
+    """Stands among the arguments of a formula for the time, s."""
+
+    def __repr__(self) -> str:
+        return "TIME"
+
+
+TIME = _Time()
+
+
+@functools.cache
+def kernel(
+    formula: Callable[..., Any], arguments: tuple[Any, ...], results: tuple[Layout, ...], *, lone: bool
+) -> Kernel:
+    """The machine code of a formula.
+
+    Args:
+        formula: to apply.
+        arguments: that it takes: a `Layout` for a record that is read, `TIME`, or a constant.
+        results: layouts of what it returns: that of the only record, or those of the parts of a tuple or record.
+        lone: whether it is for a single vehicle.
+
+    Raises:
+        TypeError: the formula returns something else, or branches on a row.
+    """
+    listing = Listing()
+    values, sizes = [], []
+    for argument in arguments:
+        if isinstance(argument, Layout):
+            rows = [listing.row(len(sizes), place) for place in range(argument.num_rows)]
+            values.append(argument.build(rows))
+            sizes.append(argument.num_rows)
+        else:
+            values.append(listing.time() if argument is TIME else argument)
+    try:
+        returned = flattened(formula(*values), results)
+    except TypeError as error:
+        name = getattr(formula, "__name__", repr(formula))
+        raise TypeError(f"formula {name}: {error}") from error
+    return Kernel(listing, returned, sources=sizes, targets=[layout.num_rows for layout in results], lone=lone)
+
+
+def interpret(
+    formula: Callable[..., Any],
+    arguments: Sequence[Any],
+    sources: Sequence[np.ndarray],
+    results: Sequence[Layout],
+    num_vehicles: int,
+    time: Any,
+) -> list[np.ndarray]:
+    """Runs a formula as it is written, and returns the elements of each result.
+
+    Args:
+        formula: to apply.
+        arguments: as for `kernel`.
+        sources: the elements of what is read, one array for each layout among the arguments.
+        results: as for `kernel`.
+        num_vehicles: N.
+        time: s.
+    """
+    read = iter(sources)
+    values = []
+    for argument in arguments:
+        if isinstance(argument, Layout):
+            elements = next(read)
+            values.append(argument.build(elements.tolist() if num_vehicles == 1 else elements.reshape(-1, num_vehicles)))
+        else:
+            values.append(time if argument is TIME else argument)
+    rows = iter(flattened(formula(*values), results))
+    return [packed([next(rows) for _ in range(layout.num_rows)], num_vehicles) for layout in results]
+
+
+def run_on_arrays(formula: Callable[..., Any], sources: Sequence[np.ndarray], num_rows: int) -> np.ndarray:
+    """Applies a formula of single rows to arrays, element by element.
+
+    Args:
+        formula: that returns so many rows.
+        sources: contiguous arrays of n numbers, one for each argument.
+        num_rows: that it returns.
+
+    Returns:
+        The (rows, n) results.
+    """
+    size = sources[0].size
+    rows = (ROW,) * num_rows
+    if INTERPRETED:
+        return np.array(flattened(formula(*sources), rows))
+    result = np.empty((num_rows, size))
+    run = kernel(formula, (ROW,) * len(sources), rows, lone=False).function
+    run(size, 0.0, *result, *sources)
+    return result
+
+
+def flattened(returned: Any, results: Sequence[Layout]) -> list[Any]:
+    """The rows of what a formula returned, one result after another."""
+    parts = [returned] if len(results) == 1 else returned
+    return [row for layout, part in zip(results, parts, strict=True) for row in layout.flatten(part)]
+
+
+def packed(rows: Sequence[Any], num_vehicles: int) -> np.ndarray:
+    """Packs rows, each a number or an (N,) array, into one (rows · N,) vector."""
+    return np.concatenate([np.broadcast_to(row, (num_vehicles,)) for row in rows])

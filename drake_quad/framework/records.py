@@ -1,0 +1,121 @@
+"""How a record stands in the rows of a vector.
+
+A record is a NamedTuple whose fields are rows, other records, or tuples of either. Its rows are those of its fields,
+one after another, whatever they are nested in: a vehicle's mass, then its three moments of inertia, and so on.
+
+The types of the fields say which records are inside. How many there are in a tuple of any length (`tuple[Row, ...]`)
+only a value can say, and the layout of such a record is that of a value.
+"""
+
+import functools
+from collections.abc import Iterator, Sequence
+from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+
+from drake_quad.signals import Row
+
+
+class Layout(NamedTuple):
+    """Which rows a value is made of, and of what kind it is.
+
+    Attributes:
+        kind: a NamedTuple class, or `tuple`; `float` for a single row.
+        parts: of a record or tuple, one after another.
+        num_rows: of the value.
+    """
+
+    kind: type
+    parts: tuple["Layout", ...]
+    num_rows: int
+
+    def build(self, rows: Sequence[Any]) -> Any:
+        """The value of these rows.
+
+        Raises:
+            ValueError: there are too many or too few.
+        """
+        if len(rows) != self.num_rows:
+            raise ValueError(f"{self} has {self.num_rows} rows, not {len(rows)}")
+        return self._built(iter(rows))
+
+    def flatten(self, value: Any) -> list[Any]:
+        """The rows of a value.
+
+        Raises:
+            TypeError: it is made of other parts.
+        """
+        rows: list[Any] = []
+        self._flatten(value, rows)
+        return rows
+
+    def __str__(self) -> str:
+        """The name of the type."""
+        return "a row" if self is ROW else self.kind.__name__
+
+    def _built(self, rows: Iterator[Any]) -> Any:
+        if self is ROW:
+            return next(rows)
+        parts = [part._built(rows) for part in self.parts]
+        return tuple(parts) if self.kind is tuple else self.kind(*parts)
+
+    def _flatten(self, value: Any, rows: list[Any]) -> None:
+        if self is ROW:
+            rows.append(value)
+            return
+        if not isinstance(value, tuple | list) or len(value) != len(self.parts):
+            raise TypeError(f"{self} is made of {len(self.parts)} parts, which {value!r} has not")
+        for part, inside in zip(self.parts, value, strict=True):
+            part._flatten(inside, rows)
+
+
+ROW = Layout(float, (), 1)
+
+
+def layout_of(kind: Any, value: Any = None) -> Layout:
+    """The layout of a type of rows.
+
+    Args:
+        kind: a row, a record, or a tuple of them, as an annotation says it.
+        value: an example; needed where there are tuples of any length.
+
+    Raises:
+        TypeError: it is no such type, or an example is missing.
+    """
+    return _fixed(kind) if value is None else _like(kind, value)
+
+
+@functools.cache
+def _fixed(kind: Any) -> Layout:
+    return _like(kind, None)
+
+
+def _like(kind: Any, value: Any) -> Layout:
+    if hasattr(type(value), "_fields"):
+        kind = type(value)
+    if get_origin(kind) is Annotated:
+        kind = get_args(kind)[0]
+    if kind is Row:
+        return ROW
+    if get_origin(kind) is tuple:
+        inside = get_args(kind)
+        if len(inside) == 2 and inside[1] is Ellipsis:
+            if value is None:
+                raise TypeError(f"how many parts {kind} has only a value can say")
+            inside = inside[:1] * len(value)
+        return _joined(tuple, inside, value)
+    if kind is tuple and value is not None:
+        return _joined(tuple, [type(part) if isinstance(part, tuple) else Row for part in value], value)
+    if isinstance(kind, type) and issubclass(kind, tuple) and hasattr(kind, "_fields"):
+        return _joined(kind, _field_types(kind), value)
+    raise TypeError(f"{kind} is no type of rows")
+
+
+def _joined(kind: type, types: Sequence[Any], value: Any) -> Layout:
+    values = [None] * len(types) if value is None else value
+    parts = tuple([_like(inside, example) for inside, example in zip(types, values, strict=True)])
+    return Layout(kind, parts, sum(part.num_rows for part in parts))
+
+
+@functools.cache
+def _field_types(kind: Any) -> tuple[Any, ...]:
+    hints = get_type_hints(kind)
+    return tuple([hints[name] for name in kind._fields])

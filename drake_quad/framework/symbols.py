@@ -1,0 +1,137 @@
+"""Rows that are not known yet: a formula that is run on them writes itself down.
+
+A formula says what it computes in plain Python. Run once on symbols, it leaves a `Listing` of everything that it did, in
+order, from which machine code is made. What Python decides meanwhile, such as a loop over rules or an `if` on a
+constant, is decided once; a row can decide nothing, only select: `drake_quad.framework.elementary.where`.
+"""
+
+from collections.abc import Callable
+from enum import Enum
+from typing import Any, NamedTuple
+
+import numpy as np
+
+
+class Kind(Enum):
+    """What a symbol stands for."""
+
+    NUMBER = "a floating-point number of 64 bits"
+    TRUTH = "true or false"
+    WORD = "64 bits"
+
+
+class Operation(NamedTuple):
+    """One line of a listing.
+
+    Attributes:
+        name: of what is done, a key of `drake_quad.framework.machine_code.INSTRUCTIONS`; or "constant", "row", "time".
+        operands: numbers of the lines that it takes; of a constant its bits, of a row its group and its place in it.
+        kind: of the result.
+    """
+
+    name: str
+    operands: tuple[int, ...]
+    kind: Kind
+
+
+class Listing:
+    """What a formula did, line by line; what it did twice stands there once."""
+
+    def __init__(self) -> None:
+        self.operations: list[Operation] = []
+        self._symbols: dict[Operation, Symbol] = {}
+
+    def add(self, name: str, operands: tuple[int, ...], kind: Kind) -> "Symbol":
+        """The symbol of a line, which is added unless it is there."""
+        operation = Operation(name, operands, kind)
+        if operation not in self._symbols:
+            self._symbols[operation] = Symbol(self, len(self.operations), kind)
+            self.operations.append(operation)
+        return self._symbols[operation]
+
+    def row(self, group: int, place: int, kind: Kind = Kind.NUMBER) -> "Symbol":
+        """The symbol of a row of a group that is read."""
+        return self.add("row", (group, place), kind)
+
+    def time(self) -> "Symbol":
+        """The symbol of the time, which is the same for all vehicles."""
+        return self.add("time", (), Kind.NUMBER)
+
+    def constant(self, value: Any) -> "Symbol":
+        """The symbol of a number, of a NumPy uint64 or of a truth value."""
+        if isinstance(value, bool | np.bool):
+            return self.add("constant", (int(value),), Kind.TRUTH)
+        if isinstance(value, np.uint64):
+            return self.add("constant", (int(value),), Kind.WORD)
+        return self.add("constant", (int(np.float64(value).view(np.uint64)),), Kind.NUMBER)
+
+
+def _binary(name: str, kind: Kind | None = None) -> tuple[Callable[..., "Symbol"], Callable[..., "Symbol"]]:
+    """An operator of two operands, and the same with its operands the other way round."""
+
+    def operator(self: "Symbol", other: Any) -> "Symbol":
+        return operation(name, self, other, kind=kind or self.kind)
+
+    def reflected(self: "Symbol", other: Any) -> "Symbol":
+        return operation(name, other, self, kind=kind or self.kind)
+
+    return operator, reflected
+
+
+class Symbol:
+    """A row, or what follows from some, in a listing; not for people, who meet it only in a debugger.
+
+    Numbers know arithmetic and comparisons, truth values `&`, `|` and `~`, words sums, products, shifts and bitwise
+    operations with other words.
+    """
+
+    __slots__ = ("kind", "line", "listing")
+    # NumPy's numbers leave arithmetic with symbols to these.
+    __array_ufunc__ = None
+
+    def __init__(self, listing: Listing, line: int, kind: Kind) -> None:
+        self.listing, self.line, self.kind = listing, line, kind
+
+    __add__, __radd__ = _binary("add")
+    __sub__, __rsub__ = _binary("subtract")
+    __mul__, __rmul__ = _binary("multiply")
+    __truediv__, __rtruediv__ = _binary("divide")
+    __and__, __rand__ = _binary("and")
+    __or__, __ror__ = _binary("or")
+    __xor__, __rxor__ = _binary("xor")
+    __lshift__, _ = _binary("shift_left")
+    __rshift__, _ = _binary("shift_right")
+    __lt__, _ = _binary("less", Kind.TRUTH)
+    __le__, _ = _binary("less_or_equal", Kind.TRUTH)
+    __gt__, _ = _binary("greater", Kind.TRUTH)
+    __ge__, _ = _binary("greater_or_equal", Kind.TRUTH)
+    __eq__, _ = _binary("equal", Kind.TRUTH)  # type: ignore[assignment]
+    __ne__, _ = _binary("unequal", Kind.TRUTH)  # type: ignore[assignment]
+    __hash__ = object.__hash__
+
+    def __neg__(self) -> "Symbol":
+        return operation("negate", self)
+
+    def __abs__(self) -> "Symbol":
+        return operation("absolute", self)
+
+    def __invert__(self) -> "Symbol":
+        return self ^ True
+
+    def __bool__(self) -> bool:
+        raise TypeError("a formula cannot branch on a row, which differs from vehicle to vehicle: select with `where`")
+
+
+def operation(name: str, *operands: Any, kind: Kind | None = None) -> Symbol:
+    """The symbol of an operation on symbols and constants, at least one of them a symbol.
+
+    Args:
+        name: of the operation.
+        operands: that it takes.
+        kind: of the result; that of the first symbol if not given.
+    """
+    first = next(operand for operand in operands if operand.__class__ is Symbol)
+    lines = [
+        operand.line if operand.__class__ is Symbol else first.listing.constant(operand).line for operand in operands
+    ]
+    return first.listing.add(name, tuple(lines), kind or first.kind)

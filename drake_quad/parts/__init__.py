@@ -1,1 +1,0 @@
-"""What a scenario's numbers make: the systems of its control and of its laboratory."""

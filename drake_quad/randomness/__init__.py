@@ -1,0 +1,1 @@
+"""Random numbers: seeds, streams, and the sources that feed random input ports."""

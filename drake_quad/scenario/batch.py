@@ -1,0 +1,96 @@
+"""What a fleet flies: samples of a scenario's study, side by side."""
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+
+from drake_quad.errors import InputError
+from drake_quad.randomness.streams import parameter_numbers
+from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.paths import distributions_in, replaced
+
+
+@dataclass(frozen=True)
+class Batch:
+    """Samples of a study, each flown by a vehicle of a fleet.
+
+    Attributes:
+        scenario: of the study, with its distributions.
+        samples: (N,) their numbers in the study, from 0 on; with the seed they say which wind and noise there is.
+        varying: (N,) numbers by the path of their field, such as `vehicle.mass`: what is drawn for each distribution,
+            and whatever else shall differ from vehicle to vehicle.
+    """
+
+    scenario: Scenario
+    samples: tuple[int, ...]
+    varying: Mapping[str, np.ndarray]
+
+    @classmethod
+    def draw(cls, scenario: Scenario, samples: Sequence[int], *, seed: int | None = None) -> "Batch":
+        """Draws samples of a scenario's study.
+
+        Args:
+            scenario: of the study.
+            samples: their numbers in it.
+            seed: of the study, in place of the scenario's.
+
+        Raises:
+            InputError: the seed or the number of a sample is negative or too large.
+        """
+        seed = scenario.seed if seed is None else seed
+        for name, number, limit in [("seed", seed, 2**63), *(("sample", sample, 2**31) for sample in samples)]:
+            if not 0 <= number < limit:
+                raise InputError(f"{name} is {number}, but must be at least 0 and below {limit}")
+        drawn = {
+            path: np.asarray(distribution.quantile(parameter_numbers(seed, samples, _label(path))))
+            for path, distribution in distributions_in(scenario).items()
+        }
+        return cls(scenario.model_copy(update={"seed": seed}), tuple(samples), drawn)
+
+    def __len__(self) -> int:
+        """The number of vehicles, N."""
+        return len(self.samples)
+
+    def with_varying(self, varying: Mapping[str, np.ndarray]) -> "Batch":
+        """The same with other (N,) numbers in some fields, by their paths; nothing checks whether they may be there."""
+        return Batch(self.scenario, self.samples, {**self.varying, **varying})
+
+    def padded(self, num_vehicles: int) -> "Batch":
+        """The same for more vehicles, of which those that are added fly what the last one does."""
+        missing = num_vehicles - len(self)
+        varying = {path: np.append(numbers, [numbers[-1]] * missing) for path, numbers in self.varying.items()}
+        return Batch(self.scenario, (*self.samples, *self.samples[-1:] * missing), varying)
+
+    def scenario_of(self, vehicle: int) -> Scenario:
+        """The scenario that a vehicle flies, with its own numbers, and the number of its sample."""
+
+        def number(path: str, value: Any) -> Any:
+            return float(self.varying[path][vehicle]) if path in self.varying else value
+
+        own: Scenario = replaced(self.scenario, number)
+        return own.model_copy(update={"sample": self.samples[vehicle]})
+
+
+def draw_sample(scenario: Scenario, sample: int, *, seed: int | None = None) -> Scenario:
+    """Draws one sample of a study: the scenario with a number in place of each of its distributions.
+
+    Args:
+        scenario: of the study.
+        sample: its number in the study, from 0 on.
+        seed: of the study, in place of the scenario's.
+
+    Raises:
+        InputError: the seed or the sample's number is negative or too large.
+    """
+    return Batch.draw(scenario, [sample], seed=seed).scenario_of(0)
+
+
+def _label(path: str) -> str:
+    """What the stream of a field is called: the path with items of lists in brackets, as in `vehicle.inertia[0]`.
+
+    This was once how paths were written, and a study's samples stay the same.
+    """
+    first, *steps = path.split(".")
+    return first + "".join(f"[{step}]" if step.isdecimal() else f".{step}" for step in steps)

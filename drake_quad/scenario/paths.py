@@ -1,0 +1,73 @@
+"""Fields of a scenario by their paths, such as `vehicle.mass` or `control.position.k_p.0`.
+
+Items of lists are counted from 0.
+"""
+
+from collections.abc import Callable, Iterator
+from typing import Any
+
+from drake_quad.errors import InputError
+from drake_quad.scenario.distributions import Distribution, Model
+
+
+def joined(*steps: str | int) -> str:
+    """The path of these steps."""
+    return ".".join(map(str, steps))
+
+
+def parts_of(value: Any) -> Iterator[tuple[str, Any]]:
+    """The fields of a mapping or the items of a list, each after its step; none of what is neither."""
+    if isinstance(value, Model) and not isinstance(value, Distribution):
+        for name in type(value).model_fields:
+            yield name, getattr(value, name)
+    elif isinstance(value, tuple):
+        for i, item in enumerate(value):
+            yield str(i), item
+
+
+def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
+    """All numbers, distributions, words and so on in a part of a scenario, each after its path."""
+    inside = False
+    for step, part in parts_of(value):
+        inside = True
+        yield from leaves(part, joined(path, step) if path else step)
+    if not inside and not isinstance(value, tuple):
+        yield path, value
+
+
+def distributions_in(scenario: Model) -> dict[str, Distribution]:
+    """The distributions in a scenario, by path."""
+    return {path: value for path, value in leaves(scenario) if isinstance(value, Distribution)}
+
+
+def value_at(scenario: Model, path: str) -> Any:
+    """The value of a field.
+
+    Raises:
+        InputError: there is no such field.
+    """
+    value: Any = scenario
+    for step in path.split("."):
+        parts = dict(parts_of(value))
+        if step not in parts:
+            raise InputError(f"there is no field {path} in the scenario")
+        value = parts[step]
+    return value
+
+
+def replaced(value: Any, replace: Callable[[str, Any], Any], path: str = "") -> Any:
+    """A copy of a part of a scenario in which leaves are replaced.
+
+    Args:
+        value: the part.
+        replace: returns what takes a leaf's place, given its path and itself.
+        path: of the part.
+    """
+    parts = dict(parts_of(value))
+    if not parts:
+        return value if isinstance(value, tuple) else replace(path, value)
+    after = {step: replaced(part, replace, joined(path, step) if path else step) for step, part in parts.items()}
+    changed = {step: part for step, part in after.items() if part is not parts[step]}
+    if not changed:
+        return value
+    return tuple(after.values()) if isinstance(value, tuple) else value.model_copy(update=changed)
