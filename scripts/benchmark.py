@@ -21,10 +21,10 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
 from drake_quad import Scenario, build_tracking_diagram, load_scenario
-from drake_quad.analysis.monte_carlo import run_monte_carlo
+from drake_quad.studies import run_monte_carlo
 from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
 from drake_quad.flight import fly
-from drake_quad.planning import flight_duration, plan_route
+from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.path_problem import Box, Limits, PathProblem
 from drake_quad.reference.plan import to_piecewise_polynomial

@@ -7,8 +7,8 @@ from pathlib import Path
 from command_line import bar_over, print_columns, print_files, run
 
 from drake_quad import InputError, Scenario, load_scenario
-from drake_quad.analysis.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL, Calibration, calibrate
-from drake_quad.analysis.replication.printed import CONTROLLERS, WINDS, Cell, table_ii
+from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL, Calibration, calibrate
+from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, table_ii
 from drake_quad.files import output_folder, write_whole
 
 _PAPER = Path(__file__).parent.parent / "diagrams" / "paper.yaml"

@@ -14,7 +14,7 @@ from interruption import SENTENCE, raise_interruptions
 from tqdm import tqdm
 
 from drake_quad import InputError, Scenario, load_scenario
-from drake_quad.compiled import telling_of_compilation
+from drake_quad.framework.formulas import telling_of_compilation
 from drake_quad.scenario import Journey, Override, load_journey
 from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector

@@ -10,7 +10,7 @@ from command_line import add_vector, all_overrides_of, flight_progress, override
 import numpy as np
 
 from drake_quad import InputError, Scenario, load_scenario
-from drake_quad.analysis.comparison import fly_samples, share_of
+from drake_quad.studies.comparison import fly_samples, share_of
 from drake_quad.files import output_folder, write_whole
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.visualization.comparison_plots import plot_comparison

@@ -7,7 +7,7 @@ from pathlib import Path
 from command_line import print_files, run
 
 from drake_quad.files import output_folder, write_text
-from drake_quad.scenario.language import file_schema, language_page
+from drake_quad.scenario.schema import file_schema, language_page
 
 
 def main() -> None:

@@ -22,10 +22,10 @@ from command_line import (
 import numpy as np
 
 from drake_quad import InputError, Scenario
-from drake_quad.analysis.monte_carlo import Study, run_monte_carlo
-from drake_quad.analysis.monte_carlo.cluster import dask_crew
-from drake_quad.analysis.monte_carlo.crew import Crew
-from drake_quad.analysis.monte_carlo.statistics import (
+from drake_quad.studies import Study, run_monte_carlo
+from drake_quad.studies.cluster import dask_crew
+from drake_quad.studies.crew import Crew
+from drake_quad.studies.statistics import (
     Interval,
     compare,
     crash_probability,
@@ -35,7 +35,7 @@ from drake_quad.analysis.monte_carlo.statistics import (
     with_crashes,
     worst,
 )
-from drake_quad.analysis.monte_carlo.workers import Workers
+from drake_quad.studies.processes import Workers
 from drake_quad.laboratory.metrics import UNITS
 from drake_quad.scenario import distributions_in
 from drake_quad.visualization.study_plots import plot_convergence, plot_distribution, plot_influences

@@ -7,7 +7,7 @@ from command_line import add_vector, folder_of, journey_of, parser, print_files,
 import numpy as np
 
 from drake_quad.files import output_folder
-from drake_quad.planning import nominal_parameters, plan_demand, plan_route
+from drake_quad.assembly.planning import nominal_parameters, plan_demand, plan_route
 from drake_quad.reference.binding import Binding, bindings
 from drake_quad.reference.feasibility import sample_times
 from drake_quad.reference.minimum_snap import snap_cost
@@ -16,7 +16,7 @@ from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.scenario import Journey
 from drake_quad.scenario.routes import CircleRoute, FigureEightRoute, WaypointRoute
-from drake_quad.trajectory_files import save_plan
+from drake_quad.reference.trajectory_files import save_plan
 from drake_quad.visualization.plan_plots import plot_plan
 from drake_quad.visualization.style import save_figures
 

@@ -11,15 +11,15 @@ from command_line import add_vector, print_columns, print_files, run
 from tqdm import tqdm
 
 from drake_quad import Scenario, load_scenario
-from drake_quad.analysis.monte_carlo.workers import Workers
-from drake_quad.analysis.replication.experiment import QUICK, Sizes, fly_experiment
-from drake_quad.analysis.replication.printed import CONTROLLERS, WINDS, Cell
-from drake_quad.analysis.replication.report import FIGURES, report_html, report_markdown
-from drake_quad.analysis.replication.results import read_experiment
-from drake_quad.analysis.replication.table import Entry
-from drake_quad.analysis.replication.tables import read_tables, write_tables
+from drake_quad.studies.processes import Workers
+from drake_quad.replication.experiment import QUICK, Sizes, fly_experiment
+from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
+from drake_quad.replication.report import FIGURES, report_html, report_markdown
+from drake_quad.replication.results import read_experiment
+from drake_quad.replication.table_ii import Entry
+from drake_quad.replication.findings import read_tables, write_tables
 from drake_quad.files import output_folder, write_text
-from drake_quad.visualization.replication_plots import paper_figures, save_small
+from drake_quad.replication.figures import paper_figures, save_small
 from drake_quad.visualization.style import save_vector
 
 _TOP = Path(__file__).parent.parent

@@ -12,7 +12,7 @@ from pydrake.systems.analysis import Simulator
 
 from drake_quad import Flight, InputError, Scenario, simulate
 from drake_quad.files import output_folder
-from drake_quad.planning import plan_route
+from drake_quad.assembly.planning import plan_route
 from drake_quad.scenario import draw_sample
 from drake_quad.visualization.plots import save_plots
 from drake_quad.visualization.replay.live import LiveView

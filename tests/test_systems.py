@@ -20,12 +20,12 @@ from drake_quad.laboratory.command_link import CommandLink
 from drake_quad.laboratory.flight_monitor import FlightMonitor
 from drake_quad.laboratory.laboratory import build_laboratory
 from drake_quad.laboratory.motion_capture import CameraErrors, IdealMotionCapture, MotionCapture
-from drake_quad.laboratory.tape import Samples, Stream, Tape, TapePlayer
+from drake_quad.randomness.noise import Samples, Stream, Tape, TapePlayer
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence
 from drake_quad.laboratory.wind.fans import Fans, Jet
 from drake_quad.laboratory.wind.gust import Gust, GustParameters
 from drake_quad.laboratory.wind.wind import build_held_wind, build_wind
-from drake_quad.randomness import Kind
+from drake_quad.randomness.streams import Kind
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import SameForAll, build_reference
 from drake_quad.vehicle.allocation import Allocation

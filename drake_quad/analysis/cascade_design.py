@@ -9,7 +9,7 @@ import numpy as np
 from drake_quad.analysis.closed_loop import LaboratoryPlant, laboratory_plant
 from drake_quad.analysis.gain_design import Family, LoopDesign, PdGains, PolePair, Requirements, design_loop
 from drake_quad.analysis.sampled_system import SampledSystem
-from drake_quad.elementary import Row
+from drake_quad.framework.elementary import Row
 from drake_quad.scenario import Scenario
 
 # Which torque turns which angle at which rate; thrust lifts like a torque turns.

@@ -8,13 +8,13 @@ from pydrake.systems.framework import Diagram
 from drake_quad.analysis.context_vector import ContextVector
 from drake_quad.analysis.sampled_system import SampledSystem, at_tick, linearize
 from drake_quad.errors import InputError
-from drake_quad.laboratory.tape import Samples
-from drake_quad.parts.laboratory import build_laboratory_of, laboratory_parts, vehicle_parameters
-from drake_quad.planning import nominal_parameters, plan_route
+from drake_quad.randomness.noise import Samples
+from drake_quad.assembly.laboratory import build_laboratory_of, laboratory_parts, vehicle_parameters
+from drake_quad.assembly.planning import nominal_parameters, plan_route
 from drake_quad.scenario import Scenario, distributions_in
 from drake_quad.scenario.models import Airframe, Vehicle, Window
 from drake_quad.scenario.routes import HoverRoute
-from drake_quad.tracking import build_tracking_diagram
+from drake_quad.assembly.tracking import build_tracking_diagram
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_wrench
 
 # They watch the loop and do not act on it.

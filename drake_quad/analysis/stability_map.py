@@ -6,7 +6,7 @@ import numpy as np
 
 from drake_quad.analysis.cascade_design import attitude_plant_in_flight, position_plant, with_gains
 from drake_quad.analysis.closed_loop import laboratory_plant
-from drake_quad.analysis.comparison import fly_samples
+from drake_quad.studies.comparison import fly_samples
 from drake_quad.analysis.gain_design import PdGains
 from drake_quad.analysis.margins import fast_margins, frequencies
 from drake_quad.analysis.sampled_system import SampledSystem

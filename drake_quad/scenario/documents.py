@@ -13,7 +13,7 @@ from ruamel.yaml.reader import ReaderError
 
 from drake_quad.errors import InputError, shortened, shown
 from drake_quad.scenario.limits import MOST_CHARACTERS, MOST_LEVELS, MOST_NODES
-from drake_quad.scenario.trees import Mark, Tree
+from drake_quad.scenario.marked_tree import Mark, Tree
 
 _SCALARS = ("float", "int", "bool", "null", "str")
 

@@ -5,7 +5,7 @@ from pathlib import Path
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.limits import MOST_BYTES
-from drake_quad.scenario.trees import Mark
+from drake_quad.scenario.marked_tree import Mark
 
 
 def read_text(path: Path, *, most: int = MOST_BYTES) -> str:

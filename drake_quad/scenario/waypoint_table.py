@@ -9,7 +9,7 @@ from pathlib import Path
 
 from drake_quad.errors import InputError, shown
 from drake_quad.scenario.limits import MOST_WAYPOINTS
-from drake_quad.scenario.trees import Mark, Tree
+from drake_quad.scenario.marked_tree import Mark, Tree
 
 _COLUMNS = ("time", "x", "y", "z", "yaw")
 _Row = tuple[Mark, list[str]]

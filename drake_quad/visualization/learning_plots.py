@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from drake_quad.control.fuzzy.inference import Antecedents, elliptic_membership, firing_strengths
 from drake_quad.control.fuzzy.systems import places
 from drake_quad.flight import Flight
-from drake_quad.parts.control import antecedents
+from drake_quad.assembly.control import antecedents
 from drake_quad.scenario.controllers import Type1Position, Type2Position
 from drake_quad.visualization.style import BLUE, GREEN, PLATE, SHADING, VERMILION, new_figure, styled
 

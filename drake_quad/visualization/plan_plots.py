@@ -8,7 +8,7 @@ from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
 
-from drake_quad.planning import plan_demand
+from drake_quad.assembly.planning import plan_demand
 from drake_quad.reference.feasibility import sample_times
 from drake_quad.reference.path_problem import Box, Limits, Sphere
 from drake_quad.reference.plan import Plan

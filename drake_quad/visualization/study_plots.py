@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator, PercentFormatter
 
-from drake_quad.analysis.monte_carlo.statistics import (
+from drake_quad.studies.statistics import (
     Interval,
     crash_probability,
     influences,
@@ -19,7 +19,7 @@ from drake_quad.analysis.monte_carlo.statistics import (
     share_interval,
     with_crashes,
 )
-from drake_quad.analysis.monte_carlo.study import Study
+from drake_quad.studies.study import Study
 from drake_quad.laboratory.metrics import UNITS
 from drake_quad.scenario.description import unit_at
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, new_figure, styled

@@ -9,7 +9,7 @@ from matplotlib.figure import Figure
 
 from drake_quad.flight import Flight
 from drake_quad.laboratory.wind.fans import Jet
-from drake_quad.parts.laboratory import jets, steady_wind
+from drake_quad.assembly.laboratory import jets, steady_wind
 from drake_quad.visualization.style import AXES, BLACK, PLATE, REFERENCE, SHADING, new_figure, styled
 
 # Arrows and shades along a map, and what the map shows beyond path and fans, m.

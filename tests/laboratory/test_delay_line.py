@@ -5,7 +5,7 @@ import pytest
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.systems.analysis import Simulator_
 
-from drake_quad.fleet import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.laboratory.delay_line import DelayLine
 
 

@@ -9,9 +9,9 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad.laboratory.command_link import CommandLink
 from drake_quad.laboratory.motion_capture import IdealMotionCapture
-from drake_quad.laboratory.recorder import build_recorder, read_recorder
-from drake_quad.laboratory.tape import Samples, connect_tapes, random_ports
-from drake_quad.randomness import Kind
+from drake_quad.assembly.recorder import build_recorder, read_recorder
+from drake_quad.randomness.noise import Samples, connect_tapes, random_ports
+from drake_quad.randomness.streams import Kind
 
 
 def clock(size):

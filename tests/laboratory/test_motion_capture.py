@@ -19,8 +19,8 @@ from drake_quad.laboratory.motion_capture import (
     seen_pose,
 )
 from drake_quad.laboratory.motion_capture import RotationMatrix as Rotation
-from drake_quad.laboratory.tape import Samples, connect_tapes, random_ports
-from drake_quad.randomness import Kind
+from drake_quad.randomness.noise import Samples, connect_tapes, random_ports
+from drake_quad.randomness.streams import Kind
 
 H = 0.01
 

@@ -2,7 +2,7 @@ import numpy as np
 import pytest
 
 from drake_quad.errors import InputError
-from drake_quad.planning import plan_demand, plan_route
+from drake_quad.assembly.planning import plan_demand, plan_route
 from drake_quad.reference.feasibility import first_violation, sample_times
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.plan import Plan

@@ -1,7 +1,7 @@
 import numpy as np
 import pytest
 
-from drake_quad.planning import plan_route
+from drake_quad.assembly.planning import plan_route
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.routes import circle, figure_eight
 from drake_quad.scenario import load_scenario

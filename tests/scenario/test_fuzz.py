@@ -18,7 +18,7 @@ from hypothesis import HealthCheck, event, given, settings
 from hypothesis import strategies as st
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.planning import plan_route
+from drake_quad.assembly.planning import plan_route
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario import load_journey
 

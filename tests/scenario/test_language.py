@@ -8,7 +8,7 @@ import jsonschema
 import pytest
 from ruamel.yaml import YAML
 
-from drake_quad.scenario.language import file_schema, language_page
+from drake_quad.scenario.schema import file_schema, language_page
 
 ROOT = Path(__file__).parent.parent.parent
 VALIDATOR = jsonschema.Draft202012Validator(file_schema())

@@ -8,7 +8,7 @@ import pytest
 from ruamel.yaml.composer import Composer
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.planning import flight_duration, plan_route
+from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.scenario import Override, library, limits, load_journey
 
 BODY = """\

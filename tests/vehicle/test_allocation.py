@@ -5,7 +5,7 @@ from hypothesis import strategies as st
 from pydrake.systems.framework import DiagramBuilder
 from scipy.optimize import linprog
 
-from drake_quad.fleet import split_output
+from drake_quad.framework.fleet_system import split_output
 from drake_quad.vehicle.allocation import Allocation, RotorModel, allocate
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_wrench
 from drake_quad.vehicle.parameters import QuadrotorParameters

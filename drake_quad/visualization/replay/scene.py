@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.geometry import Box, Meshcat, MeshcatParams
 from pydrake.math import RigidTransform
 
-from drake_quad.parts.laboratory import jets
+from drake_quad.assembly.laboratory import jets
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.wind import Fan

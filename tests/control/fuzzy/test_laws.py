@@ -9,7 +9,7 @@ from scipy.integrate import solve_ivp
 
 from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
-from drake_quad.control.fuzzy.learning import LEARNING, covariance_times, subtract_square, trace
+from drake_quad.control.fuzzy.laws import LEARNING, covariance_times, subtract_square, trace
 
 H = 0.02
 

@@ -10,10 +10,10 @@ from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad import load_scenario, simulate
-from drake_quad.analysis.comparison import fly_samples, share_of
+from drake_quad.studies.comparison import fly_samples, share_of
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
-from drake_quad.control.fuzzy.learning import LEARNING
+from drake_quad.control.fuzzy.laws import LEARNING
 from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
 
 ROOT = Path(__file__).parent.parent.parent.parent

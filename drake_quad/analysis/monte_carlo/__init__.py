@@ -1,6 +1,0 @@
-"""Monte Carlo studies: samples of a scenario flown by the thousand, on one machine or many, and what they say."""
-
-from drake_quad.analysis.monte_carlo.run import StudyInterrupted, run_monte_carlo
-from drake_quad.analysis.monte_carlo.study import Study, read_study
-
-__all__ = ["Study", "StudyInterrupted", "read_study", "run_monte_carlo"]

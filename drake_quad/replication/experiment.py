@@ -1,0 +1,233 @@
+"""The flights of the replication: the cells of Table II, and what its claims need beyond them.
+
+All are paired: a sample is the same wind and the same noise, whoever flies it.
+"""
+
+import shutil
+from collections import deque
+from collections.abc import Callable, Mapping, Sequence
+from concurrent.futures import ThreadPoolExecutor
+from dataclasses import dataclass
+from functools import partial
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drake_quad.studies import run_monte_carlo
+from drake_quad.studies.study import rows_of
+from drake_quad.studies.study_folder import open_study
+from drake_quad.studies.processes import Workers
+from drake_quad.replication.measures import LegErrors, measures
+from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
+from drake_quad.replication.results import FAIR, MAPPED, cells_of, write_recorded
+from drake_quad.replication.sweeps import (
+    SLOPES,
+    Sweep,
+    best_gain_settings,
+    fly_legs,
+    fly_settings,
+    gain_settings,
+    noise_settings,
+    share_settings,
+    slope_settings,
+)
+from drake_quad.flight import Flight, simulate_samples
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.assembly.planning import flight_duration, plan_route
+from drake_quad.scenario import Scenario
+
+# Vehicles of a fleet, at most.
+_VEHICLES = 1024
+
+
+class Sizes(NamedTuple):
+    """How much is flown.
+
+    Attributes:
+        cells: samples of each cell.
+        recorded: as many of them with all signals, if the cell is of Table II.
+        sweep: samples of each setting of noise and network.
+        grid: gains along each axis of the map.
+        map: samples of each pair of gains.
+        legs: samples of each pair of gains of which errors are known leg by leg.
+    """
+
+    cells: int = 1000
+    recorded: int = 8
+    sweep: int = 60
+    grid: int = 16
+    map: int = 4
+    legs: int = 16
+
+    @property
+    def flights(self) -> int:
+        """How many flights that is."""
+        sweeps = len(noise_settings()["noise"]) + len(share_settings()["q"]) + len(WINDS) * len(SLOPES)
+        cells = len(cells_of((*CONTROLLERS, *FAIR))) * self.cells
+        return cells + sweeps * self.sweep + (len(MAPPED) * self.map + self.legs) * self.grid**2
+
+
+QUICK = Sizes(cells=4, recorded=4, sweep=4, grid=5, map=2, legs=2)
+
+
+def fly_experiment(
+    load: Callable[[Cell], Scenario],
+    sizes: Sizes,
+    folder: Path,
+    workers: Workers,
+    *,
+    resume: bool = False,
+    progress: Callable[[str, int], None] | None = None,
+) -> dict[Cell, Flight]:
+    """Flies everything, and writes all numbers to a folder, from which `read_experiment` reads them.
+
+    Args:
+        load: gives the scenario of a cell.
+        sizes: of it.
+        folder: where everything is written; cells that an earlier experiment left there are replaced.
+        workers: that fly.
+        resume: whether to go on with the cells that are in the folder instead.
+        progress: called with what has been flown just now, and how many of `sizes.flights` flights are done.
+
+    Returns:
+        Sample 0 of each cell of Table II, to be drawn.
+
+    Raises:
+        RuntimeError: a sample could not be flown.
+    """
+    jobs = _Jobs(workers)
+    recorded = {}
+    for cell in cells_of((*CONTROLLERS, *FAIR)):
+        target = folder / "cells" / cell.scenario
+        if target.exists() and not resume:
+            shutil.rmtree(target)
+        study = load(cell), sizes.cells, target
+        if cell.controller in CONTROLLERS:
+            recorded[cell] = jobs.submit(cell.scenario, sizes.cells, _record_cell, *study, sizes.recorded)
+        else:
+            jobs.submit(cell.scenario, sizes.cells, _fly_cell, *study)
+    network = load(Cell("no_wind", "pd_t2fnn"))
+    sweeps = {
+        "noise": (network, noise_settings(), sizes.sweep),
+        "q": (network, share_settings(), sizes.sweep),
+        **{f"slope_{wind}": (load(Cell(wind, "pd_t2fnn")), slope_settings(), sizes.sweep) for wind in WINDS},
+        **{f"map_{name}": (load(Cell("no_wind", name)), gain_settings(sizes.grid), sizes.map) for name in MAPPED},
+    }
+    parts = {name: _submit_sweep(jobs, name, *sweep) for name, sweep in sweeps.items()}
+    pd, gains = load(Cell("no_wind", "pd")), best_gain_settings(sizes.grid)
+    legs = [jobs.submit("legs", sizes.grid**2, fly_legs, pd, gains, [sample]) for sample in range(sizes.legs)]
+
+    jobs.work(progress)
+    write_recorded(folder / "recorded.csv", {cell: job.result[1] for cell, job in recorded.items()})
+    for name, (_, settings, count) in sweeps.items():
+        metrics = Metrics(*_joined(parts[name], axis=0))
+        Sweep(settings, np.arange(count), metrics).save(folder / f"{name}.csv")
+    Sweep(gains, np.arange(sizes.legs), LegErrors(*_joined(legs, axis=1))).save(folder / "legs.csv")
+    return {cell: job.result[0] for cell, job in recorded.items()}
+
+
+def _fly_cell(scenario: Scenario, count: int, folder: Path) -> None:
+    """Flies what is missing of a study. A worker flies all of it: the larger the fleet, the faster."""
+    with ThreadPoolExecutor(1) as executor:
+        study = run_monte_carlo(scenario, count, folder=folder, resume=True, num_workers=1, executor=executor)
+    if study.failures:
+        sample, reason = next(iter(study.failures.items()))
+        raise RuntimeError(f"sample {sample} of {scenario.name} could not be flown: {reason}")
+
+
+def _record_cell(scenario: Scenario, count: int, folder: Path, recorded: int) -> tuple[Flight, dict[str, np.ndarray]]:
+    """The same, the first samples with all signals; gives sample 0, and (recorded,) numbers of each of these."""
+    flights = simulate_samples(scenario, range(recorded))
+    with open_study(folder, scenario, count, _duration(scenario), {}, resume=True) as rows:
+        new = [sample for sample in rows.missing if sample < recorded]
+        if new:
+            metrics = Metrics(*np.array([flights[sample].metrics for sample in new]).T)
+            rows.add_rows(rows_of(new, {}, metrics))
+    _fly_cell(scenario, count, folder)
+    numbers = [measures(flight) for flight in flights]
+    return flights[0], {name: np.array([each[name] for each in numbers]) for name in numbers[0]}
+
+
+def _duration(scenario: Scenario) -> float:
+    return flight_duration(scenario, plan_route(scenario))
+
+
+def _joined(jobs: Sequence["_Job"], axis: int) -> list[np.ndarray]:
+    """Each of the rows that jobs found, along an axis."""
+    return [np.concatenate(values, axis) for values in zip(*(job.result for job in jobs), strict=True)]
+
+
+def _submit_sweep(
+    jobs: "_Jobs", name: str, scenario: Scenario, settings: Mapping[str, np.ndarray], count: int
+) -> list["_Job"]:
+    """Begins to fly all settings on the same samples, in fleets, and gives their metrics in order."""
+    total = len(next(iter(settings.values())))
+    at_once = max(_VEHICLES // count, 1)
+    return [
+        jobs.submit(
+            name,
+            count * min(at_once, total - first),
+            fly_settings,
+            scenario,
+            {number: values[first : first + at_once] for number, values in settings.items()},
+            range(count),
+        )
+        for first in range(0, total, at_once)
+    ]
+
+
+@dataclass
+class _Job:
+    """Something for workers to do.
+
+    Attributes:
+        what: it is, in a word.
+        flights: how many it flies.
+        call: the function and its arguments.
+        result: what that returned, once it is done.
+    """
+
+    what: str
+    flights: int
+    call: Callable[[], Any]
+    result: Any = None
+
+
+class _Jobs:
+    """What workers are to do, in this order."""
+
+    def __init__(self, workers: Workers) -> None:
+        self._workers = workers
+        self._jobs: list[_Job] = []
+
+    def submit(self, what: str, flights: int, function: Callable[..., Any], *arguments: Any) -> _Job:
+        """Adds a job."""
+        self._jobs.append(_Job(what, flights, partial(function, *arguments)))
+        return self._jobs[-1]
+
+    def work(self, progress: Callable[[str, int], None] | None) -> None:
+        """Does all jobs.
+
+        Raises:
+            RuntimeError: one failed.
+        """
+        waiting, under_way, done = deque(enumerate(self._jobs)), 0, 0
+        while waiting or under_way:
+            while waiting and under_way < self._workers.capacity:
+                number, job = waiting.popleft()
+                self._workers.begin(_call, (number, job.call))
+                under_way += 1
+            for outcome in self._workers.finished():
+                under_way -= 1
+                if outcome.reason:
+                    raise RuntimeError(outcome.reason)
+                job = self._jobs[outcome.given[0]]
+                job.result, done = outcome.result, done + job.flights
+                if progress is not None:
+                    progress(job.what, done)
+
+
+def _call(numbered: tuple[int, Callable[[], Any]]) -> Any:
+    _, call = numbered
+    return call()

@@ -1,0 +1,60 @@
+"""The paper's PD and PD+T2FNN beside controllers that it does not have, on the same samples."""
+
+from collections.abc import Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+from drake_quad.studies.statistics import Interval, compare, mean_interval, of_survivors
+from drake_quad.files import write_table
+from drake_quad.replication.printed import CONTROLLERS, Cell
+from drake_quad.replication.results import FAIR, Experiment, cells_of
+
+COMPARED = {"pd": CONTROLLERS["pd"], "pd_t2fnn": CONTROLLERS["pd_t2fnn"], **FAIR}
+
+
+class FairEntry(NamedTuple):
+    """A controller in a wind.
+
+    Attributes:
+        cell: whose.
+        rmse: mean, m.
+        peak_error: mean, m.
+        effort_x: mean control effort on X, m²/s⁴.
+        effort_y: likewise on Y.
+        over_pd: RMSE over the PD's, sample by sample.
+        over_network: RMSE over PD+T2FNN's, likewise.
+    """
+
+    cell: Cell
+    rmse: Interval
+    peak_error: Interval
+    effort_x: Interval
+    effort_y: Interval
+    over_pd: Interval
+    over_network: Interval
+
+
+def fair_entries(found: Experiment) -> list[FairEntry]:
+    """All controllers that are compared, wind by wind."""
+    entries = []
+    for cell in cells_of(COMPARED):
+        study = found.cells[cell]
+        means = [
+            mean_interval(of_survivors(study.metrics, name)) for name in ("rmse", "peak_error", "effort_x", "effort_y")
+        ]
+        beside = [compare(study, found.cells[Cell(cell.wind, name)]).share for name in ("pd", "pd_t2fnn")]
+        entries.append(FairEntry(cell, *means, *beside))
+    return entries
+
+
+def write_fair(path: Path, entries: Sequence[FairEntry]) -> Path:
+    """Writes a row for each entry, with the ends of intervals, and returns the path."""
+    columns: dict[str, list] = {
+        "wind": [entry.cell.wind for entry in entries],
+        "controller": [entry.cell.controller for entry in entries],
+    }
+    for name in FairEntry._fields[1:]:
+        for end in Interval._fields:
+            suffix = "" if end == "value" else f"_{end}"
+            columns[f"{name}{suffix}"] = [getattr(getattr(entry, name), end) for entry in entries]
+    return write_table(path, columns)

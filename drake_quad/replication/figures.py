@@ -1,0 +1,397 @@
+"""The paper's figures again, and those of what it leaves out, as wide as a column of a journal."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from contextlib import contextmanager
+from io import BytesIO
+from pathlib import Path
+from typing import Any
+
+import matplotlib
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.colors import LogNorm
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.patches import Patch
+from matplotlib.ticker import MaxNLocator, NullLocator, PercentFormatter
+from PIL import Image
+
+from drake_quad.studies.statistics import mean_interval, of_survivors
+from drake_quad.replication.claims import advantage
+from drake_quad.replication.fair import COMPARED
+from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, table_ii
+from drake_quad.replication.results import MAPPED, Experiment
+from drake_quad.replication.sweeps import NOISE, SHARES, Sweep
+from drake_quad.control.fuzzy.inference import elliptic_membership
+from drake_quad.flight import Flight
+from drake_quad.visualization.learning_plots import PAPER_EXPONENTS
+from drake_quad.visualization.leg_marks import leg_marks, number_legs, shade_legs
+from drake_quad.visualization.style import (
+    BLACK,
+    BLUE,
+    GREEN,
+    LIMIT,
+    ORANGE,
+    PURPLE,
+    REFERENCE,
+    SHADING,
+    VERMILION,
+    new_figure,
+    styled,
+)
+
+Flights = Mapping[Cell, Flight]
+
+# Inches; a column of the paper's journal is 3.5.
+_COLUMN = 3.5
+# Dots an inch, and colours of a palette.
+_DPI, _COLOURS = 220, 128
+_LINES = {"pd": (BLUE, "-"), "pd_t1fnn": (GREEN, "-."), "pd_t2fnn": (VERMILION, "-"), "pd_t2fnn_wide": (PURPLE, "--")}
+# Read off the paper's Fig. 9, m.
+_PRINTED_PEAKS = {"pd": 1.3, "pd_t2fnn": 0.8}
+
+
+@contextmanager
+def _in_print() -> Iterator[None]:
+    """The style of the project for a figure that is as wide as a column."""
+    small: Any = {
+        "font.size": 8,
+        "axes.labelsize": 8,
+        "axes.titlesize": 8,
+        "legend.fontsize": 7.5,
+        "lines.linewidth": 1.1,
+    }
+    with styled(), matplotlib.rc_context({**small, "xtick.labelsize": 7.5, "ytick.labelsize": 7.5}):
+        yield
+
+
+def paper_figures(found: Experiment, flights: Flights) -> Iterator[tuple[str, Figure]]:
+    """Draws one figure after the other, each with the name that the report calls it by.
+
+    Args:
+        found: everything that was flown.
+        flights: sample 0 of the cells of Table II.
+    """
+    yield "table_ii", table_figure(found)
+    yield "figure_4", figure_4()
+    for number, draw in _OF_FLIGHTS.items():
+        yield f"figure_{number}", draw(flights)
+    yield "advantage", advantage_figure(found)
+    yield "gains", gain_figure(found)
+    yield "fair", fair_figure(found)
+
+
+def save_small(figure: Figure, path: Path) -> None:
+    """Writes a figure for print as PNG with a palette, a few times smaller than with full colours."""
+    buffer = BytesIO()
+    figure.savefig(buffer, dpi=_DPI)
+    Image.open(buffer).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
+
+
+def figure_4() -> Figure:
+    """Memberships of an elliptic set for four pairs of exponents."""
+    u = np.linspace(-1.2, 1.2, 481)
+    with _in_print():
+        figure = new_figure(_COLUMN, 2.9)
+        grid = figure.subplots(2, 2, sharex=True, sharey=True)
+        for axes, (a1, a2) in zip(grid.flat, PAPER_EXPONENTS, strict=True):
+            upper, lower = elliptic_membership(u, a1), elliptic_membership(u, a2)
+            axes.fill_between(u, lower, upper, color=SHADING(0.5), linewidth=0)
+            axes.plot(u, upper, color=BLUE, label="upper, $a_1$")
+            axes.plot(u, lower, color=VERMILION, linestyle="--", label="lower, $a_2$")
+            axes.set_title(f"$a_1$ = {a1:g}, $a_2$ = {a2:g}")
+        for axes in grid[1]:
+            axes.set_xlabel("(x - c) / d")
+        for axes in grid[:, 0]:
+            axes.set_ylabel("membership")
+        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        return figure
+
+
+def figure_7(flights: Flights) -> Figure:
+    """The path in space without wind, PD and PD+T2FNN."""
+    with _in_print():
+        figure = new_figure(_COLUMN, 2.7)
+        axes = figure.add_subplot(projection="3d")
+        wanted = _drawn(flights)["reference"][:, 0:3].T
+        axes.plot(*wanted, label="reference", **REFERENCE)
+        for name in ("pd", "pd_t2fnn"):
+            color, style = _LINES[name]
+            path = flights[Cell("no_wind", name)]["state"][:, 0:3].T
+            axes.plot(*path, color=color, linestyle=style, label=CONTROLLERS[name])
+        for number, place, beside in leg_marks(_drawn(flights).plan):
+            x, y, z = place + 0.35 * np.array([*beside, 0.0])
+            axes.text(x, y, z, str(number), color="0.2", fontsize=8, fontweight="bold", ha="center", va="center")
+        axes.set(xlabel="X (m)", ylabel="Y (m)", zlabel="Z (m)")
+        axes.set_box_aspect(np.maximum(np.ptp(wanted, axis=1), 1.5), zoom=1.0)
+        axes.view_init(elev=28.0, azim=-38.0)
+        for axis in (axes.xaxis, axes.yaxis, axes.zaxis):
+            axis.set_major_locator(MaxNLocator(4))
+            axis.labelpad = -5.0
+        axes.tick_params(pad=-2.0)
+        axes.yaxis.labelpad = 0.0
+        axes.zaxis.labelpad = -7.0
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3, columnspacing=1.0)
+        return figure
+
+
+def figure_8(flights: Flights) -> Figure:
+    """The same seen from above."""
+    with _in_print():
+        figure = new_figure(_COLUMN, 4.6)
+        axes = figure.subplots()
+        flight = _drawn(flights)
+        axes.plot(*flight["reference"][:, 0:2].T, label="reference", **REFERENCE)
+        for name in ("pd", "pd_t2fnn"):
+            color, style = _LINES[name]
+            path = flights[Cell("no_wind", name)]["state"][:, 0:2].T
+            axes.plot(*path, color=color, linestyle=style, label=CONTROLLERS[name])
+        number_legs(axes, flight.plan, distance=17.0)
+        axes.set(xlabel="X (m)", ylabel="Y (m)")
+        axes.set_aspect("equal")
+        axes.margins(0.08)
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3, columnspacing=1.0)
+        return figure
+
+
+def figure_9(flights: Flights) -> Figure:
+    """The Euclidean error without wind, PD and PD+T2FNN, with the peaks that the paper shows."""
+    return _errors(flights, "no_wind", ("pd", "pd_t2fnn"), _PRINTED_PEAKS, "peak in the paper's Fig. 9")
+
+
+def figure_10(flights: Flights) -> Figure:
+    """The Euclidean error in low wind, with the mean RMSE of Table II."""
+    return _errors_in_wind(flights, "low_wind")
+
+
+def figure_11(flights: Flights) -> Figure:
+    """The Euclidean error in high wind, with the mean RMSE of Table II."""
+    return _errors_in_wind(flights, "high_wind")
+
+
+def figure_12(flights: Flights) -> Figure:
+    """The signals of PD and network on X."""
+    return _signals(flights, 0)
+
+
+def figure_13(flights: Flights) -> Figure:
+    """The signals of PD and network on Y."""
+    return _signals(flights, 1)
+
+
+_OF_FLIGHTS = {
+    7: figure_7,
+    8: figure_8,
+    9: figure_9,
+    10: figure_10,
+    11: figure_11,
+    12: figure_12,
+    13: figure_13,
+}
+
+
+def _errors_in_wind(flights: Flights, wind: str) -> Figure:
+    levels = {name: table_ii()[Cell(wind, name)].rmse.mean for name in CONTROLLERS}
+    found = {name: level for name, level in levels.items() if np.isfinite(level)}
+    return _errors(flights, wind, tuple(CONTROLLERS), found, "mean RMSE in Table II")
+
+
+def _errors(flights: Flights, wind: str, controllers: Sequence[str], levels: Mapping[str, float], what: str) -> Figure:
+    """Errors over time and, if type 1 is among the controllers, how much larger those of type 2 are."""
+    errors = {name: flights[Cell(wind, name)].euclidean_error for name in controllers}
+    time = flights[Cell(wind, controllers[0])].time
+    with _in_print():
+        figure = new_figure(_COLUMN, 2.6 if "pd_t1fnn" not in errors else 3.8)
+        axes, *more = figure.subplots(
+            2 if "pd_t1fnn" in errors else 1, 1, sharex=True, squeeze=False, height_ratios=[2, 1][: len(errors) // 2]
+        )[:, 0]
+        for name, error in errors.items():
+            axes.plot(time[: len(error)], error, **_style(name), label=CONTROLLERS[name])
+        # Beside the curves, so that levels that are close to each other can be told apart.
+        beside = axes.get_yaxis_transform()
+        for place, (name, level) in enumerate(levels.items()):
+            x = 1.025 + (0.03 * (place - 1) if len(levels) > 2 and place else 0.0)
+            axes.plot(x, level, "<", color=_LINES[name][0], markersize=4, transform=beside, clip_on=False)
+        axes.set(ylabel="Euclidean error (m)")
+        axes.set_ylim(0.0, 1.02 * max(axes.get_ylim()[1], max(levels.values())))
+        _shade(axes, _drawn(flights))
+        axes.plot([], [], linestyle="none", marker="<", color="0.4", markersize=4, label=what)
+        for lower in more:
+            for name in ("pd_t2fnn", "pd_t2fnn_wide"):
+                count = min(len(errors[name]), len(errors["pd_t1fnn"]))
+                difference = 1e3 * (errors[name][:count] - errors["pd_t1fnn"][:count])
+                lower.plot(time[:count], difference, **_style(name))
+            lower.axhline(0.0, **LIMIT)
+            lower.set_ylabel("minus that of\ntype 1 (mm)")
+        figure.axes[-1].set_xlabel("time (s)")
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2, columnspacing=1.0)
+        return figure
+
+
+def _style(name: str) -> dict[str, Any]:
+    color, style = _LINES[name]
+    return {"color": color, "linestyle": style}
+
+
+def _signals(flights: Flights, axis: int) -> Figure:
+    with _in_print():
+        figure = new_figure(_COLUMN, 2.6)
+        axes = figure.subplots()
+        flight = flights[Cell("no_wind", "pd_t2fnn")]
+        axes.plot(flight.time, flight["pd"][:, axis], color=BLUE, label=r"PD, $\tau_c$")
+        axes.plot(flight.time, -flight["correction"][:, axis], color=VERMILION, label=r"network, $-\tau_f$")
+        axes.set(xlabel="time (s)", ylabel=f"command on {'XY'[axis]} (m/s²)")
+        _shade(axes, flight)
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        return figure
+
+
+def table_figure(found: Experiment) -> Figure:
+    """The errors of Table II: the printed runs and their mean, and all samples of ours with their mean."""
+    with _in_print():
+        figure = new_figure(_COLUMN, 3.9)
+        column = figure.subplots(3, 1, sharex=True)
+        for axes, (wind, words) in zip(column, WINDS.items(), strict=True):
+            for place, name in enumerate(CONTROLLERS):
+                cell = Cell(wind, name)
+                errors = of_survivors(found.cells[cell].metrics, "rmse")
+                low, high = np.quantile(errors, [0.025, 0.975])
+                axes.plot([low, high], [place + 0.17] * 2, color=VERMILION, linewidth=5.0, alpha=0.35, zorder=2)
+                axes.plot(errors.mean(), place + 0.17, "D", color=VERMILION, markersize=4.5, zorder=3)
+                if cell in table_ii():
+                    runs = table_ii()[cell].rmse
+                    axes.plot(runs.runs, [place - 0.17] * 3, "o", color="0.6", markersize=3.2, zorder=2)
+                    axes.plot(runs.mean, place - 0.17, "s", color=BLACK, fillstyle="none", markersize=5.5, zorder=3)
+            axes.set_yticks(range(len(CONTROLLERS)), list(CONTROLLERS.values()))
+            axes.set_ylim(len(CONTROLLERS) - 0.5, -0.5)
+            axes.grid(visible=False, axis="y")
+            axes.set_title(words, loc="left")
+        column[-1].set_xlabel("RMSE (m)")
+        column[-1].set_xlim(0.4, 1.1)
+        labels: dict[str, dict[str, Any]] = {
+            "printed runs": {"marker": "o", "color": "0.6", "markersize": 3.2, "linestyle": "none"},
+            "printed mean": {
+                "marker": "s",
+                "color": BLACK,
+                "fillstyle": "none",
+                "markersize": 5.5,
+                "linestyle": "none",
+            },
+            "ours, mean": {"marker": "D", "color": VERMILION, "markersize": 4.5, "linestyle": "none"},
+            "ours, 95 % of the samples": {"color": VERMILION, "linewidth": 5.0, "alpha": 0.35},
+        }
+        handles = [Line2D([], [], label=label, **style) for label, style in labels.items()]
+        figure.legend(handles=handles, loc="outside upper center", ncols=2, columnspacing=1.0)
+        return figure
+
+
+def fair_figure(found: Experiment) -> Figure:
+    """PD and PD+T2FNN as calibrated beside controllers that the paper does not have, on the same samples."""
+    with _in_print():
+        figure = new_figure(_COLUMN, 3.0)
+        axes = figure.subplots()
+        styles = zip(WINDS.items(), (BLUE, ORANGE, VERMILION), (-0.24, 0.0, 0.24), strict=True)
+        for (wind, words), color, offset in styles:
+            means = [
+                mean_interval(of_survivors(found.cells[Cell(wind, name)].metrics, "rmse")).value for name in COMPARED
+            ]
+            axes.barh(np.arange(len(COMPARED)) + offset, means, 0.22, color=color, label=words)
+            for place, mean in enumerate(means):
+                axes.annotate(
+                    f"{mean:.2f}",
+                    (mean, place + offset),
+                    (2, 0),
+                    textcoords="offset points",
+                    va="center",
+                    fontsize=6.5,
+                )
+        axes.set_yticks(range(len(COMPARED)), list(COMPARED.values()))
+        axes.set_ylim(len(COMPARED) - 0.5, -0.5)
+        axes.grid(visible=False, axis="y")
+        axes.set_axisbelow(True)
+        axes.set_xlim(0.0, 1.1 * axes.get_xlim()[1])
+        axes.set_xlabel("mean RMSE (m)")
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=3)
+        return figure
+
+
+def advantage_figure(found: Experiment) -> Figure:
+    """By how much type 2 is better than type 1 over the noise of the cameras, and over q."""
+    with _in_print():
+        figure = new_figure(_COLUMN, 2.3)
+        left, right = figure.subplots(1, 2, sharey=True)
+        sweeps = (
+            (left, found.noise, "noise", NOISE, 1e3, "noise of the cameras (mm)"),
+            (right, found.shares, "q", SHARES, 1.0, "q"),
+        )
+        for axes, sweep, number, values, size, label in sweeps:
+            axes.axhspan(0.02, 0.07, color="0.88", linewidth=0.0, label="claimed, 2 to 7 %")
+            axes.axhline(0.0, **LIMIT)
+            for name, marker in (("pd_t2fnn", "o"), ("pd_t2fnn_wide", "s")):
+                gains = np.array([advantage(sweep, number, value, name) for value in values])
+                reach = np.abs(gains[:, 1:] - gains[:, :1]).T
+                color, style = _LINES[name]
+                own = {"color": color, "linestyle": style, "marker": marker, "markersize": 3.0, "capsize": 2.0}
+                axes.errorbar(size * np.array(values), gains[:, 0], reach, label=CONTROLLERS[name], **own)
+            axes.set_xlabel(label)
+        left.set_ylabel("RMSE less than type 1's")
+        left.yaxis.set_major_formatter(PercentFormatter(1.0))
+        figure.legend(*left.get_legend_handles_labels(), loc="outside upper center", ncols=2, columnspacing=1.0)
+        return figure
+
+
+def gain_figure(found: Experiment) -> Figure:
+    """The error over the gains of the PD, with and without a network."""
+    calibrated = found.cells[Cell("no_wind", "pd")].scenario.control.position
+    errors = {name: _mean_errors(found.maps[name]) for name in MAPPED}
+    seen = np.concatenate([error[np.isfinite(error)] for _, _, error in errors.values()])
+    least, largest = float(seen.min()), float(min(seen.max(), 16.0 * seen.min()))
+    with _in_print():
+        figure = new_figure(_COLUMN, 2.5)
+        row = figure.subplots(1, 2, sharey=True)
+        for axes, name in zip(row, MAPPED, strict=True):
+            k_p, k_d, error = errors[name]
+            axes.set_facecolor("0.8")
+            norm = LogNorm(least, largest)
+            shades = axes.pcolormesh(k_d, k_p, error, cmap=SHADING, norm=norm, shading="nearest")
+            axes.contour(k_d, k_p, error, [1.2 * np.nanmin(error)], colors=VERMILION, linewidths=1.2)
+            gains = calibrated.k_d[0], calibrated.k_p[0]
+            axes.plot(*gains, "*", color=BLACK, markersize=9, markeredgecolor="white", markeredgewidth=0.6)
+            axes.set(xscale="log", yscale="log", xlabel="$k_D$ (1/s)", title=CONTROLLERS[name])
+            for axis in (axes.xaxis, axes.yaxis):
+                axis.set_major_formatter("{x:g}")
+                axis.set_minor_locator(NullLocator())
+                axis.set_ticks([0.5, 1.0, 2.0, 5.0, 10.0])
+            axes.grid(visible=False)
+        row[0].set_ylabel("$k_P$ (1/s²)")
+        bar = figure.colorbar(shades, ax=list(row), label="RMSE (m)", fraction=0.06, pad=0.02, extend="max")
+        bar.set_ticks([tick for tick in (0.05, 0.1, 0.2, 0.5, 1.0, 2.0) if least <= tick <= largest])
+        bar.ax.yaxis.set_major_formatter("{x:g}")
+        bar.ax.yaxis.set_minor_locator(NullLocator())
+        lines = [
+            Line2D([], [], color=VERMILION, linewidth=1.2, label="within 20 % of the best"),
+            Line2D([], [], color=BLACK, marker="*", linestyle="none", label="calibrated"),
+            Patch(color="0.8", label="crash"),
+        ]
+        figure.legend(handles=lines, loc="outside upper center", ncols=3, columnspacing=1.0, handlelength=1.4)
+        return figure
+
+
+def _mean_errors(sweep: Sweep) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """The gains of a map along its axes, and the mean RMSE; NaN where a sample crashed."""
+    k_p, k_d = (np.unique(sweep.settings[name]) for name in ("k_p", "k_d"))
+    rmse = np.where(sweep.metrics.crashed, np.nan, sweep.metrics.rmse).mean(axis=1)
+    return k_p, k_d, rmse.reshape(len(k_p), len(k_d))
+
+
+def _drawn(flights: Flights) -> Flight:
+    """A flight to the end, for the route."""
+    return flights[Cell("no_wind", "pd_t2fnn")]
+
+
+def _shade(axes: Axes, flight: Flight) -> None:
+    """Numbers the legs along the top, where room is left for it."""
+    low, high = axes.get_ylim()
+    axes.set_ylim(low, high + 0.1 * (high - low))
+    shade_legs(axes, flight.plan, float(flight.time[-1]), height=0.92)
+    axes.set_xlim(0.0, flight.time[-1])

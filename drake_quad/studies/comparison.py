@@ -1,0 +1,34 @@
+"""Controllers side by side, on the same samples."""
+
+from collections.abc import Callable, Sequence
+
+import numpy as np
+
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.scenario import Scenario
+from drake_quad.flight.fleet import StudyFleet
+
+
+def fly_samples(
+    scenario: Scenario, samples: Sequence[int], *, progress: Callable[[float, float], None] | None = None
+) -> Metrics:
+    """Flies samples of a scenario's study in one fleet and returns their metrics.
+
+    Args:
+        scenario: of the study.
+        samples: N numbers of samples.
+        progress: called now and then with the time flown and the time to fly, s.
+
+    Returns:
+        (N,) arrays of each metric.
+
+    Raises:
+        InputError: the route holds a distribution, or the rotors cannot fly it.
+    """
+    return StudyFleet(scenario, len(samples)).fly(samples, progress=progress)
+
+
+def share_of(metrics: Metrics, baseline: Metrics) -> np.ndarray:
+    """(N,) RMSE over that of the same samples under another controller; NaN where either crashed, or where it is 0."""
+    comparable = ~(metrics.crashed | baseline.crashed) & (baseline.rmse > 0.0)
+    return np.divide(metrics.rmse, baseline.rmse, out=np.full_like(metrics.rmse, np.nan), where=comparable)

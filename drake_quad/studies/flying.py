@@ -1,0 +1,98 @@
+"""What happens where batches are flown: samples side by side in fleets that are built once."""
+
+import platform
+import threading
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drake_quad.studies.provenance import difference, provenance, sources_of
+from drake_quad.studies.study import rows_of
+from drake_quad.errors import InputError
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario import Scenario, drawn_numbers
+from drake_quad.flight.fleet import StudyFleet
+
+# A thread flies in diagrams of its own, since executors may have several.
+_own = threading.local()
+
+
+class Job(NamedTuple):
+    """What all batches of a study have in common.
+
+    Attributes:
+        key: tells this run of a study from others.
+        code: versions and sources with which it must be flown.
+        scenario: of the study.
+        plan: that is flown.
+        num_vehicles: N of the largest fleet.
+        position_controller: makes a position controller for N vehicles in place of the scenario's, if given.
+        control: makes one for the whole cascade, if given.
+        wind: makes a source of wind beside the scenario's, if given.
+    """
+
+    key: str
+    code: dict[str, str]
+    scenario: Scenario
+    plan: Plan
+    num_vehicles: int
+    position_controller: Callable[[int], Any] | None
+    control: Callable[[int], Any] | None
+    wind: Callable[[int], Any] | None
+
+    @property
+    def own(self) -> dict[str, Callable[[int], Any]]:
+        """The functions that are given."""
+        functions = {name: getattr(self, name) for name in ("position_controller", "control", "wind")}
+        return {name: function for name, function in functions.items() if function is not None}
+
+
+def code_of(own: dict[str, Callable[[int], Any]]) -> dict[str, str]:
+    """What this process would fly with: `provenance`, and the sources of functions that are not of this package."""
+    return {**provenance(), "own": sources_of(own.values())}
+
+
+def fly_batch(job: Job, samples: Sequence[int]) -> np.ndarray:
+    """Flies samples of a study and returns their (n, columns) rows.
+
+    Raises:
+        InputError: this process has other code than the one that wants the study.
+    """
+    metrics = _fleet(job, len(samples)).fly(samples)
+    return rows_of(samples, drawn_numbers(job.scenario, samples), metrics)
+
+
+def fly_trial(job: Job, samples: Sequence[int]) -> np.ndarray:
+    """Flies the last of some samples alone, alone once more, and beside the others; returns its three rows."""
+    last = samples[-1:]
+    return np.vstack([fly_batch(job, last), fly_batch(job, last), fly_batch(job, samples)[-1:]])
+
+
+def prepare(job: Job) -> None:
+    """Builds the fleet of a job and flies its first steps: processes forked from this one have both at once."""
+    fleet = _fleet(job, job.num_vehicles)
+    fleet.fly(range(job.num_vehicles), duration=2.0 * job.scenario.laboratory.command_link.period)
+
+
+def forget() -> None:
+    """Lets go of the fleets."""
+    _own.__dict__.clear()
+
+
+def _fleet(job: Job, num_samples: int) -> StudyFleet:
+    """A fleet for so many samples: the largest, or half of it, and so on, so that there are few."""
+    if getattr(_own, "key", None) != job.key:
+        forget()
+        other = difference(job.code, code_of(job.own))
+        if other is not None:
+            raise InputError(f"a worker on {platform.node()} has {other}")
+        _own.fleets = {}
+        _own.key = job.key
+    size = job.num_vehicles
+    while size > 1 and (size + 1) // 2 >= num_samples:
+        size = (size + 1) // 2
+    fleets: dict[int, StudyFleet] = _own.fleets
+    if size not in fleets:
+        fleets[size] = StudyFleet(job.scenario, size, plan=job.plan, **job.own)
+    return fleets[size]

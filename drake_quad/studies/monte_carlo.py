@@ -1,0 +1,191 @@
+"""Flying a study."""
+
+import math
+import uuid
+from collections.abc import Callable, Iterator, Sequence
+from concurrent.futures import Executor
+from contextlib import contextmanager
+from functools import partial
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drake_quad.studies.crew import Crew, ExecutorCrew, fly_batches
+from drake_quad.studies.study import Study, columns_of
+from drake_quad.studies.study_folder import StudyRows, open_study
+from drake_quad.studies.flying import Job, code_of, fly_batch, fly_trial, forget, prepare
+from drake_quad.studies.processes import Workers, check_counts, check_makers, num_cores
+from drake_quad.errors import InputError
+from drake_quad.assembly.planning import flight_duration, plan_route
+from drake_quad.scenario import Scenario
+
+# Vehicles of a fleet. With about a thousand, what Drake does once a step hardly counts any more.
+_BATCH_SIZE = 1024
+# Samples that a trial flies side by side, and the agreement that is asked of what a controller does alone and beside
+# others: systems of one's own may add up in another order, which vehicles that nearly crash make much of.
+_TRIAL_SIZE, _ALIKE = 3, 1e-6
+
+
+class StudyInterrupted(KeyboardInterrupt):
+    """A study was ended by Ctrl-C; the message says what is saved."""
+
+
+def run_monte_carlo(
+    scenario: Scenario,
+    num_samples: int,
+    seed: int | None = None,
+    *,
+    folder: Path | str | None = None,
+    resume: bool = False,
+    num_workers: int | None = None,
+    batch_size: int | None = None,
+    executor: Executor | Crew | None = None,
+    time_limit: float | None = None,
+    position_controller: Callable[[int], Any] | None = None,
+    control: Callable[[int], Any] | None = None,
+    wind: Callable[[int], Any] | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Study:
+    """Flies samples 0 to n - 1 of a scenario's study, in fleets.
+
+    Sample i is the same whatever the number of samples, the size of batches, the workers and the order; it can be flown
+    alone by `simulate(scenario, seed=seed, sample=i)`.
+
+    Args:
+        scenario: with or without distributions; wind and noise of each sample are its own in any case.
+        num_samples: n.
+        seed: of the study, in place of the scenario's.
+        folder: where to write, batch by batch: the rows of all samples to results.csv, the scenario to scenario.yaml,
+            versions and units to study.yaml, and what could not be flown to failed.csv. Nothing is written if it is not
+            given.
+        resume: whether to go on with the study in the folder, if there is one.
+        num_workers: processes, or how many batches an executor of `concurrent.futures` flies at a time; as many as
+            there are cores if not given.
+        batch_size: vehicles in a fleet; about a thousand if not given.
+        executor: that flies the batches in place of processes on this machine: one of `concurrent.futures`, `Workers`
+            that are there already, or a Dask cluster from `dask_crew`.
+        time_limit: after which a batch is given up, s; for processes on this machine. None if not given.
+        position_controller: makes a system for N vehicles that stands in for the scenario's; see
+            `build_tracking_diagram`. A function of a module, so that workers find it.
+        control: makes one for the whole cascade; likewise.
+        wind: makes a source of wind beside the scenario's; likewise. With any of these, a sample is flown alone, once
+            more, and beside others before the study begins; it must fly alike.
+        progress: called with the number of samples that are done, and n.
+
+    Returns:
+        All samples that were flown, now or before; failures say why others were not. A batch that fails is flown again
+        in halves, so that a sample that cannot be flown costs no other.
+
+    Raises:
+        InputError: a number is out of range, the scenario cannot be flown, worker processes would not find a function
+            or have other code, a system of one's own does not fly a sample alike alone and beside others, or the folder
+            holds another study or one that is not to be resumed.
+        OSError: rows could not be written, or a cluster is gone; the rows before are saved.
+        RuntimeError: no sample can be flown; likewise.
+        StudyInterrupted: by Ctrl-C; what is done is saved.
+    """
+    num_workers = num_cores() if num_workers is None else num_workers
+    check_counts(samples=num_samples, workers=num_workers, batch=1 if batch_size is None else batch_size)
+    scenario = scenario.model_copy(update={"seed": scenario.seed if seed is None else seed, "sample": None})
+    plan = plan_route(scenario)
+    own = {"position_controller": position_controller, "control": control, "wind": wind}
+    if executor is None or isinstance(executor, Workers):
+        check_makers(own)
+    given = {name: function for name, function in own.items() if function is not None}
+    rows = None
+    try:
+        with _crew(executor, num_workers, time_limit) as crew:
+            job = Job(uuid.uuid4().hex, code_of(given), scenario, plan, batch_size or _BATCH_SIZE, **own)
+            if given:
+                _check_alike(crew, job)
+            duration = flight_duration(scenario, plan)
+            with open_study(folder, scenario, num_samples, duration, own, resume=resume) as rows:
+                batches = _batches(rows.missing, crew.num_workers, batch_size)
+                _fly(crew, job._replace(num_vehicles=max(map(len, batches), default=1)), batches, rows, progress)
+    except KeyboardInterrupt:
+        raise StudyInterrupted(f"interrupted: {_saved(rows)}") from None
+    except OSError as error:
+        raise OSError(f"{error}; {_saved(rows)}") from error
+    except RuntimeError as error:
+        raise RuntimeError(f"{error}; {_saved(rows)}") from error
+    finally:
+        forget()
+    return rows.study()
+
+
+def _saved(rows: StudyRows | None) -> str:
+    return "nothing was written" if rows is None else rows.saved
+
+
+def _fly(
+    crew: Crew,
+    job: Job,
+    batches: Sequence[Sequence[int]],
+    rows: StudyRows,
+    progress: Callable[[int, int], None] | None,
+) -> None:
+    """Flies the batches of a study and takes in their rows."""
+
+    def report() -> None:
+        if progress is not None:
+            progress(len(rows) + len(rows.failures), rows.num_samples)
+
+    report()
+    if batches and not job.own and isinstance(crew, Workers) and crew.inherit:
+        prepare(job)
+    for outcome in fly_batches(crew, partial(fly_batch, job), batches):
+        rows.add(outcome)
+        report()
+
+
+@contextmanager
+def _crew(executor: Executor | Crew | None, num_workers: int, time_limit: float | None) -> Iterator[Crew]:
+    """Who flies the batches; what is under way at the end is given up."""
+    if executor is not None and time_limit is not None:
+        raise InputError("a time limit is for processes of this study, not for an executor that is given")
+    if executor is None:
+        with Workers(num_workers, time_limit=time_limit) as workers:
+            yield workers
+        return
+    crew = executor if isinstance(executor, Crew) else ExecutorCrew(executor, num_workers)
+    try:
+        yield crew
+    finally:
+        crew.give_up()
+
+
+def _check_alike(crew: Crew, job: Job) -> None:
+    """Flies sample 0 alone, alone once more, and beside others, where batches hold more than one.
+
+    A trial that fails says nothing: which samples cannot be flown, the study finds out.
+
+    Raises:
+        InputError: it does not fly alike, or a system of one's own does not fit.
+    """
+    size = min(job.num_vehicles, _TRIAL_SIZE)
+    job = job._replace(key=f"{job.key}, trial", num_vehicles=size)
+    crew.begin(partial(fly_trial, job), range(size - 1, -1, -1))
+    (outcome,) = crew.finished()
+    if outcome.refused:
+        raise InputError(outcome.reason)
+    if outcome.reason:
+        return
+    alone, again, beside = outcome.result
+    names, error = " and ".join(job.own), columns_of(job.scenario).index("rmse")
+    for flown, how, why in (
+        (again, "a second time in the same diagram", "must keep nothing in Python objects, but in Drake's state"),
+        (beside, "beside other samples", "must not mix the vehicles of a fleet, whose rows are (k, N)"),
+    ):
+        if not np.allclose(flown, alone, rtol=_ALIKE, atol=_ALIKE, equal_nan=True):
+            raise InputError(
+                f"sample 0 flies otherwise {how} (RMSE {alone[error]:.6g} m, then {flown[error]:.6g} m): {names} {why}"
+            )
+
+
+def _batches(samples: Sequence[int], num_workers: int, batch_size: int | None) -> list[Sequence[int]]:
+    """Samples in batches: if nothing else is asked for, equally many for every worker, and nearly equally large."""
+    if batch_size is None:
+        rounds = math.ceil(len(samples) / (num_workers * _BATCH_SIZE))
+        batch_size = math.ceil(len(samples) / max(rounds * num_workers, 1))
+    return [samples[first : first + batch_size] for first in range(0, len(samples), max(batch_size, 1))]

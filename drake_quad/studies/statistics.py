@@ -1,0 +1,209 @@
+"""What the samples of a study say, and how sure that is: every estimate with its confidence interval.
+
+A crashed vehicle has no error that could be averaged: means are those of the flights that went to the end, and say how
+many these are. Quantiles are those of all samples, a crash being worse than any error.
+"""
+
+import math
+from typing import Any, NamedTuple
+
+import numpy as np
+from scipy import stats
+
+from drake_quad.studies.study import Study
+from drake_quad.laboratory.metrics import Metrics
+
+CONFIDENCE = 0.95
+
+
+class Interval(NamedTuple):
+    """An estimate and its confidence interval; NaN or infinite where the samples do not bound it.
+
+    Attributes:
+        value: estimated.
+        low: lower end.
+        high: upper end.
+    """
+
+    value: float
+    low: float
+    high: float
+
+
+def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+    """The mean of (n,) values, with Student's interval; NaN ends for fewer than two."""
+    if len(values) < 2:
+        return Interval(float(values[0]) if len(values) else math.nan, math.nan, math.nan)
+    mean, reach = float(np.mean(values)), float(_reach(np.std(values, ddof=1), len(values), confidence))
+    return Interval(mean, mean - reach, mean + reach)
+
+
+def quantile_interval(values: np.ndarray, probability: float, confidence: float = CONFIDENCE) -> Interval:
+    """A quantile of (n,) values, with the interval between order statistics, which holds for any distribution.
+
+    Its ends are infinite if there are too few values for it.
+    """
+    if not len(values):
+        return Interval(math.nan, math.nan, math.nan)
+    ordered, n = np.sort(values), len(values)
+    # The number of values below the quantile is binomial: each end leaves out at most half of what may be missed.
+    missed = 0.5 * (1.0 - confidence)
+    first = int(stats.binom.ppf(missed, n, probability))
+    last = int(stats.binom.ppf(1.0 - missed, n, probability)) + 1
+    return Interval(
+        float(ordered[max(math.ceil(n * probability) - 1, 0)]),
+        float(ordered[first - 1]) if first >= 1 else -math.inf,
+        float(ordered[last - 1]) if last <= n else math.inf,
+    )
+
+
+def share_interval(count: int, total: int, confidence: float = CONFIDENCE) -> Interval:
+    """A probability from so many of a total, with the exact interval of Clopper and Pearson."""
+    if total == 0:
+        return Interval(math.nan, 0.0, 1.0)
+    found = stats.binomtest(count, total).proportion_ci(confidence, method="exact")
+    return Interval(count / total, float(found.low), float(found.high))
+
+
+def rank_correlation(x: np.ndarray, y: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+    """Spearman's correlation of the ranks of (n,) numbers.
+
+    The interval is Fisher's with the variance (1 + ρ² / 2) / (n - 3) of the transformed correlation (D. G. Bonett and
+    T. A. Wright, "Sample size requirements for estimating Pearson, Kendall and Spearman correlations", 2000).
+    """
+    if len(x) < 4 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+        return Interval(math.nan, math.nan, math.nan)
+    rho = float(stats.spearmanr(x, y).statistic)
+    reach = stats.norm.ppf(0.5 * (1.0 + confidence)) * math.sqrt((1.0 + 0.5 * rho * rho) / (len(x) - 3))
+    centre = math.atanh(max(min(rho, 1.0 - 1e-15), -1.0 + 1e-15))
+    return Interval(rho, math.tanh(centre - reach), math.tanh(centre + reach))
+
+
+def crash_probability(metrics: Metrics) -> Interval:
+    """The probability of a crash."""
+    return share_interval(int(np.sum(metrics.crashed)), len(metrics.crashed))
+
+
+def of_survivors(metrics: Metrics, name: str) -> np.ndarray:
+    """A metric of the flights that went to the end, where it could be measured."""
+    values = getattr(metrics, name)[~metrics.crashed]
+    found: np.ndarray = values[~np.isnan(values)]
+    return found
+
+
+def with_crashes(metrics: Metrics, name: str) -> np.ndarray:
+    """(n,) values of a metric of all samples, infinite for those that crashed."""
+    return np.where(metrics.crashed, math.inf, getattr(metrics, name))
+
+
+def running_mean(values: np.ndarray, confidence: float = CONFIDENCE) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """(n,) arrays of the mean of the first values, up to each one, and of the ends of its interval."""
+    count = np.arange(1, len(values) + 1)
+    # About the whole mean, so that nothing cancels.
+    shift = values - (values.mean() if len(values) else 0.0)
+    mean = np.cumsum(shift) / count
+    with np.errstate(invalid="ignore", divide="ignore"):
+        deviation = np.sqrt(np.maximum(np.cumsum(shift * shift) - count * mean * mean, 0.0) / (count - 1))
+        reach = _reach(deviation, count, confidence)
+    mean = mean + (values.mean() if len(values) else 0.0)
+    return mean, mean - reach, mean + reach
+
+
+def _reach(deviation: Any, count: Any, confidence: float) -> Any:
+    """Half of Student's interval of a mean."""
+    return stats.t.ppf(0.5 * (1.0 + confidence), count - 1) * deviation / np.sqrt(count)
+
+
+class Influence(NamedTuple):
+    """How much a drawn number has to do with a metric.
+
+    Attributes:
+        path: of the field.
+        correlation: of the ranks.
+        low: mean of the metric over the tenth of the samples with the least numbers.
+        high: over that with the largest.
+    """
+
+    path: str
+    correlation: Interval
+    low: Interval
+    high: Interval
+
+
+def influences(study: Study, name: str = "rmse") -> list[Influence]:
+    """Which drawn numbers matter for a metric of the flights that went to the end, those that matter most first.
+
+    Args:
+        study: of the samples.
+        name: of the metric; or "crashed", for what makes vehicles crash.
+    """
+    values = np.asarray(getattr(study.metrics, name), dtype=float)
+    kept = ~np.isnan(values) & (~study.metrics.crashed | (name == "crashed"))
+    values = values[kept]
+    found = []
+    for path, numbers in study.parameters.items():
+        drawn = numbers[kept]
+        if len(drawn):
+            low, high = np.quantile(drawn, (0.1, 0.9))
+            ends = (_level(values[tenth], name) for tenth in (drawn <= low, drawn >= high))
+            found.append(Influence(path, rank_correlation(drawn, values), *ends))
+    return sorted(found, key=lambda each: -abs(np.nan_to_num(each.correlation.value)))
+
+
+def _level(values: np.ndarray, name: str) -> Interval:
+    return share_interval(int(values.sum()), len(values)) if name == "crashed" else mean_interval(values)
+
+
+class Comparison(NamedTuple):
+    """Two controllers on the same samples.
+
+    Attributes:
+        num_pairs: samples that both flew to the end.
+        difference: mean of the metric less that of the baseline, in the metric's unit.
+        share: mean of the metric over that of the baseline, 1.
+        better: share of the pairs in which it is smaller, 1.
+        crashed: samples on which only this one crashed.
+        baseline_crashed: samples on which only the baseline crashed.
+        crash_significance: p-value of McNemar's exact test that both crash as often.
+    """
+
+    num_pairs: int
+    difference: Interval
+    share: Interval
+    better: Interval
+    crashed: int
+    baseline_crashed: int
+    crash_significance: float
+
+
+def compare(study: Study, baseline: Study, name: str = "rmse") -> Comparison:
+    """Compares two studies, sample by sample, by a metric of which less is better.
+
+    Args:
+        study: of one controller.
+        baseline: of another, over the same samples of the same seed.
+        name: of the metric.
+    """
+    _, ours, others = np.intersect1d(study.samples, baseline.samples, return_indices=True)
+    value, reference = getattr(study.metrics, name)[ours], getattr(baseline.metrics, name)[others]
+    crashed, baseline_crashed = study.metrics.crashed[ours], baseline.metrics.crashed[others]
+    both = ~(crashed | baseline_crashed | np.isnan(value) | np.isnan(reference))
+    value, reference = value[both], reference[both]
+    only, baseline_only = int(np.sum(crashed & ~baseline_crashed)), int(np.sum(baseline_crashed & ~crashed))
+    return Comparison(
+        len(value),
+        mean_interval(value - reference),
+        mean_interval(value[reference > 0.0] / reference[reference > 0.0]),
+        share_interval(int(np.sum(value < reference)), len(value)),
+        only,
+        baseline_only,
+        float(stats.binomtest(only, only + baseline_only).pvalue) if only + baseline_only else 1.0,
+    )
+
+
+def worst(study: Study, count: int = 5, name: str = "rmse") -> list[int]:
+    """The numbers of the worst samples: those that crashed, the earliest first, then those with the largest metric."""
+    metrics = study.metrics
+    value = np.nan_to_num(getattr(metrics, name), nan=-math.inf)
+    order = np.lexsort((-value, metrics.crash_time))
+    return [int(sample) for sample in study.samples[order][:count]]

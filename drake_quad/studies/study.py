@@ -1,0 +1,213 @@
+"""A study: a row of numbers for every sample, in memory and on disk."""
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from pydantic import BaseModel, ConfigDict, ValidationError
+from ruamel.yaml import YAML
+from ruamel.yaml.error import YAMLError
+
+from drake_quad.studies.provenance import provenance
+from drake_quad.studies.results_file import CHECKSUM, Format, Found, read_results
+from drake_quad.errors import InputError
+from drake_quad.laboratory.metrics import UNITS, Metrics
+from drake_quad.scenario import Scenario, distributions_in, drawn_numbers, load_scenario
+from drake_quad.scenario.description import description_at
+
+RESULTS, SCENARIO, STUDY, FAILED = "results.csv", "scenario.yaml", "study.yaml", "failed.csv"
+# Of two numbers that are written with twelve digits.
+_ROUNDING = 1e-11
+
+
+@dataclass(frozen=True, repr=False)
+class Study:
+    """What samples of a scenario did.
+
+    Attributes:
+        scenario: of the study, with its distributions and its seed.
+        duration: of a flight, s.
+        samples: (n,) numbers of the samples flown, rising.
+        parameters: (n,) numbers drawn for each field that holds a distribution.
+        metrics: (n,) arrays; NaN where no tick counted.
+        failures: why samples could not be flown, by their number.
+        flown_time: seconds of flight that were flown just now, and not read from a file.
+        misfits: numbers of the lines of the results file that were not as they had been written, and whose samples were
+            flown again.
+    """
+
+    scenario: Scenario
+    duration: float
+    samples: np.ndarray
+    parameters: Mapping[str, np.ndarray]
+    metrics: Metrics
+    failures: Mapping[int, str] = field(default_factory=dict)
+    flown_time: float = 0.0
+    misfits: Sequence[int] = ()
+
+    @classmethod
+    def of_rows(
+        cls,
+        scenario: Scenario,
+        duration: float,
+        rows: np.ndarray,
+        *,
+        failures: Mapping[int, str] = {},
+        flown_time: float = 0.0,
+        misfits: Sequence[int] = (),
+    ) -> "Study":
+        """The study of a table with the columns of `columns_of`, by rising samples."""
+        columns = dict(zip(columns_of(scenario), rows.T, strict=True))
+        return cls(
+            scenario,
+            duration,
+            columns["sample"].astype(int),
+            {path: columns[path] for path in distributions_in(scenario)},
+            Metrics(*(columns[name] for name in Metrics._fields)),
+            dict(failures),
+            flown_time,
+            tuple(misfits),
+        )
+
+    def __repr__(self) -> str:
+        """A line of text."""
+        crashed, flown = int(self.metrics.crashed.sum()), len(self.samples)
+        failed = f", {len(self.failures)} not flown" if self.failures else ""
+        numbers = ", ".join(self.parameters) or "nothing"
+        return f"<Study of {self.scenario.name}: {flown} samples, {crashed} crashed{failed}; drawn are {numbers}>"
+
+    @property
+    def flight_time(self) -> np.ndarray:
+        """(n,) seconds that each sample flew, until the end or its crash."""
+        return np.minimum(self.metrics.crash_time, self.duration)
+
+
+def columns_of(scenario: Scenario) -> list[str]:
+    """The columns of a study's table: the sample, every field that is drawn, and every metric."""
+    return ["sample", *distributions_in(scenario), *Metrics._fields[:-1], "crashed", "crash_time"]
+
+
+def rows_of(samples: Sequence[int], numbers: Mapping[str, np.ndarray], metrics: Metrics) -> np.ndarray:
+    """The (n, columns) table of some samples, their drawn numbers and their metrics."""
+    *others, crash_time = metrics
+    return np.column_stack([samples, *numbers.values(), *others, metrics.crashed, crash_time])
+
+
+def format_of(scenario: Scenario) -> Format:
+    """What the rows of a scenario's study look like on disk."""
+    return Format(columns_of(scenario), scenario.model_dump_json())
+
+
+def fitting(scenario: Scenario, found: Found) -> Found:
+    """What a results file holds, without rows whose drawn numbers are not those that the seed gives."""
+    if not len(found.rows):
+        return found
+    samples = found.rows[:, 0]
+    numbers = drawn_numbers(scenario, samples.astype(int).tolist())
+    drawn = np.array([samples, *numbers.values()])
+    fits = np.isclose(found.rows[:, : len(drawn)], drawn.T, rtol=_ROUNDING, atol=0.0).all(axis=1)
+    return found._replace(rows=found.rows[fits], lines=found.lines[fits], misfits=[*found.misfits, *found.lines[~fits]])
+
+
+def read_study(folder: Path | str) -> Study:
+    """Reads the results of a study, also of one that is under way or was interrupted.
+
+    Raises:
+        InputError: there is no study, or its files do not belong together.
+    """
+    folder = Path(folder)
+    record, scenario = read_record(folder), load_scenario(folder / SCENARIO)
+    found = fitting(scenario, read_results(folder / RESULTS, format_of(scenario)))
+    if found.misfits:
+        raise InputError(
+            f"{folder / RESULTS}, line {min(found.misfits)}: is not as it was written; --resume flies it again"
+        )
+    return Study.of_rows(scenario, record.duration, found.rows[np.argsort(found.rows[:, 0])])
+
+
+class Record(BaseModel):
+    """What is written of a study beside its scenario.
+
+    Attributes:
+        samples: of the study.
+        seed: of the study.
+        duration: of a flight, s.
+        position_controller: name of the function that makes it in place of the scenario's, if one is given; `control`
+            and `wind` likewise.
+        versions: versions and sources with which it was flown, one after another.
+        columns: what stands in each column of the results.
+    """
+
+    model_config = ConfigDict(strict=True, frozen=True)
+
+    samples: int
+    seed: int
+    duration: float
+    position_controller: str | None = None
+    control: str | None = None
+    wind: str | None = None
+    versions: list[dict[str, str]]
+    columns: dict[str, str]
+
+    @classmethod
+    def of(
+        cls, scenario: Scenario, num_samples: int, duration: float, own: Mapping[str, Callable[..., Any] | None]
+    ) -> "Record":
+        """The record of a study that begins.
+
+        Args:
+            scenario: of the study, under its seed.
+            num_samples: of it.
+            duration: of a flight, s.
+            own: functions that make controllers or wind of one's own, if given.
+        """
+        return cls(
+            samples=num_samples,
+            seed=scenario.seed,
+            duration=duration,
+            **{name: _called(function) for name, function in own.items() if function is not None},
+            versions=[provenance()],
+            columns={name: meaning(scenario, name) for name in [*columns_of(scenario), CHECKSUM]},
+        )
+
+    def write(self, path: Path) -> None:
+        """Writes the record as YAML."""
+        YAML().dump(self.model_dump(exclude_none=True), path)
+
+
+def read_record(folder: Path) -> Record:
+    """Reads the record of the study in a folder.
+
+    Raises:
+        InputError: it is not there, or is something else.
+    """
+    path = folder / STUDY
+    try:
+        content = YAML(typ="safe", pure=True).load(path)
+    except (OSError, YAMLError, ValueError):
+        raise InputError(f"{path} cannot be read, or is not YAML") from None
+    try:
+        return Record.model_validate(content)
+    except ValidationError as error:
+        place = ".".join(map(str, error.errors()[0]["loc"]))
+        raise InputError(f"{path} is not the record of a study" + (f": see its {place}" if place else "")) from None
+
+
+def _called(function: Callable[..., Any]) -> str:
+    """The name by which a function can be imported."""
+    function = getattr(function, "func", function)
+    return f"{function.__module__}:{function.__qualname__}"
+
+
+def meaning(scenario: Scenario, column: str) -> str:
+    """What stands in a column of a study's table, with its unit."""
+    own = {
+        "sample": "number of the sample",
+        "crashed": "1 if the vehicle crashed, else 0",
+        CHECKSUM: "CRC-32 of the row and its study, by which a row that was altered is known",
+    }
+    if column in own:
+        return own[column]
+    return f"metric ({UNITS[column]})" if column in UNITS else description_at(scenario, column)

@@ -1,0 +1,221 @@
+"""The rows of a study as they come in, on disk if it has a folder."""
+
+import csv
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drake_quad.studies.crew import Outcome
+from drake_quad.studies.results_file import Found, ResultsFile, open_results, write_results
+from drake_quad.studies.study import (
+    FAILED,
+    RESULTS,
+    SCENARIO,
+    STUDY,
+    Record,
+    Study,
+    columns_of,
+    fitting,
+    format_of,
+    read_record,
+)
+from drake_quad.errors import InputError
+from drake_quad.files import output_folder, write_whole
+from drake_quad.scenario import Scenario, load_scenario, save_scenario
+
+
+class StudyRows:
+    """The rows of a study that are there.
+
+    Args:
+        scenario: of the study.
+        num_samples: of the study.
+        duration: of a flight, s.
+        found: what its file held at the beginning, if it has one.
+        file: to which new ones are appended, if any.
+    """
+
+    def __init__(
+        self,
+        scenario: Scenario,
+        num_samples: int,
+        duration: float,
+        *,
+        found: Found | None = None,
+        file: ResultsFile | None = None,
+    ) -> None:
+        self._scenario, self.num_samples, self._duration, self._file = scenario, num_samples, duration, file
+        columns = columns_of(scenario)
+        self._crash_time = columns.index("crash_time")
+        self._table = np.full((num_samples, len(columns)), np.nan)
+        self._misfits: list[int] = []
+        if found is not None:
+            self._table[found.rows[:, 0].astype(int)] = found.rows
+            self._misfits = sorted(found.misfits)
+        self._flown_time = 0.0
+        self.failures: dict[int, str] = {}
+
+    def __len__(self) -> int:
+        return int(self._there.sum())
+
+    @property
+    def _there(self) -> np.ndarray:
+        return ~np.isnan(self._table[:, 0])
+
+    @property
+    def missing(self) -> list[int]:
+        """The samples that are not there."""
+        missing: list[int] = np.flatnonzero(~self._there).tolist()
+        return missing
+
+    @property
+    def rows(self) -> np.ndarray:
+        """The (n, columns) rows that are there, by rising samples."""
+        return self._table[self._there]
+
+    @property
+    def saved(self) -> str:
+        """What is on disk, in words."""
+        if self._file is None:
+            return "nothing was written"
+        return f"{len(self)} of {self.num_samples} samples are in {self._file.path}"
+
+    def add(self, outcome: Outcome) -> None:
+        """Takes in what became of a batch, and writes it.
+
+        Raises:
+            OSError: it could not be written.
+        """
+        if outcome.reason:
+            self.failures |= dict.fromkeys(outcome.given, outcome.reason)
+        else:
+            self.add_rows(outcome.result)
+
+    def add_rows(self, rows: np.ndarray) -> None:
+        """Takes in (n, columns) rows, and writes them.
+
+        Raises:
+            OSError: they could not be written.
+        """
+        if self._file is not None:
+            self._file.append(rows)
+        self._table[rows[:, 0].astype(int)] = rows
+        self._flown_time += float(np.minimum(rows[:, self._crash_time], self._duration).sum())
+
+    def study(self) -> Study:
+        """The study so far."""
+        return Study.of_rows(
+            self._scenario,
+            self._duration,
+            self.rows,
+            failures=dict(sorted(self.failures.items())),
+            flown_time=self._flown_time,
+            misfits=self._misfits,
+        )
+
+
+@contextmanager
+def open_study(
+    folder: Path | str | None,
+    scenario: Scenario,
+    num_samples: int,
+    duration: float,
+    own: Mapping[str, Callable[..., Any] | None],
+    *,
+    resume: bool,
+) -> Iterator[StudyRows]:
+    """Begins a study, or goes on with one; at the end its rows are in order.
+
+    Args:
+        folder: where it is written, if it is.
+        scenario: of the study.
+        num_samples: of it.
+        duration: of a flight, s.
+        own: functions that make controllers or wind of one's own, if given.
+        resume: whether a study that is in the folder may be gone on with.
+
+    Raises:
+        InputError: the folder cannot be written, or holds another study or one that is not to be resumed.
+    """
+    if folder is None:
+        yield StudyRows(scenario, num_samples, duration)
+        return
+    folder, form = output_folder(Path(folder)), format_of(scenario)
+    record = Record.of(scenario, num_samples, duration, own)
+    if (folder / RESULTS).exists():
+        record = _gone_on_with(folder, scenario, record, resume=resume)
+    else:
+        _check_vacant(folder, scenario)
+        write_whole(folder / SCENARIO, lambda path: save_scenario(scenario, path))
+        write_whole(folder / STUDY, record.write)
+    with open_results(folder / RESULTS, form) as (file, whole):
+        found = fitting(scenario, whole)
+        if len(found.rows) and found.rows[:, 0].max() >= num_samples:
+            raise InputError(
+                f"{folder / RESULTS} holds sample {found.rows[:, 0].max():.0f} already, but the study is to have only"
+                f" {num_samples} samples"
+            )
+        write_whole(folder / STUDY, record.write)
+        rows = StudyRows(scenario, num_samples, duration, found=found, file=file)
+        yield rows
+        if rows.failures:
+            write_whole(folder / FAILED, lambda path: _write_failures(path, rows.failures))
+        else:
+            (folder / FAILED).unlink(missing_ok=True)
+        write_results(folder / RESULTS, form, rows.rows)
+
+
+def _check_vacant(folder: Path, scenario: Scenario) -> None:
+    """Raises InputError if a folder without results holds files of someone else's that a study would overwrite."""
+    if (folder / SCENARIO).exists():
+        try:
+            ours = load_scenario(folder / SCENARIO) == scenario
+        except InputError:
+            ours = False
+        if not ours:
+            raise InputError(f"{folder / SCENARIO} would be overwritten, and is no study's; choose another folder")
+    elif (folder / STUDY).exists():
+        raise InputError(f"{folder / STUDY} would be overwritten, and is no study's; choose another folder")
+
+
+def _gone_on_with(folder: Path, scenario: Scenario, record: Record, *, resume: bool) -> Record:
+    """The record of a study that a folder holds, when it is gone on with; raises InputError if it must not be."""
+    if not resume:
+        raise InputError(f"{folder} holds a study already; go on with it by --resume, or write elsewhere by --output")
+    try:
+        before = read_record(folder)
+        saved = load_scenario(folder / SCENARIO)
+    except InputError as error:
+        raise InputError(f"{folder / RESULTS} cannot be gone on with: {error}") from None
+    for name in ("seed", "position_controller", "control", "wind"):
+        if getattr(before, name) != getattr(record, name):
+            raise InputError(
+                f"{folder / RESULTS} is of another study: its {name} is {getattr(before, name)}, not"
+                f" {getattr(record, name)}"
+            )
+    difference = _difference(saved.model_dump(mode="json"), scenario.model_dump(mode="json"))
+    if difference is not None:
+        raise InputError(f"{folder / RESULTS} is of another scenario: {difference}")
+    versions = [each for each in before.versions if each not in record.versions]
+    return record.model_copy(update={"versions": [*versions, *record.versions]})
+
+
+def _difference(before: Any, now: Any, path: str = "") -> str | None:
+    """The first field in which two dumped scenarios differ, in words."""
+    if isinstance(before, dict) and isinstance(now, dict) and before.keys() == now.keys():
+        pairs = [(f"{path}.{key}".lstrip("."), before[key], now[key]) for key in now]
+    elif isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
+        pairs = [(f"{path}[{i}]", old, new) for i, (old, new) in enumerate(zip(before, now, strict=True))]
+    else:
+        return None if before == now else f"its {path} is {before}, not {now}"
+    return next(filter(None, (_difference(old, new, where) for where, old, new in pairs)), None)
+
+
+def _write_failures(path: Path, failures: Mapping[int, str]) -> None:
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(["sample", "reason"])
+        writer.writerows(sorted(failures.items()))

@@ -1,0 +1,120 @@
+import math
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario, simulate
+from drake_quad.errors import InputError
+from drake_quad.assembly.planning import plan_route
+from drake_quad.reference.polynomial_path import evaluate, peak_norm
+from drake_quad.scenario import load_journey
+from drake_quad.reference.trajectory_files import save_plan
+
+
+@pytest.fixture
+def slalom(diagrams):
+    return lambda *overrides: load_journey(diagrams / "slalom.yaml", overrides)
+
+
+def samples(plan):
+    return np.linspace(*plan.path.times[[0, -1]], 500)
+
+
+def test_the_slalom_keeps_to_all_that_it_asks(slalom):
+    journey = slalom()
+    plan = plan_route(journey)
+    problem = journey.route.problem()
+    assert peak_norm(plan.path, 1) <= 2.0 * (1.0 + 1e-6)
+    assert peak_norm(plan.path, 2) <= 1.5 * (1.0 + 1e-6)
+    for place, position in zip(problem.places, evaluate(plan.path, plan.path.times).T, strict=True):
+        np.testing.assert_allclose(place.nearest(position), position, atol=1e-6)
+    for order in (1, 2, 3):
+        np.testing.assert_allclose(evaluate(plan.path, plan.path.times[4:5], order), 0.0, atol=1e-9)
+    np.testing.assert_allclose(evaluate(plan.path, plan.path.times[5:6], 1)[:, 0], [-1.2, 0.0, 0.0], atol=1e-9)
+    position = evaluate(plan.path, samples(plan)).T
+    assert (position >= np.array([-1.0, -2.0, 0.5]) - 1e-5).all()
+    assert (position <= np.array([9.0, 3.2, 2.5]) + 1e-5).all()
+
+
+def test_headings(slalom):
+    yaws = {}
+    for heading in ("constant", "along_path"):
+        plan = plan_route(slalom(f"route.heading={heading}", "route.yaw=0.3"))
+        yaws[heading] = evaluate(plan.yaw, samples(plan))[0]
+    np.testing.assert_allclose(yaws["constant"], 0.3)
+    v_x, v_y, _ = evaluate(plan.path, samples(plan), 1)
+    fast = np.hypot(v_x, v_y) > 1.0
+    assert np.mean(np.cos(yaws["along_path"] - np.arctan2(v_y, v_x))[fast]) > 0.95
+
+
+def test_yaw_through_waypoints_one_of_them_repeated(slalom):
+    waypoints = "[{point: [0, 0, 1], yaw: 0}, [1, 0, 1], {point: [1, 0, 1], yaw: 1.0}, {point: [2, 0, 1], yaw: 4}]"
+    route = f"{{kind: waypoints, waypoints: {waypoints}, heading: waypoints}}"
+    plan = plan_route(slalom("route=" + route, "route.corridors=null", "route.space=null"))
+    assert len(plan.path.times) == 3
+    np.testing.assert_allclose(evaluate(plan.yaw, plan.path.times)[0], [0.0, 1.0, 4.0], atol=1e-12)
+
+
+def test_a_saved_plan_is_flown_as_the_plan_itself(slalom, diagrams, tmp_path):
+    plan = plan_route(slalom())
+    save_plan(plan, tmp_path, name="slalom")
+    path = tmp_path / "loop.yaml"
+    path.write_text(f"loop:\n  extends: [{diagrams / 'figure_eight.yaml'}, trajectory.yaml:slalom]\n")
+    again = plan_route(load_journey(path))
+    for order in range(5):
+        wanted = evaluate(plan.path, samples(plan), order)
+        np.testing.assert_allclose(evaluate(again.path, samples(plan), order), wanted, atol=1e-9 * np.abs(wanted).max())
+    np.testing.assert_allclose(evaluate(again.yaw, samples(plan)), evaluate(plan.yaw, samples(plan)), atol=1e-12)
+    table = np.genfromtxt(tmp_path / "trajectory.csv", delimiter=",", skip_header=1)
+    assert table.shape[1] == 18
+    np.testing.assert_allclose(table[:, 1:4].T, evaluate(plan.path, table[:, 0]), atol=1e-7)
+    np.testing.assert_allclose(table[:, 13:16].T, evaluate(plan.path, table[:, 0], 4), atol=1e-5)
+    np.testing.assert_allclose(table[:, 16], evaluate(plan.yaw, table[:, 0])[0], atol=1e-7)
+    assert table[-1, 0] == pytest.approx(plan.path.times[-1])
+    flights = [simulate(load_scenario(file, ["duration=4"])) for file in (path, diagrams / "slalom.yaml")]
+    np.testing.assert_allclose(flights[0]["state"], flights[1]["state"], atol=1e-9)
+
+
+def test_a_plan_made_in_python_is_flown(slalom, diagrams):
+    scenario = load_scenario(diagrams / "slalom.yaml", ["duration=6", "route.heading=constant"])
+    other = plan_route(slalom("route.heading=constant", "route.top_acceleration=0.7"))
+    flight = simulate(scenario, plan=other)
+    assert flight.plan is other
+    np.testing.assert_allclose(flight["reference"][:, 0:3].T, evaluate(other.path, flight.time), atol=1e-9)
+
+
+def test_a_turning_yaw_costs_little_accuracy(diagrams):
+    rmse = [
+        simulate(load_scenario(diagrams / "figure_eight.yaml", [f"route.heading={heading}"])).metrics.rmse
+        for heading in ("constant", "along_path")
+    ]
+    assert max(rmse) < 0.03
+
+
+def test_a_trajectory_without_yaw_looks_along_x(slalom):
+    knots = "[{time: 0.5, position: [0, 0, 1]}, {time: 4, position: [1, 0, 1]}]"
+    plan = plan_route(slalom(f"route={{kind: trajectory, knots: {knots}}}"))
+    np.testing.assert_array_equal(plan.path.times, [0.5, 4.0])
+    np.testing.assert_array_equal(evaluate(plan.yaw, samples(plan)), 0.0)
+    assert peak_norm(plan.path, 1) == pytest.approx(2.1875 / 3.5)
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("route.times={kind: given, times: [0, 1, 2, 3, 4, 5, 6]}", "the .* limit of .* cannot be kept on segment"),
+        ("route.times={kind: least_snap, duration: 8}", "times slower it is feasible|cannot be kept"),
+        ("route.top_acceleration={uniform: {min: 1, max: 2}}", "route.top_acceleration is a distribution"),
+        ("nominal.max_rotor_speed=205", "the rotors cannot fly this route"),
+    ],
+)
+def test_what_cannot_be_flown_is_explained(slalom, override, words):
+    with pytest.raises(InputError, match=words):
+        plan_route(slalom(override))
+
+
+def test_a_yaw_that_turns_too_fast_for_the_rotors_is_refused(slalom):
+    waypoints = f"[{{point: [0, 0, 1], yaw: 0}}, {{point: [0.02, 0, 1], yaw: {math.pi / 2}}}]"
+    route = f"{{kind: waypoints, waypoints: {waypoints}, heading: waypoints, times: [0, 0.8]}}"
+    with pytest.raises(InputError, match="the rotors cannot fly this route"):
+        plan_route(slalom("route=" + route, "route.corridors=null", "route.space=null"))

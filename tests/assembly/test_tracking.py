@@ -1,0 +1,290 @@
+"""The whole loop: physics, timing, fleets, scalar types, crashes."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import AutoDiffXd, ExtractGradient
+from pydrake.systems.analysis import InitializeParams, ResetIntegratorFromFlags, Simulator, Simulator_
+from pydrake.systems.framework import BasicVector, LeafSystem
+
+from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
+from drake_quad.control.position import ProportionalDerivative, build_position_controller
+from drake_quad.flight import flight_duration, fly, read_metrics
+from drake_quad.assembly.recorder import read_recorder
+from drake_quad.assembly.planning import plan_route
+from drake_quad.signals import SIGNALS
+
+
+@pytest.fixture
+def figure_eight(diagrams):
+    return lambda *overrides: load_scenario(diagrams / "figure_eight.yaml", overrides)
+
+
+def test_nominal_figure_eight_stays_within_three_centimetres(figure_eight):
+    flight = simulate(figure_eight())
+    assert flight.metrics.rmse < 0.03
+    assert not flight.metrics.crashed
+    assert flight.metrics.saturation_share == 0.0
+    # The recorder and the monitor see the same flight.
+    error = flight["reference"][:, :3] - flight["state"][:, :3]
+    assert flight.metrics.rmse == pytest.approx(np.sqrt(np.mean(np.sum(error**2, axis=1))), rel=1e-12)
+    np.testing.assert_allclose(flight["acceleration_command"], flight["pd"] + flight["reference"][:, 6:9], atol=1e-12)
+
+
+def test_derivative_on_the_measurement_lags_by_k_d_over_k_p_times_the_speed(figure_eight):
+    """On a long straight line at constant speed the error settles to (k_D / k_P) v."""
+    line = figure_eight(
+        "route={kind: waypoints, waypoints: [[0, 0, 1], [16, 12, 1]], times: [0, 100]}",
+        "control.position.k_p=[0.5, 0.5, 4.0]",
+        "control.position.k_d=[1.0, 1.0, 3.0]",
+        "control.position.derivative=measurement",
+        "control.position.feed_forward=none",
+    )
+    flight = simulate(line)
+    cruise = (flight.time > 45.0) & (flight.time < 55.0)
+    error = flight["reference"][cruise, :2] - flight["state"][cruise, :2]
+    velocity = flight["reference"][cruise, 3:5]
+    assert np.linalg.norm(velocity, axis=1).min() > 0.3
+    np.testing.assert_allclose(error, 2.0 * velocity, rtol=0.02)
+    # On the figure eight it is metres where the tracking derivative has centimetres: about (k_D / k_P) v, more where
+    # the curves come near the bandwidth of so slow a loop.
+    paper_like = [f"control.position.{line}" for line in ("k_p=[1, 1, 4]", "k_d=[1, 1, 3]", "feed_forward=none")]
+    lagging = simulate(figure_eight(*paper_like, "control.position.derivative=measurement"))
+    mean_speed = np.sqrt(np.mean(np.sum(lagging["reference"][:, 3:6] ** 2, axis=1)))
+    assert 0.9 * mean_speed < lagging.metrics.rmse < 1.4 * mean_speed
+
+
+def test_the_stepping_vehicle_stays_with_the_continuous_one_at_every_tick(figure_eight):
+    """RK4 at 10 ms within 1e-6 m of an error-controlled integrator at 1e-10, over the whole figure eight."""
+    paths = []
+    for time_step in (0.01, 0.0):
+        scenario = figure_eight(f"vehicle.time_step={time_step}")
+        diagram = build_tracking_diagram(scenario, record=True)
+        simulator = Simulator(diagram)
+        ResetIntegratorFromFlags(simulator, "runge_kutta5", 0.1).set_target_accuracy(1e-10)
+        fly(simulator, plan_route(scenario).duration)
+        _, signals = read_recorder(diagram.GetSubsystemByName("recorder"), simulator.get_context())
+        paths.append(signals["state"][:, :3])
+    assert len(paths[0]) > 1200
+    assert np.linalg.norm(paths[0] - paths[1], axis=1).max() < 1e-6
+
+
+def test_so_it_does_in_wind_with_a_battery_that_sags_and_nothing_even(asymmetric):
+    """Without the rotor that fails: it does so in the middle of a step."""
+    overrides = ["duration=3.5", "vehicle.rotor_failure=null"]
+    stepping, continuous = (simulate(asymmetric("pid", *overrides, f"vehicle.time_step={h}")) for h in (0.01, 0.0))
+    for rows, tolerance in ((slice(0, 3), 1e-6), (slice(3, 12), 1e-4)):
+        np.testing.assert_allclose(stepping["state"][:, rows], continuous["state"][:, rows], rtol=0.0, atol=tolerance)
+
+
+def test_each_vehicle_of_a_fleet_flies_as_it_would_alone(figure_eight):
+    """1e-9 m at the end of a flight, also beside a vehicle with other gains that crashes."""
+    scenario = figure_eight("crash.position_error=0.5")
+    n = 3
+    law = scenario.control.position
+    k_p, k_d = ([np.array([gain, 20.0, gain]) for gain in gains] for gains in (law.k_p, law.k_d))
+    pd = ProportionalDerivative(
+        num_vehicles=n, k_p=k_p, k_d=k_d, derivative=law.derivative, feed_forward=law.feed_forward != "none"
+    )
+    position = build_position_controller(pd)
+    fleet = build_tracking_diagram(scenario, n, position_controller=position)
+    simulator = Simulator(fleet)
+    duration = flight_duration(scenario, plan_route(scenario))
+    fly(simulator, duration)
+    context = simulator.get_context()
+    metrics = read_metrics(fleet, context)
+    np.testing.assert_array_equal(metrics.crashed, [False, True, False])
+    assert 1.0 < metrics.crash_time[1] < duration
+
+    alone = simulate(scenario)
+    state = fleet.GetOutputPort("state").Eval(context).reshape(12, n)
+    for i in (0, 2):
+        np.testing.assert_allclose(state[:3, i], alone["state"][-1, :3], rtol=0.0, atol=1e-9)
+        assert metrics.rmse[i] == pytest.approx(alone.metrics.rmse, rel=1e-9)
+
+
+def test_a_crash_is_a_result(figure_eight):
+    flight = simulate(figure_eight("control.position.k_p=[20, 20, 20]"))
+    assert flight.metrics.crashed
+    assert flight.time[-1] == flight.metrics.crash_time
+    assert all(math.isfinite(value) for value in flight.metrics[:-1])
+
+
+class Broken(LeafSystem):
+    """A position controller that commands what is not a number from 2 s on."""
+
+    def __init__(self):
+        super().__init__()
+        self.DeclareVectorInputPort("measurement", BasicVector(12))
+        self.DeclareVectorInputPort("reference", BasicVector(11))
+        self.DeclareVectorOutputPort("acceleration_command", BasicVector(3), self.calc)
+
+    def calc(self, context, output):
+        output.SetFromVector([0.0, 0.0, math.nan if context.get_time() >= 2.0 else 0.0])
+
+
+def test_a_controller_that_gives_nan_crashes_its_vehicle(figure_eight):
+    flight = simulate(figure_eight("route={kind: hover}"), position_controller=Broken())
+    assert flight.metrics.crash_time == pytest.approx(2.0)
+    assert np.isfinite(flight["state"]).all()
+    assert all(math.isfinite(value) for value in flight.metrics[:-1])
+
+
+class HoverWrench(LeafSystem):
+    """A whole control that always commands the weight."""
+
+    def __init__(self):
+        super().__init__()
+        self.DeclareVectorInputPort("measurement", BasicVector(12))
+        self.DeclareVectorInputPort("reference", BasicVector(11))
+        self.DeclareVectorOutputPort(
+            "wrench", BasicVector(4), lambda context, output: output.SetFromVector([6.6708, 0, 0, 0])
+        )
+
+
+def test_a_control_of_one_s_own_needs_only_a_wrench(figure_eight):
+    flight = simulate(figure_eight("route={kind: hover}"), control=HoverWrench())
+    np.testing.assert_allclose(flight["state"][-1, :3], [0.0, 0.0, 1.0], atol=1e-9)
+    assert "pd" not in flight.signals
+    assert math.isnan(flight.metrics.effort_x)
+
+
+def test_every_signal_of_the_loop_is_exported_and_recorded(figure_eight):
+    flight = simulate(figure_eight("duration=0.5"))
+    assert set(flight.signals) == set(SIGNALS)
+    diagram = build_tracking_diagram(figure_eight(), 2)
+    for name, rows in SIGNALS.items():
+        assert flight[name].shape == (26, len(rows))
+        assert diagram.GetOutputPort(name).size() == 2 * len(rows)
+
+
+def test_delay_from_state_to_rotor_command(figure_eight):
+    """A frame is 10 ms old when a tick samples it; then come the whole ticks of the link."""
+    for ticks in (0, 1, 2):
+        scenario = figure_eight(f"laboratory.command_link.delay_ticks={ticks}", "duration=2.0")
+        flight = simulate(scenario)
+        np.testing.assert_allclose(flight["measurement"][0], flight["state"][0], atol=1e-12)
+        sent, out = flight["wrench"], flight["rotor_speed_command"]
+        thrust = 4.13e-5 * np.sum(out**2, axis=1)
+        # A recorder at a tick sees what was out before it: one tick more than the link's delay.
+        np.testing.assert_allclose(thrust[ticks + 1 :], sent[: -ticks - 1, 0], rtol=1e-9)
+        np.testing.assert_allclose(thrust[: ticks + 1], 0.68 * 9.81, rtol=1e-9)
+
+
+@pytest.mark.parametrize(("ticks", "frames"), [(0, 0), (1, 0), (2, 0), (1, 1), (1, 3)])
+def test_delay_from_a_jump_of_the_state_to_the_rotor_command(figure_eight, ticks, frames):
+    """The timing drawing of the laboratory: 10 to 30 ms on the ground, and every frame and tick of delay besides."""
+    scenario = figure_eight(
+        "route={kind: hover}",
+        f"laboratory.command_link.delay_ticks={ticks}",
+        f"laboratory.motion_capture.latency_frames={frames}",
+    )
+    diagram = build_tracking_diagram(scenario)
+    vehicle = diagram.GetSubsystemByName("laboratory").GetSubsystemByName("vehicle")
+    delays = []
+    for step in range(20, 60):
+        simulator = Simulator(diagram)
+        context = simulator.get_mutable_context()
+        # The vehicle tilts just before the frame of this instant.
+        start = 0.01 * step
+        simulator.AdvanceTo(start - 0.005)
+        state = vehicle.GetMyMutableContextFromRoot(context).get_mutable_discrete_state(0)
+        state.SetAtIndex(3, 0.1)
+        time = start
+        while np.ptp(diagram.GetOutputPort("rotor_speed_command").Eval(context)) < 1e-3:
+            simulator.AdvanceTo(time)
+            simulator.AdvancePendingEvents()
+            time += 0.01
+        delays.append(context.get_time() - start)
+    # The frame of the jump is read a period later by the next tick, or by the one after if that is its own period.
+    least = 0.01 * (1 + frames) + 0.02 * ticks
+    assert min(delays) == pytest.approx(least, abs=1e-9)
+    assert max(delays) == pytest.approx(least + 0.01, abs=1e-9)
+    assert np.mean(delays) == pytest.approx(least + 0.005, abs=1e-9)
+
+
+FANS = (
+    "{kind: fan, position: [0, -3, 0.5], direction: [0, 1, 0], flow: 3, diameter: 0.75}",
+    "{kind: fan, position: [0, 3, 0.5], direction: [0, 1, 0], flow: 3, diameter: 0.75, turbulence: 0}",
+)
+LABORATORY = [
+    "vehicle.linear_drag=0.1",
+    "vehicle.centre_of_mass=[0.002, 0.0]",
+    "vehicle.battery_sag=0.02",
+    "vehicle.rotor_failure={rotor: 2, time: 1.0, speed_factor: 0.95}",
+    "laboratory.motion_capture={position_noise: 0.001, attitude_noise: 0.004, misalignment: [0.01, 0.01, 0.0],"
+    " derivative_bandwidth: 40, dropout_rate: 0.05, latency_frames: 1}",
+    "laboratory.command_link.loss_rate=0.05",
+    "laboratory.wind=[{kind: steady, velocity: [0.5, 0, 0]}, {kind: dryden, level: light},"
+    " {kind: gust, velocity: [0, 1, 0], start: 0.5, rise_time: 1},"
+    f" {FANS[0]}, {FANS[1]}]",
+]
+# Not a breath at the vehicle, and no turbulence in it.
+CALM = [f"laboratory.wind=[{FANS[1]}]"]
+
+
+@pytest.mark.parametrize(("overrides", "n"), [([], 1), (LABORATORY, 1), (LABORATORY, 2), (CALM, 1), (CALM, 2)])
+def test_the_whole_loop_differentiates(figure_eight, overrides, n):
+    """Derivative of the state after two seconds with respect to the gains of the first vehicle, against differences."""
+    scenario = figure_eight("duration=2.0", "control.position.k_p=[1.0, 1.0, 4.0]", *overrides)
+    diagram = build_tracking_diagram(scenario, n)
+
+    def law_context(system, context):
+        for name in ("control", "position", "pd"):
+            system = system.GetSubsystemByName(name)
+        return system.GetMyMutableContextFromRoot(context)
+
+    def final_state(k_p):
+        simulator = Simulator(diagram)
+        law_context(diagram, simulator.get_mutable_context()).get_mutable_numeric_parameter(0).SetAtIndex(0, k_p)
+        fly(simulator, 2.0)
+        return diagram.GetOutputPort("state").Eval(simulator.get_context())
+
+    converted = diagram.ToAutoDiffXd()
+    context = converted.CreateDefaultContext()
+    context.SetTimeStateAndParametersFrom(diagram.CreateDefaultContext())
+    law_context(converted, context).get_mutable_numeric_parameter(0).SetAtIndex(0, AutoDiffXd(1.0, [1.0]))
+    simulator = Simulator_[AutoDiffXd](converted, context)
+    simulator.AdvanceTo(2.0)
+    simulator.AdvancePendingEvents()
+    state = converted.GetOutputPort("state").Eval(context)
+    gradient = ExtractGradient(np.asarray(state))[:, 0]
+    step = 1e-5
+    numeric = (final_state(1.0 + step) - final_state(1.0 - step)) / (2.0 * step)
+    assert np.abs(numeric).max() > 1e-4
+    np.testing.assert_allclose(gradient, numeric, atol=1e-8)
+
+
+def test_a_flight_goes_on_in_another_simulator(figure_eight):
+    """With initialization events suppressed, as for a period map: or turbulence and filters would begin anew."""
+    scenario = figure_eight("duration=4.0", *LABORATORY)
+    diagram = build_tracking_diagram(scenario)
+    whole = Simulator(diagram)
+    whole.AdvanceTo(2.0)
+    context = whole.get_context().Clone()
+    whole.AdvanceTo(4.0)
+    continued = Simulator(diagram, context)
+    parameters = InitializeParams()
+    parameters.suppress_initialization_events = True
+    continued.Initialize(parameters)
+    continued.AdvanceTo(4.0)
+    states = [diagram.GetOutputPort("state").Eval(simulator.get_context()) for simulator in (whole, continued)]
+    np.testing.assert_array_equal(*states)
+
+
+def test_a_distribution_is_refused_where_a_number_is_needed(figure_eight):
+    with pytest.raises(InputError, match="vehicle.mass is a distribution"):
+        simulate(figure_eight("vehicle.mass={uniform: {min: 0.6, max: 0.7}}"))
+
+
+def test_a_window_beyond_the_flight_is_refused(figure_eight):
+    with pytest.raises(InputError, match=r"metrics.start is 30, but must be before the end of the flight at 25.38 s"):
+        simulate(figure_eight("metrics.start=30"))
+
+
+@pytest.mark.parametrize("yaw", [1.0, 3.0])
+def test_flies_as_well_at_any_yaw(figure_eight, yaw):
+    straight, turned = simulate(figure_eight()), simulate(figure_eight(f"route.yaw={yaw}"))
+    assert turned.metrics.rmse == pytest.approx(straight.metrics.rmse, rel=0.02)
+    np.testing.assert_allclose(turned["state"][-1, 5], yaw, atol=0.01)

@@ -1,0 +1,169 @@
+"""What the wind does to the vehicle, against calculations by hand."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
+from scipy.integrate import solve_ivp
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.laboratory.wind.fans import Jet
+from drake_quad.laboratory.wind.gust import Gust, GustParameters
+from drake_quad.assembly.laboratory import jets
+from drake_quad.flight.fleet import StudyFleet
+from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.quadrotor import Quadrotor
+
+MASS, G = 0.68, 9.81
+
+
+def test_terminal_velocity():
+    """With the rotors idle, drag carries the rest of the weight: c₁ v + c₂ v² = m g - 4 b ω²."""
+    parameters = QuadrotorParameters(linear_drag=0.2, quadratic_drag=0.01)
+    vehicle = Quadrotor(parameters=parameters)
+    simulator = Simulator(vehicle)
+    context = simulator.get_mutable_context()
+    vehicle.GetInputPort("rotor_speed_command").FixValue(context, np.zeros(4))
+    simulator.AdvanceTo(30.0)
+    fall = -vehicle.GetOutputPort("state").Eval(context)[8]
+    rest = MASS * G - 4.0 * 4.13e-5 * 60.0**2
+    by_hand = (-0.2 + math.sqrt(0.2**2 + 4.0 * 0.01 * rest)) / (2.0 * 0.01)
+    assert by_hand == pytest.approx(16.60, abs=0.01)
+    assert fall == pytest.approx(by_hand, rel=1e-3)
+
+
+@pytest.mark.parametrize("velocity", [(4.0, 0.0, 0.0), (0.0, -3.0, 0.0), (1.5, 2.0, 0.0)])
+def test_steady_tilt_in_steady_wind(diagrams, velocity):
+    """The vehicle leans into the wind by atan(D / m g), and hangs D / (m k_P) downwind without integral action."""
+    wind = f"laboratory.wind=[{{kind: steady, velocity: {list(velocity)}}}]"
+    drag = ["vehicle.linear_drag=0.2", "vehicle.quadratic_drag=0.01"]
+    far = ["route.duration=40", "crash.position_error=20"]
+    scenario = load_scenario(diagrams / "hover.yaml", [*far, *drag, wind])
+    flight, k_p = simulate(scenario), scenario.control.position.k_p[0]
+    speed = math.hypot(*velocity)
+    force = 0.2 * speed + 0.01 * speed**2
+    direction = np.array(velocity) / speed
+    state = flight["state"][-1]
+    np.testing.assert_allclose(state[0:3] - [0.0, 0.0, 1.0], force / (MASS * k_p) * direction, atol=1e-3)
+    thrust = math.hypot(MASS * G, force)
+    assert math.sin(state[3]) == pytest.approx(force * direction[1] / thrust, rel=0.01, abs=1e-6)
+    assert math.tan(state[4]) == pytest.approx(-force * direction[0] / (MASS * G), rel=0.01, abs=1e-6)
+
+
+def test_response_to_a_gust():
+    """A level vehicle that drifts: m v' = c (w - v) under (1 - cos(π t / d)) / 2, solved by hand."""
+    c, height, rise = 0.3, 4.0, 1.5
+    builder = DiagramBuilder()
+    vehicle = builder.AddNamedSystem("vehicle", Quadrotor(parameters=QuadrotorParameters(linear_drag=c)))
+    gust = builder.AddNamedSystem("gust", Gust(gust=GustParameters((height, 0.0, 0.0), 0.5, rise)))
+    builder.Connect(gust.GetOutputPort("wind"), vehicle.GetInputPort("wind"))
+    builder.ExportInput(vehicle.GetInputPort("rotor_speed_command"), "command")
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    hover = math.sqrt(MASS * G / (4.0 * 4.13e-5))
+    diagram.get_input_port().FixValue(context, np.full(4, hover))
+    a, w = c / MASS, math.pi / rise
+    for time in (1.0, 2.0, 4.0):
+        simulator.AdvanceTo(time)
+        simulator.AdvancePendingEvents()
+        velocity = vehicle.GetOutputPort("state").Eval(vehicle.GetMyContextFromRoot(context))[6]
+
+        def rising(t):
+            part = (a * math.cos(w * t) + w * math.sin(w * t)) * a / (a * a + w * w)
+            return 0.5 * height * (1.0 - part - math.exp(-a * t) * (1.0 - a * a / (a * a + w * w)))
+
+        t = time - 0.5
+        expected = rising(t) if t < rise else height + (rising(rise) - height) * math.exp(-a * (t - rise))
+        assert velocity == pytest.approx(expected, rel=0.01)
+
+
+def test_response_to_a_gust_agrees_with_an_independent_solver():
+    """The same by hand and by SciPy, so that the hand's formula is right too."""
+    c, height, rise = 0.3, 4.0, 1.5
+    a, w = c / MASS, math.pi / rise
+    solution = solve_ivp(lambda t, v: a * (0.5 * height * (1 - math.cos(w * t)) - v), (0.0, rise), [0.0], rtol=1e-10)
+    part = (a * math.cos(w * rise) + w * math.sin(w * rise)) * a / (a * a + w * w)
+    by_hand = 0.5 * height * (1.0 - part - math.exp(-a * rise) * (1.0 - a * a / (a * a + w * w)))
+    assert solution.y[0, -1] == pytest.approx(by_hand, rel=1e-6)
+
+
+def test_sources_add_up(diagrams):
+    steady = "{kind: steady, velocity: [1, 0, 0]}"
+    gust = "{kind: gust, velocity: [0, 2, 0], start: 0, rise_time: 0.5}"
+    overrides = ["duration=2", f"laboratory.wind=[{steady}, {gust}, {steady}]"]
+    flight = simulate(load_scenario(diagrams / "hover.yaml", overrides))
+    np.testing.assert_allclose(flight["wind"][-1], [2.0, 2.0, 0.0], atol=1e-12)
+
+
+def test_turbulence_follows_the_steady_wind_where_it_does_not_say_otherwise(diagrams):
+    steady = "{kind: steady, velocity: [0, 6, 0]}"
+    winds = []
+    for dryden in ("{kind: dryden}", f"{{kind: dryden, airspeed: 6, heading: {math.pi / 2}}}"):
+        scenario = load_scenario(diagrams / "hover.yaml", ["duration=2", f"laboratory.wind=[{steady}, {dryden}]"])
+        winds.append(simulate(scenario)["wind"])
+    np.testing.assert_allclose(winds[0], winds[1], atol=1e-12)
+    assert winds[0].std() > 0.1
+
+
+def test_wind_may_be_given_by_speed_and_heading():
+    sources = "[{{kind: steady, {0}}}, {{kind: gust, {1}, start: 0.1, rise_time: 0.2}}]"
+    by_velocity = sources.format("velocity: [0.0, 2.0, 0.0]", "velocity: [-1.5, 0.0, 0.0]")
+    by_speed = sources.format(f"speed: 2.0, heading: {0.5 * math.pi}", f"speed: 1.5, heading: {math.pi}")
+    flights = [
+        simulate(load_scenario("diagrams/laboratory.yaml:nominal", ["duration=1", f"laboratory.wind={wind}"]))
+        for wind in (by_velocity, by_speed)
+    ]
+    np.testing.assert_allclose(flights[0]["wind"], flights[1]["wind"], atol=1e-12)
+    assert np.abs(flights[0]["wind"][-1]).max() > 1.9
+
+
+@pytest.mark.parametrize(
+    "motion", ["speed: 2.0", "heading: 1.0", "velocity: [1, 0, 0], speed: 1.0, heading: 0.0", "kind: steady"]
+)
+def test_wind_without_one_motion_is_refused(motion):
+    wind = "{kind: steady}" if motion == "kind: steady" else f"{{kind: steady, {motion}}}"
+    with pytest.raises(InputError, match="must have a velocity, or speed and heading, not"):
+        load_scenario("diagrams/laboratory.yaml:nominal", [f"laboratory.wind=[{wind}]"])
+
+
+class OwnJets(LeafSystem):
+    """The mean wind of jets where each vehicle is, without memory, as somebody might write it."""
+
+    def __init__(self, jets, num_vehicles=1):
+        super().__init__()
+        self.jets = jets
+        self.state = self.DeclareVectorInputPort("state", BasicVector(12 * num_vehicles))
+        self.DeclareVectorOutputPort("velocity", BasicVector(3 * num_vehicles), self.blow)
+
+    def blow(self, context, output):
+        place = self.state.Eval(context).reshape(12, -1)[0:3]
+        velocity = sum(jet.speed(place)[0] * np.reshape(jet.direction, (3, 1)) for jet in self.jets)
+        output.SetFromVector(velocity.ravel())
+
+
+CALM = ["duration=6", "laboratory.wind.0.turbulence=0", "laboratory.wind.1.turbulence=0"]
+
+
+def test_a_wind_of_ones_own_does_what_the_same_wind_of_the_scenario_does(diagrams):
+    fans = load_scenario(diagrams / "laboratory.yaml:low_wind", CALM)
+    alone = load_scenario(diagrams / "laboratory.yaml:low_wind", [*CALM[:1], "laboratory.wind=[]"])
+    flights = [simulate(fans), simulate(alone, wind=OwnJets(jets(fans)))]
+    assert np.abs(flights[0]["wind"]).max() > 0.1
+    for signal in ("wind", "state"):
+        np.testing.assert_allclose(flights[0][signal][1:], flights[1][signal][1:], atol=1e-9)
+
+
+def test_a_wind_of_ones_own_blows_beside_that_of_the_scenario_in_every_fleet(diagrams):
+    steady = "laboratory.wind=[{kind: steady, velocity: [1.0, 0.0, 0.0]}]"
+    mass = "vehicle.mass={uniform: {min: 0.6, max: 0.7}}"
+    scenario = load_scenario(diagrams / "laboratory.yaml:nominal", ["duration=3", steady, mass])
+    jet = Jet((0.0, -3.0, 1.0), (0.0, 1.0, 0.0), exit_speed=5.0, diameter=1.0)
+    flight = simulate(scenario, sample=1, wind=OwnJets([jet]))
+    np.testing.assert_allclose(flight["wind"][5:, 0], 1.0, atol=1e-12)
+    assert flight["wind"][5:, 1].max() > 0.5
+    fleet = StudyFleet(scenario, 2, wind=lambda num_vehicles: OwnJets([jet], num_vehicles))
+    for _ in range(2):  # the second time in a context that has flown
+        assert fleet.fly([0, 1]).rmse[1] == pytest.approx(flight.metrics.rmse, rel=1e-9)

@@ -1,0 +1,17 @@
+import numpy as np
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drake_quad.randomness.seeding import child_words
+
+
+@given(
+    entropy=st.integers(0, 2**63 - 1) | st.integers(0, 2**200),
+    samples=st.lists(st.integers(0, 2**31 - 1), min_size=1, max_size=4),
+    kind=st.integers(0, 2),
+)
+def test_words_are_numpy_s(entropy, samples, kind):
+    found = child_words(entropy, np.array(samples), kind)
+    for word, sample in zip(found, samples, strict=True):
+        sequence = np.random.SeedSequence(entropy, spawn_key=(sample, kind))
+        assert word == sequence.generate_state(1, np.uint64)[0]

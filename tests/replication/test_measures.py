@@ -1,0 +1,102 @@
+"""Numbers of flights, from signals that are made by hand."""
+
+import math
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario
+from drake_quad.replication.measures import EFFORTS, leg_errors, measures
+from drake_quad.flight import Flight
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.reference.minimum_snap import minimum_snap
+from drake_quad.reference.plan import Plan
+from drake_quad.reference.routes import Leg
+
+# A straight line along X and back, at 1 m; the legs begin at 0, 4, 8 and 12 s of 16.
+PATH = minimum_snap([[0.0, 0, 1], [1, 0, 1], [2, 0, 1], [1, 0, 1], [0, 0, 1]], [0.0, 4.0, 8.0, 12.0, 16.0])
+PLAN = Plan.facing(PATH, legs=(Leg("rise", 0), Leg("climb", 1), Leg("circle", 2), Leg("straight", 3)))
+TIME = 0.02 * np.arange(801)
+
+
+def flight(crash_time=math.inf, **signals):
+    """A flight with these signals; the others are those of a vehicle that stays where it is."""
+    sizes = {"acceleration_command": 3, "wrench": 4, "state": 12, "reference": 11}
+    others = {name: np.zeros((len(TIME), size)) for name, size in sizes.items()} | {"pd": np.ones((len(TIME), 3))}
+    metrics = Metrics(*[0.0] * (len(Metrics._fields) - 1), crash_time)
+    return Flight(load_scenario("diagrams/hover.yaml"), PLAN, TIME, others | signals, metrics)
+
+
+def pulses(*heights):
+    """The PD's output on X and Y, constant from one whole second to the next."""
+    pd = np.ones((len(TIME), 3))
+    pd[:, 0:2] = np.array([(0.6 * height, -0.8 * height) for height in heights])[np.minimum(TIME.astype(int), 15)]
+    return flight(pd=pd)
+
+
+def test_the_pd_fades_from_the_quarter_after_the_rise_to_the_last():
+    found = measures(pulses(*[9.0] * 4, *[2.0] * 4, *[7.0] * 4, *[0.5] * 4))
+    # The quarters are 200 ticks long, from 4.00 s to 7.98 s and from 12.02 s to 16.00 s.
+    assert found["pd_fade"] == pytest.approx(0.25)
+
+
+def test_the_pd_returns_after_changes_of_segment():
+    """Those at 8 and 12 s: the first leg begins the flight, and before the second the vehicle only rises."""
+    heights = [1.0] * 16
+    heights[3], heights[4] = 50.0, 70.0
+    heights[7], heights[11] = 2.0, 4.0
+    heights[8], heights[12] = 6.0, 8.0
+    assert measures(pulses(*heights))["pd_return"] == pytest.approx(math.sqrt((36.0 + 64.0) / (4.0 + 16.0)))
+
+
+def test_the_error_of_the_path_is_the_distance_to_it_wherever_the_reference_is():
+    state = np.zeros((len(TIME), 12))
+    state[:, 0] = np.linspace(0.2, 1.8, len(TIME))
+    state[:, 1], state[:, 2] = 0.3, 1.4
+    assert measures(flight(state=state))["path_error"] == pytest.approx(0.5, abs=1e-5)
+
+
+def test_efforts_are_what_their_words_say():
+    rng = np.random.default_rng(0)
+    command, pd, wrench = (rng.normal(loc=0.3, size=(len(TIME), rows)) for rows in (3, 3, 4))
+    found = measures(flight(acceleration_command=command, pd=pd, wrench=wrench))
+    for axis, (u, c, torque) in {
+        "x": (command[:, 0], pd[:, 0], wrench[:, 2]),
+        "y": (command[:, 1], pd[:, 1], wrench[:, 1]),
+    }.items():
+        expected = {
+            "command_mean_square": np.mean(u**2),
+            "command_rms": math.sqrt(np.mean(u**2)),
+            "command_mean_size": np.mean(np.abs(u)),
+            "command_variance": np.mean((u - u.mean()) ** 2),
+            "command_peak": np.abs(u).max(),
+            "command_step_square": np.mean((u[1:] - u[:-1]) ** 2),
+            "command_step_size": np.mean(np.abs(u[1:] - u[:-1])),
+            "pd_mean_square": np.mean(c**2),
+            "pd_mean_size": np.mean(np.abs(c)),
+            "torque_mean_square": np.mean(torque**2),
+            "torque_mean_size": np.mean(np.abs(torque)),
+        }
+        assert expected.keys() == EFFORTS.keys()
+        for name, value in expected.items():
+            assert found[f"{name}_{axis}"] == pytest.approx(value), name
+
+
+def test_a_crash_leaves_no_numbers():
+    assert all(math.isnan(value) for value in measures(flight(crash_time=3.0)).values())
+    assert np.isnan(leg_errors([flight(crash_time=3.0)])).all()
+
+
+def test_errors_and_swings_leg_by_leg():
+    """The legs from 4 and from 12 s are straight, that from 8 s is curved, and the rise is neither."""
+    state, command = np.zeros((len(TIME), 12)), np.zeros((len(TIME), 3))
+    leg = np.minimum(TIME // 4.0 + (TIME % 4.0 > 3.99), 3).astype(int)
+    state[:, 0:3] = np.array([9.0, 0.3, 0.2, 0.4])[leg, np.newaxis] * [1.0, -2.0, 2.0]
+    command[:, 0] = 0.01 * (np.arange(len(TIME)) % 2)
+    command[:, 1] = -0.02 * (np.arange(len(TIME)) % 2)
+    command[leg == 2] *= 5.0
+    straight, curved, swing = (values[0] for values in leg_errors([flight(state=state, acceleration_command=command)]))
+    first, last = (leg == 1).sum(), (leg == 3).sum()
+    assert straight == pytest.approx(3.0 * math.sqrt((first * 0.09 + last * 0.16) / (first + last)))
+    assert curved == pytest.approx(0.6)
+    assert swing == pytest.approx(0.03 / 0.02)

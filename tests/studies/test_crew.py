@@ -1,0 +1,133 @@
+"""Who flies batches, and what becomes of those that fail."""
+
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+
+from drake_quad import InputError, load_scenario, run_monte_carlo
+from drake_quad.studies.crew import Crew, ExecutorCrew, attempt, fly_batches
+from drake_quad.studies.processes import Workers
+
+
+class Here(Crew):
+    """Does what it is given in this process, in the order given, as many at a time as may be."""
+
+    num_workers = 2
+
+    def __init__(self, capacity):
+        self.capacity, self.under_way, self.done = capacity, [], []
+
+    def begin(self, function, given):
+        assert len(self.under_way) < self.capacity
+        self.under_way.append((function, given))
+
+    def finished(self):
+        function, samples = self.under_way.pop(0)
+        self.done.append(list(samples))
+        return [attempt(function, samples)]
+
+    def give_up(self):
+        self.under_way.clear()
+
+
+def fly(cursed):
+    def flown(samples):
+        if cursed & set(samples):
+            raise ArithmeticError("cursed")
+        return np.array([[sample] for sample in samples])
+
+    return flown
+
+
+@given(st.sets(st.integers(0, 39), max_size=7), st.integers(1, 40), st.integers(1, 5))
+def test_exactly_the_samples_that_fail_alone_are_failures(cursed, size, capacity):
+    crew = Here(capacity)
+    batches = [range(first, min(first + size, 40)) for first in range(0, 40, size)]
+    outcomes = list(fly_batches(crew, fly(cursed), batches))
+    assert sorted(sample for outcome in outcomes if outcome.reason for sample in outcome.given) == sorted(cursed)
+    flown = [sample for outcome in outcomes if not outcome.reason for sample in outcome.result[:, 0]]
+    assert sorted(flown) == sorted(set(range(40)) - cursed)
+    # Each failure costs no more flights than there are halves down to it, and their other halves.
+    assert len(crew.done) <= len(batches) + 2 * len(cursed) * int(np.ceil(np.log2(max(size, 2))) + 1)
+
+
+def test_halves_are_flown_until_the_sample_is_alone():
+    crew = Here(1)
+    list(fly_batches(crew, fly({5}), [range(8)]))
+    assert crew.done == [[*range(8)], [0, 1, 2, 3], [4, 5, 6, 7], [4, 5], [4], [5], [6, 7]]
+
+
+def test_a_study_ends_when_eight_samples_have_failed_alone_and_none_has_flown():
+    crew = Here(3)
+    with pytest.raises(
+        RuntimeError, match="the first 8 samples that were flown alone all failed: ArithmeticError: cursed"
+    ):
+        list(fly_batches(crew, fly(set(range(40))), [range(40)]))
+    assert sum(len(samples) == 1 for samples in crew.done) == 8
+    failures = [outcome for outcome in fly_batches(Here(3), fly(set(range(39))), [[39], range(39)]) if outcome.reason]
+    assert len(failures) == 39
+
+
+def refused(samples):
+    raise InputError(f"samples {[*samples]} may not be said")
+
+
+def leaving(samples):
+    raise SystemExit(3)
+
+
+@pytest.mark.parametrize("make", [lambda: Here(2), lambda: ExecutorCrew(ThreadPoolExecutor(1), 1), lambda: Workers(1)])
+def test_a_sample_that_the_scenario_may_not_say_ends_all(make):
+    crew = make()
+    with pytest.raises(InputError, match=r"samples \[0\] may not be said"):
+        list(fly_batches(crew, refused, [[0], [1]]))
+    crew.give_up()
+
+
+@pytest.mark.parametrize("make", [lambda: Here(2), lambda: ExecutorCrew(ThreadPoolExecutor(1), 1), lambda: Workers(1)])
+def test_what_leaves_the_program_is_an_outcome(make):
+    crew = make()
+    (outcome,) = fly_batches(crew, leaving, [[4]])
+    assert (outcome.given, outcome.result, outcome.reason) == ([4], None, "SystemExit: 3")
+    crew.give_up()
+
+
+def test_an_executor_that_is_given_flies_everything():
+    submitted = []
+
+    class Executor(ThreadPoolExecutor):
+        def submit(self, function, /, *arguments, **options):
+            submitted.append(function)
+            return super().submit(function, *arguments, **options)
+
+    scenario = load_scenario("diagrams/hover.yaml", ["duration=0.1"])
+    with Executor(1) as executor:
+        assert len(run_monte_carlo(scenario, 4, batch_size=2, executor=executor).samples) == 4
+    assert len(submitted) == 2
+
+
+def test_a_reason_is_one_short_line():
+    def complain(samples):
+        raise ValueError("many\nlines " + "and words " * 100)
+
+    outcome = attempt(complain, [0])
+    assert outcome.reason.startswith("ValueError: many lines and words and words")
+    assert len(outcome.reason) <= 303
+    assert outcome.reason.endswith("...")
+
+
+def test_what_is_given_up_is_not_there_for_the_next():
+    """A study that ends early leaves nothing to the next one with the same processes."""
+    with Workers(2) as workers:
+        for _ in range(2):
+            workers.begin(sleep_for_ever, [1])
+        workers.give_up()
+        assert [outcome.given for outcome in fly_batches(workers, np.array, [[7]])] == [[7]]
+
+
+def sleep_for_ever(samples):
+    while True:
+        pass

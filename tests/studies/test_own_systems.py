@@ -1,0 +1,199 @@
+"""Systems of one's own in studies: those that would fly samples otherwise are refused, those that hang are ended."""
+
+import functools
+import multiprocessing
+import os
+import signal
+import sys
+import time
+from multiprocessing import connection
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import BasicVector, LeafSystem
+
+from drake_quad import InputError, load_scenario, read_study, run_monte_carlo, simulate
+from drake_quad.studies import workers as workers_module
+from drake_quad.studies.flying import Job, code_of, fly_batch
+from drake_quad.studies.processes import Workers
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="worker processes find these classes by a fork")
+
+
+class Own(LeafSystem):
+    """A PD for N vehicles, as a user writes it."""
+
+    def __init__(self, num_vehicles):
+        super().__init__()
+        self.num_vehicles = num_vehicles
+        self._measurement = self.DeclareVectorInputPort("measurement", BasicVector(12 * num_vehicles))
+        self._reference = self.DeclareVectorInputPort("reference", BasicVector(11 * num_vehicles))
+        self.DeclareVectorOutputPort("acceleration_command", BasicVector(3 * num_vehicles), self.calc)
+
+    def calc(self, context, output):
+        x = self._measurement.Eval(context).reshape(12, -1)
+        r = self._reference.Eval(context).reshape(11, -1)
+        output.SetFromVector(self.command(context.get_time(), r[:3] - x[:3], r[3:6] - x[6:9]).ravel())
+
+    def command(self, time, error, rate):
+        return 1.2 * error + 1.6 * rate
+
+
+class Remembers(Own):
+    """With an integral that is in the Python object, and that nobody puts back."""
+
+    def __init__(self, num_vehicles):
+        super().__init__(num_vehicles)
+        self.integral = np.zeros((3, num_vehicles))
+
+    def command(self, time, error, rate):
+        self.integral += 0.02 * error
+        return super().command(time, error, rate) + 0.5 * self.integral
+
+
+class Mixes(Own):
+    """With the rows of vehicles where the rows of signals belong: right for one vehicle."""
+
+    def command(self, time, error, rate):
+        return super().command(time, error, rate).T.reshape(3, -1)
+
+
+class Gambles(Own):
+    """With noise that comes from nowhere."""
+
+    def command(self, time, error, rate):
+        return super().command(time, error, rate) + np.random.default_rng().normal(scale=1e-3, size=error.shape)
+
+
+class Ends(Own):
+    """That leaves the program, as a script does, but for a small fleet."""
+
+    def command(self, time, error, rate):
+        if self.num_vehicles > 3 and time > 0.1:
+            sys.exit(3)
+        return super().command(time, error, rate)
+
+
+class Hangs(Own):
+    """That does nothing any more in a large fleet, and says so in a file."""
+
+    def __init__(self, num_vehicles, file):
+        super().__init__(num_vehicles)
+        self.file = file
+
+    def command(self, time, error, rate):
+        if self.num_vehicles > 3 and time > 0.1:
+            self.file.touch()
+            while True:
+                pass
+        return super().command(time, error, rate)
+
+
+def study():
+    return load_scenario("diagrams/robustness.yaml", ["duration=0.4"])
+
+
+def run(**options):
+    return run_monte_carlo(study(), 8, 5, **{"num_workers": 2, "batch_size": 4, **options})
+
+
+def test_a_controller_of_ones_own_flies_each_sample_as_alone():
+    found = run(position_controller=Own)
+    alone = simulate(study(), seed=5, sample=6, position_controller=Own(1)).metrics
+    np.testing.assert_allclose([values[6] for values in found.metrics], alone, rtol=1e-9)
+    assert not found.failures
+
+
+@pytest.mark.parametrize(
+    ("controller", "words"),
+    [
+        (
+            Remembers,
+            r"sample 0 flies otherwise a second time .*position_controller must keep nothing in Python objects",
+        ),
+        (Gambles, r"sample 0 flies otherwise a second time"),
+        (Mixes, r"sample 0 flies otherwise beside other samples .*position_controller must not mix the vehicles"),
+    ],
+)
+def test_what_would_not_fly_samples_alike_is_refused_before_anything_is_written(controller, words, tmp_path):
+    with pytest.raises(InputError, match=words):
+        run(position_controller=controller, folder=tmp_path / "study")
+    assert not (tmp_path / "study").exists()
+
+
+def test_one_that_mixes_vehicles_may_fly_where_there_is_one():
+    assert not run(position_controller=Mixes, batch_size=1).failures
+
+
+def test_one_that_does_not_fit_is_refused():
+    with pytest.raises(InputError, match="position_controller has no output port|position_controller needs"):
+        run(position_controller=LeafSystemOf)
+
+
+def LeafSystemOf(num_vehicles):
+    return LeafSystem()
+
+
+def test_leaving_the_program_fails_a_batch_and_not_the_study():
+    """The batches of four fail, their halves fly."""
+    found, expected = run(position_controller=Ends), run(position_controller=Own)
+    assert not found.failures
+    np.testing.assert_allclose(found.metrics.rmse, expected.metrics.rmse, rtol=1e-12)
+
+
+def test_ctrl_c_ends_a_study_whose_controller_hangs(tmp_path):
+    file, folder = tmp_path / "hangs", tmp_path / "study"
+    maker = functools.partial(Hangs, file=file)
+    process = multiprocessing.get_context("fork").Process(
+        target=run, kwargs={"position_controller": maker, "folder": folder}
+    )
+    process.start()
+    while not file.exists():
+        time.sleep(0.02)
+    os.kill(process.pid, signal.SIGINT)
+    process.join()  # for ever, if it does not end
+    assert process.exitcode == 1
+    assert len(read_study(folder).samples) == 0
+
+
+def test_a_time_limit_ends_a_batch_that_hangs(tmp_path, monkeypatch):
+    """Its halves fly. The clock is such that time is up as soon as something hangs, however fast the machine is."""
+    file = tmp_path / "hangs"
+
+    class Clock:
+        @staticmethod
+        def monotonic():
+            if file.exists():
+                Clock.late += 1000.0
+                file.unlink()
+            return time.monotonic() + Clock.late
+
+        late = 0.0
+
+    monkeypatch.setattr(workers_module, "time", Clock)
+    monkeypatch.setattr(workers_module, "wait", lambda signs, _: connection.wait(signs, 0.05))
+    maker = functools.partial(Hangs, file=file)
+    found = run(position_controller=maker, num_workers=1, time_limit=500.0)
+    assert not found.failures
+    np.testing.assert_allclose(found.metrics.rmse, run(position_controller=Own).metrics.rmse, rtol=1e-12)
+
+
+def test_a_time_limit_is_for_processes_that_are_not_given():
+    with Workers(1) as workers, pytest.raises(InputError, match="a time limit"):
+        run(executor=workers, time_limit=5.0)
+    with pytest.raises(InputError, match="the time limit is 0 s, but must be larger than 0"):
+        run(time_limit=0.0)
+
+
+@pytest.mark.parametrize(
+    ("code", "words"),
+    [
+        ("sources", "other sources of drake_quad"),
+        ("numpy", r"numpy [\d.]+, not 1\.2\.3"),
+        ("own", "another controller or wind"),
+    ],
+)
+def test_a_worker_with_other_code_refuses_to_fly(code, words):
+    job = Job("key", {**code_of({}), code: "1.2.3"}, study(), None, 1, None, None, None)
+    with pytest.raises(InputError, match=f"a worker on .* has {words}"):
+        fly_batch(job, [0])

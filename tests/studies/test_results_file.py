@@ -1,0 +1,133 @@
+"""A results file loses nothing that was written, and takes nothing that is not its own."""
+
+import resource
+import signal
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, assume, given, settings
+from hypothesis import strategies as st
+
+from drake_quad import InputError
+from drake_quad.studies.results_file import Format, open_results, read_results, write_results
+
+FORM = Format(["sample", "vehicle.mass", "rmse", "crash_time", "crashed"], "this study")
+ROWS = np.array(
+    [[3.0, 0.681234567890123, 0.5, np.inf, 0.0], [1.0, 0.7, np.nan, 4.02, 1.0], [0.0, 0.69, 1e-7, np.inf, 0.0]]
+)
+
+
+def write(path, rows=ROWS, form=FORM):
+    with open_results(path, form) as (file, found):
+        file.append(rows)
+    return found
+
+
+def test_rows_come_back_as_they_were(tmp_path):
+    path = tmp_path / "results.csv"
+    assert len(write(path).rows) == 0
+    found = read_results(path, FORM)
+    np.testing.assert_allclose(found.rows, ROWS, rtol=1e-11)
+    np.testing.assert_array_equal(found.lines, [2, 3, 4])
+    assert found.misfits == []
+    lines = path.read_text().splitlines()
+    assert lines[0] == "sample,vehicle.mass,rmse,crash_time,crashed,checksum"
+    assert lines[2].startswith("1,0.7,,4.02,1,")
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=60)
+@given(data=st.data())
+def test_whatever_is_cut_off_only_the_torn_row_is_lost(tmp_path, data):
+    path = tmp_path / "results.csv"
+    path.unlink(missing_ok=True)
+    write(path)
+    whole = path.read_bytes()
+    cut = data.draw(st.integers(0, len(whole)))
+    path.write_bytes(whole[:cut])
+    left = max(whole[:cut].count(b"\n") - 1, 0)
+    with open_results(path, FORM) as (file, found):
+        np.testing.assert_array_equal(found.rows[:, 0], ROWS[:left, 0])
+        file.append(ROWS[left:])
+    assert path.read_bytes() == whole
+
+
+@settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=200)
+@given(data=st.data())
+def test_whatever_is_altered_in_a_row_it_is_known(tmp_path, data):
+    """A character in place of another, one more, one less: of the numbers, of the sample, of the checksum."""
+    path = tmp_path / "results.csv"
+    write_results(path, FORM, ROWS)
+    lines = path.read_bytes().split(b"\n")
+    row = data.draw(st.integers(1, len(ROWS)))
+    line = lines[row]
+    place, length = data.draw(st.integers(0, len(line))), data.draw(st.integers(0, 1))
+    new = data.draw(st.sampled_from([b"", *(bytes([code]) for code in b"0123456789abcdef.,-+einf \r\0\xff")]))
+    lines[row] = line[:place] + new + line[place + length :]
+    assume(lines[row] != line)
+    path.write_bytes(b"\n".join(lines))
+    found = read_results(path, FORM)
+    assert found.misfits == [row + 1]
+    np.testing.assert_array_equal(found.rows[:, 0], np.delete(ROWS[:, 0], row - 1))
+
+
+def test_rows_of_another_study_and_rows_that_are_there_twice_do_not_count(tmp_path):
+    path = tmp_path / "results.csv"
+    write(path)
+    write_results(tmp_path / "other.csv", FORM._replace(study="another study"), ROWS[:1])
+    others = (tmp_path / "other.csv").read_bytes().split(b"\n", 1)[1]
+    own = path.read_bytes().splitlines(keepends=True)[1]
+    path.write_bytes(path.read_bytes() + others + own)
+    found = read_results(path, FORM)
+    np.testing.assert_array_equal(found.rows[:, 0], ROWS[:, 0])
+    assert found.misfits == [5]
+
+
+def test_what_is_read_and_written_again_is_the_same_to_the_byte(tmp_path):
+    path = tmp_path / "results.csv"
+    rows = np.random.default_rng(1).normal(size=(200, len(FORM.columns))) * 10.0 ** np.arange(-100, 100)[:, None]
+    rows[:, 0] = np.arange(200)
+    write(path, rows)
+    before = path.read_bytes()
+    write_results(path, FORM, read_results(path, FORM).rows)
+    assert path.read_bytes() == before
+
+
+@pytest.mark.parametrize("content", ["time,x\n0,1\n", "notes about something that is no table at all, and long\n"])
+def test_what_is_not_ours_is_refused_and_left_alone(tmp_path, content):
+    path = tmp_path / "results.csv"
+    path.write_text(content)
+    with pytest.raises(InputError, match="its columns are others"), open_results(path, FORM):
+        pass
+    assert path.read_text() == content
+
+
+def test_a_file_that_is_not_there_is_named(tmp_path):
+    with pytest.raises(InputError, match=r"results\.csv cannot be read: no such file or directory"):
+        read_results(tmp_path / "results.csv", FORM)
+
+
+def test_two_runs_do_not_write_to_one_file(tmp_path):
+    path = tmp_path / "results.csv"
+    with open_results(path, FORM), pytest.raises(InputError, match="another run"), open_results(path, FORM):
+        pass
+
+
+def test_a_full_disk_leaves_whole_rows(tmp_path):
+    """A limit on the size of files, which fails a write in its middle as a full disk does."""
+    path = tmp_path / "results.csv"
+    limits = resource.getrlimit(resource.RLIMIT_FSIZE)
+    before = signal.signal(signal.SIGXFSZ, signal.SIG_IGN)
+    try:
+        with open_results(path, FORM) as (file, _):
+            file.append(ROWS[:1])
+            whole = path.read_bytes()
+            resource.setrlimit(resource.RLIMIT_FSIZE, (len(whole) + 10, limits[1]))
+            with pytest.raises(OSError, match="too large"):
+                file.append(ROWS[1:])
+            assert path.read_bytes() == whole
+            resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+            file.append(ROWS[1:])
+    finally:
+        resource.setrlimit(resource.RLIMIT_FSIZE, limits)
+        signal.signal(signal.SIGXFSZ, before)
+    assert read_results(path, FORM).rows.shape == ROWS.shape

@@ -1,0 +1,444 @@
+"""A study is the same however it is flown, and survives whatever happens to it."""
+
+import multiprocessing
+import os
+import shutil
+import signal
+import threading
+import time
+from concurrent.futures import ThreadPoolExecutor
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import BasicVector, LeafSystem
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.studies import StudyInterrupted, read_study, run_monte_carlo
+from drake_quad.studies import run as run_module
+from drake_quad.studies.crew import Outcome
+from drake_quad.studies.results_file import read_results, write_results
+from drake_quad.studies.study import format_of, read_record
+from drake_quad.studies.study_folder import open_study
+from drake_quad.studies.flying import fly_batch
+from drake_quad.studies.processes import Workers
+
+
+class Draught(LeafSystem):
+    """A wind that comes and goes, the same for all."""
+
+    def __init__(self, num_vehicles):
+        super().__init__()
+        self.num_vehicles = num_vehicles
+        self.DeclareVectorOutputPort("wind", BasicVector(3 * num_vehicles), self.blow)
+
+    def blow(self, context, output):
+        output.SetFromVector(np.repeat([np.sin(8.0 * context.get_time()), 0.5, 0.0], self.num_vehicles))
+
+
+N = 24
+OVERRIDES = ["duration=0.4", "crash.position_error=0.018"]
+
+
+def study(*overrides):
+    return load_scenario("diagrams/robustness.yaml", [*OVERRIDES, *overrides])
+
+
+def run(folder=None, num_samples=N, **options):
+    return run_monte_carlo(study(), num_samples, 5, **{"folder": folder, "num_workers": 2, "batch_size": 5, **options})
+
+
+def assert_same(found, expected):
+    np.testing.assert_array_equal(found.samples, expected.samples)
+    for name, values in expected.parameters.items():
+        np.testing.assert_allclose(found.parameters[name], values, rtol=1e-9)
+    for ours, others in zip(found.metrics, expected.metrics, strict=True):
+        np.testing.assert_allclose(ours, others, rtol=1e-9)
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    folder = tmp_path_factory.mktemp("whole")
+    found = run(folder)
+    return folder, found
+
+
+def test_some_samples_crash_and_others_do_not(whole):
+    assert 3 < whole[1].metrics.crashed.sum() < N - 3
+    told = f"<Study of robustness: {N} samples, {whole[1].metrics.crashed.sum()} crashed; drawn are vehicle.mass, "
+    assert repr(whole[1]).startswith(told)
+
+
+@pytest.mark.parametrize("options", [{"batch_size": 1}, {"batch_size": 7, "num_workers": 1}, {"batch_size": None}])
+def test_batches_and_workers_do_not_matter(whole, options, tmp_path):
+    assert_same(run(tmp_path, **options), whole[1])
+    assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
+
+
+def test_a_wind_of_ones_own_blows_in_every_worker(whole):
+    found = run(num_samples=4, batch_size=2, wind=Draught)
+    assert found.failures == {}
+    alone = simulate(study(), seed=5, sample=3, wind=Draught(1)).metrics
+    assert found.metrics.rmse[3] == pytest.approx(alone.rmse, rel=1e-9)
+    assert found.metrics.rmse[3] != pytest.approx(whole[1].metrics.rmse[3], rel=1e-6)
+
+
+def test_what_workers_would_not_find_is_refused_before_anything_is_written(tmp_path):
+    with pytest.raises(InputError, match="position_controller cannot be sent to worker processes"):
+        run(tmp_path, position_controller=lambda num_vehicles: None)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_nor_does_the_executor(whole):
+    with ThreadPoolExecutor(2) as executor:
+        assert_same(run(executor=executor), whole[1])
+    with Workers(2) as workers:
+        for _ in range(2):
+            assert_same(run(executor=workers), whole[1])
+
+
+def test_a_sample_flown_alone_has_the_metrics_of_its_row(whole):
+    """To 1e-9, and the first to crash."""
+    for sample in {0, int(np.argmin(whole[1].metrics.crash_time))}:
+        alone = simulate(study(), seed=5, sample=sample)
+        row = [values[sample] for values in whole[1].metrics]
+        np.testing.assert_allclose(alone.metrics, row, rtol=1e-9)
+        assert alone.scenario.vehicle.mass == pytest.approx(whole[1].parameters["vehicle.mass"][sample], rel=1e-12)
+
+
+def test_what_is_read_is_what_was_flown(whole):
+    assert_same(read_study(whole[0]), whole[1])
+    assert read_study(whole[0]).scenario == study("seed=5")
+    assert whole[1].flown_time == pytest.approx(whole[1].flight_time.sum())
+
+
+def test_more_samples_can_be_flown_later(whole, tmp_path):
+    seen = []
+    run(tmp_path, num_samples=9)
+    found = run(tmp_path, resume=True, progress=lambda done, total: seen.append((done, total)))
+    assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
+    assert seen[0] == (9, N)
+    assert seen[-1] == (N, N)
+    assert found.flown_time == pytest.approx(whole[1].flight_time[9:].sum())
+    assert run(tmp_path, resume=True).flown_time == 0.0
+
+
+def children(pid):
+    return [int(child) for child in Path(f"/proc/{pid}/task/{pid}/children").read_text().split()]
+
+
+def runs(pid):
+    try:
+        return Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] not in "ZX"
+    except (FileNotFoundError, ProcessLookupError):
+        return False
+
+
+def dies_at(folder, count):
+    """A report of progress that kills its process when so many samples are done, and tells of its workers before."""
+
+    def progress(done, _):
+        if done >= count:
+            (folder / f"workers_at_{count}").write_text(" ".join(map(str, children(os.getpid()))))
+            os.kill(os.getpid(), signal.SIGKILL)
+
+    return progress
+
+
+@pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc")
+def test_kill_at_many_row_counts_and_resume(whole, tmp_path):
+    """Nothing is flown twice, no worker is left behind, and the file is the one of an undisturbed study."""
+    context, folder = multiprocessing.get_context("fork"), tmp_path / "study"
+    path, flown = folder / "results.csv", set()
+    for count in (0, 1, 2, 3, 7, 8, 15, 16, 22, 24):
+        options = {"resume": True, "batch_size": 2, "progress": dies_at(tmp_path, count)}
+        process = context.Process(target=run, args=(folder,), kwargs=options)
+        process.start()
+        process.join()
+        assert process.exitcode == -signal.SIGKILL
+        before, flown = flown, [int(line.split(",")[0]) for line in path.read_text().split("\n")[1:-1]]
+        assert len(flown) == len(set(flown)) >= count
+        assert set(flown) >= set(before)
+        workers = [int(worker) for worker in (tmp_path / f"workers_at_{count}").read_text().split()]
+        assert workers or len(before) == count
+        assert _within_a_minute(lambda: not any(map(runs, workers)))  # noqa: B023
+    run(folder, resume=True)
+    for name in ("results.csv", "scenario.yaml", "study.yaml"):
+        assert (folder / name).read_bytes() == (whole[0] / name).read_bytes()
+
+
+def _within_a_minute(condition):
+    deadline = time.monotonic() + 60.0
+    while not condition() and time.monotonic() < deadline:
+        time.sleep(0.02)
+    return condition()
+
+
+def test_ctrl_c_keeps_what_is_done(whole, tmp_path):
+    def interrupt(done, total):
+        if 0 < done < total:
+            signal.raise_signal(signal.SIGINT)
+
+    with pytest.raises(StudyInterrupted, match=r"interrupted: \d+ of 24 samples are in .*results.csv"):
+        run(tmp_path, progress=interrupt)
+    assert 0 < len(read_study(tmp_path).samples) < N
+    run(tmp_path, resume=True)
+    assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
+
+
+class Failing:
+    """Flies batches, but for those with a sample, which it fails for some times."""
+
+    def __init__(self, folder, how, times):
+        self.folder, self.how, self.times = folder, how, times
+
+    def __call__(self, job, samples):
+        if 7 in samples:
+            attempt = len(list(self.folder.iterdir()))
+            (self.folder / str(attempt)).touch()
+            if attempt < self.times:
+                if self.how == "dies":
+                    os.kill(os.getpid(), signal.SIGKILL)
+                raise ArithmeticError("sample 7 is cursed")
+        return fly_batch(job, samples)
+
+
+@pytest.mark.parametrize("how", ["raises", "dies"])
+def test_a_batch_that_fails_once_is_flown_again(whole, how, tmp_path, monkeypatch):
+    monkeypatch.setattr(run_module, "fly_batch", Failing(tmp_path, how, 1))
+    found = run()
+    assert_same(found, whole[1])
+    assert not found.failures
+
+
+@pytest.mark.parametrize(
+    ("how", "reason"),
+    [("raises", "ArithmeticError: sample 7 is cursed"), ("dies", "its worker process was ended by SIGKILL")],
+)
+def test_a_sample_that_always_fails_costs_itself_and_the_study_goes_on(whole, how, reason, tmp_path, monkeypatch):
+    """Its batch of 5 is flown in halves, 2 and 3, and those 3 again; a later run mends it."""
+    attempts, folder = tmp_path / "attempts", tmp_path / "study"
+    attempts.mkdir()
+    with monkeypatch.context() as patch:
+        patch.setattr(run_module, "fly_batch", Failing(attempts, how, 99))
+        found = run(folder)
+    assert len(list(attempts.iterdir())) == 3
+    assert found.failures == {7: reason}
+    np.testing.assert_array_equal(found.samples, [*range(7), *range(8, N)])
+    assert (folder / "failed.csv").read_text() == f"sample,reason\n7,{reason}\n"
+    run(folder, resume=True)
+    assert (folder / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
+    assert not (folder / "failed.csv").exists()
+
+
+def never(job, samples):
+    raise ArithmeticError(f"all {len(samples)} are cursed,\nand for long: {'x' * 1000}")
+
+
+def test_a_study_of_which_nothing_can_be_flown_ends(tmp_path, monkeypatch):
+    monkeypatch.setattr(run_module, "fly_batch", never)
+    words = (
+        r"the first 8 samples that were flown alone all failed: ArithmeticError: all 1 are cursed, and for long: x+"
+        r"\.\.\.; 0 of 24 samples are in .*results\.csv"
+    )
+    with pytest.raises(RuntimeError, match=words):
+        run(tmp_path, num_workers=1)
+    assert len((tmp_path / "results.csv").read_text().splitlines()) == 1
+
+
+@pytest.mark.parametrize(
+    "alter",
+    [
+        lambda cells: [cells[0], str(float(cells[1]) + 1e-9), *cells[2:]],  # a number that was drawn
+        lambda cells: [*cells[:-4], "0.123", *cells[-3:]],  # a metric
+        lambda cells: ["17", *cells[1:]],  # the number of the sample
+        lambda cells: ["3.5", *cells[1:]],
+        lambda cells: ["-1", *cells[1:]],
+        lambda cells: ["", *cells[1:]],
+        lambda cells: [cells[0], *[""] * (len(cells) - 2), cells[-1]],
+        lambda cells: cells[:-1],
+        lambda cells: ["what"],
+    ],
+)
+def test_altered_rows_are_known_and_flown_again(whole, alter, tmp_path):
+    """A file whose third row was altered is no study that can be read; when it is gone on with, it is whole again."""
+    shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
+    path = tmp_path / "results.csv"
+    lines = path.read_text().splitlines()
+    lines[3] = ",".join(alter(lines[3].split(",")))
+    path.write_text("\n".join(lines) + "\n")
+    with pytest.raises(InputError, match=r"results\.csv, line 4: is not as it was written"):
+        read_study(tmp_path)
+    found = run(tmp_path, resume=True)
+    assert list(found.misfits) == [4]
+    assert found.flown_time == pytest.approx(whole[1].flight_time[2])
+    assert path.read_bytes() == (whole[0] / "results.csv").read_bytes()
+    assert not read_study(tmp_path).misfits
+
+
+def test_rows_with_numbers_that_the_seed_does_not_give_are_flown_again(whole, tmp_path):
+    """As of a version that drew otherwise: the checksum fits."""
+    shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
+    form = format_of(study("seed=5"))
+    rows = read_results(tmp_path / "results.csv", form).rows
+    rows[2, 1] *= 1.0 + 1e-9
+    write_results(tmp_path / "results.csv", form, rows)
+    with pytest.raises(InputError, match="line 4"):
+        read_study(tmp_path)
+    assert list(run(tmp_path, resume=True).misfits) == [4]
+    assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "place"),
+    [
+        ("samples: 24", "samples: 3.5", "samples"),
+        ("duration: 0.4", "duration: [", ""),
+        ("versions:", "versions: 3\nx:", "versions"),
+    ],
+)
+def test_a_record_that_is_none_is_refused(whole, old, new, place, tmp_path):
+    shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
+    record = (tmp_path / "study.yaml").read_text()
+    assert old in record
+    (tmp_path / "study.yaml").write_text(record.replace(old, new))
+    words = rf"study\.yaml is not the record of a study: see its {place}" if place else "is not YAML"
+    for attempt in (lambda: read_study(tmp_path), lambda: run(tmp_path, resume=True)):
+        with pytest.raises(InputError, match=words):
+            attempt()
+
+
+@pytest.mark.parametrize("name", ["scenario.yaml", "study.yaml"])
+def test_what_is_not_the_study_s_own_is_not_overwritten(name, tmp_path):
+    (tmp_path / name).write_text("notes: of somebody\n")
+    with pytest.raises(InputError, match=rf"{name} would be overwritten"):
+        run(tmp_path)
+    assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, "notes: of somebody\n")]
+
+
+def test_a_study_that_ended_before_its_first_row_is_begun_again(whole, tmp_path):
+    for names in (["scenario.yaml"], ["scenario.yaml", "study.yaml"]):
+        folder = tmp_path / str(len(names))
+        folder.mkdir()
+        for name in names:
+            shutil.copy(whole[0] / name, folder)
+        run(folder, num_samples=3)
+        assert len(read_study(folder).samples) == 3
+
+
+@pytest.mark.parametrize(
+    ("options", "words"),
+    [
+        ({"num_samples": 0}, "samples is 0"),
+        ({"num_samples": -3}, "samples is -3"),
+        ({"num_workers": 0}, "workers is 0"),
+        ({"batch_size": 0}, "batch is 0"),
+    ],
+)
+def test_numbers_that_are_none_are_refused(options, words, tmp_path):
+    with pytest.raises(InputError, match=words):
+        run(tmp_path / "study", **options)
+    assert not (tmp_path / "study").exists()
+
+
+def test_a_study_is_not_overwritten(whole):
+    before = (whole[0] / "results.csv").read_bytes()
+    with pytest.raises(InputError, match="holds a study already"):
+        run(whole[0])
+    assert (whole[0] / "results.csv").read_bytes() == before
+
+
+@pytest.mark.parametrize(
+    ("overrides", "seed", "words"),
+    [
+        (
+            ["vehicle.mass={normal: {mean: 0.7, standard_deviation: 0.01, min: 0.64, max: 0.72}}"],
+            5,
+            "its vehicle.mass.normal.mean is 0.68, not 0.7",
+        ),
+        (["control.position.k_d=[0.7, 0.6, 3.0]"], 5, r"its control.position.k_d\[0\] is \S+, not 0.7"),
+        (["duration=0.5"], 5, r"its duration is 0.4, not 0.5"),
+        ([], 6, "its seed is 5, not 6"),
+    ],
+)
+def test_another_study_is_not_gone_on_with(whole, overrides, seed, words):
+    before = {path: path.read_bytes() for path in whole[0].iterdir()}
+    with pytest.raises(InputError, match=words):
+        run_monte_carlo(study(*overrides), N, seed, folder=whole[0], resume=True)
+    assert {path: path.read_bytes() for path in whole[0].iterdir()} == before
+
+
+def test_fewer_samples_than_there_are_are_refused(whole):
+    with pytest.raises(InputError, match="holds sample 23 already"):
+        run(whole[0], num_samples=10, resume=True)
+
+
+def test_a_table_that_is_no_study_is_not_gone_on_with(tmp_path):
+    (tmp_path / "results.csv").write_text("time,x\n0,1\n")
+    with pytest.raises(InputError, match=r"study.yaml"):
+        run(tmp_path, resume=True)
+    with pytest.raises(InputError, match=r"study.yaml"):
+        read_study(tmp_path)
+    assert (tmp_path / "results.csv").read_text() == "time,x\n0,1\n"
+
+
+def test_rows_that_cannot_be_written_end_the_study_and_leave_the_others(whole, tmp_path, monkeypatch):
+    """What a full disk does in the middle of a study."""
+    from drake_quad.studies.results_file import ResultsFile
+
+    append, count = ResultsFile.append, iter(range(N))
+
+    def failing(self, rows):
+        if next(count) == 2:
+            raise OSError(28, "No space left on device")
+        append(self, rows)
+
+    with monkeypatch.context() as patch:
+        patch.setattr(ResultsFile, "append", failing)
+        with pytest.raises(OSError, match=r"No space left on device; 10 of 24 samples are in"):
+            run(tmp_path)
+    run(tmp_path, resume=True)
+    assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
+
+
+def test_workers_begin_anew_where_a_fork_would_not_be_safe():
+    """While there is another thread, which a forked process would find half-way through something."""
+    done = threading.Event()
+    thread = threading.Thread(target=done.wait)
+    thread.start()
+    try:
+        assert not Workers(1).inherit
+    finally:
+        done.set()
+        thread.join()
+    assert Workers(1).inherit
+
+
+def test_a_scenario_without_distributions_flies_too(tmp_path):
+    found = run_monte_carlo(load_scenario("diagrams/laboratory.yaml:nominal", ["duration=0.3"]), 6, folder=tmp_path)
+    assert not found.parameters
+    assert len(np.unique(found.metrics.rmse)) == 6
+    assert (tmp_path / "results.csv").read_text().startswith("sample,rmse,")
+
+
+def test_versions_with_which_a_study_was_flown_stand_one_after_another(whole, tmp_path):
+    shutil.copytree(whole[0], tmp_path, dirs_exist_ok=True)
+    record = read_record(tmp_path)
+    before = {**record.versions[0], "numpy": "0.0.1"}
+    record.model_copy(update={"versions": [before]}).write(tmp_path / "study.yaml")
+    run(tmp_path, resume=True)
+    assert read_record(tmp_path).versions == [before, *record.versions]
+
+
+def test_where_another_scenario_differs_in_a_list_is_said(whole):
+    """First what was written, then what is asked for."""
+    other = study("vehicle.inertia.1={normal: {mean: 0.0071, standard_deviation: 0.00035, min: 0.0056, max: 0.0084}}")
+    with pytest.raises(InputError, match=r"its vehicle.inertia\[1\].normal.mean is 0\.007, not 0\.0071$"):
+        run_monte_carlo(other, N, 5, folder=whole[0], resume=True)
+
+
+def test_failures_are_written_in_the_order_of_their_samples(tmp_path):
+    with open_study(tmp_path, study("seed=5"), N, 0.4, {}, resume=False) as rows:
+        rows.add(Outcome([7], reason="late"))
+        rows.add(Outcome([3], reason="early, with a comma"))
+    assert (tmp_path / "failed.csv").read_text() == 'sample,reason\n3,"early, with a comma"\n7,late\n'

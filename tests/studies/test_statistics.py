@@ -1,0 +1,159 @@
+"""Intervals hold what they promise, and say what other programs say."""
+
+import math
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from drake_quad import load_scenario
+from drake_quad.studies import Study
+from drake_quad.studies.statistics import (
+    compare,
+    crash_probability,
+    influences,
+    mean_interval,
+    of_survivors,
+    quantile_interval,
+    rank_correlation,
+    running_mean,
+    share_interval,
+    with_crashes,
+    worst,
+)
+from drake_quad.laboratory.metrics import Metrics
+
+
+def study(rmse, crash_time=None, samples=None, **parameters):
+    rmse = np.asarray(rmse, dtype=float)
+    crash_time = np.full(len(rmse), math.inf) if crash_time is None else np.asarray(crash_time)
+    metrics = Metrics(*[rmse] * (len(Metrics._fields) - 1), crash_time)
+    samples = np.arange(len(rmse)) if samples is None else np.asarray(samples)
+    return Study(load_scenario("diagrams/figure_eight.yaml"), 10.0, samples, parameters, metrics)
+
+
+def coverage(interval, truth, draw, repetitions=600):
+    rng = np.random.default_rng(1)
+    found = [interval(draw(rng)) for _ in range(repetitions)]
+    return np.mean([low <= truth <= high for _, low, high in found])
+
+
+def test_the_interval_of_a_mean_is_scipy_s_and_covers():
+    values = np.random.default_rng(0).normal(2.0, 3.0, 25)
+    expected = stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
+    assert mean_interval(values) == pytest.approx((values.mean(), expected.low, expected.high))
+    share = coverage(mean_interval, 2.0, lambda rng: rng.normal(2.0, 3.0, 8))
+    assert share == pytest.approx(0.95, abs=0.03)
+
+
+@pytest.mark.parametrize("probability", [0.05, 0.5, 0.95])
+def test_the_interval_of_a_quantile_is_scipy_s_and_covers_for_a_skewed_distribution(probability):
+    values = np.random.default_rng(0).exponential(size=150)
+    expected = stats.quantile_test(values, p=probability).confidence_interval(0.95)
+    found = quantile_interval(values, probability)
+    assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
+    assert found.value == np.quantile(values, probability, method="inverted_cdf")
+    truth = -math.log(1.0 - probability)
+    share = coverage(
+        lambda values: quantile_interval(values, probability), truth, lambda rng: rng.exponential(size=120)
+    )
+    assert share > 0.93
+
+
+def test_too_few_values_do_not_bound_a_quantile():
+    assert quantile_interval(np.arange(10.0), 0.95) == (9.0, 7.0, math.inf)
+    assert quantile_interval(np.arange(10.0), 0.05) == (0.0, -math.inf, 2.0)
+
+
+def test_a_crash_is_worse_than_any_error():
+    crashed = [math.inf] * 95 + [3.0] * 5
+    metrics = study(np.arange(100.0), crashed).metrics
+    assert quantile_interval(with_crashes(metrics, "rmse"), 0.9).value == 89.0
+    assert quantile_interval(with_crashes(metrics, "rmse"), 0.99).value == math.inf
+    np.testing.assert_array_equal(of_survivors(metrics, "rmse"), np.arange(95.0))
+    assert crash_probability(metrics).value == 0.05
+
+
+def test_the_interval_of_a_share_is_exact():
+    """Nothing in n trials: 1 - (α / 2)^(1 / n)."""
+    assert share_interval(0, 100) == pytest.approx((0.0, 0.0, 1.0 - 0.025**0.01))
+    found = share_interval(7, 50)
+    assert stats.binom.sf(6, 50, found.low) == pytest.approx(0.025)
+    assert stats.binom.cdf(7, 50, found.high) == pytest.approx(0.025)
+    assert share_interval(0, 0)[1:] == (0.0, 1.0)
+
+
+@pytest.mark.parametrize("r", [-0.6, 0.0, 0.95])
+def test_the_interval_of_a_rank_correlation_covers(r):
+    """Of normal numbers with correlation r it is 6 / π asin(r / 2); the more there is, the wider it must be."""
+    draw = lambda rng: rng.multivariate_normal([0.0, 0.0], [[1.0, r], [r, 1.0]], 60)  # noqa: E731
+    share = coverage(lambda xy: rank_correlation(*xy.T), 6.0 / math.pi * math.asin(0.5 * r), draw)
+    assert share == pytest.approx(0.95, abs=0.03)
+
+
+def test_the_interval_of_a_rank_correlation_is_that_of_bonett_and_wright():
+    """Of ten ranks whose differences have the squares' sum 20, ρ = 1 - 6 · 20 / 990 = 0.8788."""
+    y = np.array([2.0, 1.0, 5.0, 4.0, 3.0, 8.0, 6.0, 7.0, 9.0, 10.0])
+    x = np.arange(1.0, 11.0)
+    rho = 1.0 - 6.0 * np.sum((x - y) ** 2) / 990.0
+    reach = 1.959964 * math.sqrt((1.0 + rho**2 / 2.0) / 7.0)
+    found = rank_correlation(np.exp(x), y)
+    assert found == pytest.approx((rho, math.tanh(math.atanh(rho) - reach), math.tanh(math.atanh(rho) + reach)))
+    assert math.isnan(rank_correlation(np.ones(10), np.arange(10.0)).value)
+    for sign in (1.0, -1.0):
+        found = rank_correlation(np.arange(10.0), sign * np.exp(np.arange(10.0)))
+        assert found == pytest.approx((sign, sign, sign), abs=1e-10)
+
+
+def test_the_running_mean_is_the_mean_of_the_first():
+    values = 1e6 + np.random.default_rng(2).normal(size=50)
+    mean, low, high = running_mean(values)
+    for count in (2, 17, 50):
+        expected = mean_interval(values[:count])
+        assert (mean[count - 1], low[count - 1], high[count - 1]) == pytest.approx(expected, rel=1e-12)
+
+
+def test_the_number_that_matters_comes_first():
+    rng = np.random.default_rng(3)
+    mass, lag = rng.uniform(size=(2, 400))
+    rmse = 1.0 + mass**2 + 0.1 * lag
+    found = influences(study(rmse, mass=mass, lag=lag))
+    assert [each.path for each in found] == ["mass", "lag"]
+    assert found[0].correlation.value > 0.9
+    order = np.argsort(mass)
+    assert found[0].low.value == pytest.approx(rmse[order[:40]].mean())
+    assert found[0].high.value == pytest.approx(rmse[order[-40:]].mean())
+    crashes = study(np.ones(400), np.where(lag > 0.8, 2.0, math.inf), mass=mass, lag=lag)
+    found = influences(crashes, "crashed")
+    assert found[0].path == "lag"
+    assert (found[0].low.value, found[0].high.value) == (0.0, 1.0)
+    assert found[0].low.high < 0.1
+
+
+def test_a_comparison_pairs_samples():
+    """The spread between samples, ten times that of the difference, drops out."""
+    rng = np.random.default_rng(4)
+    common = rng.normal(10.0, 1.0, 200)
+    baseline = study(common)
+    better = study((common - 0.3 + rng.normal(0.0, 0.1, 200))[::-1], samples=np.arange(200)[::-1])
+    found = compare(better, baseline)
+    assert found.difference.low < -0.3 < found.difference.high
+    assert found.difference.high - found.difference.low < 0.04
+    assert found.share.value == pytest.approx(0.97, abs=0.005)
+    assert found.better.value > 0.98
+    assert found.num_pairs == 200
+
+
+def test_a_comparison_counts_crashes_apart():
+    nan, inf = math.nan, math.inf
+    ours = study([1.0, 2.0, 3.0, 4.0, nan], [inf, 3.0, inf, 2.0, inf])
+    baseline = study([2.0, 2.0, 2.0, 2.0, 2.0], [inf, inf, 1.0, inf, inf])
+    found = compare(ours, baseline)
+    assert (found.num_pairs, found.crashed, found.baseline_crashed) == (1, 2, 1)
+    assert found.crash_significance == stats.binomtest(2, 3).pvalue
+    assert compare(baseline, baseline).crash_significance == 1.0
+
+
+def test_the_worst_are_those_that_crash_soonest_then_the_largest_errors():
+    found = study([5.0, 1.0, 9.0, 7.0, 2.0], [math.inf, 8.0, math.inf, math.inf, 3.0], samples=[10, 11, 12, 13, 14])
+    assert worst(found, 4) == [14, 11, 12, 13]
