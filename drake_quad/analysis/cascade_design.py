@@ -9,7 +9,6 @@ import numpy as np
 from drake_quad.analysis.closed_loop import LaboratoryPlant, laboratory_plant
 from drake_quad.analysis.gain_design import Family, LoopDesign, PdGains, PolePair, Requirements, design_loop
 from drake_quad.analysis.sampled_system import SampledSystem
-from drake_quad.framework.elementary import Row
 from drake_quad.scenario import Scenario
 
 # Which torque turns which angle at which rate; thrust lifts like a torque turns.
@@ -52,8 +51,8 @@ class CascadeDesign:
         }
 
 
-def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[Row]]]) -> Scenario:
-    """The scenario with other gains, as `CascadeDesign.gains` has them; (N,) arrays for a fleet."""
+def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[float]]]) -> Scenario:
+    """The scenario with other gains, as `CascadeDesign.gains` has them."""
     blocks = {
         name: getattr(scenario.control, name).model_copy(update={kind: tuple(rows) for kind, rows in block.items()})
         for name, block in gains.items()

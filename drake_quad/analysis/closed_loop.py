@@ -8,14 +8,15 @@ from pydrake.systems.framework import Diagram
 from drake_quad.analysis.context_vector import ContextVector
 from drake_quad.analysis.sampled_system import SampledSystem, at_tick, linearize
 from drake_quad.errors import InputError
-from drake_quad.randomness.noise import Samples
-from drake_quad.assembly.laboratory import build_laboratory_of, laboratory_parts, vehicle_parameters
+from drake_quad.assembly.laboratory import build_laboratory_of, laboratory_recipes, vehicle_parameters
 from drake_quad.assembly.planning import nominal_parameters, plan_route
-from drake_quad.scenario import Scenario, distributions_in
+from drake_quad.assembly.tracking import build_tracking_diagram
+from drake_quad.randomness.noise import Samples
+from drake_quad.scenario import Batch, Scenario, distributions_in
 from drake_quad.scenario.models import Airframe, Vehicle, Window
 from drake_quad.scenario.routes import HoverRoute
-from drake_quad.assembly.tracking import build_tracking_diagram
-from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_wrench
+from drake_quad.signals import RotorSpeed, Wrench
+from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
 
 # They watch the loop and do not act on it.
 WATCHERS = ("monitor", "recorder")
@@ -176,7 +177,8 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
         if not 0.0 < other <= period:
             raise InputError(f"{name} is {other:g} s, but gains are designed for periods up to {period:g} s, a tick")
     plan = plan_route(resting)
-    laboratory = build_laboratory_of(laboratory_parts(resting, resting, plan, plan.duration, 1), Samples(0, [0]))
+    recipes = laboratory_recipes(Batch(resting, (0,), {}), plan, plan.duration)
+    laboratory = build_laboratory_of(recipes, 1, Samples(0, [0]))
     context = laboratory.CreateDefaultContext()
     parameters = vehicle_parameters(resting.vehicle)
     hover = hover_rotor_speeds(parameters)
@@ -186,11 +188,10 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
             f" {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g} rad/s"
         )
     believed = nominal_parameters(resting)
-    wrench = rotor_wrench(hover, believed)
+    wrench = rotor_action(hover, believed).wrench
     laboratory.GetInputPort("wrench").FixValue(context, wrench)
-    link = laboratory.GetSubsystemByName("command_link").GetMyMutableContextFromRoot(context)
-    for group in range(link.num_discrete_state_groups()):
-        link.SetDiscreteState(group, wrench)
+    link = recipes["command_link"]
+    link._replace(numbers=link.numbers._replace(initial=wrench)).reset(laboratory, "command_link", context)
     at_tick(laboratory, _TICKS * period, context)
     system, moved = linearize(laboratory, context, period=period, inputs=["wrench"], outputs=["measurement"])
     worst = int(np.argmax(np.abs(moved)))
@@ -198,11 +199,11 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
         raise InputError(
             f"hover is not an equilibrium of {scenario.name}: {system.states[worst]} moves by {moved[worst]:.3g} a tick"
         )
-    rotors = [system.states.index(f"vehicle.rotor_speed.{i}") for i in (1, 2, 3, 4)]
+    rotors = [system.states.index(f"vehicle.rotor_speed.{rotor}") for rotor in RotorSpeed._fields]
     # From rotor speeds to four times the mean, and to the differences that make roll, pitch and yaw torque, eq (5).
     pattern = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, -1.0, 0.0, 1.0], [-1.0, 0.0, 1.0, 0.0], [1.0, -1.0, 1.0, -1.0]])
-    names = [f"vehicle.rotors.{name}" for name in ("thrust", "tau_x", "tau_y", "tau_z")]
-    return LaboratoryPlant(system.transformed(rotors, pattern, names), float(wrench[0] / believed.mass))
+    names = [f"vehicle.rotors.{name}" for name in Wrench._fields]
+    return LaboratoryPlant(system.transformed(rotors, pattern, names), float(wrench.thrust / believed.mass))
 
 
 def _periods(scenario: Scenario) -> dict[str, float]:

@@ -7,7 +7,8 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 
 from drake_quad.errors import InputError
-from drake_quad.signals import SIGNALS
+from drake_quad.framework.fleet_system import FleetSystem
+from drake_quad.signals import SIGNALS, row_names
 
 
 class _Group(NamedTuple):
@@ -82,12 +83,10 @@ class ContextVector:
                 return context.get_mutable_numeric_parameter(group.number)
 
 
-def row_names(signal: str, size: int) -> tuple[str, ...]:
-    """The names of the rows of a port or state group of one vehicle: those of its signal, or numbers."""
-    known = next((rows for name, rows in SIGNALS.items() if signal == name or signal.startswith(f"{name}_")), ())
-    if len(known) < size:
-        return tuple(f"{signal}.{i}" for i in range(size))
-    return tuple(f"{signal}.{row.name}" for row in known[:size])
+def port_rows(port: str, size: int) -> tuple[str, ...]:
+    """The names of the rows of a port of one vehicle: those of its signal, or numbers."""
+    names = row_names(port, size) if port in SIGNALS else map(str, range(size))
+    return tuple(f"{port}.{name}" for name in names)
 
 
 def undotted(names: Sequence[str]) -> list[str]:
@@ -102,16 +101,21 @@ def _groups(diagram: Diagram, root: Any, without: Sequence[str], parameters: boo
         if context.num_abstract_states():
             raise InputError(f"{'.'.join(path)} holds a state that is not made of numbers; it has no Jacobian")
         for number in range(context.num_discrete_state_groups()):
-            names = getattr(system, "group_names", None)
-            group = names[number] if names else f"group_{number}"
             size = context.get_discrete_state(number).size()
-            yield _Group(path, "discrete", number, _names(path, row_names(group, size)))
+            yield _Group(path, "discrete", number, _names(path, system, "states", number, f"group_{number}", size))
         if size := context.num_continuous_states():
-            yield _Group(path, "continuous", 0, _names(path, row_names("continuous", size)))
+            yield _Group(path, "continuous", 0, _names(path, system, "states", None, "continuous", size))
         for number in range(context.num_numeric_parameter_groups() if parameters else 0):
             size = context.get_numeric_parameter(number).size()
-            yield _Group(path, "parameter", number, _names(path, row_names(f"parameter_{number}", size)))
+            names = _names(path, system, "parameters", number, f"parameter_{number}", size)
+            yield _Group(path, "parameter", number, names)
 
 
-def _names(path: Sequence[str], rows: Sequence[str]) -> tuple[str, ...]:
-    return tuple(".".join((*path, row)) for row in rows)
+def _names(
+    path: Sequence[str], system: Any, kind: Literal["states", "parameters"], number: int | None, name: str, size: int
+) -> tuple[str, ...]:
+    """The names of a vector's elements; a FleetSystem knows those of its rows, others are numbered."""
+    if isinstance(system, FleetSystem):
+        (part,) = [part for part in getattr(system, kind).values() if part.index == number]
+        return tuple(".".join((*path, part.name, row)).rstrip(".") for row in part.layout.names)
+    return tuple(".".join((*path, name, str(i))) for i in range(size))

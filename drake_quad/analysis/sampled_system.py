@@ -23,7 +23,7 @@ from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, Ini
 from pydrake.systems.analysis import InitializeParams, Simulator, Simulator_
 from pydrake.systems.framework import Diagram
 
-from drake_quad.analysis.context_vector import ContextVector, leaf_paths, row_names, system_at, undotted
+from drake_quad.analysis.context_vector import ContextVector, leaf_paths, port_rows, system_at, undotted
 from drake_quad.errors import InputError
 
 
@@ -185,8 +185,8 @@ def linearize(
         sideways[:, n:],
         period,
         layout.names,
-        tuple(name for port in ports for name in row_names(port.get_name(), port.size())),
-        tuple(name for port in outputs for name in row_names(port, diagram.GetOutputPort(port).size())),
+        tuple(name for port in ports for name in port_rows(port.get_name(), port.size())),
+        tuple(name for port in outputs for name in port_rows(port, diagram.GetOutputPort(port).size())),
     )
     return system, ExtractValue(after).ravel() - state
 

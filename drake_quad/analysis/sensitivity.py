@@ -15,13 +15,13 @@ from pydrake.systems.analysis import Simulator_
 from drake_quad.analysis.context_vector import ContextVector
 from drake_quad.analysis.sampled_system import to_autodiff
 from drake_quad.errors import InputError
-from drake_quad.flight import fly, read_metrics
-from drake_quad.laboratory.metrics import Metrics
 from drake_quad.assembly.planning import flight_duration, plan_route, refuse_distributions
+from drake_quad.assembly.tracking import build_tracking_diagram
+from drake_quad.flight.simulation import fly, read_metrics
+from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Scenario, distributions_in, draw_sample
 from drake_quad.scenario.numbers import number_at, with_number
-from drake_quad.assembly.tracking import build_tracking_diagram
 
 # The metrics that depend on a flight smoothly, as long as it does not crash.
 DIFFERENTIABLE = tuple(name for name in Metrics._fields if name not in ("crash_time", "saturation_share"))

@@ -1,17 +1,17 @@
-"""Which PD gains a loop stands, and how well they fly."""
+"""Maps which PD gains stabilise a loop, and how well they fly."""
 
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from drake_quad.analysis.cascade_design import attitude_plant_in_flight, position_plant, with_gains
+from drake_quad.analysis.cascade_design import attitude_plant_in_flight, position_plant
 from drake_quad.analysis.closed_loop import laboratory_plant
-from drake_quad.studies.comparison import fly_samples
 from drake_quad.analysis.gain_design import PdGains
 from drake_quad.analysis.margins import fast_margins, frequencies
 from drake_quad.analysis.sampled_system import SampledSystem
+from drake_quad.flight import StudyFleet
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.scenario import Scenario, draw_sample
+from drake_quad.scenario import Batch, Scenario, draw_sample
 
 Loop = Literal["position", "attitude"]
 
@@ -94,9 +94,11 @@ def flown_map(scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, 
     """
     scenario = draw_sample(scenario, sample)
     pairs = [grid.ravel() for grid in np.meshgrid(k_p, k_d, indexing="ij")]
-    block = getattr(scenario.control, loop)
-    gains = {
-        name: (values, values, getattr(block, name)[2]) for name, values in zip(("k_p", "k_d"), pairs, strict=True)
+    varying = {
+        f"control.{loop}.{name}.{axis}": values
+        for name, values in zip(("k_p", "k_d"), pairs, strict=True)
+        for axis in (0, 1)
     }
-    metrics = fly_samples(with_gains(scenario, {loop: gains}), [sample] * len(pairs[0]))
+    batch = Batch(scenario, (sample,) * len(pairs[0]), varying)
+    metrics = StudyFleet(scenario, len(batch)).fly_batch(batch)
     return Metrics(*(values.reshape(len(k_p), len(k_d)) for values in metrics))

@@ -41,7 +41,7 @@ def release(loop: ClosedLoop, displacement: Mapping[str, float], *, duration: fl
     equilibrium = layout.read(loop.diagram, loop.context)
     state = np.zeros_like(equilibrium)
     vehicle = [i for i, name in enumerate(layout.names) if ".vehicle.state." in name]
-    seen = [i for i, name in enumerate(layout.names) if ".motion_capture.measurement" in name]
+    seen = [i for i, name in enumerate(layout.names) if ".motion_capture." in name]
     for row, size in displacement.items():
         if not any(layout.names[i].endswith(f".{row}") for i in vehicle):
             raise InputError(f"there is no row {row} in the state of a vehicle that steps")

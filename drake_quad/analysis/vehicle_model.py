@@ -16,15 +16,17 @@ from pydrake.systems.primitives import (
     LinearSystem,
 )
 
-from drake_quad.analysis.context_vector import row_names, undotted
+from drake_quad.analysis.context_vector import port_rows, undotted
 from drake_quad.errors import InputError
-from drake_quad.vehicle.dynamics import equations_of_motion, hover_rotor_speeds, rotor_residual, rotor_wrench
+from drake_quad.signals import RotorSpeed, State, Wind
+from drake_quad.vehicle.dynamics import Motion, equations_of_motion, hover_rotor_speeds, rotor_action
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import KINEMATICS, Kinematics, Quadrotor
+from drake_quad.vehicle.quadrotor import KINEMATICS, Kinematics, Quadrotor, QuadrotorNumbers
 
-STATES = (*(name.removeprefix("state.") for name in row_names("state", 12)), *row_names("rotor_speed", 4))
-INPUTS = (*row_names("rotor_speed_command", 4), *row_names("wind", 3))
-OUTPUTS = row_names("state", 12)
+_NUM_ROTORS, _NUM_WIND = len(RotorSpeed._fields), len(Wind._fields)
+OUTPUTS = port_rows("state", len(State._fields))
+STATES = (*State._fields, *port_rows("rotor_speed", _NUM_ROTORS))
+INPUTS = (*port_rows("rotor_speed_command", _NUM_ROTORS), *port_rows("wind", _NUM_WIND))
 # What counts as standing still (m/s², rad/s²), and how far from upright an operating point is sought (rad).
 _STILL, _LARGEST_TILT = 1e-9, 1.4
 
@@ -73,9 +75,10 @@ def find_trim(
     def accelerations(scaled: np.ndarray) -> np.ndarray:
         """Linear and angular acceleration (6,) for roll, pitch and rotor speeds in units of `scale`."""
         roll, pitch, *speeds = scaled * scale
-        motion = [roll, pitch, yaw, *velocity, 0.0, 0.0, 0.0]
-        rotors = *rotor_wrench(speeds, parameters), rotor_residual(speeds)
-        return np.array(equations_of_motion(motion, rotors, wind, parameters, KINEMATICS[kinematics])[3:])
+        motion = Motion(roll, pitch, yaw, *velocity, 0.0, 0.0, 0.0)
+        rotors = rotor_action(RotorSpeed(*speeds), parameters)
+        _, _, _, *rates = equations_of_motion(motion, rotors, Wind(*wind), parameters, KINEMATICS[kinematics])
+        return np.array(rates)
 
     program = MathematicalProgram()
     x = program.NewContinuousVariables(6)
@@ -132,8 +135,9 @@ def to_state_space(system: Any) -> control.StateSpace:
 def _at(trim: Trim, parameters: QuadrotorParameters, kinematics: Kinematics) -> tuple[Diagram, Any]:
     """The vehicle with a continuous state and all its inputs in one port, at an operating point."""
     builder = DiagramBuilder()
-    vehicle = builder.AddNamedSystem("vehicle", Quadrotor(time_step=0.0, kinematics=kinematics, parameters=parameters))
-    inputs = builder.AddNamedSystem("inputs", Demultiplexer([4, 3]))
+    numbers = QuadrotorNumbers(parameters)
+    vehicle = builder.AddNamedSystem("vehicle", Quadrotor(time_step=0.0, kinematics=kinematics, numbers=numbers))
+    inputs = builder.AddNamedSystem("inputs", Demultiplexer([_NUM_ROTORS, _NUM_WIND]))
     for i, name in enumerate(("rotor_speed_command", "wind")):
         builder.Connect(inputs.get_output_port(i), vehicle.GetInputPort(name))
     builder.ExportInput(inputs.get_input_port(), "inputs")

@@ -1,6 +1,6 @@
 """Systems of the user's own, which stand in for parts of the loop."""
 
-from collections.abc import Callable, Mapping
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from drake_quad.errors import InputError
@@ -25,10 +25,14 @@ class UserSystems(NamedTuple):
     control: Any = None
     wind: Any = None
 
+    @property
+    def given(self) -> dict[str, Any]:
+        """Those that are given, by their place."""
+        return {name: system for name, system in self._asdict().items() if system is not None}
+
     def made(self, num_vehicles: int) -> "UserSystems":
         """What these functions make for N vehicles."""
-        makers: tuple[Callable[[int], Any] | None, ...] = self
-        return UserSystems._make(None if make is None else make(num_vehicles) for make in makers)
+        return UserSystems(**{name: make(num_vehicles) for name, make in self.given.items()})
 
 
 class Place(NamedTuple):
@@ -68,9 +72,8 @@ def check_user_systems(systems: UserSystems, num_vehicles: int) -> None:
     """
     if systems.control is not None and systems.position_controller is not None:
         raise InputError("control stands in for the whole cascade, so there is no place for a position_controller")
-    for name, system in systems._asdict().items():
-        if system is not None:
-            _check(name, system, PLACES[name], num_vehicles)
+    for name, system in systems.given.items():
+        _check(name, system, PLACES[name], num_vehicles)
 
 
 def _check(name: str, system: Any, place: Place, num_vehicles: int) -> None:

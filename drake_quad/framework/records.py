@@ -47,6 +47,13 @@ class Layout(NamedTuple):
         self._flatten(value, rows)
         return rows
 
+    @property
+    def names(self) -> tuple[str, ...]:
+        """What the rows are called: the fields and places on the way, joined by dots; empty for a row alone."""
+        steps = self.kind._fields if hasattr(self.kind, "_fields") else map(str, range(len(self.parts)))
+        inside = [f"{step}.{name}".rstrip(".") for step, part in zip(steps, self.parts) for name in part.names]
+        return tuple(inside) if self is not ROW else ("",)
+
     def __str__(self) -> str:
         """The name of the type."""
         return "a row" if self is ROW else self.kind.__name__

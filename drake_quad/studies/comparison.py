@@ -6,7 +6,7 @@ import numpy as np
 
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario import Scenario
-from drake_quad.flight.fleet import StudyFleet
+from drake_quad.flight import StudyFleet
 
 
 def fly_samples(

@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.common import RandomGenerator
 from pydrake.systems.analysis import MonteCarloSimulation, Simulator
 
-from drake_quad.flight import read_metrics
+from drake_quad.flight.simulation import read_metrics
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.scenario import Scenario, draw_sample

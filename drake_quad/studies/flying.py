@@ -2,17 +2,18 @@
 
 import platform
 import threading
-from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Sequence
+from typing import NamedTuple
 
 import numpy as np
 
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.errors import InputError
+from drake_quad.flight import StudyFleet
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario import Batch, Scenario
 from drake_quad.studies.provenance import difference, provenance, sources_of
 from drake_quad.studies.study import rows_of
-from drake_quad.errors import InputError
-from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Scenario, drawn_numbers
-from drake_quad.flight.fleet import StudyFleet
 
 # A thread flies in diagrams of its own, since executors may have several.
 _own = threading.local()
@@ -27,9 +28,7 @@ class Job(NamedTuple):
         scenario: of the study.
         plan: that is flown.
         num_vehicles: N of the largest fleet.
-        position_controller: makes a position controller for N vehicles in place of the scenario's, if given.
-        control: makes one for the whole cascade, if given.
-        wind: makes a source of wind beside the scenario's, if given.
+        own: functions that make systems of the user's for N vehicles.
     """
 
     key: str
@@ -37,20 +36,12 @@ class Job(NamedTuple):
     scenario: Scenario
     plan: Plan
     num_vehicles: int
-    position_controller: Callable[[int], Any] | None
-    control: Callable[[int], Any] | None
-    wind: Callable[[int], Any] | None
-
-    @property
-    def own(self) -> dict[str, Callable[[int], Any]]:
-        """The functions that are given."""
-        functions = {name: getattr(self, name) for name in ("position_controller", "control", "wind")}
-        return {name: function for name, function in functions.items() if function is not None}
+    own: UserSystems
 
 
-def code_of(own: dict[str, Callable[[int], Any]]) -> dict[str, str]:
+def code_of(own: UserSystems) -> dict[str, str]:
     """What this process would fly with: `provenance`, and the sources of functions that are not of this package."""
-    return {**provenance(), "own": sources_of(own.values())}
+    return {**provenance(), "own": sources_of(own.given.values())}
 
 
 def fly_batch(job: Job, samples: Sequence[int]) -> np.ndarray:
@@ -59,8 +50,8 @@ def fly_batch(job: Job, samples: Sequence[int]) -> np.ndarray:
     Raises:
         InputError: this process has other code than the one that wants the study.
     """
-    metrics = _fleet(job, len(samples)).fly(samples)
-    return rows_of(samples, drawn_numbers(job.scenario, samples), metrics)
+    batch = Batch.draw(job.scenario, samples)
+    return rows_of(batch, _fleet(job, len(batch)).fly_batch(batch))
 
 
 def fly_trial(job: Job, samples: Sequence[int]) -> np.ndarray:
@@ -94,5 +85,5 @@ def _fleet(job: Job, num_samples: int) -> StudyFleet:
         size = (size + 1) // 2
     fleets: dict[int, StudyFleet] = _own.fleets
     if size not in fleets:
-        fleets[size] = StudyFleet(job.scenario, size, plan=job.plan, **job.own)
+        fleets[size] = StudyFleet(job.scenario, size, plan=job.plan, own=job.own)
     return fleets[size]

@@ -11,14 +11,15 @@ from typing import Any
 
 import numpy as np
 
+from drake_quad.assembly.planning import flight_duration, plan_route
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.errors import InputError
+from drake_quad.scenario import Scenario
 from drake_quad.studies.crew import Crew, ExecutorCrew, fly_batches
-from drake_quad.studies.study import Study, columns_of
-from drake_quad.studies.study_folder import StudyRows, open_study
 from drake_quad.studies.flying import Job, code_of, fly_batch, fly_trial, forget, prepare
 from drake_quad.studies.processes import Workers, check_counts, check_makers, num_cores
-from drake_quad.errors import InputError
-from drake_quad.assembly.planning import flight_duration, plan_route
-from drake_quad.scenario import Scenario
+from drake_quad.studies.study import Study, columns_of
+from drake_quad.studies.study_folder import StudyRows, open_study
 
 # Vehicles of a fleet. With about a thousand, what Drake does once a step hardly counts any more.
 _BATCH_SIZE = 1024
@@ -89,15 +90,14 @@ def run_monte_carlo(
     check_counts(samples=num_samples, workers=num_workers, batch=1 if batch_size is None else batch_size)
     scenario = scenario.model_copy(update={"seed": scenario.seed if seed is None else seed, "sample": None})
     plan = plan_route(scenario)
-    own = {"position_controller": position_controller, "control": control, "wind": wind}
+    own = UserSystems(position_controller, control, wind)
     if executor is None or isinstance(executor, Workers):
-        check_makers(own)
-    given = {name: function for name, function in own.items() if function is not None}
+        check_makers(own.given)
     rows = None
     try:
         with _crew(executor, num_workers, time_limit) as crew:
-            job = Job(uuid.uuid4().hex, code_of(given), scenario, plan, batch_size or _BATCH_SIZE, **own)
-            if given:
+            job = Job(uuid.uuid4().hex, code_of(own), scenario, plan, batch_size or _BATCH_SIZE, own)
+            if own.given:
                 _check_alike(crew, job)
             duration = flight_duration(scenario, plan)
             with open_study(folder, scenario, num_samples, duration, own, resume=resume) as rows:
@@ -132,7 +132,7 @@ def _fly(
             progress(len(rows) + len(rows.failures), rows.num_samples)
 
     report()
-    if batches and not job.own and isinstance(crew, Workers) and crew.inherit:
+    if batches and not job.own.given and isinstance(crew, Workers) and crew.inherit:
         prepare(job)
     for outcome in fly_batches(crew, partial(fly_batch, job), batches):
         rows.add(outcome)
@@ -172,7 +172,7 @@ def _check_alike(crew: Crew, job: Job) -> None:
     if outcome.reason:
         return
     alone, again, beside = outcome.result
-    names, error = " and ".join(job.own), columns_of(job.scenario).index("rmse")
+    names, error = " and ".join(job.own.given), columns_of(job.scenario).index("rmse")
     for flown, how, why in (
         (again, "a second time in the same diagram", "must keep nothing in Python objects, but in Drake's state"),
         (beside, "beside other samples", "must not mix the vehicles of a fleet, whose rows are (k, N)"),

@@ -12,7 +12,7 @@ from typing import Any
 
 import drake_quad
 
-_PACKAGES = ("drake_quad", "drake", "numpy", "scipy", "numba")
+_PACKAGES = ("drake_quad", "drake", "numpy", "scipy", "llvmlite")
 
 
 def provenance() -> dict[str, str]:

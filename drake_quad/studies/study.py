@@ -10,12 +10,13 @@ from pydantic import BaseModel, ConfigDict, ValidationError
 from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
-from drake_quad.studies.provenance import provenance
-from drake_quad.studies.results_file import CHECKSUM, Format, Found, read_results
+from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
 from drake_quad.laboratory.metrics import UNITS, Metrics
-from drake_quad.scenario import Scenario, distributions_in, drawn_numbers, load_scenario
+from drake_quad.scenario import Batch, Scenario, distributions_in, load_scenario
 from drake_quad.scenario.description import description_at
+from drake_quad.studies.provenance import provenance
+from drake_quad.studies.results_file import CHECKSUM, Format, Found, read_results
 
 RESULTS, SCENARIO, STUDY, FAILED = "results.csv", "scenario.yaml", "study.yaml", "failed.csv"
 # Of two numbers that are written with twelve digits.
@@ -86,13 +87,14 @@ class Study:
 
 def columns_of(scenario: Scenario) -> list[str]:
     """The columns of a study's table: the sample, every field that is drawn, and every metric."""
-    return ["sample", *distributions_in(scenario), *Metrics._fields[:-1], "crashed", "crash_time"]
+    measured = [name for name in Metrics._fields if name != "crash_time"]
+    return ["sample", *distributions_in(scenario), *measured, "crashed", "crash_time"]
 
 
-def rows_of(samples: Sequence[int], numbers: Mapping[str, np.ndarray], metrics: Metrics) -> np.ndarray:
-    """The (n, columns) table of some samples, their drawn numbers and their metrics."""
-    *others, crash_time = metrics
-    return np.column_stack([samples, *numbers.values(), *others, metrics.crashed, crash_time])
+def rows_of(batch: Batch, metrics: Metrics) -> np.ndarray:
+    """The (n, columns) table of what a batch flew."""
+    columns = {"sample": batch.samples, **batch.varying, **metrics._asdict(), "crashed": metrics.crashed}
+    return np.column_stack([columns[name] for name in columns_of(batch.scenario)])
 
 
 def format_of(scenario: Scenario) -> Format:
@@ -104,10 +106,11 @@ def fitting(scenario: Scenario, found: Found) -> Found:
     """What a results file holds, without rows whose drawn numbers are not those that the seed gives."""
     if not len(found.rows):
         return found
-    samples = found.rows[:, 0]
-    numbers = drawn_numbers(scenario, samples.astype(int).tolist())
-    drawn = np.array([samples, *numbers.values()])
-    fits = np.isclose(found.rows[:, : len(drawn)], drawn.T, rtol=_ROUNDING, atol=0.0).all(axis=1)
+    columns = dict(zip(columns_of(scenario), found.rows.T, strict=True))
+    drawn = Batch.draw(scenario, columns["sample"].astype(int).tolist()).varying
+    fits = np.ones(len(found.rows), dtype=bool)
+    for path, numbers in drawn.items():
+        fits &= np.isclose(columns[path], numbers, rtol=_ROUNDING, atol=0.0)
     return found._replace(rows=found.rows[fits], lines=found.lines[fits], misfits=[*found.misfits, *found.lines[~fits]])
 
 
@@ -153,7 +156,7 @@ class Record(BaseModel):
 
     @classmethod
     def of(
-        cls, scenario: Scenario, num_samples: int, duration: float, own: Mapping[str, Callable[..., Any] | None]
+        cls, scenario: Scenario, num_samples: int, duration: float, own: UserSystems
     ) -> "Record":
         """The record of a study that begins.
 
@@ -161,13 +164,13 @@ class Record(BaseModel):
             scenario: of the study, under its seed.
             num_samples: of it.
             duration: of a flight, s.
-            own: functions that make controllers or wind of one's own, if given.
+            own: functions that make systems of the user's.
         """
         return cls(
             samples=num_samples,
             seed=scenario.seed,
             duration=duration,
-            **{name: _called(function) for name, function in own.items() if function is not None},
+            **{name: _called(function) for name, function in own.given.items()},
             versions=[provenance()],
             columns={name: meaning(scenario, name) for name in [*columns_of(scenario), CHECKSUM]},
         )

@@ -1,13 +1,13 @@
 """The rows of a study as they come in, on disk if it has a folder."""
 
-import csv
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Iterator
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 
+from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.studies.crew import Outcome
 from drake_quad.studies.results_file import Found, ResultsFile, open_results, write_results
 from drake_quad.studies.study import (
@@ -23,7 +23,7 @@ from drake_quad.studies.study import (
     read_record,
 )
 from drake_quad.errors import InputError
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_table, write_whole
 from drake_quad.scenario import Scenario, load_scenario, save_scenario
 
 
@@ -123,7 +123,7 @@ def open_study(
     scenario: Scenario,
     num_samples: int,
     duration: float,
-    own: Mapping[str, Callable[..., Any] | None],
+    own: UserSystems,
     *,
     resume: bool,
 ) -> Iterator[StudyRows]:
@@ -134,7 +134,7 @@ def open_study(
         scenario: of the study.
         num_samples: of it.
         duration: of a flight, s.
-        own: functions that make controllers or wind of one's own, if given.
+        own: functions that make systems of the user's.
         resume: whether a study that is in the folder may be gone on with.
 
     Raises:
@@ -162,7 +162,9 @@ def open_study(
         rows = StudyRows(scenario, num_samples, duration, found=found, file=file)
         yield rows
         if rows.failures:
-            write_whole(folder / FAILED, lambda path: _write_failures(path, rows.failures))
+            samples = sorted(rows.failures)
+            reasons = [rows.failures[sample] for sample in samples]
+            write_table(folder / FAILED, {"sample": samples, "reason": reasons})
         else:
             (folder / FAILED).unlink(missing_ok=True)
         write_results(folder / RESULTS, form, rows.rows)
@@ -208,14 +210,7 @@ def _difference(before: Any, now: Any, path: str = "") -> str | None:
     if isinstance(before, dict) and isinstance(now, dict) and before.keys() == now.keys():
         pairs = [(f"{path}.{key}".lstrip("."), before[key], now[key]) for key in now]
     elif isinstance(before, list) and isinstance(now, list) and len(before) == len(now):
-        pairs = [(f"{path}[{i}]", old, new) for i, (old, new) in enumerate(zip(before, now, strict=True))]
+        pairs = [(f"{path}.{i}", old, new) for i, (old, new) in enumerate(zip(before, now, strict=True))]
     else:
         return None if before == now else f"its {path} is {before}, not {now}"
     return next(filter(None, (_difference(old, new, where) for where, old, new in pairs)), None)
-
-
-def _write_failures(path: Path, failures: Mapping[int, str]) -> None:
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["sample", "reason"])
-        writer.writerows(sorted(failures.items()))

@@ -12,7 +12,7 @@ from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.stepping import VehicleState, quadrotor_slope, quadrotor_step
 
 Kinematics = Literal["exact", "small_angle"]
-_KINEMATICS = {"exact": rigid_kinematics, "small_angle": small_angle_kinematics}
+KINEMATICS = {"exact": rigid_kinematics, "small_angle": small_angle_kinematics}
 
 
 class Place(NamedTuple):
@@ -109,7 +109,7 @@ class Quadrotor(FleetSystem):
         inputs = command, self.input("wind", absent=Wind(0.0, 0.0, 0.0)), self.input("crashed")
         # Without faults nothing depends on the time; an Expression of it could not be compared.
         time = TIME if faulty else 0.0
-        motion = _KINEMATICS[kinematics]
+        motion = KINEMATICS[kinematics]
         if time_step > 0.0:
             body = self.state("state", lambda numbers: hover(numbers.parameters, numbers.start).body)
             rotors = self.state("rotor_speed", lambda numbers: hover(numbers.parameters, numbers.start).rotors)
