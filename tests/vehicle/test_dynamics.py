@@ -9,21 +9,24 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, Propeller, Prop
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.framework import DiagramBuilder
 
+from drake_quad.signals import RotorSpeed, State, Wind, Wrench
 from drake_quad.vehicle.dynamics import (
+    RotorAction,
     drag,
     held_rotor_speed,
     hover_rotor_speeds,
-    quadrotor_derivative,
     rigid_body_derivative,
     rigid_kinematics,
-    rotor_residual,
-    rotor_wrench,
+    rotor_action,
     small_angle_kinematics,
 )
-from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.faults import SpeedFactors
+from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters, ThrustFactors
+from drake_quad.vehicle.stepping import VehicleState, quadrotor_slope
 
 TABLE_I = QuadrotorParameters()
-STILL = (0.0, 0.0, 0.0)
+STILL = Wind(0.0, 0.0, 0.0)
+NO_WRENCH = Wrench(0.0, 0.0, 0.0, 0.0)
 
 
 def random_states(count, seed):
@@ -36,9 +39,8 @@ def random_states(count, seed):
 
 
 def body_derivative(state, parameters, wind=STILL, kinematics=rigid_kinematics):
-    rotors = state[12:]
-    wrench, residual = rotor_wrench(rotors, parameters), rotor_residual(rotors)
-    return np.array(rigid_body_derivative(state[:12], wrench, residual, wind, parameters, kinematics))
+    rotors = rotor_action(RotorSpeed(*state[12:]), parameters)
+    return np.array(rigid_body_derivative(State(*state[:12]), rotors, wind, parameters, kinematics))
 
 
 def assert_close(actual, expected):
@@ -54,8 +56,8 @@ def uneven(asymmetric_vehicle):
 
 def test_against_the_quadrotor_plant_of_drake(uneven):
     """All of whose rotors are alike, with the centre of mass in their middle."""
-    b = uneven.thrust_factor[0]
-    parameters = uneven._replace(thrust_factor=(b,) * 4, centre_of_mass=(0.0, 0.0), gravity=9.81)
+    b = uneven.thrust_factor.rotor_1
+    parameters = uneven._replace(thrust_factor=ThrustFactors(*(b,) * 4), centre_of_mass=CentreOfMass(), gravity=9.81)
     plant = QuadrotorPlant(
         m_arg=parameters.mass,
         L_arg=parameters.arm_length,
@@ -124,7 +126,8 @@ def test_against_a_multibody_plant_with_propellers(multibody, uneven):
 def test_spinning_rotors_keep_the_total_angular_momentum(uneven):
     """Rotors that turn at constant speed but push nothing: R_WB (I w + J_r w_r z) is constant."""
     parameters = uneven._replace(rotor_inertia=1e-3)
-    residual = rotor_residual([100.0, 300.0, 120.0, 280.0])
+    residual = rotor_action(RotorSpeed(100.0, 300.0, 120.0, 280.0), parameters).residual
+    assert residual == 360.0
     state = np.array([0.0] * 3 + [0.1, -0.2, 0.3] + [0.0] * 3 + [1.0, -2.0, 0.5])
 
     def momentum(state):
@@ -133,8 +136,8 @@ def test_spinning_rotors_keep_the_total_angular_momentum(uneven):
         return R_WB @ body
 
     def derivative(state):
-        free = rigid_body_derivative(state, (0.0,) * 4, residual, STILL, parameters, rigid_kinematics)
-        return np.array(free)
+        rotors = RotorAction(NO_WRENCH, residual)
+        return np.array(rigid_body_derivative(State(*state), rotors, STILL, parameters, rigid_kinematics))
 
     start = momentum(state)
     step = 1e-4
@@ -152,12 +155,12 @@ def test_gyroscopic_signs_are_those_of_the_paper(asymmetric_vehicle):
     """Eq (3): -J_r θ' w_r on roll and +J_r φ' w_r on pitch."""
     parameters = asymmetric_vehicle._replace(linear_drag=0.0, quadratic_drag=0.0)
     (i_xx, i_yy, i_zz), spin = parameters.inertia, parameters.rotor_inertia
-    state = np.zeros(12)
-    state[9:12] = 2.0, 3.0, 0.0
-    slope = rigid_body_derivative(state, (0.0,) * 4, 50.0, STILL, parameters, small_angle_kinematics)
-    assert slope[9] == pytest.approx(-spin * 3.0 * 50.0 / i_xx)
-    assert slope[10] == pytest.approx(spin * 2.0 * 50.0 / i_yy)
-    assert slope[11] == pytest.approx((i_xx - i_yy) * 2.0 * 3.0 / i_zz)
+    state = State(*[0.0] * 9, p=2.0, q=3.0, r=0.0)
+    rotors = RotorAction(NO_WRENCH, 50.0)
+    slope = rigid_body_derivative(state, rotors, STILL, parameters, small_angle_kinematics)
+    assert slope.p == pytest.approx(-spin * 3.0 * 50.0 / i_xx)
+    assert slope.q == pytest.approx(spin * 2.0 * 50.0 / i_yy)
+    assert slope.r == pytest.approx((i_xx - i_yy) * 2.0 * 3.0 / i_zz)
 
 
 def test_small_angles_agree_with_the_exact_form_to_second_order(asymmetric_vehicle):
@@ -176,15 +179,16 @@ def test_small_angles_agree_with_the_exact_form_to_second_order(asymmetric_vehic
 
 
 def test_hover():
-    assert hover_rotor_speeds(TABLE_I) == pytest.approx([200.9] * 4, abs=0.05)
-    state = np.array([0.0] * 12 + hover_rotor_speeds(TABLE_I))
-    slope = quadrotor_derivative(state, state[12:], STILL, TABLE_I, rigid_kinematics)
-    np.testing.assert_allclose(slope, 0.0, atol=1e-14)
+    speeds = hover_rotor_speeds(TABLE_I)
+    assert speeds == pytest.approx([200.9] * 4, abs=0.05)
+    state = VehicleState(State(*[0.0] * 12), speeds)
+    body, rotors = quadrotor_slope(state, speeds, STILL, None, TABLE_I, None, 0.0, rigid_kinematics)
+    np.testing.assert_allclose([*body, *rotors], 0.0, atol=1e-14)
 
 
 def test_power_of_the_rotors_and_of_the_air_is_the_rate_of_the_energy(asymmetric_vehicle):
     parameters = asymmetric_vehicle._replace(linear_drag=0.2, quadratic_drag=0.05)
-    wind = np.array([1.0, -2.0, 0.5])
+    wind = Wind(1.0, -2.0, 0.5)
     for state in random_states(100, seed=4):
         slope = body_derivative(state, parameters, wind)
         velocity, rates = state[6:9], state[9:12]
@@ -193,9 +197,9 @@ def test_power_of_the_rotors_and_of_the_air_is_the_rate_of_the_energy(asymmetric
             + rates @ (np.array(parameters.inertia) * slope[9:12])
             + parameters.mass * parameters.gravity * slope[2]
         )
-        thrust, *torque = rotor_wrench(state[12:], parameters)
+        thrust, *torque = rotor_action(RotorSpeed(*state[12:]), parameters).wrench
         z_B = RollPitchYaw(state[3:6]).ToRotationMatrix().matrix()[:, 2]
-        force = np.array(drag(wind - velocity, 0.2, 0.05))
+        force = np.array(drag(Wind(*np.subtract(wind, velocity)), 0.2, 0.05))
         power = thrust * z_B @ velocity + np.array(torque) @ rates + force @ velocity
         assert energy_rate == pytest.approx(power, rel=1e-12, abs=1e-12)
 
@@ -205,19 +209,20 @@ def test_every_rotor_is_held_within_its_limits(asymmetric_vehicle):
     low, high = asymmetric_vehicle.min_rotor_speed, asymmetric_vehicle.max_rotor_speed
     commands, held, shares = [1e4, -1e4, np.nan, 250.0], [high, low, low, 250.0], [1.0, 0.9, 0.8, 0.7]
     for turn in range(4):
-        found = held_rotor_speed(np.roll(commands, turn).tolist(), asymmetric_vehicle, shares)
+        command = RotorSpeed(*np.roll(commands, turn).tolist())
+        found = held_rotor_speed(command, asymmetric_vehicle, SpeedFactors(*shares))
         np.testing.assert_allclose(found, shares * np.roll(held, turn), rtol=1e-15)
 
 
 def test_drag_is_along_the_airspeed_and_of_the_stated_size():
-    force = np.array(drag((-3.0, 4.0, 0.0), 0.2, 0.01))
+    force = np.array(drag(Wind(-3.0, 4.0, 0.0), 0.2, 0.01))
     assert np.linalg.norm(force) == pytest.approx(0.2 * 5.0 + 0.01 * 25.0)
     np.testing.assert_allclose(force / np.linalg.norm(force), [-0.6, 0.8, 0.0])
-    assert drag((0.0, 0.0, 0.0), 0.2, 0.01) == (0.0, 0.0, 0.0)
+    assert drag(STILL, 0.2, 0.01) == (0.0, 0.0, 0.0)
 
 
 def test_a_vehicle_that_goes_with_the_air_feels_none(asymmetric_vehicle, uneven):
     state = random_states(1, seed=8)[0]
     parameters = asymmetric_vehicle._replace(rotor_inertia=0.0)
     still_air = body_derivative(state, uneven, STILL)
-    np.testing.assert_allclose(body_derivative(state, parameters, state[6:9]), still_air, rtol=1e-12)
+    np.testing.assert_allclose(body_derivative(state, parameters, Wind(*state[6:9])), still_air, rtol=1e-12)

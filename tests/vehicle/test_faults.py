@@ -4,14 +4,29 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from drake_quad.vehicle.dynamics import hover_rotor_speeds, quadrotor_derivative, rigid_kinematics, rotor_wrench
-from drake_quad.vehicle.faults import RotorFaults, rotor_speed_factor
-from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Quadrotor
+from drake_quad.signals import RotorSpeed, State, Wind
+from drake_quad.vehicle.dynamics import hover_rotor_speeds, rigid_kinematics, rotor_action
+from drake_quad.vehicle.faults import RotorFaults, SpeedFactors, speed_factors
+from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters, ThrustFactors
+from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.stepping import VehicleState, quadrotor_slope
 
 FLAWED = QuadrotorParameters(
-    mass=0.73, thrust_factor=(4.3e-5, 4.0e-5, 4.2e-5, 3.9e-5), centre_of_mass=(0.012, -0.007), linear_drag=0.2
+    mass=0.73,
+    thrust_factor=ThrustFactors(4.3e-5, 4.0e-5, 4.2e-5, 3.9e-5),
+    centre_of_mass=CentreOfMass(0.012, -0.007),
+    linear_drag=0.2,
 )
+
+
+def faulty(faults, **structure):
+    return Quadrotor(faulty=True, numbers=QuadrotorNumbers(faults=faults), **structure)
+
+
+def level_slope(speeds, parameters):
+    """The time derivative of the state of a level vehicle at rest whose rotors turn at their commanded speeds."""
+    state, still = VehicleState(State(*[0.0] * 12), speeds), Wind(0.0, 0.0, 0.0)
+    return quadrotor_slope(state, speeds, still, None, parameters, None, 0.0, rigid_kinematics)
 
 
 def flown(vehicle, command, duration):
@@ -27,39 +42,38 @@ def flown(vehicle, command, duration):
 def test_hover_is_trimmed_for_any_rotors_and_any_centre_of_mass():
     speeds = hover_rotor_speeds(FLAWED)
     assert np.ptp(speeds) > 5.0
-    state = np.array([0.0] * 12 + speeds)
-    slope = quadrotor_derivative(state, speeds, (0.0, 0.0, 0.0), FLAWED, rigid_kinematics)
-    np.testing.assert_allclose(slope, 0.0, atol=1e-12)
+    body, rotors = level_slope(speeds, FLAWED)
+    np.testing.assert_allclose([*body, *rotors], 0.0, atol=1e-12)
 
 
 def test_thrust_beside_the_centre_of_mass_turns_the_body():
     """With the centre of mass towards rotor 1, rotor 3 has the longer lever: the nose drops, and the same for roll."""
-    parameters = QuadrotorParameters(centre_of_mass=(0.01, 0.02))
-    speeds = [210.0, 190.0, 205.0, 195.0]
+    parameters = QuadrotorParameters(centre_of_mass=CentreOfMass(0.01, 0.02))
+    speeds = RotorSpeed(210.0, 190.0, 205.0, 195.0)
     thrusts = 4.13e-5 * np.square(speeds)
     x, y = np.array([0.17, 0.0, -0.17, 0.0]) - 0.01, np.array([0.0, -0.17, 0.0, 0.17]) - 0.02
-    slope = quadrotor_derivative(np.array([0.0] * 12 + speeds), speeds, (0.0, 0.0, 0.0), parameters, rigid_kinematics)
-    np.testing.assert_allclose(slope[9:11], [y @ thrusts / 0.007, -x @ thrusts / 0.007], rtol=1e-12)
+    slope, _ = level_slope(speeds, parameters)
+    np.testing.assert_allclose([slope.p, slope.q], [y @ thrusts / 0.007, -x @ thrusts / 0.007], rtol=1e-12)
 
 
 def test_each_rotor_has_its_own_thrust_factor():
-    thrust, tau_x, tau_y, _ = rotor_wrench((100.0,) * 4, FLAWED._replace(centre_of_mass=(0.0, 0.0)))
-    assert thrust == pytest.approx(1e4 * sum(FLAWED.thrust_factor))
-    assert tau_x == pytest.approx(0.17 * 1e4 * (3.9e-5 - 4.0e-5))
-    assert tau_y == pytest.approx(0.17 * 1e4 * (4.2e-5 - 4.3e-5))
+    wrench = rotor_action(RotorSpeed(*(100.0,) * 4), FLAWED._replace(centre_of_mass=CentreOfMass())).wrench
+    assert wrench.thrust == pytest.approx(1e4 * sum(FLAWED.thrust_factor))
+    assert wrench.tau_x == pytest.approx(0.17 * 1e4 * (3.9e-5 - 4.0e-5))
+    assert wrench.tau_y == pytest.approx(0.17 * 1e4 * (4.2e-5 - 4.3e-5))
 
 
 def test_what_is_left_of_the_speed():
     """From its time on a fault is there; an empty battery turns no rotor, and none backwards."""
-    faults = RotorFaults(battery_sag=0.1, failure_time=4.0, failure_factor=(0.9, 0.8, 0.7, 0.6)).to_rows()
+    faults = RotorFaults(battery_sag=0.1, failure_time=4.0, failure_factor=SpeedFactors(0.9, 0.8, 0.7, 0.6))
     for time, left in ((0.0, (1.0,) * 4), (3.999, (0.6001,) * 4), (4.0, (0.54, 0.48, 0.42, 0.36)), (20.0, (0.0,) * 4)):
-        assert rotor_speed_factor(faults, time) == pytest.approx(left)
-    assert rotor_speed_factor(RotorFaults().to_rows(), 1e9) == (1.0,) * 4
+        assert speed_factors(faults, time) == pytest.approx(left)
+    assert speed_factors(RotorFaults(), 1e9) == (1.0,) * 4
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
 def test_battery_sag_takes_speed_from_all_rotors_evenly_over_time(time_step):
-    vehicle = Quadrotor(time_step=time_step, faults=RotorFaults(battery_sag=0.02))
+    vehicle = faulty(RotorFaults(battery_sag=0.02), time_step=time_step)
     _, speeds = flown(vehicle, [200.0] * 4, 5.0)
     # The rotors lag behind what falls by 4 rad/s in a second.
     np.testing.assert_allclose(speeds, 200.0 * (1.0 - 0.02 * 5.0) + 4.0 * 0.05, atol=0.03)
@@ -67,31 +81,31 @@ def test_battery_sag_takes_speed_from_all_rotors_evenly_over_time(time_step):
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
 def test_a_rotor_fails_at_its_time(time_step):
-    faults = RotorFaults(failure_time=0.5, failure_factor=(1.0, 1.0, 0.25, 1.0))
-    vehicle = Quadrotor(time_step=time_step, faults=faults)
+    faults = RotorFaults(failure_time=0.5, failure_factor=SpeedFactors(rotor_3=0.25))
+    vehicle = faulty(faults, time_step=time_step)
     _, before = flown(vehicle, [200.0] * 4, 0.5)
     np.testing.assert_allclose(before, 200.0, atol=0.9)
     state, after = flown(vehicle, [200.0] * 4, 0.55)
     expected = 50.0 + 150.0 * np.exp(-0.05 / 0.05)
     np.testing.assert_allclose(after, [200.0, 200.0, expected, 200.0], atol=0.5)
     # Rotor 3 is at -x: the tail drops.
-    assert state[4] < -0.01
+    assert State(*state).pitch < -0.01
 
 
 def test_vehicles_of_a_fleet_fail_each_in_its_own_way():
     faults = RotorFaults(
         battery_sag=np.array([0.0, 0.1]),
         failure_time=np.array([0.2, np.inf]),
-        failure_factor=(1.0, np.array([0.0, 1.0]), 1.0, 1.0),
+        failure_factor=SpeedFactors(rotor_2=np.array([0.0, 1.0])),
     )
-    fleet = Quadrotor(num_vehicles=2, faults=faults)
-    _, speeds = flown(fleet, [200.0] * 8, 1.0)
+    _, speeds = flown(faulty(faults, num_vehicles=2), [200.0] * 8, 1.0)
     for i in range(2):
-        alone = RotorFaults(faults.battery_sag[i], faults.failure_time[i], (1.0, faults.failure_factor[1][i], 1.0, 1.0))
-        _, expected = flown(Quadrotor(faults=alone), [200.0] * 4, 1.0)
+        left = SpeedFactors(rotor_2=faults.failure_factor.rotor_2[i])
+        alone = RotorFaults(faults.battery_sag[i], faults.failure_time[i], left)
+        _, expected = flown(faulty(alone), [200.0] * 4, 1.0)
         np.testing.assert_allclose(speeds.reshape(4, 2)[:, i], expected, rtol=1e-12)
 
 
 def test_without_faults_all_speed_is_left():
     assert RotorFaults() == (0.0, np.inf, (1.0, 1.0, 1.0, 1.0))
-    assert rotor_speed_factor(RotorFaults().to_rows(), 100.0) == (1.0, 1.0, 1.0, 1.0)
+    assert speed_factors(RotorFaults(), 100.0) == (1.0, 1.0, 1.0, 1.0)

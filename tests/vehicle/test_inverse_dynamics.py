@@ -3,13 +3,8 @@ import pytest
 
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.vehicle.dynamics import (
-    hover_rotor_speeds,
-    rigid_body_derivative,
-    rigid_kinematics,
-    rotor_residual,
-    rotor_wrench,
-)
+from drake_quad.signals import Jerk, Reference, Snap, State, Wind, Wrench
+from drake_quad.vehicle.dynamics import hover_rotor_speeds, rigid_body_derivative, rigid_kinematics, rotor_action
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
@@ -21,32 +16,36 @@ def test_the_equations_of_motion_under_the_demanded_speeds_give_the_trajectory_b
     parameters = asymmetric_vehicle._replace(rotor_inertia=0.0, linear_drag=0.0, quadratic_drag=0.0)
     times = np.linspace(0.0, 4.2, 8001)
     position, velocity, *higher = (evaluate(PATH, times, order) for order in range(5))
-    yaw = np.array([0.7 + 0.4 * np.sin(2.0 * times), 0.8 * np.cos(2.0 * times), -1.6 * np.sin(2.0 * times)])
-    demand = rotor_demand(*higher, parameters, yaw=yaw if turning else (0.7, 0.0, 0.0))
-    state = np.vstack([position, demand.attitude, velocity, demand.body_rates])
-    wrench = rotor_wrench(demand.rotor_speed, parameters)
-    np.testing.assert_allclose(wrench, demand.wrench, atol=1e-12)
-    residual = rotor_residual(demand.rotor_speed)
-    slope = np.array(rigid_body_derivative(state, wrench, residual, np.zeros((3, 1)), parameters, rigid_kinematics))
-    np.testing.assert_allclose(slope[6:9], higher[0], atol=1e-12)
-    numeric = np.gradient(state, times[1], axis=1)[:, 2:-2]
-    assert np.ptp(numeric[3]) > 1.0, "the attitude must move for this to mean anything"
-    np.testing.assert_allclose(slope[:, 2:-2], numeric, atol=5e-4)
+    acceleration, jerk, snap = higher
+    yaw, yaw_rate, yaw_acceleration = 0.7, 0.0, 0.0
+    if turning:
+        yaw, yaw_rate = 0.7 + 0.4 * np.sin(2.0 * times), 0.8 * np.cos(2.0 * times)
+        yaw_acceleration = -1.6 * np.sin(2.0 * times)
+    reference = Reference(*position, *velocity, *acceleration, yaw, yaw_rate)
+    demand = rotor_demand(reference, Jerk(*jerk), Snap(*snap, yaw_acceleration), parameters)
+    state = State(*np.broadcast_arrays(*position, *demand.attitude, *velocity, *demand.body_rates))
+    rotors = rotor_action(demand.rotor_speed, parameters)
+    np.testing.assert_allclose(rotors.wrench, demand.wrench, atol=1e-12)
+    slope = rigid_body_derivative(state, rotors, Wind(0.0, 0.0, 0.0), parameters, rigid_kinematics)
+    np.testing.assert_allclose([slope.v_x, slope.v_y, slope.v_z], acceleration, atol=1e-12)
+    numeric = State(*np.gradient(np.array(state), times[1], axis=1)[:, 2:-2])
+    assert np.ptp(numeric.roll) > 1.0, "the attitude must move for this to mean anything"
+    np.testing.assert_allclose(np.array(slope)[:, 2:-2], numeric, atol=5e-4)
 
 
 def test_hover_demands_hover_speed():
-    still = np.zeros((3, 1))
-    demand = rotor_demand(still, still, still, QuadrotorParameters(), yaw=(1.0, 0.0, 0.0))
-    np.testing.assert_allclose(demand.rotor_speed, hover_rotor_speeds(QuadrotorParameters())[0])
-    np.testing.assert_allclose(demand.attitude[:, 0], [0.0, 0.0, 1.0], atol=1e-15)
+    reference = Reference(*[0.0] * 9, yaw=1.0, yaw_rate=0.0)
+    demand = rotor_demand(reference, Jerk(0.0, 0.0, 0.0), Snap(0.0, 0.0, 0.0, 0.0), QuadrotorParameters())
+    np.testing.assert_allclose(demand.rotor_speed, hover_rotor_speeds(QuadrotorParameters()))
+    np.testing.assert_allclose(demand.attitude, [0.0, 0.0, 1.0], atol=1e-15)
 
 
 def test_a_rotor_that_would_have_to_pull_down_stands_still():
     """A snap along x asks the body to pitch: for more torque than the front rotor's thrust gives when it is gone."""
-    none, snap = np.zeros((3, 1)), np.array([[3000.0], [0.0], [0.0]])
-    demand = rotor_demand(none, none, snap, QuadrotorParameters(), yaw=(0.0, 0.0, 0.0))
+    snap = Snap(3000.0, 0.0, 0.0, 0.0)
+    demand = rotor_demand(Reference(*[0.0] * 11), Jerk(0.0, 0.0, 0.0), snap, QuadrotorParameters())
     torque = 0.007 * 3000.0 / 9.81
-    np.testing.assert_allclose(demand.wrench[:, 0], [0.68 * 9.81, 0.0, torque, 0.0], atol=1e-12)
+    np.testing.assert_allclose(demand.wrench, Wrench(0.68 * 9.81, 0.0, torque, 0.0), atol=1e-12)
     hover = 0.68 * 9.81 / (4.0 * 4.13e-5)
     back = hover + torque / (2.0 * 0.17 * 4.13e-5)
-    np.testing.assert_allclose(demand.rotor_speed[:, 0] ** 2, [0.0, hover, back, hover], rtol=1e-12)
+    np.testing.assert_allclose(np.square(demand.rotor_speed), [0.0, hover, back, hover], rtol=1e-12)

@@ -4,19 +4,24 @@ from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDif
 from pydrake.symbolic import Evaluate, MakeVectorVariable
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator, Simulator_
 
+from drake_quad.signals import RotorSpeed, State
 from drake_quad.vehicle.dynamics import hover_rotor_speeds
-from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Quadrotor
+from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters, ThrustFactors
+from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
 
 COMMAND = np.array([200.0, 215.0, 205.0, 198.0])
 PARAMETERS = QuadrotorParameters(
     mass=0.7,
-    inertia=(0.0071, 0.0079, 0.0131),
-    thrust_factor=(4.15e-5, 4.02e-5, 4.17e-5, 4.12e-5),
+    inertia=Inertia(0.0071, 0.0079, 0.0131),
+    thrust_factor=ThrustFactors(4.15e-5, 4.02e-5, 4.17e-5, 4.12e-5),
     linear_drag=0.2,
     quadratic_drag=0.05,
-    centre_of_mass=(-0.001, 0.002),
+    centre_of_mass=CentreOfMass(-0.001, 0.002),
 )
+
+
+def quadrotor(parameters=PARAMETERS, place=Place(), **structure):
+    return Quadrotor(numbers=QuadrotorNumbers(parameters=parameters, start=place), **structure)
 
 
 def flown(vehicle, duration, command=COMMAND, wind=(1.0, 0.5, -0.2), crashed=None, accuracy=1e-11):
@@ -36,17 +41,15 @@ def flown(vehicle, duration, command=COMMAND, wind=(1.0, 0.5, -0.2), crashed=Non
 
 
 def test_stepping_converges_to_the_continuous_vehicle_with_fourth_order():
-    exact = flown(Quadrotor(time_step=0.0, parameters=PARAMETERS), 0.32)
-    errors = [
-        np.abs(flown(Quadrotor(time_step=step, parameters=PARAMETERS), 0.32) - exact).max() for step in (0.02, 0.01)
-    ]
+    exact = flown(quadrotor(time_step=0.0), 0.32)
+    errors = [np.abs(flown(quadrotor(time_step=step), 0.32) - exact).max() for step in (0.02, 0.01)]
     assert errors[1] < 1e-6
     assert errors[0] / errors[1] == pytest.approx(16.0, rel=0.25)
 
 
 def test_rotors_of_a_stepping_vehicle_lag_exactly():
     final = flown(Quadrotor(), 0.1)[12:, 0]
-    hover = hover_rotor_speeds(QuadrotorParameters())[0]
+    hover = np.array(hover_rotor_speeds(QuadrotorParameters()))
     np.testing.assert_allclose(final, COMMAND + (hover - COMMAND) * np.exp(-0.1 / 0.05), rtol=1e-13)
 
 
@@ -55,7 +58,7 @@ def test_rotors_of_a_stepping_vehicle_lag_exactly():
 def test_commands_beyond_the_limits_are_clipped(time_step, turn, asymmetric_vehicle):
     """On each rotor in its turn."""
     command, limited = (np.roll(x, turn) for x in ([1e4, -1e4, np.nan, 250.0], [290.0, 70.0, 70.0, 250.0]))
-    vehicle = Quadrotor(time_step=time_step, parameters=asymmetric_vehicle)
+    vehicle = quadrotor(asymmetric_vehicle, time_step=time_step)
     final, hover = flown(vehicle, 0.08, command=command, accuracy=1e-7), hover_rotor_speeds(asymmetric_vehicle)
     np.testing.assert_allclose(final[12:, 0], limited + (hover - limited) * np.exp(-2.0), rtol=1e-6)
 
@@ -63,18 +66,18 @@ def test_commands_beyond_the_limits_are_clipped(time_step, turn, asymmetric_vehi
 def test_each_vehicle_of_a_fleet_flies_as_it_would_alone():
     masses = np.array([0.6, 0.68, 0.75])
     commands = COMMAND + np.array([[0.0], [3.0], [-4.0]])
-    fleet = flown(Quadrotor(num_vehicles=3, parameters=PARAMETERS._replace(mass=masses)), 0.6, command=commands)
+    fleet = flown(quadrotor(PARAMETERS._replace(mass=masses), num_vehicles=3), 0.6, command=commands)
     for i, mass in enumerate(masses):
-        alone = flown(Quadrotor(parameters=PARAMETERS._replace(mass=mass)), 0.6, command=commands[i])
+        alone = flown(quadrotor(PARAMETERS._replace(mass=float(mass))), 0.6, command=commands[i])
         np.testing.assert_allclose(fleet[:, i], alone[:, 0], rtol=0.0, atol=1e-12)
 
 
 @pytest.mark.parametrize("time_step", [0.0, 0.01])
 def test_a_crashed_vehicle_stays_and_touches_no_other(time_step):
-    vehicle = Quadrotor(num_vehicles=2, time_step=time_step, initial_position=(1.0, 2.0, 3.0))
+    vehicle = quadrotor(QuadrotorParameters(), Place(1.0, 2.0, 3.0), num_vehicles=2, time_step=time_step)
     both = flown(vehicle, 0.2, accuracy=1e-8)
     one = flown(vehicle, 0.2, crashed=[1.0, 0.0], accuracy=1e-8)
-    start = np.array([1.0, 2.0, 3.0] + [0.0] * 9 + [hover_rotor_speeds(QuadrotorParameters())[0]] * 4)
+    start = np.array([1.0, 2.0, 3.0] + [0.0] * 9 + [*hover_rotor_speeds(QuadrotorParameters())])
     np.testing.assert_allclose(one[:, 0], start, rtol=1e-15)
     np.testing.assert_allclose(one[:, 1], both[:, 1], rtol=0.0, atol=1e-6 if time_step == 0.0 else 1e-14)
 
@@ -91,7 +94,7 @@ def test_one_step_differentiates_as_finite_differences_do():
         simulator.AdvancePendingEvents()
         return np.concatenate([vehicle.GetOutputPort(name).Eval(context) for name in ("state", "rotor_speed")])
 
-    vehicle = Quadrotor(parameters=PARAMETERS)
+    vehicle = quadrotor()
     state = np.concatenate([np.random.default_rng(1).normal(size=12) * 0.3, COMMAND + 5.0])
     differentiable = vehicle.ToAutoDiffXd()
     start = InitializeAutoDiff(state)[:, 0]
@@ -107,7 +110,7 @@ def test_one_step_differentiates_as_finite_differences_do():
 
 @pytest.mark.parametrize("num_vehicles", [1, 2])
 def test_symbolic_derivative_has_the_values_of_the_numeric_one(num_vehicles):
-    vehicle = Quadrotor(num_vehicles=num_vehicles, time_step=0.0, parameters=PARAMETERS)
+    vehicle = quadrotor(num_vehicles=num_vehicles, time_step=0.0)
     symbolic = vehicle.ToSymbolic()
     context, symbolic_context = vehicle.CreateDefaultContext(), symbolic.CreateDefaultContext()
     rng = np.random.default_rng(2)
@@ -125,42 +128,56 @@ def test_symbolic_derivative_has_the_values_of_the_numeric_one(num_vehicles):
 
 
 def test_parameters_live_in_the_context():
-    vehicle = Quadrotor(num_vehicles=2, parameters=QuadrotorParameters(mass=np.array([0.68, 0.7])))
+    vehicle = quadrotor(QuadrotorParameters(mass=np.array([0.68, 0.7])), num_vehicles=2)
     context = vehicle.CreateDefaultContext()
     heavy = QuadrotorParameters(mass=np.array([0.68, 0.9]))
-    vehicle.set_parameters(context, heavy)
-    np.testing.assert_array_equal(vehicle.get_parameters(context).mass, [0.68, 0.9])
-    # Parameters that are the same for all vehicles are numbers, and stay numbers.
-    alike = Quadrotor(num_vehicles=2)
-    context_of_alike = alike.CreateDefaultContext()
-    assert context_of_alike.get_numeric_parameter(0).size() == 19
-    assert alike.get_parameters(context_of_alike).arm_length == 0.17
-    with pytest.raises(ValueError, match="numbers for all vehicles at construction"):
-        alike.set_parameters(context_of_alike, heavy)
-    assert alike.get_parameters(context_of_alike).mass == 0.68
-    with pytest.raises(ValueError, match=r"a number or an array of 2, not \(3,\)"):
-        Quadrotor(num_vehicles=2, parameters=QuadrotorParameters(mass=np.array([0.68, 0.7, 0.8])))
+    vehicle.set_parameter(context, "parameters", heavy)
+    before = vehicle.get_parameter(context, "parameters")
+    np.testing.assert_array_equal(before.mass, [0.68, 0.9])
+    # What is the same for all vehicles is written once, and read for each.
+    np.testing.assert_array_equal(before.arm_length, [0.17, 0.17])
     # What is read can be changed and written back.
-    before = vehicle.get_parameters(context)
-    vehicle.set_parameters(context, before._replace(quadratic_drag=0.1))
-    after = vehicle.get_parameters(context)
+    vehicle.set_parameter(context, "parameters", before._replace(quadratic_drag=0.1))
+    after = vehicle.get_parameter(context, "parameters")
     np.testing.assert_array_equal(before.quadratic_drag, 0.0)
     np.testing.assert_array_equal(after.quadratic_drag, 0.1)
-    for i, (row, old) in enumerate(zip(after.to_rows(), before.to_rows(), strict=True)):
-        assert i == 13 or np.array_equal(row, old)
-    vehicle.set_hover(context, (0.0, 0.0, 1.0), 0.5)
-    speeds = vehicle.GetOutputPort("rotor_speed").Eval(context).reshape(4, 2)
-    np.testing.assert_allclose(speeds[0], [200.9, np.sqrt(0.9 * 9.81 / (4 * 4.13e-5))], rtol=1e-3)
-    np.testing.assert_allclose(vehicle.GetOutputPort("state").Eval(context).reshape(12, 2)[5], 0.5)
+    for found, old in zip(after._replace(quadratic_drag=before.quadratic_drag), before, strict=True):
+        np.testing.assert_array_equal(found, old)
+    vehicle.set_hover(context, Place(0.0, 0.0, 1.0, 0.5))
+    speeds = RotorSpeed(*vehicle.GetOutputPort("rotor_speed").Eval(context).reshape(4, 2))
+    np.testing.assert_allclose(speeds.rotor_1, [200.9, np.sqrt(0.9 * 9.81 / (4 * 4.13e-5))], rtol=1e-3)
+    np.testing.assert_allclose(State(*vehicle.GetOutputPort("state").Eval(context).reshape(12, 2)).yaw, 0.5)
+
+
+def test_every_vehicle_of_a_fleet_has_numbers_of_its_own():
+    """Also where they are alike at first: any row of any parameter can be made to differ later."""
+    fleet = quadrotor(QuadrotorParameters(), num_vehicles=2)
+    context = fleet.CreateDefaultContext()
+    rows = fleet.parameters["parameters"].layout.flatten(QuadrotorParameters())
+    assert context.get_numeric_parameter(0).size() == 2 * len(rows)
+    fleet.set_parameter(context, "parameters", QuadrotorParameters(inertia=Inertia(i_yy=np.array([0.006, 0.008]))))
+    np.testing.assert_array_equal(fleet.get_parameter(context, "parameters").inertia.i_yy, [0.006, 0.008])
+    np.testing.assert_array_equal(fleet.get_parameter(context, "parameters").inertia.i_xx, 0.007)
+
+
+def test_numbers_for_more_vehicles_than_there_are_are_refused():
+    three = QuadrotorParameters(mass=np.array([0.68, 0.7, 0.8]))
+    with pytest.raises(ValueError, match=r"\(3,\)"):
+        quadrotor(three, num_vehicles=2)
+    fleet = quadrotor(QuadrotorParameters(), num_vehicles=2)
+    context = fleet.CreateDefaultContext()
+    with pytest.raises(ValueError, match=r"\(3,\)"):
+        fleet.set_parameter(context, "parameters", three)
+    np.testing.assert_array_equal(fleet.get_parameter(context, "parameters").mass, 0.68)
 
 
 @pytest.mark.parametrize("time_step", [0.0, 0.01])
 def test_vehicles_are_put_into_hover_with_the_parameters_of_the_context(time_step):
-    vehicle = Quadrotor(num_vehicles=2, time_step=time_step, parameters=PARAMETERS._replace(mass=np.array([0.7, 0.7])))
+    vehicle = quadrotor(num_vehicles=2, time_step=time_step)
     context = vehicle.CreateDefaultContext()
     masses = np.array([0.65, 0.8])
-    vehicle.set_parameters(context, PARAMETERS._replace(mass=masses))
-    vehicle.set_hover(context, (1.0, np.array([2.0, -2.0]), 3.0), 0.5)
+    vehicle.set_parameter(context, "parameters", PARAMETERS._replace(mass=masses))
+    vehicle.set_hover(context, Place(1.0, np.array([2.0, -2.0]), 3.0, 0.5))
     state = vehicle.GetOutputPort("state").Eval(context).reshape(12, 2)
     np.testing.assert_array_equal(state[:, 0], [1.0, 2.0, 3.0, 0.0, 0.0, 0.5] + [0.0] * 6)
     np.testing.assert_array_equal(state[:, 1], [1.0, -2.0, 3.0, 0.0, 0.0, 0.5] + [0.0] * 6)
