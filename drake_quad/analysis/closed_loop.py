@@ -13,7 +13,7 @@ from drake_quad.assembly.planning import nominal_parameters, plan_route
 from drake_quad.assembly.tracking import build_tracking_diagram
 from drake_quad.randomness.noise import Samples
 from drake_quad.scenario import Batch, Scenario, distributions_in
-from drake_quad.scenario.models import Airframe, Vehicle, Window
+from drake_quad.scenario.models import Nominal, Vehicle, Window
 from drake_quad.scenario.routes import HoverRoute
 from drake_quad.signals import RotorSpeed, Wrench
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
@@ -98,7 +98,7 @@ def as_believed(scenario: Scenario) -> Scenario:
     Of the vehicle as it is, only what the ground knows besides `nominal` stays: the lag of the rotors and the drag.
     """
     resting = at_rest(scenario)
-    believed = {name: getattr(resting.nominal, name) for name in Airframe.model_fields}
+    believed = {name: getattr(resting.nominal, name) for name in Nominal.model_fields}
     kept = ("rotor_time_constant", "linear_drag", "quadratic_drag", "attitude_kinematics", "time_step")
     vehicle = Vehicle().model_copy(update=believed | {name: getattr(resting.vehicle, name) for name in kept})
     return _even(resting.model_copy(update={"vehicle": vehicle}))

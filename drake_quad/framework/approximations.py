@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from drake_quad.framework.symbols import Kind, Symbol, operation
+from drake_quad.framework.symbols import Kind, Symbol, lifted, operation
 
 # Added and taken away again, it rounds to a whole number, which then stands in the lowest bits.
 _ROUNDING = 1.5 * 2.0**52
@@ -190,6 +190,7 @@ def arctan(x: Symbol) -> Symbol:
 
 def arctan2(y: Any, x: Any) -> Symbol:
     """Angle of the point (x, y), rad."""
+    y, x = lifted(y, x)
     across, along = abs(y), abs(x)
     steep = across > along
     ratio = select(steep, along, across) / select(steep, across, along)

@@ -318,9 +318,7 @@ class FleetSystem(_Base):
         def calc(system: FleetSystem, context: Context, output: Any) -> None:
             computation.run(system, context, [output])
 
-        self.DeclareVectorOutputPort(
-            name, self._model(layout), MethodType(calc, self), computation.tickets(self)
-        )
+        self.DeclareVectorOutputPort(name, self._model(layout), MethodType(calc, self), computation.tickets(self))
 
     def packed_output(self, name: str, kind: Any, formula: Callable[..., Any], *reads: Any) -> None:
         """Declares an output port that packs several signals, for `drake_quad.framework.wiring.split_output` to take apart.

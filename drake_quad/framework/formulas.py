@@ -84,7 +84,9 @@ def interpret(
     for argument in arguments:
         if isinstance(argument, Layout):
             elements = next(read)
-            values.append(argument.build(elements.tolist() if num_vehicles == 1 else elements.reshape(-1, num_vehicles)))
+            values.append(
+                argument.build(elements.tolist() if num_vehicles == 1 else elements.reshape(-1, num_vehicles))
+            )
         else:
             values.append(time if argument is TIME else argument)
     rows = iter(flattened(formula(*values), results))
@@ -115,6 +117,8 @@ def run_on_arrays(formula: Callable[..., Any], sources: Sequence[np.ndarray], nu
 def flattened(returned: Any, results: Sequence[Layout]) -> list[Any]:
     """The rows of what a formula returned, one result after another."""
     parts = [returned] if len(results) == 1 else returned
+    if not isinstance(parts, tuple | list) or len(parts) != len(results):
+        raise TypeError(f"{len(results)} results are wanted, not {returned!r}")
     return [row for layout, part in zip(results, parts, strict=True) for row in layout.flatten(part)]
 
 

@@ -13,7 +13,8 @@ in a copy.
 Arithmetic is as the formula has it: nothing is reordered, and a product is rounded before it is added. So a vehicle
 flies the same alone and in a fleet, on any processor.
 
-Machine code is kept in a folder of the user's, under a name that is made of the instructions and the processor.
+Machine code is kept on the disk under a name that is made of the instructions and the processor: what a formula was
+when it was compiled does not matter, only what it does now.
 """
 
 import ctypes
@@ -21,16 +22,14 @@ import functools
 import hashlib
 import os
 import sys
-import tempfile
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from contextlib import suppress
 from pathlib import Path
 from typing import Any
 
 import llvmlite
 import llvmlite.binding as llvm
-import numpy as np
-
+from drake_quad.files import write_whole
 from drake_quad.framework.symbols import Kind, Listing, Symbol
 
 # Vehicles in a vector: what the widest registers of today hold.
@@ -71,6 +70,7 @@ _BITWISE = {
 }
 _ELEMENTS = {Kind.NUMBER: "double", Kind.TRUTH: "i1", Kind.WORD: "i64"}
 _INTRINSICS = {"fabs": 1, "sqrt": 1, "rint": 1, "fma": 3, "copysign": 2}
+_CHECKSUM_SIZE = 32
 # A NumPy array's pointer to its elements stands behind what all Python objects begin with (NumPy's C interface).
 _POINTER = object.__basicsize__
 
@@ -115,8 +115,7 @@ def _module(
     """The text of a kernel in LLVM's language."""
     vector = f"v{lanes}f64"
     declarations = [
-        f"declare {_type(Kind.NUMBER, lanes)} @llvm.{name}.{vector}("
-        f"{', '.join([_type(Kind.NUMBER, lanes)] * count)})"
+        f"declare {_type(Kind.NUMBER, lanes)} @llvm.{name}.{vector}({', '.join([_type(Kind.NUMBER, lanes)] * count)})"
         for name, count in _INTRINSICS.items()
     ]
     body = _block(listing, results, len(sources), targets, lanes)
@@ -170,9 +169,7 @@ def _written(lines: list[str], listing: Listing, number: int, lanes: int) -> str
     first = listing.operations[operation.operands[0]].kind
     templates = INSTRUCTIONS if first is Kind.NUMBER or operation.name not in _BITWISE else _BITWISE
     operands = [_name(listing, operand, lanes) for operand in operation.operands]
-    text = templates[operation.name].format(
-        *operands, t=_type(first, lanes), r=_type(kind, lanes), s=f"v{lanes}f64"
-    )
+    text = templates[operation.name].format(*operands, t=_type(first, lanes), r=_type(kind, lanes), s=f"v{lanes}f64")
     lines.append(f"{name} = {text}")
     return name
 
@@ -310,22 +307,84 @@ def _machine() -> Any:
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
     target = llvm.Target.from_default_triple()
-    return target.create_target_machine(
-        cpu=llvm.get_host_cpu_name(), features=llvm.get_host_cpu_features().flatten(), opt=2, jit=True
-    )
+    features = llvm.get_host_cpu_features().flatten()
+    return target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=features, opt=2, jit=True)
 
 
-# What machine code lives in, for as long as the process.
-_engines: list[Any] = []
+@functools.cache
+def _engine() -> Any:
+    """What machine code lives in, as long as the process."""
+    return llvm.create_mcjit_compiler(llvm.parse_assembly(""), _machine())
 
 
 def _address(text: str) -> int:
     """The address of the kernel of a module's text, from the disk or compiled."""
     machine = _machine()
+    made_by = llvmlite.__version__, llvm.llvm_version_info, machine.triple, llvm.get_host_cpu_name()
+    identity = repr((*made_by, llvm.get_host_cpu_features().flatten(), text))
+    name = f"kernel_{hashlib.sha256(identity.encode()).hexdigest()[:32]}"
+    code = _kept(name)
+    if code is None:
+        code = _compiled(text.replace("@kernel(", f"@{name}("))
+        _keep(name, code)
+    engine = _engine()
+    engine.add_object_file(llvm.ObjectFileRef.from_data(code))
+    engine.finalize_object()
+    return int(engine.get_function_address(name))
+
+
+def _compiled(text: str) -> bytes:
+    """The object file of a module's text."""
+    machine = _machine()
     module = llvm.parse_assembly(text)
     builder = llvm.create_pass_builder(machine, llvm.create_pipeline_tuning_options(speed_level=2))
     builder.getModulePassManager().run(module, builder)
-    engine = llvm.create_mcjit_compiler(module, machine)
-    engine.finalize_object()
-    _engines.append(engine)
-    return int(engine.get_function_address("kernel"))
+    code: bytes = machine.emit_object(module)
+    return code
+
+
+def _kept(name: str) -> bytes | None:
+    """The object file of that name on the disk; None if it is not there or not as it was written."""
+    folder = cache_folder()
+    if folder is None:
+        return None
+    try:
+        content = (folder / f"{name}.o").read_bytes()
+    except OSError:
+        return None
+    code, checksum = content[:-_CHECKSUM_SIZE], content[-_CHECKSUM_SIZE:]
+    return code if hashlib.sha256(code).digest() == checksum else None
+
+
+def _keep(name: str, code: bytes) -> None:
+    """Writes an object file to the disk; where that is not possible the next process compiles again."""
+    folder = cache_folder()
+    if folder is None:
+        return
+    with suppress(OSError):
+        folder.mkdir(parents=True, exist_ok=True, mode=0o700)
+        content = code + hashlib.sha256(code).digest()
+        write_whole(folder / f"{name}.o", lambda path: _write(path, content))
+
+
+def _write(path: Path, content: bytes) -> None:
+    path.write_bytes(content)
+
+
+def cache_folder() -> Path | None:
+    """Where machine code is kept: in the folder that DRAKE_QUAD_CACHE names, or among the user's caches.
+
+    None, so that nothing is kept, if that variable is empty or the user has no home.
+    """
+    named = os.environ.get("DRAKE_QUAD_CACHE")
+    if named is not None:
+        return Path(named) if named else None
+    try:
+        home = Path.home()
+    except RuntimeError:
+        return None
+    if sys.platform == "win32":
+        return Path(os.environ.get("LOCALAPPDATA") or home / "AppData" / "Local") / "drake_quad" / "cache"
+    if sys.platform == "darwin":
+        return home / "Library" / "Caches" / "drake_quad"
+    return Path(os.environ.get("XDG_CACHE_HOME") or home / ".cache") / "drake_quad"

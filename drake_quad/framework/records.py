@@ -66,8 +66,12 @@ class Layout(NamedTuple):
 
     def _flatten(self, value: Any, rows: list[Any]) -> None:
         if self is ROW:
+            if isinstance(value, tuple):
+                raise TypeError(f"a row is wanted, not {type(value).__name__}")
             rows.append(value)
             return
+        if hasattr(type(value), "_fields") and type(value) is not self.kind:
+            raise TypeError(f"{self} is wanted, not {type(value).__name__}")
         if not isinstance(value, tuple | list) or len(value) != len(self.parts):
             raise TypeError(f"{self} is made of {len(self.parts)} parts, which {value!r} has not")
         for part, inside in zip(self.parts, value, strict=True):

@@ -81,7 +81,7 @@ def _binary(name: str, kind: Kind | None = None) -> tuple[Callable[..., "Symbol"
 class Symbol:
     """A row, or what follows from some, in a listing; not for people, who meet it only in a debugger.
 
-    Numbers know arithmetic and comparisons, truth values `&`, `|` and `~`, words sums, products, shifts and bitwise
+    Numbers know arithmetic and comparisons, truth values `&` and `|`, words sums, products, shifts and bitwise
     operations with other words.
     """
 
@@ -115,9 +115,6 @@ class Symbol:
     def __abs__(self) -> "Symbol":
         return operation("absolute", self)
 
-    def __invert__(self) -> "Symbol":
-        return self ^ True
-
     def __bool__(self) -> bool:
         raise TypeError("a formula cannot branch on a row, which differs from vehicle to vehicle: select with `where`")
 
@@ -130,8 +127,12 @@ def operation(name: str, *operands: Any, kind: Kind | None = None) -> Symbol:
         operands: that it takes.
         kind: of the result; that of the first symbol if not given.
     """
+    symbols = lifted(*operands)
     first = next(operand for operand in operands if operand.__class__ is Symbol)
-    lines = [
-        operand.line if operand.__class__ is Symbol else first.listing.constant(operand).line for operand in operands
-    ]
-    return first.listing.add(name, tuple(lines), kind or first.kind)
+    return first.listing.add(name, tuple([symbol.line for symbol in symbols]), kind or first.kind)
+
+
+def lifted(*operands: Any) -> list[Symbol]:
+    """The operands, of which at least one is a symbol, as symbols."""
+    listing = next(operand.listing for operand in operands if operand.__class__ is Symbol)
+    return [operand if operand.__class__ is Symbol else listing.constant(operand) for operand in operands]

@@ -5,7 +5,7 @@ structure of the diagram (periods, counts, choices), what the ground believes, a
 """
 
 import math
-from typing import Annotated, Literal
+from typing import Annotated, Any, Generic, Literal, TypeVar, get_args, get_type_hints
 
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -36,25 +36,43 @@ from drake_quad.scenario.quantities import (
 )
 from drake_quad.scenario.routes import Route
 from drake_quad.scenario.wind import Wind
+from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # What a scenario may be called, and with it folders and files.
 NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
 
 
-class Airframe(Model):
-    """What planner and controllers believe of the vehicle; the defaults are the paper's Table I where it has them."""
+_PAPER = QuadrotorParameters()
+_Positive, _NonNegative = TypeVar("_Positive"), TypeVar("_NonNegative")
 
-    mass: PlainPositive = Field(default=0.68, description="m (kg)")
-    inertia: Annotated[tuple[PlainPositive, PlainPositive, PlainPositive], Field(strict=False)] = Field(
-        default=(0.007, 0.007, 0.012), description="I_xx, I_yy, I_zz (kg m²)"
+
+def _paper(name: str, symbol: str) -> Any:
+    """A field with the paper's number for default."""
+    value, hint = getattr(_PAPER, name), get_type_hints(QuadrotorParameters, include_extras=True)[name]
+    if isinstance(value, tuple):
+        hint = next(iter(get_type_hints(type(value), include_extras=True).values()))
+    _, quantity = get_args(hint)
+    return Field(default=value, description=f"{symbol} ({quantity.unit})")
+
+
+class Airframe(Model, Generic[_Positive, _NonNegative]):
+    """What a vehicle is made of; the defaults are the paper's Table I where it has them."""
+
+    mass: _Positive = _paper("mass", "m")
+    inertia: Annotated[tuple[_Positive, _Positive, _Positive], Field(strict=False)] = _paper(
+        "inertia", "I_xx, I_yy, I_zz"
     )
-    rotor_inertia: PlainNonNegative = Field(default=6.5e-5, description="J_r (kg m²)")
-    thrust_factor: PlainPositive = Field(default=4.13e-5, description="b (N s²)")
-    drag_factor: PlainPositive = Field(default=8.5e-7, description="d (N m s²)")
-    arm_length: PlainPositive = Field(default=0.17, description="l (m)")
-    gravity: PlainPositive = Field(default=9.81, description="g (m/s²)")
-    min_rotor_speed: PlainNonNegative = Field(default=60.0, description="idle (rad/s)")
-    max_rotor_speed: PlainPositive = Field(default=300.0, description="top speed of the rotors (rad/s)")
+    rotor_inertia: _NonNegative = _paper("rotor_inertia", "J_r")
+    thrust_factor: _Positive = Field(default=_PAPER.thrust_factor.rotor_1, description="b (N s²)")
+    drag_factor: _Positive = _paper("drag_factor", "d")
+    arm_length: _Positive = _paper("arm_length", "l")
+    gravity: _Positive = _paper("gravity", "g")
+    min_rotor_speed: _NonNegative = _paper("min_rotor_speed", "idle")
+    max_rotor_speed: _Positive = _paper("max_rotor_speed", "top speed of the rotors")
+
+
+class Nominal(Airframe[PlainPositive, PlainNonNegative]):
+    """What planner and controllers believe of the vehicle; the defaults are the paper's Table I where it has them."""
 
     @field_validator("max_rotor_speed")
     @classmethod
@@ -75,29 +93,18 @@ class RotorFailure(Model):
     )
 
 
-class Vehicle(Model):
+class Vehicle(Airframe[Positive, NonNegative]):
     """The aircraft as it is; what is not given is as in `nominal`, and nobody on the ground knows the difference."""
 
-    mass: Positive = Field(default=0.68, description="m (kg)")
-    inertia: Annotated[tuple[Positive, Positive, Positive], Field(strict=False)] = Field(
-        default=(0.007, 0.007, 0.012), description="I_xx, I_yy, I_zz (kg m²)"
-    )
-    rotor_inertia: NonNegative = Field(default=6.5e-5, description="J_r (kg m²)")
-    thrust_factor: Positive = Field(default=4.13e-5, description="b (N s²)")
-    drag_factor: Positive = Field(default=8.5e-7, description="d (N m s²)")
-    arm_length: Positive = Field(default=0.17, description="l (m)")
-    gravity: Positive = Field(default=9.81, description="g (m/s²)")
-    min_rotor_speed: NonNegative = Field(default=60.0, description="idle (rad/s)")
-    max_rotor_speed: Positive = Field(default=300.0, description="top speed of the rotors (rad/s)")
     thrust_factor_error: Annotated[tuple[Share, Share, Share, Share], Field(strict=False)] = Field(
         default=(0.0, 0.0, 0.0, 0.0), description="by which each rotor's thrust factor is off, as a share of b (1)"
     )
     centre_of_mass: Annotated[tuple[Number, Number], Field(strict=False)] = Field(
-        default=(0.0, 0.0), description="x and y in B, seen from the middle of the rotors (m)"
+        default=tuple(_PAPER.centre_of_mass), description="x and y in B, seen from the middle of the rotors (m)"
     )
-    linear_drag: NonNegative = Field(default=0.0, description="drag force over airspeed (N s/m)")
-    quadratic_drag: NonNegative = Field(default=0.0, description="drag force over squared airspeed (N s²/m²)")
-    rotor_time_constant: Span = Field(default=0.05, description="lag of the rotor speed (s)")
+    linear_drag: NonNegative = _paper("linear_drag", "drag force over airspeed")
+    quadratic_drag: NonNegative = _paper("quadratic_drag", "drag force over squared airspeed")
+    rotor_time_constant: Span = _paper("rotor_time_constant", "lag of the rotor speed")
     battery_sag: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
         default=0.0, description="share of the rotor speed that is lost by the end of the flight, evenly over it (1)"
     )
@@ -209,7 +216,7 @@ class Journey(Model):
         description="what plots and folders are called after; letters, digits, '_', '.' and '-'",
     )
     route: Route
-    nominal: Airframe = Airframe()
+    nominal: Nominal = Nominal()
 
 
 class Scenario(Journey):
@@ -233,7 +240,7 @@ class Scenario(Journey):
         nominal = info.data.get("nominal")
         if nominal is None:
             return vehicle
-        silent = Airframe.model_fields.keys() - vehicle.model_fields_set
+        silent = Nominal.model_fields.keys() - vehicle.model_fields_set
         numbers = {name: getattr(nominal if name in silent else vehicle, name) for name in Vehicle.model_fields}
         whole_vehicle = Vehicle.model_construct(_fields_set=vehicle.model_fields_set, **numbers)
         idle, top = extremes(whole_vehicle.min_rotor_speed)[1], extremes(whole_vehicle.max_rotor_speed)[0]

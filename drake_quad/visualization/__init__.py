@@ -1,1 +1,1 @@
-"""Pictures of flights."""
+"""Figures, drawings and replays: flights, plans, studies, designs and diagrams."""

@@ -1,4 +1,4 @@
-"""Block drawings of Drake diagrams: one of each diagram and of each diagram within, at a depth that can be read."""
+"""Block drawings of Drake diagrams: one for the diagram and one for each diagram inside it."""
 
 import hashlib
 import re
@@ -19,9 +19,10 @@ _STYLE = """    rankdir=LR; nodesep=0.35; ranksep=0.55; fontname="Helvetica";
 
 
 def drawings(diagram: Diagram) -> dict[str, str]:
-    """The drawing of a diagram in Graphviz's language, and of all within it, by their paths; "" is its own.
+    """Draws a diagram, and each diagram inside it, in Graphviz's language; the same diagram gives the same text.
 
-    The same diagram gives the same text in every run.
+    Returns:
+        The drawings by the path of what they show; that of the whole diagram is "".
     """
     found = {"": _drawing(diagram, diagram.get_name())}
     for path, inner in _within(diagram, ""):
@@ -30,15 +31,15 @@ def drawings(diagram: Diagram) -> dict[str, str]:
 
 
 def digest(drawing: str) -> str:
-    """By which a drawing and the SVG that was made of it can be compared."""
+    """The hash of a drawing, which its SVG names, so that one can see whether they belong together."""
     return hashlib.sha256(drawing.encode()).hexdigest()
 
 
 def svg(drawing: str) -> str:
-    """The SVG of a drawing, which names the drawing's digest.
+    """Renders a drawing as SVG, with the drawing's digest in a comment.
 
     Raises:
-        InputError: Graphviz is not there.
+        InputError: Graphviz is not installed.
     """
     if shutil.which("dot") is None:
         raise InputError(
@@ -49,6 +50,7 @@ def svg(drawing: str) -> str:
 
 
 def _within(diagram: Diagram, path: str) -> Iterator[tuple[str, Diagram]]:
+    """The diagrams inside a diagram that are worth a drawing, each after its path."""
     for system in diagram.GetSystems():
         if isinstance(system, Diagram) and not _is_trivial(system):
             inner = f"{path}/{system.get_name()}".lstrip("/")
@@ -88,7 +90,7 @@ def _drawing(diagram: Diagram, title: str) -> str:
     return "\n".join([*lines, "}"]) + "\n"
 
 
-# In Graphviz's language.
+# A line break in a label of Graphviz.
 _NEW_LINE = "\\n"
 _OUTSIDE = f'shape=plaintext, style="", fontcolor="{BLUE}", fontsize=11'
 
@@ -97,13 +99,13 @@ def _node(system: Any) -> str:
     if isinstance(system, Demultiplexer):
         return 'label="", shape=box, style=filled, fillcolor="#444444", width=0.06, fixedsize=true, height=0.7'
     name, kind = system.get_name(), type(system).__name__.rstrip("_").partition("[")[0]
-    frame = ', peripheries=2, fillcolor="#DCE9F5"' if isinstance(system, Diagram) and not _is_trivial(system) else ""
+    outline = ', peripheries=2, fillcolor="#DCE9F5"' if isinstance(system, Diagram) and not _is_trivial(system) else ""
     says_more = kind != "Diagram" and kind.lower() != name.replace("_", "")
-    return f'label="{name}{f"{_NEW_LINE}{kind}" if says_more else ""}"{frame}'
+    return f'label="{name}{f"{_NEW_LINE}{kind}" if says_more else ""}"{outline}'
 
 
 def _signal(output: Any, port: Any) -> str:
-    """What goes through a connection: what the ports call it, if they do, and how many numbers it has."""
+    """The label of a connection: the signal's name, if one of the ports gives it, and how many numbers it has."""
     names = [each.get_name() for each in (output, port)]
     own = [name for name in names if not re.fullmatch(r"[uy]\d+", name)]
     return f"{own[0]} ({port.size()})" if own else f"({port.size()})"

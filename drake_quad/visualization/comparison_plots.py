@@ -1,4 +1,4 @@
-"""Controllers side by side."""
+"""Several controllers side by side, on the same samples."""
 
 from collections.abc import Mapping
 
@@ -6,16 +6,17 @@ import numpy as np
 from matplotlib.figure import Figure
 
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.studies.statistics import of_survivors
 from drake_quad.visualization.style import new_figure, styled
 
 _MARKERS = "osD^vPX*"
 
 
 def plot_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> Figure:
-    """The RMSE of every sample, a panel a scenario and a row a controller.
+    """Plots the RMSE of every sample and its mean: a panel for each scenario, a row for each controller.
 
     Args:
-        flights: (N,) metrics by scenario and controller; a crashed flight is not drawn but counted.
+        flights: (N,) metrics by scenario and controller. Flights that crashed are counted in place of being drawn.
     """
     controllers = list(dict.fromkeys(name for found in flights.values() for name in found))
     with styled():
@@ -24,7 +25,7 @@ def plot_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> Figure:
         for axes, (scenario, found) in zip(row, flights.items(), strict=True):
             for place, name in enumerate(controllers):
                 metrics = found[name]
-                errors = 100.0 * metrics.rmse[~metrics.crashed]
+                errors = 100.0 * of_survivors(metrics, "rmse")
                 spread = np.linspace(-0.22, 0.22, len(errors)) if len(errors) > 1 else np.zeros(len(errors))
                 axes.plot(errors, place + spread, ".", color="0.6", markersize=3.0, zorder=2)
                 label = ""

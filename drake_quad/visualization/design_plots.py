@@ -1,4 +1,4 @@
-"""Plots of a gain design."""
+"""Plots of a gain design: Bode, Nyquist, root locus and step responses."""
 
 import math
 from collections.abc import Callable
@@ -12,15 +12,17 @@ from drake_quad.analysis.closed_loop import ClosedLoop
 from drake_quad.analysis.gain_design import LoopDesign, pd_loop
 from drake_quad.analysis.margins import frequencies
 from drake_quad.analysis.step_response import release
+from drake_quad.signals import State
 from drake_quad.visualization.style import BLACK, BLUE, LIMIT, PLATE, VERMILION, new_figure, styled
 
-# Drawn of each kind of loop; roll and y are their mirror images.
+# One axis of each kind of loop is drawn; roll and y are mirror images of these.
 _DRAWN = {"pitch": "attitude (pitch)", "x": "position (x)"}
-_STEPS = (("x", -0.5, "x (m)"), ("z", -0.5, "z (m)"), ("yaw", -0.5, "yaw (rad)"))
+# Steps of the reference: the row of the state, the size in SI units, and the label of the axis.
+_STEPS = (("x", 0.5, "x (m)"), ("z", 0.5, "z (m)"), ("yaw", 0.5, "yaw (rad)"))
 
 
 def plot_bode(design: CascadeDesign) -> Figure:
-    """Gain and phase of the attitude and the position loop, with their margins."""
+    """Plots gain and phase of the attitude and the position loop over frequency, with their margins."""
     with styled():
         figure = new_figure(9.0, 5.4)
         axes = figure.subplots(2, 2, sharex="col", sharey="row")
@@ -73,7 +75,7 @@ def _draw_bode(upper: Axes, lower: Axes, design: LoopDesign, title: str) -> None
 
 
 def plot_nyquist(design: CascadeDesign) -> Figure:
-    """The loops in the plane of L, with the disk around -1 that they stay out of."""
+    """Plots both loops in the complex plane of L, with the disk around -1 that they stay outside of."""
     with styled():
         figure = new_figure(9.0, 4.5)
         for axes, (axis, title) in zip(figure.subplots(1, 2), _DRAWN.items(), strict=True):
@@ -82,7 +84,7 @@ def plot_nyquist(design: CascadeDesign) -> Figure:
             axes.plot(response.real, response.imag, color=BLUE, label="L")
             turn = np.linspace(0.0, 2.0 * np.pi, 200)
             axes.plot(np.cos(turn), np.sin(turn), label="|L| = 1", **LIMIT)
-            # The disk of gains and phases that the loop stands: from -1 / (1 + α/2) · (1 - α/2) to its inverse.
+            # L stays outside of a disk around -1, by the disk margin α: from -1 / (1 + α/2) · (1 - α/2) to its inverse.
             low = (1.0 - 0.5 * loop.margins.disk) / (1.0 + 0.5 * loop.margins.disk)
             middle, radius = -0.5 * (low + 1.0 / low), 0.5 * (1.0 / low - low)
             axes.fill(
@@ -99,7 +101,7 @@ def plot_nyquist(design: CascadeDesign) -> Figure:
 
 
 def plot_root_locus(design: CascadeDesign) -> Figure:
-    """The poles of the position loop while both of its gains are multiplied by the same factor."""
+    """Plots where the poles of the position loop move as both of its gains are multiplied by the same factor."""
     loop = design.loops["x"]
     plant, period = loop.plant, loop.plant.period
     factors = np.concatenate([[0.0], np.geomspace(0.01, 30.0, 1500)])  # of both gains
@@ -142,18 +144,17 @@ def plot_root_locus(design: CascadeDesign) -> Figure:
 
 
 def plot_steps(loop: ClosedLoop) -> Figure:
-    """Steps of position, height and yaw: the linear model and the diagram."""
+    """Plots the responses to steps of position, height and yaw: those of the diagram and of its linear model."""
     slowest = -math.log(np.abs(loop.system.poles()).max()) / loop.system.period
     duration = min(max(5.0 / slowest, 4.0), 60.0)
     with styled():
         figure = new_figure(9.0, 3.4)
         for axes, (row, size, label) in zip(figure.subplots(1, 3), _STEPS, strict=True):
-            names = ("x", "y", "z", "roll", "pitch", "yaw")
-            response = release(loop, {row: size}, duration=duration)
-            column = names.index(row)
-            axes.plot(response.time, response.nonlinear[:, column] - size, color=BLUE, label="diagram")
-            axes.plot(response.time, response.linear[:, column] - size, "--", color=VERMILION, label="linear model")
-            axes.axhline(-size, **LIMIT)
+            response = release(loop, {row: -size}, duration=duration)
+            diagram, model = (getattr(State(*rows.T), row) for rows in (response.nonlinear, response.linear))
+            axes.plot(response.time, diagram + size, color=BLUE, label="diagram")
+            axes.plot(response.time, model + size, "--", color=VERMILION, label="linear model")
+            axes.axhline(size, **LIMIT)
             axes.set(xlabel="time (s)", ylabel=label, title=f"step in {row}")
         axes.legend(loc="lower right")
         return figure
@@ -167,10 +168,11 @@ DESIGN_PLOTS: dict[str, Callable[[CascadeDesign], Figure]] = {
 
 
 def _continuous(poles: np.ndarray, period: float) -> np.ndarray:
-    """The poles s = log(z) / period, NaN for those of delay lines."""
+    """The poles in continuous time, s = log(z) / period; NaN for those of delay lines."""
     return np.asarray(np.log(np.where(np.abs(poles) > 1e-6, poles, np.nan).astype(complex)) / period)
 
 
 def _response(design: LoopDesign) -> tuple[np.ndarray, np.ndarray]:
+    """Frequencies (rad/s) and the loop L at each of them."""
     grid = frequencies(design.plant.period)
     return grid, pd_loop(design.plant, design.gains).response(np.exp(1j * grid * design.plant.period))[:, 0, 0]

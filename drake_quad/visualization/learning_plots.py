@@ -1,27 +1,31 @@
-"""What a network is made of, and what it learns in a flight."""
+"""Plots of a fuzzy network: its memberships, and what it learns in a flight."""
 
 from collections.abc import Sequence
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from drake_quad.control.fuzzy.inference import Antecedents, elliptic_membership, firing_strengths
-from drake_quad.control.fuzzy.systems import places
-from drake_quad.flight import Flight
 from drake_quad.assembly.control import antecedents
+from drake_quad.control.fuzzy.inference import Antecedents, elliptic_membership, firing_strengths
+from drake_quad.flight import Flight
 from drake_quad.scenario.controllers import Type1Position, Type2Position
 from drake_quad.visualization.style import BLUE, GREEN, PLATE, SHADING, VERMILION, new_figure, styled
 
 # The pairs of exponents of the paper's Fig. 4.
 PAPER_EXPONENTS = ((1.0, 1.0), (1.2, 0.8), (1.4, 0.6), (1.6, 0.4))
-# Errors at which the secant gain is asked for, m, and how finely surfaces are drawn.
+# Errors at which the secant gain is written, m, and points along each side of a surface.
 _ERRORS, _FINE = (0.001, 0.01, 0.05), 101
 
 
 def plot_memberships(exponents: Sequence[tuple[float, float]] = PAPER_EXPONENTS) -> Figure:
-    """Upper and lower memberships of a set around 0 of width 1, as in the paper's Fig. 4, a panel a pair (a1, a2)."""
-    u = np.linspace(-1.2, 1.2, 481)
+    """Plots the upper and lower memberships of a set around 0 of width 1, as in the paper's Fig. 4.
+
+    Args:
+        exponents: the pairs (a1, a2), each with a panel of its own.
+    """
+    u: Any = np.linspace(-1.2, 1.2, 481)
     with styled():
         figure = new_figure(2.3 * len(exponents), 2.5)
         row = figure.subplots(1, len(exponents), sharey=True, squeeze=False)[0]
@@ -37,32 +41,31 @@ def plot_memberships(exponents: Sequence[tuple[float, float]] = PAPER_EXPONENTS)
 
 
 def plot_own_memberships(flight: Flight) -> Figure:
-    """Those of the paper's Fig. 4 and, if it is another pair, that of the flight's network."""
+    """Plots the memberships of the paper's Fig. 4, and those of the flight's network if its exponents are others."""
     sets = antecedents(_controller(flight))
     return plot_memberships(tuple(dict.fromkeys([*PAPER_EXPONENTS, (float(sets.a1), float(sets.a2))])))
 
 
 def plot_learning(flight: Flight) -> Figure:
-    """On each axis of the network: the signals of PD and network, the weights, and the trace of the covariance."""
-    position = _controller(flight)
-    count = len(position.axes)
-    has_trace = "covariance_trace" in flight.signals
+    """Plots, for each axis of the network, what PD and network command, the weights, and the covariance's trace."""
+    axes_learned = _axes(flight)
+    count, has_trace = len(axes_learned), "covariance_trace" in flight.signals
+    pd, correction, weights = flight.record("pd"), flight.record("correction"), _weights(flight)
     with styled():
         figure = new_figure(4.6 * count, 6.6 if has_trace else 4.6)
         grid = figure.subplots(3 if has_trace else 2, count, sharex=True, sharey="row", squeeze=False)
-        weights = _weights(flight)
-        for column, (place, name) in enumerate(zip(places(position.axes), sorted(position.axes), strict=True)):
-            signals, learned, *rest = grid[:, column]
-            signals.plot(flight.time, flight["pd"][:, place], color=BLUE, linewidth=1.0, label="PD, τ_c")
-            signals.plot(
-                flight.time, -flight["correction"][:, place], color=VERMILION, linewidth=1.0, label="network, -τ_f"
-            )
-            signals.set_title(f"on {name.upper()}", loc="left")
-            learned.plot(flight.time, weights[:, :, column], linewidth=1.0)
-            if rest:
-                rest[0].plot(flight.time, flight["covariance_trace"][:, column], color=GREEN)
-                rest[0].set_ylim(bottom=0.0)
-            grid[-1, column].set_xlabel("time (s)")
+        for (commanded, learned, *_), axis in zip(grid.T, axes_learned, strict=True):
+            commanded.plot(flight.time, getattr(pd, axis), color=BLUE, linewidth=1.0, label="PD, τ_c")
+            network = -getattr(correction, axis)
+            commanded.plot(flight.time, network, color=VERMILION, linewidth=1.0, label="network, -τ_f")
+            commanded.set_title(f"on {axis.upper()}", loc="left")
+            learned.plot(flight.time, weights[axis], linewidth=1.0)
+        if has_trace:
+            for lower, trace in zip(grid[2], flight.record("covariance_trace"), strict=True):
+                lower.plot(flight.time, trace, color=GREEN)
+                lower.set_ylim(bottom=0.0)
+        for lowest in grid[-1]:
+            lowest.set_xlabel("time (s)")
         grid[0, 0].set_ylabel("command (m/s²)")
         grid[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
         grid[1, 0].set_ylabel("weights F, one a rule (m/s²)")
@@ -72,32 +75,28 @@ def plot_learning(flight: Flight) -> Figure:
 
 
 def plot_surfaces(flight: Flight) -> Figure:
-    """What the network adds to the command over error and rate, before and after the flight, and where the flight was.
+    """Plots what the network adds to the command over error and rate, before and after the flight.
 
-    Shades are -τ_f; dots are the pairs of error and rate that the network met, a dot a tick.
+    Shades are -τ_f; each dot is a pair of error and rate that the network met at a tick.
     """
-    position = _controller(flight)
-    sets = antecedents(position)
-    weights = _weights(flight)
+    axes_learned, sets = _axes(flight), antecedents(_controller(flight))
+    met, met_rate = flight.record("error"), flight.record("error_rate")
     error = np.linspace(-1.05, 1.05, _FINE) / sets.error.scale
     rate = np.linspace(-1.05, 1.05, _FINE) / sets.rate.scale
-    across, up = np.meshgrid(error, rate)
-    firing = np.array(firing_strengths(across.ravel(), up.ravel(), sets))
-    added = -np.einsum("tra,rn->tan", weights[[0, -1]], firing).reshape(2, -1, _FINE, _FINE)
-    top = max(float(np.abs(added).max()), 1e-9)
+    across, up = (each.ravel() for each in np.meshgrid(error, rate))
+    firing = _firing(across, up, sets)
+    added = {axis: -(weights[[0, -1]] @ firing).reshape(2, _FINE, _FINE) for axis, weights in _weights(flight).items()}
+    top = max(*(float(np.abs(each).max()) for each in added.values()), 1e-9)
     with styled():
-        figure = new_figure(8.6, 3.6 * len(position.axes))
-        grid = figure.subplots(len(position.axes), 2, sharex=True, sharey=True, squeeze=False)
-        for row, (place, name) in enumerate(zip(places(position.axes), sorted(position.axes), strict=True)):
-            for column, when in enumerate(("before", "after")):
-                axes = grid[row, column]
-                shades = axes.pcolormesh(
-                    error, rate, added[column, row], cmap="RdBu_r", vmin=-top, vmax=top, rasterized=True
-                )
-                axes.plot(flight["error"][:, place], flight["error_rate"][:, place], ".", color="0.2", markersize=1.2)
-                axes.set(title=f"on {name.upper()}, {when} the flight", xlim=error[[0, -1]], ylim=rate[[0, -1]])
+        figure = new_figure(8.6, 3.6 * len(axes_learned))
+        grid = figure.subplots(len(axes_learned), 2, sharex=True, sharey=True, squeeze=False)
+        for row, axis in zip(grid, axes_learned, strict=True):
+            for axes, surface, when in zip(row, added[axis], ("before", "after"), strict=True):
+                shades = axes.pcolormesh(error, rate, surface, cmap="RdBu_r", vmin=-top, vmax=top, rasterized=True)
+                axes.plot(getattr(met, axis), getattr(met_rate, axis), ".", color="0.2", markersize=1.2)
+                axes.set(title=f"on {axis.upper()}, {when} the flight", xlim=error[[0, -1]], ylim=rate[[0, -1]])
                 axes.grid(visible=False)
-            grid[row, 0].set_ylabel("error rate (m/s)")
+            row[0].set_ylabel("error rate (m/s)")
         for axes in grid[-1]:
             axes.set_xlabel("error (m)")
         figure.colorbar(shades, ax=grid, label="what the network adds, -τ_f (m/s²)", fraction=0.04)
@@ -117,28 +116,28 @@ def secant_gains(
         errors: e, m.
 
     Returns:
-        (errors,) of the network, and of one with the same sets as triangles.
+        (errors,) gains of the network, and of a network with the same sets as triangles.
     """
     found = []
     for each in (sets, sets._replace(a1=1.0, a2=1.0)):
-        rest = np.dot(firing_strengths(0.0, 0.0, each), weights)
-        found.append(np.array([(np.dot(firing_strengths(float(e), 0.0, each), weights) - rest) / e for e in errors]))
+        at_rest = np.zeros(1)
+        rest = weights @ _firing(at_rest, at_rest, each)
+        across = np.array(errors, dtype=float)
+        found.append((weights @ _firing(across, 0.0 * across, each) - rest) / across)
     return found[0], found[1]
 
 
 def plot_secant_gains(flight: Flight) -> Figure:
-    """The gain with which the network answers an error at the end of the flight, over the size of the error."""
-    position = _controller(flight)
-    sets = antecedents(position)
+    """Plots the gain with which the network answers an error at the end of the flight, over the size of the error."""
+    sets, weights = antecedents(_controller(flight)), _weights(flight)
     errors = np.geomspace(5e-4, 1.0 / sets.error.scale, 120)
-    weights = _weights(flight)[-1]
     with styled():
-        figure = new_figure(4.2 * weights.shape[1], 3.2)
-        row = figure.subplots(1, weights.shape[1], sharey=True, squeeze=False)[0]
-        for column, name in enumerate(sorted(position.axes)):
-            own, triangles = (-gains for gains in secant_gains(sets, weights[:, column], tuple(errors)))
-            _draw_gains(row[column], errors, own, triangles)
-            row[column].set(title=f"on {name.upper()}, at rest", xlabel="error (m)")
+        figure = new_figure(4.2 * len(weights), 3.2)
+        row = figure.subplots(1, len(weights), sharey=True, squeeze=False)[0]
+        for axes, (axis, learned) in zip(row, weights.items(), strict=True):
+            own, triangles = (-gains for gains in secant_gains(sets, learned[-1], tuple(errors)))
+            _draw_gains(axes, errors, own, triangles)
+            axes.set(title=f"on {axis.upper()}, at rest", xlabel="error (m)")
         row[0].set_ylabel("secant gain of -τ_f (1/s²)")
         row[0].legend(loc="best")
         return figure
@@ -153,9 +152,20 @@ def _draw_gains(axes: Axes, errors: np.ndarray, own: np.ndarray, triangles: np.n
         axes.annotate(f"{gain:.2f}", (error, gain), xytext=(0, 6), textcoords="offset points", fontsize=8, bbox=PLATE)
 
 
-def _weights(flight: Flight) -> np.ndarray:
-    """(ticks, R, axes) weights."""
-    return flight["weights"].reshape(len(flight.time), len(_controller(flight).axes), -1).swapaxes(1, 2)
+def _firing(error: Any, rate: Any, sets: Antecedents) -> np.ndarray:
+    """(R, n) firing strengths at n pairs of error and rate."""
+    return np.array(firing_strengths(error, rate, sets))
+
+
+def _axes(flight: Flight) -> list[str]:
+    """The axes of a flight's network, in the order of its signals."""
+    return sorted(_controller(flight).axes)
+
+
+def _weights(flight: Flight) -> dict[str, np.ndarray]:
+    """(ticks, R) weights for each axis of a flight's network."""
+    axes = _axes(flight)
+    return dict(zip(axes, np.split(flight["weights"], len(axes), axis=1), strict=True))
 
 
 def _controller(flight: Flight) -> Type1Position | Type2Position:

@@ -1,4 +1,4 @@
-"""The numbers of a route's legs, over time and along the path."""
+"""Numbers that mark the legs of a route, over time and along the path."""
 
 import itertools
 from typing import NamedTuple
@@ -15,7 +15,7 @@ _SLOW = 0.2
 
 
 class LegMark(NamedTuple):
-    """Where the number of a leg stands.
+    """Where the number of a leg is written.
 
     Attributes:
         number: from 1 on.
@@ -29,7 +29,7 @@ class LegMark(NamedTuple):
 
 
 def leg_marks(plan: Plan) -> list[LegMark]:
-    """The marks of a plan's legs; none if it has but one."""
+    """The marks of a plan's legs; none if the plan has a single leg."""
     position, velocity = plan.derivative(0), plan.derivative(1)
     marks = []
     for number, (start, end) in enumerate(_legs(plan), start=1):
@@ -42,7 +42,13 @@ def leg_marks(plan: Plan) -> list[LegMark]:
 
 
 def number_legs(axes: Axes, plan: Plan, *, distance: float = 11.0) -> None:
-    """Writes the number of each leg beside its middle, seen from above, at a distance in points."""
+    """Writes the number of each leg beside its middle, seen from above.
+
+    Args:
+        axes: with X and Y of W, m.
+        plan: with the legs.
+        distance: of the number from the path, in points.
+    """
     for number, place, beside in leg_marks(plan):
         # The number of a leg that is a point from above would lie on top of others.
         if np.any(beside):
@@ -59,7 +65,7 @@ def number_legs(axes: Axes, plan: Plan, *, distance: float = 11.0) -> None:
 
 
 def leg_names(plan: Plan) -> list[Line2D]:
-    """What the numbers stand for, as handles of a legend."""
+    """Handles of a legend that says what the numbers mean."""
     return [
         Line2D([], [], linestyle="none", marker=f"${mark.number}$", color="0.35", label=leg.name)
         for mark, leg in zip(leg_marks(plan), plan.legs, strict=False)
@@ -67,13 +73,13 @@ def leg_names(plan: Plan) -> list[Line2D]:
 
 
 def shade_legs(axes: Axes, plan: Plan, last_time: float, *, height: float) -> None:
-    """Numbers the legs over time and shades every other one.
+    """Writes the numbers of the legs over time, and shades every second leg.
 
     Args:
         axes: over time, s.
         plan: with the legs.
-        last_time: that is drawn, s.
-        height: of the numbers, as a share of the axes.
+        last_time: up to which the axes show something, s.
+        height: at which the numbers stand, as a share of the axes.
     """
     for number, (start, end) in enumerate(_legs(plan), start=1):
         if start >= last_time:

@@ -1,4 +1,4 @@
-"""The map of stable gains."""
+"""The map of PD gains: which stabilise a loop, and how well they fly."""
 
 from typing import Any, NamedTuple
 
@@ -33,12 +33,12 @@ _DELAYS = tuple(0.02 * 4**i for i in range(5))
 
 
 class MapPanel(NamedTuple):
-    """A map and the flights over it.
+    """What is known of each pair of gains in one case.
 
     Attributes:
-        title: of the case.
-        linear: what the loop's linear model says.
-        flown: metrics of the flights, (rows, columns).
+        title: of the panel.
+        linear: the loop's linear model with each pair.
+        flown: (rows, columns) metrics of the flights with each pair.
     """
 
     title: str
@@ -47,16 +47,16 @@ class MapPanel(NamedTuple):
 
 
 def plot_map(panels: list[MapPanel], k_p: np.ndarray, k_d: np.ndarray, *, marked: PdGains, loop: str) -> Figure:
-    """RMSE of the flights in colours, with lines of damping and delay margin over it, a panel a case.
+    """Plots the RMSE of the flights in colours, with lines of damping and delay margin over it.
 
     Args:
-        panels: side by side, on one scale of colours.
+        panels: that stand side by side and share one scale of colours.
         k_p: (rows,) 1/s².
         k_d: (columns,) 1/s.
-        marked: gains of the scenario.
-        loop: name of the loop.
+        marked: the scenario's own gains, marked by a star.
+        loop: name of the loop, for the title.
     """
-    # A tenth of a millimetre is no error, and where nothing flew to the end there is nothing to shade.
+    # Errors below a tenth of a millimetre are shaded alike.
     errors = [np.where(panel.flown.crashed, np.nan, np.maximum(100.0 * panel.flown.rmse, 1e-2)) for panel in panels]
     seen = np.concatenate([error[np.isfinite(error)] for error in errors])
     low = float(seen.min()) if len(seen) else 1.0
@@ -83,7 +83,7 @@ def plot_map(panels: list[MapPanel], k_p: np.ndarray, k_d: np.ndarray, *, marked
 
 
 def _key(panels: list[MapPanel]) -> list[Line2D | Patch]:
-    """What lines, star and grey stand for."""
+    """Handles of the legend."""
     crashed = any(panel.flown.crashed.any() for panel in panels)
     return [
         Line2D([], [], **_EDGE, label="edge of stability"),
@@ -112,5 +112,5 @@ def _draw(axes: Axes, panel: MapPanel, error: np.ndarray, k_p: np.ndarray, k_d: 
 
 
 def _contour(line: dict[str, Any]) -> dict[str, Any]:
-    """A line's looks as `contour` takes them."""
+    """The style of a line, as `contour` takes it."""
     return {"colors": line["color"], "linewidths": line["linewidth"], "linestyles": line["linestyle"]}

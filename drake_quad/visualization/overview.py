@@ -1,4 +1,4 @@
-"""A flight, or studies, at a glance; for notebooks, which may go on with the axes."""
+"""A flight, or studies, in a single figure whose axes a notebook can add to."""
 
 from collections.abc import Mapping
 from typing import Any
@@ -7,9 +7,9 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
+from drake_quad.flight import Flight
 from drake_quad.studies import Study
 from drake_quad.studies.statistics import mean_interval, of_survivors, share_interval
-from drake_quad.flight import Flight
 from drake_quad.visualization.plots import draw_error, draw_from_above, draw_rotor_speeds
 from drake_quad.visualization.study_plots import draw_distribution, metric_label
 from drake_quad.visualization.style import AXES, BLACK, VERMILION, new_figure, styled
@@ -18,7 +18,7 @@ _ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "handlelengt
 
 
 def plot_flight(flight: Flight) -> tuple[Figure, dict[str, Axes]]:
-    """A flight at a glance.
+    """Plots a flight: its path, its error, what was commanded, and the speeds of its rotors.
 
     Returns:
         The figure, and its axes by what they show: "path" from above, "error", "command" and "rotors" over time.
@@ -30,9 +30,10 @@ def plot_flight(flight: Flight) -> tuple[Figure, dict[str, Axes]]:
         axes["path"].legend(loc="upper center", bbox_to_anchor=(0.5, -0.08), ncols=3)
         draw_error(axes["error"], flight)
         if "acceleration_command" in flight.signals:
-            for i, (name, color) in enumerate(AXES.items()):
-                values = flight["acceleration_command"][:, i]
-                axes["command"].plot(flight.time, values, color=color, linewidth=1.1, label=name.upper())
+            command = flight.record("acceleration_command")
+            for axis, color in AXES.items():
+                values = getattr(command, axis)
+                axes["command"].plot(flight.time, values, color=color, linewidth=1.1, label=axis.upper())
             axes["command"].legend(**_ABOVE, ncols=3)
         axes["command"].set(xlabel="time (s)", ylabel="acceleration\ncommand (m/s²)")
         draw_rotor_speeds(axes["rotors"], flight)
@@ -44,15 +45,15 @@ def plot_flight(flight: Flight) -> tuple[Figure, dict[str, Axes]]:
 
 
 def plot_study(studies: Study | Mapping[str, Study], name: str = "rmse") -> tuple[Figure, dict[str, Axes]]:
-    """A study, or several by their names, at a glance.
+    """Plots one study or several: the distribution of a metric, its mean, and how many flights crashed.
 
     Args:
-        studies: at least one, with a flight.
+        studies: a study, or studies by the names that they have in the figure; each has at least one flight.
         name: of the metric.
 
     Returns:
-        The figure, and its axes: "distribution" of a metric, its "mean", and the share of "crashes", the latter two
-        with 95 % intervals.
+        The figure, and its axes by what they show: "distribution", "mean" and "crashes", the latter two with 95 %
+        intervals.
     """
     found = {studies.scenario.name: studies} if isinstance(studies, Study) else dict(studies)
     with styled():

@@ -1,4 +1,4 @@
-"""A plot of a plan: where it goes, how it gets there, and what it asks of the rotors."""
+"""A plot of a plan: its path, its speed and acceleration over time, and the rotor speeds that it asks for."""
 
 from collections.abc import Sequence
 
@@ -16,7 +16,7 @@ from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.visualization.style import BLUE, GREEN, LIMIT, ORANGE, PLATE, ROTORS, new_figure, styled
 
-# The horizontal plane and the two vertical ones, by the indices of their axes.
+# The horizontal plane and the two vertical ones, by the places of their axes in (x, y, z).
 _VIEWS = ((0, 1), (0, 2), (1, 2))
 
 
@@ -28,14 +28,14 @@ def plot_plan(
     places: Sequence[Box | Sphere] = (),
     corridors: Sequence[Box | None] = (),
 ) -> Figure:
-    """The path from three sides, and speed, acceleration, snap, yaw and rotor speeds over time with their limits.
+    """Plots the path from three sides, and speed, acceleration, snap, yaw and rotor speeds over time.
 
     Args:
         plan: to draw.
-        parameters: of the vehicle that is to fly it.
-        limits: on speed and acceleration, if it has any.
-        places: to pass, if there is more to see of them than the points that the plan passes.
-        corridors: (segments) of the path, if it has any.
+        parameters: of the vehicle that shall fly it.
+        limits: on speed and acceleration, if there are any.
+        places: boxes and spheres that the path must pass through.
+        corridors: the box that each segment must stay in, or None.
     """
     times = sample_times(plan.path)
     with styled():
@@ -85,7 +85,7 @@ def _draw_view(
 
 
 def _numbered(points: np.ndarray) -> list[tuple[tuple[float, float], str]]:
-    """Points (waypoints, 2) with their numbers; those that lie on top of each other have one label."""
+    """Labels of (waypoints, 2) points: each point with its number, or with several numbers where points coincide."""
     labels: list[tuple[np.ndarray, list[int]]] = []
     near = 0.02 * float(np.ptp(points, axis=0).max())
     for number, point in enumerate(points):
@@ -125,8 +125,8 @@ def _draw_profiles(
     if high - low < 20.0:
         yaw.set_ylim(0.5 * (low + high) - 10.0, 0.5 * (low + high) + 10.0)
     demand = plan_demand(plan, parameters, times).rotor_speed
-    for i, color in enumerate(ROTORS):
-        rotors.plot(times, demand[i], color=color, linewidth=1.1, label=f"rotor {i + 1}")
+    for (name, speeds), color in zip(demand._asdict().items(), ROTORS, strict=True):
+        rotors.plot(times, speeds, color=color, linewidth=1.1, label=name.replace("_", " "))
     for limit in (parameters.min_rotor_speed, parameters.max_rotor_speed):
         rotors.axhline(limit, **LIMIT)
     rotors.set(xlabel="time (s)", ylabel="rotors (rad/s)", ylim=(0.0, 1.12 * parameters.max_rotor_speed))

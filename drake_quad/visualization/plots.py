@@ -1,7 +1,8 @@
-"""Plots of one flight."""
+"""Plots of one flight: path, errors, attitude and rotors."""
 
 from collections.abc import Callable
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -10,6 +11,7 @@ from matplotlib.ticker import MaxNLocator
 
 from drake_quad.files import output_folder
 from drake_quad.flight import Flight
+from drake_quad.signals import Attitude
 from drake_quad.visualization.learning_plots import (
     plot_learning,
     plot_own_memberships,
@@ -17,6 +19,7 @@ from drake_quad.visualization.learning_plots import (
     plot_surfaces,
 )
 from drake_quad.visualization.leg_marks import leg_names, number_legs, shade_legs
+from drake_quad.visualization.places import places
 from drake_quad.visualization.style import (
     AXES,
     BLUE,
@@ -33,8 +36,8 @@ from drake_quad.visualization.wind_plots import plot_wind
 
 
 def plot_path(flight: Flight) -> Figure:
-    """The flown path and the reference, in 3-D and seen from above."""
-    flown, wanted = flight["state"][:, 0:3].T, flight["reference"][:, 0:3].T
+    """Plots the flown path and the reference, in space and seen from above."""
+    flown, wanted = places(flight.record("state")).T, places(flight.record("reference")).T
     with styled():
         figure = new_figure(9.5, 4.8)
         space = figure.add_subplot(1, 2, 1, projection="3d")
@@ -56,26 +59,30 @@ def plot_path(flight: Flight) -> Figure:
 
 
 def draw_from_above(axes: Axes, flight: Flight) -> None:
-    """The flown path and the reference in the X-Y plane, with the numbers of the legs."""
-    flown, wanted = flight["state"][:, 0:2].T, flight["reference"][:, 0:2].T
-    axes.plot(*flown, color=BLUE, label="flown")
-    axes.plot(*wanted, label="reference", **REFERENCE)
-    axes.plot(*flown[:, :1], color=BLUE, marker="o", markersize=4, linestyle="none", label="start")
+    """Draws the flown path and the reference in the X-Y plane, with the numbers of the legs."""
+    state, reference = flight.record("state"), flight.record("reference")
+    axes.plot(state.x, state.y, color=BLUE, label="flown")
+    axes.plot(reference.x, reference.y, label="reference", **REFERENCE)
+    axes.plot(state.x[:1], state.y[:1], color=BLUE, marker="o", markersize=4, linestyle="none", label="start")
     number_legs(axes, flight.plan)
-    _mark_crash(axes, flight, flown[:, -1])
+    if flight.metrics.crashed:
+        crash: dict[str, Any] = {"color": VERMILION, "marker": "x", "markersize": 9, "markeredgewidth": 2}
+        label = f"crashed at {flight.metrics.crash_time:.2f} s"
+        axes.plot(state.x[-1:], state.y[-1:], linestyle="none", label=label, **crash)
     axes.set(xlabel="X (m)", ylabel="Y (m)", title="From above")
     axes.margins(0.1)
     axes.set_aspect("equal", adjustable="datalim")
 
 
 def plot_errors(flight: Flight) -> Figure:
-    """Position error on each axis and its Euclidean norm over time."""
-    error = 100.0 * (flight["reference"][:, 0:3] - flight["state"][:, 0:3])
+    """Plots the position error over time, on each axis and as its Euclidean norm."""
+    state, reference = flight.record("state"), flight.record("reference")
     with styled():
         figure = new_figure(8.0, 4.8)
         upper, lower = figure.subplots(2, 1, sharex=True)
-        for i, (name, color) in enumerate(AXES.items()):
-            upper.plot(flight.time, error[:, i], color=color, label=name.upper())
+        for axis, color in AXES.items():
+            error = 100.0 * (getattr(reference, axis) - getattr(state, axis))
+            upper.plot(flight.time, error, color=color, label=axis.upper())
         upper.set(ylabel="error (cm)", title="Position error, reference minus flown")
         upper.legend(ncols=3, loc="upper right")
         shade_legs(upper, flight.plan, float(flight.time[-1]), height=0.02)
@@ -84,7 +91,7 @@ def plot_errors(flight: Flight) -> Figure:
 
 
 def draw_error(axes: Axes, flight: Flight) -> None:
-    """The Euclidean position error over time, and its RMSE."""
+    """Draws the Euclidean position error over time, and its RMSE."""
     axes.plot(flight.time, 100.0 * flight.euclidean_error, color="black")
     if np.isfinite(flight.metrics.rmse):
         rmse = 100.0 * flight.metrics.rmse
@@ -96,19 +103,17 @@ def draw_error(axes: Axes, flight: Flight) -> None:
 
 
 def plot_attitude(flight: Flight) -> Figure:
-    """Roll, pitch and yaw against their commands over time."""
-    flown, wanted = np.degrees(flight["state"][:, 3:6]), None
-    if "attitude_command" in flight.signals:
-        wanted = np.degrees(flight["attitude_command"])
+    """Plots roll, pitch and yaw over time, beside what was commanded if the control commands an attitude."""
+    flown = flight.record("state")
+    wanted = flight.record("attitude_command") if "attitude_command" in flight.signals else None
     with styled():
         figure = new_figure(8.0, 5.6)
-        for i, (axes, name) in enumerate(
-            zip(figure.subplots(3, 1, sharex=True), ("roll", "pitch", "yaw"), strict=True)
-        ):
+        for axes, angle in zip(figure.subplots(3, 1, sharex=True), Attitude._fields, strict=True):
             if wanted is not None:
-                axes.plot(flight.time, wanted[:, i], color=VERMILION, linewidth=1.0, label="commanded")
-            axes.plot(flight.time, flown[:, i], color=BLUE, label="flown")
-            axes.set(ylabel=f"{name} (°)")
+                commanded = np.degrees(getattr(wanted, angle))
+                axes.plot(flight.time, commanded, color=VERMILION, linewidth=1.0, label="commanded")
+            axes.plot(flight.time, np.degrees(getattr(flown, angle)), color=BLUE, label="flown")
+            axes.set(ylabel=f"{angle} (°)")
             low, high = axes.get_ylim()
             if high - low < 2.0:
                 middle = 0.5 * (low + high)
@@ -120,7 +125,7 @@ def plot_attitude(flight: Flight) -> Figure:
 
 
 def plot_rotors(flight: Flight) -> Figure:
-    """Rotor speeds over time, and beside them the whole range between the rotors' limits."""
+    """Plots the rotor speeds over time, close up and within the whole range between the rotors' limits."""
     limits = flight.scenario.vehicle.min_rotor_speed, flight.scenario.vehicle.max_rotor_speed
     with styled():
         figure = new_figure(8.0, 4.4)
@@ -140,9 +145,10 @@ def plot_rotors(flight: Flight) -> Figure:
 
 
 def draw_rotor_speeds(axes: Axes, flight: Flight) -> None:
-    """The speeds of the rotors over time."""
-    for i, color in enumerate(ROTORS):
-        axes.plot(flight.time, flight["rotor_speed"][:, i], color=color, linewidth=1.1, label=f"rotor {i + 1}")
+    """Draws the speeds of the rotors over time."""
+    speeds = flight.record("rotor_speed")._asdict()
+    for (name, speed), color in zip(speeds.items(), ROTORS, strict=True):
+        axes.plot(flight.time, speed, color=color, linewidth=1.1, label=name.replace("_", " "))
     axes.set(xlabel="time (s)", ylabel="rotor speed (rad/s)")
 
 
@@ -155,12 +161,14 @@ PLOTS: dict[str, Callable[[Flight], Figure]] = {
 
 
 def save_plots(flight: Flight, folder: Path | str, *, vector: Vector | None = None) -> list[Path]:
-    """Draws all plots of a flight into a folder and returns the files; wind and learning only if there is any.
+    """Draws all plots of a flight into a folder and returns the files.
+
+    A flight without wind has no plot of wind, and one without a network none of learning.
 
     Args:
-        flight: that was flown.
+        flight: to plot.
         folder: for a PNG of each plot.
-        vector: what each is drawn as beside that, for print.
+        vector: a format in which each plot is written besides, for print.
 
     Raises:
         InputError: the folder cannot be written.
@@ -177,9 +185,3 @@ def save_plots(flight: Flight, folder: Path | str, *, vector: Vector | None = No
             "secant_gains": plot_secant_gains,
         }
     return save_figures({name: plot(flight) for name, plot in plots.items()}, target, vector=vector)
-
-
-def _mark_crash(axes: Axes, flight: Flight, place: np.ndarray) -> None:
-    if flight.metrics.crashed:
-        label = f"crashed at {flight.metrics.crash_time:.2f} s"
-        axes.plot(*place, color=VERMILION, marker="x", markersize=9, markeredgewidth=2, linestyle="none", label=label)

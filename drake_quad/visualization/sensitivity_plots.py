@@ -1,4 +1,4 @@
-"""Sensitivities as a tornado."""
+"""A tornado plot of the sensitivities of a metric."""
 
 import numpy as np
 from matplotlib.figure import Figure
@@ -8,9 +8,9 @@ from drake_quad.visualization.style import BLUE, VERMILION, new_figure, styled
 
 
 def plot_sensitivities(found: Sensitivities, metric: str) -> Figure:
-    """By how many per cent a metric changes when a field grows by one per cent, the largest at the top.
+    """Plots by how many per cent a metric changes when a field grows by one per cent, the largest at the top.
 
-    Fields that are zero have no per cent and are left out; so are all if the metric is zero.
+    A field that is zero cannot grow by a per cent and is left out; if the metric is zero, so are all fields.
     """
     elasticities = found.values * found.gradients[metric] / (found.metrics[metric] or np.nan)
     order = [i for i in np.argsort(np.abs(elasticities)) if found.values[i] != 0.0 and np.isfinite(elasticities[i])]

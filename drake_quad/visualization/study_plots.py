@@ -1,4 +1,4 @@
-"""What the samples of a study look like."""
+"""Plots of studies: distributions, convergence, and which drawn numbers matter."""
 
 from collections.abc import Mapping
 from itertools import cycle
@@ -9,6 +9,8 @@ from matplotlib.figure import Figure
 from matplotlib.patches import Patch
 from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator, PercentFormatter
 
+from drake_quad.laboratory.metrics import UNITS
+from drake_quad.scenario.description import unit_at
 from drake_quad.studies.statistics import (
     Interval,
     crash_probability,
@@ -20,18 +22,16 @@ from drake_quad.studies.statistics import (
     with_crashes,
 )
 from drake_quad.studies.study import Study
-from drake_quad.laboratory.metrics import UNITS
-from drake_quad.scenario.description import unit_at
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION, new_figure, styled
 
 _LINES = [(BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"), (ORANGE, "-"), (SKY, "--"), (BLACK, "-.")]
 _NAMES = {"rmse": "RMSE", "peak_error": "peak error", "saturation_share": "share of ticks with saturated rotors"}
-# So many of the fields that matter most.
+# Fields that a tornado shows at most.
 _MOST_FIELDS = 16
 
 
 def metric_label(name: str) -> str:
-    """A metric with its unit, as on an axis."""
+    """The label of an axis for a metric, with its unit."""
     if name == "crashed":
         return "share of the samples that crashed"
     words = name.split("_")
@@ -42,7 +42,9 @@ def metric_label(name: str) -> str:
 
 
 def plot_distribution(studies: Mapping[str, Study], name: str = "rmse") -> Figure:
-    """The share of all samples with at most a metric's value, a line a controller; crashed ones have none.
+    """Plots the share of the samples whose metric is at most a value, with a line for each controller.
+
+    A crashed sample counts as worse than any value.
 
     The bands hold the whole true distribution with 95 % confidence, by the inequality of Dvoretzky, Kiefer, Wolfowitz
     and Massart.
@@ -58,7 +60,13 @@ def plot_distribution(studies: Mapping[str, Study], name: str = "rmse") -> Figur
 
 
 def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> None:
-    """What `plot_distribution` shows, in axes that are there."""
+    """Draws what `plot_distribution` shows into axes.
+
+    Args:
+        axes: to draw into.
+        studies: by controller.
+        name: of the metric.
+    """
     for (controller, study), (color, style) in zip(studies.items(), cycle(_LINES), strict=False):
         values = np.sort(with_crashes(study.metrics, name))
         n = len(values)
@@ -85,9 +93,9 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
 
 
 def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure:
-    """How the mean of a metric settles as samples come in, in their order, and the share of crashes.
+    """Plots how estimates settle with the number of samples: the mean of a metric, and the share of crashes.
 
-    If none crashed it is the 95 % quantile in place of crashes.
+    If no sample crashed, the 95 % quantile takes the place of the crashes.
 
     Args:
         studies: by controller.
@@ -127,7 +135,7 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
 
 
 def _running(study: Study, name: str) -> tuple[np.ndarray, ...]:
-    """How many of the flights that went to the end, and the mean of their metric with the ends of its interval."""
+    """Numbers n of flights that went to the end, the mean of the first n, and the ends of its interval."""
     values = of_survivors(study.metrics, name)
     # The intervals of the first few are so wide that nothing else could be seen.
     first = max(min(10, len(values)) - 1, 0)
@@ -143,11 +151,11 @@ def _upper_quantile(values: np.ndarray) -> Interval:
 
 
 def plot_influences(study: Study, name: str = "rmse") -> Figure:
-    """A tornado: the mean of a metric where a drawn number is among the least tenth, and among the largest.
+    """Plots a tornado: the mean of a metric where a drawn number is in its least tenth, and in its largest tenth.
 
     Args:
-        study: with distributions.
-        name: of the metric, or "crashed".
+        study: whose scenario has distributions.
+        name: of the metric; or "crashed", for the share of crashes.
     """
     found = influences(study, name)
     with styled():
@@ -188,15 +196,17 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
 
 
 def _field_label(study: Study, path: str) -> str:
+    """A short name of a field, with its unit."""
     unit = unit_at(study.scenario, path)
     short = path.removeprefix("laboratory.").replace("motion_capture.", "cameras: ").replace("command_link.", "link: ")
     for i, source in enumerate(study.scenario.laboratory.wind):
-        short = short.replace(f"wind[{i}].", f"{source.kind} [{i}]: ")
+        short = short.replace(f"wind.{i}.", f"{source.kind} {i}: ")
     short = short.removeprefix("vehicle.").replace("_", " ")
     return f"{short} ({unit})" if unit not in ("", "1") else short
 
 
 def _count(studies: Mapping[str, Study]) -> str:
+    """How many samples the studies have, in words."""
     counts = {len(study.samples) for study in studies.values()}
     return (
         f"{counts.pop():,} samples each"

@@ -1,4 +1,4 @@
-"""How every figure of the project looks."""
+"""The style of all figures, and how figures are written."""
 
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -58,20 +58,20 @@ _UNDATED: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}
 
 @contextmanager
 def styled() -> Iterator[None]:
-    """Within it, figures are drawn in the style of the project; outside, nothing has changed."""
+    """A context in which figures are drawn in the style of the project; Matplotlib's settings stay as they are."""
     with matplotlib.rc_context(_SETTINGS):
         yield
 
 
 def new_figure(width: float, height: float) -> Figure:
-    """Returns an empty figure of that size in inches, apart from any window or notebook."""
+    """Returns an empty figure of a size in inches, which no window or notebook shows by itself."""
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
 def save_figures(figures: Mapping[str, Figure], folder: Path, *, vector: Vector | None = None) -> list[Path]:
-    """Writes figures by name as PNG, each also as a vector drawing if one is asked for, and returns the files."""
+    """Writes each figure as a PNG of its name, and in a vector format too if one is given; returns the files."""
     files = []
     for name, figure in figures.items():
         with styled():
@@ -82,6 +82,6 @@ def save_figures(figures: Mapping[str, Figure], folder: Path, *, vector: Vector 
 
 
 def save_vector(figure: Figure, path: Path, kind: Vector) -> Path:
-    """Writes a figure as PDF or SVG, the same bytes each time, and returns the path."""
+    """Writes a figure as PDF or SVG, with the same bytes each time, and returns the path."""
     with styled():
         return write_whole(path, lambda target: figure.savefig(target, format=kind, metadata=_UNDATED[kind]))

@@ -1,51 +1,91 @@
 """The wind of a flight: where it blows, and what the vehicle meets."""
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.collections import QuadMesh
 from matplotlib.figure import Figure
 
-from drake_quad.flight import Flight
-from drake_quad.laboratory.wind.fans import Jet
 from drake_quad.assembly.laboratory import jets, steady_wind
+from drake_quad.flight import Flight
+from drake_quad.laboratory.wind.fans import Jet, jet_speed
+from drake_quad.signals import State
+from drake_quad.visualization.places import place_by_axis
 from drake_quad.visualization.style import AXES, BLACK, PLATE, REFERENCE, SHADING, new_figure, styled
 
 # Arrows and shades along a map, and what the map shows beyond path and fans, m.
 _ARROWS, _SHADES, _MARGIN = 30, 300, 0.7
-_NAMES = "XYZ"
 # Air that is slower is still, m/s.
 _STILL = 1e-3
+_ORIGIN = State(*(0.0,) * len(State._fields))
+
+
+class _Room(NamedTuple):
+    """Ends of what the maps show, m.
+
+    Attributes:
+        low: by axis.
+        high: by axis.
+    """
+
+    low: dict[str, float]
+    high: dict[str, float]
+
+    def length(self, axis: str) -> float:
+        """Along an axis, m."""
+        return self.high[axis] - self.low[axis]
 
 
 class _Plane(NamedTuple):
-    """A plane of W that is drawn: the axes across and up, and where it cuts the third one (m)."""
+    """A plane of W that is drawn.
 
-    across: int
-    up: int
-    third: int
+    Attributes:
+        across: its axis across the page.
+        up: its axis up the page.
+        normal: the axis that it cuts.
+        level: where it does, m.
+    """
+
+    across: str
+    up: str
+    normal: str
     level: float
 
 
-def plot_wind(flight: Flight) -> Figure:
-    """The mean wind in a level and in an upright plane, and the wind at the vehicle over time.
+class _Field(NamedTuple):
+    """The mean wind in a plane.
 
-    The maps show what is steady: fans and steady wind, if there are any. Gusts and turbulence are in the wind at the
-    vehicle.
+    Attributes:
+        across: (n,) places across the page, m.
+        up: (m,) places up the page, m.
+        velocity: (m, n) by axis, m/s.
+        speed: (m, n), m/s.
     """
-    fans = jets(flight.scenario)
-    places = np.vstack([flight["state"][:, 0:3], flight["reference"][:, 0:3], *[jet.position for jet in fans]])
-    places = places[np.isfinite(places).all(axis=1)]  # a vehicle may have diverged
-    low, high = places.min(axis=0) - _MARGIN, places.max(axis=0) + _MARGIN
-    low[2] = max(low[2], 0.0)
+
+    across: np.ndarray
+    up: np.ndarray
+    velocity: dict[str, np.ndarray]
+    speed: np.ndarray
+
+
+def plot_wind(flight: Flight) -> Figure:
+    """Plots the mean wind in a level and in an upright plane, and the wind at the vehicle over time.
+
+    The maps show what is steady, that is fans and steady wind, if there are any. Gusts and turbulence are in the wind
+    at the vehicle.
+    """
+    fans = jets(flight.scenario.laboratory.wind)
+    room = _room(flight, fans)
     # Through the first fan, or through the middle of the path; the longer side lies across the page.
-    middle = np.array(fans[0].position if fans else 0.5 * (low + high))
-    long, short = (1, 0) if high[1] - low[1] > high[0] - low[0] else (0, 1)
-    planes = _Plane(long, short, 2, middle[2]), _Plane(long, 2, short, middle[short])
-    heights = [(high[plane.up] - low[plane.up]) / (high[long] - low[long]) for plane in planes]
-    fields = [_mean_wind(flight, plane, low, high) for plane in planes]
-    top = max(float(speed.max()) for *_, speed in fields)
+    middle = {axis: 0.5 * (room.low[axis] + room.high[axis]) for axis in AXES}
+    if fans:
+        middle = fans[0].outlet._asdict()
+    long, short = ("y", "x") if room.length("y") > room.length("x") else ("x", "y")
+    planes = _Plane(long, short, "z", middle["z"]), _Plane(long, "z", short, middle[short])
+    heights = [room.length(plane.up) / room.length(long) for plane in planes]
+    fields = [_mean_wind(flight, plane, room) for plane in planes]
+    top = max(float(field.speed.max()) for field in fields)
     with styled():
         if top < _STILL:
             figure = new_figure(9.0, 2.6)
@@ -56,7 +96,7 @@ def plot_wind(flight: Flight) -> Figure:
         for axes, plane, field in zip((above, side), planes, fields, strict=True):
             shades = _draw_map(axes, plane, field, top)
             _draw_flight(axes, plane, flight, fans)
-        if long == 1:
+        if long == "y":
             above.invert_yaxis()  # seen from above, X is to the right of Y
         above.legend(ncols=2, loc="lower right", bbox_to_anchor=(1.0, 1.0))
         figure.colorbar(shades, ax=[above, side], label="mean wind speed (m/s)", pad=0.02, fraction=0.05)
@@ -64,22 +104,33 @@ def plot_wind(flight: Flight) -> Figure:
         return figure
 
 
-def _mean_wind(flight: Flight, plane: _Plane, low: np.ndarray, high: np.ndarray) -> tuple[np.ndarray, ...]:
-    """Places across and up (m), the steady velocity (3, up, across) and speed (up, across) there, m/s."""
-    spacing = (high[plane.across] - low[plane.across]) / _SHADES
-    across = np.arange(low[plane.across], high[plane.across], spacing)
-    up = np.arange(low[plane.up], high[plane.up], spacing)
-    place = np.empty((3, up.size, across.size))
-    place[plane.across], place[plane.up] = np.meshgrid(across, up)
-    place[plane.third] = plane.level
-    velocity = np.zeros_like(place) + np.reshape(steady_wind(flight.scenario), (3, 1, 1))
-    for jet in jets(flight.scenario):
-        velocity += jet.speed(place)[0] * np.reshape(jet.direction, (3, 1, 1))
-    return across, up, velocity, np.linalg.norm(velocity, axis=0)
+def _room(flight: Flight, fans: tuple[Jet, ...]) -> _Room:
+    """What holds both paths and all fans, with a margin; not below the ground."""
+    flown, wanted = place_by_axis(flight.record("state")), place_by_axis(flight.record("reference"))
+    finite = np.all([np.isfinite(flown[axis]) for axis in AXES], axis=0)  # a vehicle may have diverged
+    ends = {axis: [*flown[axis][finite], *wanted[axis], *(getattr(jet.outlet, axis) for jet in fans)] for axis in AXES}
+    low = {axis: min(places) - _MARGIN for axis, places in ends.items()}
+    low["z"] = max(low["z"], 0.0)
+    return _Room(low, {axis: max(places) + _MARGIN for axis, places in ends.items()})
 
 
-def _draw_map(axes: Axes, plane: _Plane, field: tuple[np.ndarray, ...], top: float) -> QuadMesh:
-    """Shades of the speed, and arrows of the velocity where there is any to speak of."""
+def _mean_wind(flight: Flight, plane: _Plane, room: _Room) -> _Field:
+    """The steady part of the wind in a plane."""
+    spacing = room.length(plane.across) / _SHADES
+    across, up = (np.arange(room.low[axis], room.high[axis], spacing) for axis in (plane.across, plane.up))
+    a, b = np.meshgrid(across, up)
+    place: Any = _ORIGIN._replace(**{plane.across: a, plane.up: b, plane.normal: np.full_like(a, plane.level)})
+    steady = steady_wind(flight.scenario)
+    velocity = {axis: np.full_like(a, getattr(steady, axis)) for axis in AXES}
+    for jet in jets(flight.scenario.laboratory.wind):
+        speed, _ = jet_speed(place, jet)
+        for axis, part in velocity.items():
+            part += speed * getattr(jet.direction, axis)
+    return _Field(across, up, velocity, np.linalg.norm(list(velocity.values()), axis=0))
+
+
+def _draw_map(axes: Axes, plane: _Plane, field: _Field, top: float) -> QuadMesh:
+    """Draws the speed as shades, and the velocity as arrows where there is any to speak of."""
     across, up, velocity, speed = field
     shades = axes.pcolormesh(across, up, speed, cmap=SHADING, vmin=0.0, vmax=top, rasterized=True)
     every = _SHADES // _ARROWS
@@ -87,44 +138,40 @@ def _draw_map(axes: Axes, plane: _Plane, field: tuple[np.ndarray, ...], top: flo
     felt = speed[thin] > 0.03 * top
     a, b = (coordinate[thin][felt] for coordinate in np.meshgrid(across, up))
     v_a, v_b = (velocity[axis][thin][felt] for axis in (plane.across, plane.up))
-    per_metre = top / (every * (across[1] - across[0]))  # the longest arrow reaches to the next one
+    per_metre = top / (every * float(np.diff(across[:2]).item()))  # the longest arrow reaches to the next one
     axes.quiver(a, b, v_a, v_b, color="0.25", angles="xy", scale_units="xy", scale=per_metre, width=0.0016)
-    axes.set(xlabel=f"{_NAMES[plane.across]} (m)", ylabel=f"{_NAMES[plane.up]} (m)")
-    axes.set_title(
-        f"{'From the side' if plane.up == 2 else 'From above'}: wind at {_NAMES[plane.third]} = {plane.level:.1f} m",
-        loc="left",
-    )
+    axes.set(xlabel=f"{plane.across.upper()} (m)", ylabel=f"{plane.up.upper()} (m)")
+    side = "From the side" if plane.up == "z" else "From above"
+    axes.set_title(f"{side}: wind at {plane.normal.upper()} = {plane.level:.1f} m", loc="left")
     axes.set_aspect("equal")
     axes.grid(visible=False)
     return shades
 
 
-def _draw_flight(axes: Axes, plane: _Plane, flight: Flight, fans: list[Jet]) -> None:
-    """The paths, and the outlets of the fans as bars across their directions."""
-    shown = [plane.across, plane.up]
-    axes.plot(*flight["reference"][:, shown].T, label="reference", **REFERENCE)
-    axes.plot(*flight["state"][:, shown].T, color=BLACK, linewidth=1.0, label="flown")
+def _draw_flight(axes: Axes, plane: _Plane, flight: Flight, fans: tuple[Jet, ...]) -> None:
+    """Draws the paths, and the outlets of the fans as bars across their directions."""
+
+    def shown(record: Any) -> tuple[Any, Any]:
+        """What a record has along the axes of the plane."""
+        return getattr(record, plane.across), getattr(record, plane.up)
+
+    axes.plot(*shown(flight.record("reference")), label="reference", **REFERENCE)
+    axes.plot(*shown(flight.record("state")), color=BLACK, linewidth=1.0, label="flown")
     for jet in fans:
-        middle, direction = np.array(jet.position)[shown], np.array(jet.direction)[shown]
-        half = 0.5 * jet.diameter * np.array([-direction[1], direction[0]])
-        axes.plot(*np.column_stack([middle - half, middle + half]), color="0.35", linewidth=4.0, solid_capstyle="butt")
-        axes.annotate(
-            "fan",
-            (middle[0], middle[1]),
-            xytext=(-6, 0),
-            textcoords="offset points",
-            ha="right",
-            va="center",
-            bbox=PLATE,
-        )
+        (x, y), (along_x, along_y), half = shown(jet.outlet), shown(jet.direction), 0.5 * jet.diameter
+        bar = [x + half * along_y, x - half * along_y], [y - half * along_x, y + half * along_x]
+        axes.plot(*bar, color="0.35", linewidth=4.0, solid_capstyle="butt")
+        label: dict[str, Any] = {"xytext": (-6, 0), "textcoords": "offset points", "ha": "right", "va": "center"}
+        axes.annotate("fan", (x, y), bbox=PLATE, **label)
 
 
 def _draw_series(axes: Axes, flight: Flight) -> None:
-    for i, (name, color) in enumerate(AXES.items()):
-        axes.plot(flight.time, flight["wind"][:, i], color=color, linewidth=1.0, label=name.upper())
+    """Draws the wind at the vehicle over time."""
+    wind = flight.record("wind")
+    for axis, color in AXES.items():
+        axes.plot(flight.time, getattr(wind, axis), color=color, linewidth=1.0, label=axis.upper())
     axes.set(xlabel="time (s)", ylabel="wind (m/s)")
-    largest = float(np.abs(flight["wind"]).max())
-    if largest < _STILL:
+    if float(np.abs(wind).max()) < _STILL:
         axes.set_ylim(-1.0, 1.0)
     axes.set_title("At the vehicle", loc="left")
     axes.legend(ncols=3, loc="lower right", bbox_to_anchor=(1.0, 1.0))

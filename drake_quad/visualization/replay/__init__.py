@@ -1,1 +1,1 @@
-"""Flights in three dimensions, live or as a page that any browser replays."""
+"""Flights in three dimensions: live in a browser, or as a page that any browser replays."""

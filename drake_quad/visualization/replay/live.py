@@ -1,4 +1,4 @@
-"""A flight while it is flown."""
+"""A flight that is shown while it is flown."""
 
 from typing import Any
 
@@ -6,10 +6,12 @@ import numpy as np
 from pydrake.geometry import Meshcat, Sphere
 from pydrake.math import RigidTransform
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import EventStatus
+from pydrake.systems.framework import Context, EventStatus
 
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Scenario
+from drake_quad.signals import SIGNALS, Reference, RotorSpeed, State, Wind
+from drake_quad.visualization.places import places
 from drake_quad.visualization.replay.scene import draw_surroundings, wind_blows_elsewhere
 from drake_quad.visualization.replay.shapes import (
     TRAIL_PIECE,
@@ -30,12 +32,12 @@ _WHERE = "/vehicle"
 class LiveView:
     """Shows the vehicle of a tracking diagram in Meshcat while a simulator flies it.
 
-    What is shown is the state at the end of a step; that of a vehicle with a time step is a step old.
+    It shows the state at the end of a step, which is a step old for a vehicle that steps in time.
 
     Args:
-        meshcat: to show it in.
+        meshcat: in which the vehicle is drawn.
         scenario: that is flown.
-        plan: the reference.
+        plan: of the reference.
     """
 
     def __init__(self, meshcat: Meshcat, scenario: Scenario, plan: Plan) -> None:
@@ -51,30 +53,40 @@ class LiveView:
         self._pieces = 0
 
     def watch(self, simulator: Simulator, rate: float) -> None:
-        """Has a simulator show what it flies, at a rate of real time; as fast as it can with 0."""
+        """Has a simulator show what it flies.
+
+        Args:
+            simulator: of a tracking diagram of one vehicle.
+            rate: of real time; 0 for as fast as possible.
+        """
         self._diagram = simulator.get_system()
         simulator.set_target_realtime_rate(rate)
         simulator.set_monitor(self._show)
 
-    def _show(self, context: Any) -> EventStatus:
+    def _show(self, context: Context) -> EventStatus:
         time = context.get_time()
         if time < self._next:
             return EventStatus.DidNothing()
         self._next = time + _FRAME - 1e-9
-        state, reference, rotor_speed = (
-            self._diagram.GetOutputPort(name).Eval(context) for name in ("state", "reference", "rotor_speed")
-        )
+        state: State = self._signal("state", context)
+        reference: Reference = self._signal("reference", context)
+        rotor_speed: RotorSpeed = self._signal("rotor_speed", context)
         self._meshcat.SetTransform(_WHERE, pose_of(state))
-        self._meshcat.SetTransform("/reference", RigidTransform(reference[0:3]))
+        self._meshcat.SetTransform("/reference", RigidTransform(places(reference)))
         self._angles += turned_by(rotor_speed, _FRAME)
         for number, pose in enumerate(rotor_poses(self._arm_length, self._angles), start=1):
             self._meshcat.SetTransform(f"{_WHERE}/rotor_{number}", pose)
         if self._shows_wind:
-            pose, scale = wind_arrow(self._diagram.GetOutputPort("wind").Eval(context), state)
+            wind: Wind = self._signal("wind", context)
+            pose, scale = wind_arrow(wind, state)
             self._meshcat.SetTransform(f"{_WHERE}_wind", pose)
             self._meshcat.SetProperty(f"{_WHERE}_wind/arrow", "scale", scale)
-        self._trail.append(state[0:3].copy())
+        self._trail.append(places(state))
         if len(self._trail) * _FRAME > TRAIL_PIECE:
             draw_trail_piece(self._meshcat, f"{_WHERE}_trail/{self._pieces}", np.array(self._trail), VERMILION)
             self._trail, self._pieces = self._trail[-1:], self._pieces + 1
         return EventStatus.Succeeded()
+
+    def _signal(self, name: str, context: Context) -> Any:
+        """A signal of the diagram, with its rows by name."""
+        return SIGNALS[name](*self._diagram.GetOutputPort(name).Eval(context))

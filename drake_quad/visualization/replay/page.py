@@ -1,4 +1,4 @@
-"""Flights as one page that any browser replays, without a network."""
+"""Flights as a single page that any browser replays, without a network."""
 
 import html
 from collections.abc import Iterable, Mapping
@@ -13,6 +13,8 @@ from pydrake.math import RigidTransform
 
 from drake_quad.files import write_text
 from drake_quad.flight import Flight
+from drake_quad.signals import RotorSpeed, State, Wind
+from drake_quad.visualization.places import places
 from drake_quad.visualization.replay.scene import draw_surroundings, local_meshcat, wind_blows_elsewhere
 from drake_quad.visualization.replay.shapes import (
     ERRORS,
@@ -36,10 +38,10 @@ _RED = "#CC0000"
 
 
 def save_replay(flights: Mapping[str, Flight], path: Path | str) -> Path:
-    """Writes a page that replays flights of one reference beside each other, each drawn in full.
+    """Writes a page that replays flights of one reference together, each vehicle drawn in full.
 
     Args:
-        flights: by what they are called on the page. The trail of a single one is coloured by its error.
+        flights: by their names on the page. The trail of a single flight is coloured by its error.
         path: of the file.
     """
     meshcat = local_meshcat()
@@ -50,7 +52,12 @@ def save_replay(flights: Mapping[str, Flight], path: Path | str) -> Path:
 
 
 def draw_replay(meshcat: Meshcat, flights: Mapping[str, Flight]) -> None:
-    """Draws flights in a scene that can be played and scrubbed; arguments as for `save_replay`."""
+    """Draws flights of one reference in a scene that can be played and scrubbed.
+
+    Args:
+        meshcat: in which the scene is drawn.
+        flights: as for `save_replay`.
+    """
     flights = {name: _seen(flight) for name, flight in flights.items()}
     first = next(iter(flights.values()))
     draw_surroundings(meshcat, first.scenario, first.plan, _places(flights.values()))
@@ -66,10 +73,10 @@ def draw_replay(meshcat: Meshcat, flights: Mapping[str, Flight]) -> None:
 
 
 def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
-    """Writes a page that replays many flights as ghosts, those that crash in red.
+    """Writes a page that replays many flights as simple shapes, with those that crash in red.
 
     Args:
-        flights: by the controller, which gives the colour.
+        flights: by the name of their controller, each of which has a colour.
         path: of the file.
     """
     meshcat = local_meshcat()
@@ -83,12 +90,12 @@ def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
     for name, group in flights.items():
         for number, flight in enumerate(group):
             crashed = bool(flight.metrics.crashed)
-            ghost = rgba(_RED) if crashed else rgba(colors[name], 0.6)
+            body = rgba(_RED) if crashed else rgba(colors[name], 0.6)
             where = f"/{_key(name)}/{number}"
-            meshcat.SetObject(f"{where}/body", quadrotor_mesh(flight.scenario.nominal.arm_length), ghost)
-            for frame, k in _frames(flight, SWARM_FRAMES_PER_SECOND, last):
-                animation.SetTransform(frame, where, pose_of(flight["state"][k]))
-            line = flight["state"][:: max(len(flight.time) // 150, 1), 0:3].T
+            meshcat.SetObject(f"{where}/body", quadrotor_mesh(flight.scenario.nominal.arm_length), body)
+            for frame, tick in _frames(flight, SWARM_FRAMES_PER_SECOND, last):
+                animation.SetTransform(frame, where, pose_of(State(*flight["state"][tick])))
+            line = places(flight.record("state"))[:: max(len(flight.time) // 150, 1)].T
             shade = rgba(_RED) if crashed else rgba(_tint(colors[name]))
             meshcat.SetLine(f"/{_key(name)}_trails/{number}", np.ascontiguousarray(line), 1.0, shade)
     _animate_reference(meshcat, animation, max(everyone, key=lambda flight: len(flight.time)), last)
@@ -100,7 +107,7 @@ def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
 
 
 def _seen(flight: Flight) -> Flight:
-    """The flight as long as its state is finite."""
+    """The flight until its state is no longer finite."""
     finite = np.isfinite(flight["state"]).all(axis=1)
     if finite.all():
         return flight
@@ -116,36 +123,46 @@ def _animate_vehicle(
     draw_quadrotor(meshcat, where, arm_length, color)
     frames = _frames(flight, FRAMES_PER_SECOND, last)
     angles = np.zeros(4)
-    for frame, k in frames:
-        animation.SetTransform(frame, where, pose_of(flight["state"][k]))
+    for frame, tick in frames:
+        animation.SetTransform(frame, where, pose_of(State(*flight["state"][tick])))
         for number, pose in enumerate(rotor_poses(arm_length, angles), start=1):
             animation.SetTransform(frame, f"{where}/rotor_{number}", pose)
-        angles += turned_by(flight["rotor_speed"][k], 1.0 / FRAMES_PER_SECOND)
-    if _feels_unseen_wind(flight):
+        angles += turned_by(RotorSpeed(*flight["rotor_speed"][tick]), 1.0 / FRAMES_PER_SECOND)
+    if _blows_unseen(flight):
         draw_arrow(meshcat, f"{where}_wind/arrow")
-        for frame, k in frames:
-            pose, scale = wind_arrow(flight["wind"][k], flight["state"][k])
+        for frame, tick in frames:
+            pose, scale = wind_arrow(Wind(*flight["wind"][tick]), State(*flight["state"][tick]))
             animation.SetTransform(frame, f"{where}_wind", pose)
             animation.SetProperty(frame, f"{where}_wind/arrow", "scale", scale)
 
 
-def _feels_unseen_wind(flight: Flight) -> bool:
-    """Whether there is wind in a flight that does not come from the scenario's fans."""
-    of_its_own = not flight.scenario.laboratory.wind and bool(flight["wind"].any())
-    return of_its_own or wind_blows_elsewhere(flight.scenario)
+def _blows_unseen(flight: Flight) -> bool:
+    """Is there wind in a flight that does not come from the scenario's fans?"""
+    of_the_users = not flight.scenario.laboratory.wind and bool(flight["wind"].any())
+    return of_the_users or wind_blows_elsewhere(flight.scenario)
 
 
 def _animate_trail(
     meshcat: Meshcat, animation: MeshcatAnimation, where: str, flight: Flight, color: str | None, top: float, last: int
 ) -> None:
-    """Pieces of a tube that appear as the vehicle leaves them, in a colour or in those of errors up to a top (m)."""
+    """Draws pieces of a tube that appear as the vehicle leaves them.
+
+    Args:
+        meshcat: in which they are drawn.
+        animation: in which they appear.
+        where: their path.
+        flight: whose trail it is.
+        color: of the trail; None for the colours of its errors.
+        top: the error that the last of these colours stands for, m.
+        last: frame of the animation.
+    """
     times = np.arange(0.0, flight.time[-1], TRAIL_PIECE)
-    errors = flight.euclidean_error
+    errors, path = flight.euclidean_error, places(flight.record("state"))
     for number, start in enumerate(times):
         ticks = np.searchsorted(flight.time, np.linspace(start, min(start + TRAIL_PIECE, flight.time[-1]), 5) - 1e-9)
         piece = f"{where}/{number}"
         shades = color if color is not None else errors[ticks] / max(top, 1e-9)
-        draw_trail_piece(meshcat, piece, flight["state"][ticks, 0:3], shades)
+        draw_trail_piece(meshcat, piece, path[ticks], shades)
         frame = max(round(flight.time[ticks[-1]] * FRAMES_PER_SECOND), 1)
         animation.SetProperty(0, piece, "visible", False)
         for shown in (frame, max(last, frame)):
@@ -154,14 +171,15 @@ def _animate_trail(
 
 def _animate_reference(meshcat: Meshcat, animation: MeshcatAnimation, flight: Flight, last: int) -> None:
     meshcat.SetObject("/reference/point", Sphere(0.04), rgba("0.3", 0.8))
-    for frame, k in _frames(flight, animation.frames_per_second(), last):
-        animation.SetTransform(frame, "/reference", RigidTransform(flight["reference"][k, 0:3]))
+    path = places(flight.record("reference"))
+    for frame, tick in _frames(flight, animation.frames_per_second(), last):
+        animation.SetTransform(frame, "/reference", RigidTransform(path[tick]))
 
 
 def _frames(flight: Flight, frames_per_second: float, last: int) -> list[tuple[int, int]]:
-    """Numbers of the frames of a flight, and of the ticks that they show.
+    """Numbers of the frames of a flight, each with that of the tick that it shows.
 
-    The browser repeats what moves after its own last frame: everything must have one at the end of all.
+    The browser repeats whatever moves after its own last frame, so everything has a frame at the end of all flights.
     """
     count = int(np.floor(flight.time[-1] * frames_per_second)) + 1
     ticks = np.searchsorted(flight.time, np.arange(count) / frames_per_second + 1e-9, side="right") - 1
@@ -170,7 +188,7 @@ def _frames(flight: Flight, frames_per_second: float, last: int) -> list[tuple[i
 
 
 def _duration(flights: Iterable[Flight]) -> float:
-    """Of the longest flight, s."""
+    """The duration of the longest flight, s."""
     return max(float(flight.time[-1]) for flight in flights)
 
 
@@ -187,8 +205,8 @@ def _body_colors(names: Iterable[str]) -> dict[str, str]:
 
 
 def _places(flights: Iterable[Flight]) -> np.ndarray:
-    """(n, 3) places of vehicles, m."""
-    return np.vstack([flight["state"][:, 0:3] for flight in flights])
+    """(n, 3) positions of all vehicles at all ticks, m."""
+    return np.vstack([places(flight.record("state")) for flight in flights])
 
 
 def _publish(meshcat: Meshcat, animation: MeshcatAnimation) -> None:
@@ -219,11 +237,11 @@ def _key_of(colors: Mapping[str, str]) -> str:
 
 
 def _tint(color: str) -> str:
-    """A colour that is mostly white: lines are never transparent."""
+    """A colour mixed with white, since lines cannot be transparent."""
     red, green, blue = (0.25 * each + 0.75 for each in to_rgb(color))
     return to_hex((red, green, blue))
 
 
 def _key(name: str) -> str:
-    """A name as part of a path of Meshcat's."""
+    """A name as a part of Meshcat's paths."""
     return "".join(letter if letter.isalnum() else "_" for letter in name)

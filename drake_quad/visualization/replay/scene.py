@@ -1,4 +1,4 @@
-"""The still part of a scene: room, reference, fans, camera."""
+"""What stands still in a scene: the room, the path of the reference, fans and the camera."""
 
 import logging
 
@@ -12,9 +12,9 @@ from drake_quad.scenario import Scenario
 from drake_quad.scenario.wind import Fan
 from drake_quad.visualization.replay.shapes import draw_fan, rgba
 
-# Around what is flown, m.
+# Room around what is flown, m.
 _ROOM = 0.7
-# From the reference; what flies farther away leaves the room, m.
+# Distance from the reference beyond which a vehicle leaves the room, m.
 _FAR = 3.0
 _LINE = 2.0
 _LIGHTS = {
@@ -27,10 +27,10 @@ _LIGHTS = {
 
 
 def local_meshcat() -> Meshcat:
-    """A Meshcat server that only this machine can reach, with an empty scene."""
+    """Starts a Meshcat server that only this machine can reach, with an empty scene."""
     log = logging.getLogger("drake")
     level = log.level
-    log.setLevel(logging.WARNING)  # that it listens is of no interest for a page that is only written
+    log.setLevel(logging.WARNING)  # a page that is only written needs no address
     meshcat = Meshcat(MeshcatParams(host="127.0.0.1", show_stats_plot=False))
     log.setLevel(level)
     for name in ("/Axes", "/Grid"):
@@ -44,33 +44,34 @@ def local_meshcat() -> Meshcat:
 
 
 def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: np.ndarray) -> None:
-    """Draws floor, room, reference path and fans, and looks at them.
+    """Draws floor, room, path of the reference and fans, and turns the camera to them.
 
     Args:
-        meshcat: to draw in.
+        meshcat: in which they are drawn.
         scenario: that is flown.
-        plan: the reference.
-        flown: (n, 3) places where a vehicle is, m.
+        plan: of the reference.
+        flown: (n, 3) positions of vehicles, m.
     """
     path = reference_points(plan)
     near = np.vstack([path, np.clip(flown, path.min(axis=0) - _FAR, path.max(axis=0) + _FAR)])
     low, high = near.min(axis=0) - _ROOM, near.max(axis=0) + _ROOM
-    fans = jets(scenario)
-    for jet in fans:
-        low, high = np.minimum(low, jet.position), np.maximum(high, jet.position)
+    fans = jets(scenario.laboratory.wind)
+    outlets = [np.array(jet.outlet) for jet in fans]
+    for outlet in outlets:
+        low, high = np.minimum(low, outlet), np.maximum(high, outlet)
     low[2] = 0.0
     _draw_room(meshcat, low, high)
     if len(path) > 1:
         meshcat.SetLine("/reference_path", path.T, _LINE, rgba("0.45"))
-    for number, jet in enumerate(fans, start=1):
-        reach = float(np.max((path - jet.position) @ np.asarray(jet.direction))) + _ROOM
+    for number, (jet, outlet) in enumerate(zip(fans, outlets, strict=True), start=1):
+        reach = float(np.max((path - outlet) @ np.asarray(jet.direction))) + _ROOM
         draw_fan(meshcat, f"/fan_{number}", jet, max(reach, 1.0))
     # Most of the way to the fans, so that they are in the picture without being its subject.
-    look_at(meshcat, np.vstack([near, *(0.15 * near.mean(axis=0) + 0.85 * np.asarray(jet.position) for jet in fans)]))
+    look_at(meshcat, np.vstack([near, *(0.15 * near.mean(axis=0) + 0.85 * outlet for outlet in outlets)]))
 
 
 def look_at(meshcat: Meshcat, path: np.ndarray) -> None:
-    """Sets the camera so that (n, 3) points fill the view, seen from above and aside."""
+    """Turns the camera so that (n, 3) points fill the view, seen from above and from the side."""
     low, high = path.min(axis=0), path.max(axis=0)
     middle, size = 0.5 * (low + high), max(float(np.linalg.norm(high - low)), 1.5)
     below = middle - [0.0, 0.0, 0.1 * size]  # leaves room for the overlay
@@ -78,14 +79,14 @@ def look_at(meshcat: Meshcat, path: np.ndarray) -> None:
 
 
 def reference_points(plan: Plan) -> np.ndarray:
-    """(n, 3) points along the reference's path, m."""
+    """(n, 3) points along the path of the reference, m."""
     times = np.linspace(0.0, plan.duration, max(int(20.0 * plan.duration), 2))
     points: np.ndarray = plan.derivative(0).vector_values(times).T
     return points
 
 
 def wind_blows_elsewhere(scenario: Scenario) -> bool:
-    """Whether there is wind that does not come from fans, which are seen."""
+    """Is there wind in a scenario that does not come from fans, which are drawn?"""
     return any(not isinstance(source, Fan) for source in scenario.laboratory.wind)
 
 

@@ -1,4 +1,4 @@
-"""What a scene is made of: quadrotors, fans, tubes and arrows, in metres."""
+"""Shapes of a scene, in metres: quadrotors, fans, tubes and arrows."""
 
 from collections.abc import Sequence
 
@@ -9,6 +9,8 @@ from pydrake.geometry import Box, Cylinder, Meshcat, Rgba, Sphere, SurfaceTriang
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from drake_quad.laboratory.wind.fans import SPREAD, Jet
+from drake_quad.signals import RotorSpeed, State, Wind
+from drake_quad.visualization.places import places
 from drake_quad.visualization.style import BLUE, ORANGE, SKY, VERMILION
 
 # A propeller of 8 inches, as on the paper's vehicle.
@@ -17,22 +19,22 @@ _ARM, _BLADE = (0.022, 0.014), (0.018, 0.004)
 # Above the middle of the arms.
 _ROTOR_HEIGHT = 0.035
 _FAN_DEPTH = 0.25
-# Rotors, which turn with 200 rad/s, are shown so much slower, or they would seem to stand at 30 frames a second.
+# Rotors turn at 200 rad/s; at 30 frames a second they would seem to stand still, so they are shown slower by this.
 _SLOW_MOTION = 0.1
 # m of an arrow for a wind of 1 m/s.
 _WIND_SCALE = 0.15
-# A piece of the trail appears at once, s.
+# Time in which a vehicle leaves a piece of its trail, s.
 TRAIL_PIECE = 0.25
 _TRAIL = 0.018
 ERRORS = colormaps["viridis"]
 # Rotors 1 and 3 turn clockwise seen from above, 2 and 4 anticlockwise.
 _SPINS = (-1.0, 1.0, -1.0, 1.0)
-# Of rotors 1 to 4 in B, along x and y.
-_PLACES = ((1.0, 0.0), (0.0, -1.0), (-1.0, 0.0), (0.0, 1.0))
+# Directions of the arms of rotors 1 to 4 in B, along x and y.
+_ARMS = ((1.0, 0.0), (0.0, -1.0), (-1.0, 0.0), (0.0, 1.0))
 
 
 def rgba(color: str, opacity: float = 1.0) -> Rgba:
-    """A colour of Matplotlib as Drake's."""
+    """A colour of Matplotlib, as Drake has it."""
     return Rgba(*to_rgb(color), opacity)
 
 
@@ -44,21 +46,28 @@ def rotor_poses(arm_length: float, angles: np.ndarray) -> list[RigidTransform]:
     ]
 
 
-def turned_by(rotor_speed: np.ndarray, time: float) -> np.ndarray:
-    """By which angles (rad) rotors are shown to turn in a time (s)."""
-    return _SLOW_MOTION * time * rotor_speed * np.array(_SPINS)
+def turned_by(rotor_speed: RotorSpeed, time: float) -> np.ndarray:
+    """(4,) angles (rad) by which the rotors are shown to turn in a time (s)."""
+    return _SLOW_MOTION * time * np.array(rotor_speed) * _SPINS
 
 
-def wind_arrow(wind: np.ndarray, state: np.ndarray) -> tuple[RigidTransform, list[float]]:
-    """The pose and the scale of the arrow above a vehicle that shows the wind (m/s) there."""
+def wind_arrow(wind: Wind, state: State) -> tuple[RigidTransform, list[float]]:
+    """The pose and the scale of the arrow above a vehicle that shows the wind there."""
     speed = float(np.linalg.norm(wind))
-    turn = RotationMatrix.MakeFromOneVector(wind, 0) if speed > 1e-6 else RotationMatrix()
+    turn = RotationMatrix.MakeFromOneVector(np.array(wind), 0) if speed > 1e-6 else RotationMatrix()
     length = max(_WIND_SCALE * speed, 1e-3)
-    return RigidTransform(turn, state[0:3] + np.array([0.0, 0.0, 0.3])), [length, min(length, 1.0), min(length, 1.0)]
+    return RigidTransform(turn, places(state) + np.array([0.0, 0.0, 0.3])), [length, min(length, 1.0), min(length, 1.0)]
 
 
 def draw_trail_piece(meshcat: Meshcat, path: str, points: np.ndarray, shades: str | np.ndarray) -> None:
-    """A piece of a trail along (n, 3) points in one colour, or in those of (n,) shares of the largest error."""
+    """Draws a piece of a trail.
+
+    Args:
+        meshcat: in which it is drawn.
+        path: of the piece in the scene.
+        points: (n, 3) along it, m.
+        shades: a colour, or (n,) errors as shares of the largest one.
+    """
     vertices, faces = tube(points, _TRAIL)
     if isinstance(shades, str):
         meshcat.SetTriangleMesh(path, vertices, faces, rgba(shades, 0.7))
@@ -67,12 +76,12 @@ def draw_trail_piece(meshcat: Meshcat, path: str, points: np.ndarray, shades: st
 
 
 def _rotor_places(arm_length: float) -> list[np.ndarray]:
-    """Where the rotors are in B, rotors 1 to 4."""
-    return [np.array([arm_length * x, arm_length * y, _ROTOR_HEIGHT]) for x, y in _PLACES]
+    """The positions of rotors 1 to 4 in B, m."""
+    return [np.array([arm_length * x, arm_length * y, _ROTOR_HEIGHT]) for x, y in _ARMS]
 
 
 def draw_quadrotor(meshcat: Meshcat, path: str, arm_length: float, color: str) -> None:
-    """A quadrotor from primitives in the frame `path`; its rotors turn in the frames `path`/rotor_1 to rotor_4.
+    """Draws a quadrotor in the frame `path`; its rotors turn in the frames `path`/rotor_1 to `path`/rotor_4.
 
     Its front, rotor 1, is orange; the blades that turn clockwise are blue, the others light blue.
     """
@@ -95,8 +104,8 @@ def draw_quadrotor(meshcat: Meshcat, path: str, arm_length: float, color: str) -
 
 
 def quadrotor_mesh(arm_length: float) -> TriangleSurfaceMesh:
-    """A quadrotor as a single mesh of few triangles, to be drawn a hundred times."""
-    parts = [_bar(np.array([x, y, 0.0]) * arm_length) for x, y in _PLACES]
+    """A quadrotor as a single mesh of few triangles, for scenes with hundreds of them."""
+    parts = [_bar(np.array([x, y, 0.0]) * arm_length) for x, y in _ARMS]
     angles = np.linspace(0.0, 2.0 * np.pi, 10, endpoint=False)
     rim = _PROPELLER * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
     fan = [(0, i + 1, (i + 1) % len(rim) + 1) for i in range(len(rim))]
@@ -105,9 +114,9 @@ def quadrotor_mesh(arm_length: float) -> TriangleSurfaceMesh:
 
 
 def draw_fan(meshcat: Meshcat, path: str, jet: Jet, reach: float) -> None:
-    """A fan with its jet, drawn so far (m), out to the radius at which half of the speed is left."""
+    """Draws a fan and its jet, up to a reach (m) and out to the radius at which half of the speed is left."""
     meshcat.SetTransform(
-        path, RigidTransform(RotationMatrix.MakeFromOneVector(np.asarray(jet.direction), 2), jet.position)
+        path, RigidTransform(RotationMatrix.MakeFromOneVector(np.array(jet.direction), 2), np.array(jet.outlet))
     )
     meshcat.SetObject(f"{path}/housing", Cylinder(0.5 * jet.diameter, _FAN_DEPTH), rgba("0.35"))
     meshcat.SetTransform(f"{path}/housing", RigidTransform([0.0, 0.0, -0.5 * _FAN_DEPTH]))
@@ -117,7 +126,7 @@ def draw_fan(meshcat: Meshcat, path: str, jet: Jet, reach: float) -> None:
 
 
 def draw_arrow(meshcat: Meshcat, path: str) -> None:
-    """An arrow of 1 m along x, to be scaled and turned."""
+    """Draws an arrow of 1 m along x, which can be scaled and turned."""
     meshcat.SetObject(path, _mesh([_bar(np.array([0.8, 0.0, 0.0]), 0.012), _tip()]), rgba(VERMILION))
 
 
@@ -138,13 +147,13 @@ def tube(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
     return vertices.T, np.array(faces).T
 
 
-def pose_of(state: np.ndarray) -> RigidTransform:
-    """The pose of the vehicle from the rows of its state."""
-    return RigidTransform(RollPitchYaw(state[3:6]), state[0:3])
+def pose_of(state: State) -> RigidTransform:
+    """The pose of a vehicle."""
+    return RigidTransform(RollPitchYaw(state.roll, state.pitch, state.yaw), places(state))
 
 
 def _bar(end: np.ndarray, half_width: float = 0.009) -> tuple[np.ndarray, list[tuple[int, int, int]]]:
-    """A flat bar from the origin, as vertices and triangles."""
+    """Vertices and triangles of a flat bar from the origin."""
     aside = half_width * np.cross(end / np.linalg.norm(end), [0.0, 0.0, 1.0])
     lift = np.array([0.0, 0.0, half_width])
     corners = np.array([base + a + b for base in (0.0 * end, end) for a in (-aside, aside) for b in (-lift, lift)])
@@ -164,13 +173,14 @@ def _bar(end: np.ndarray, half_width: float = 0.009) -> tuple[np.ndarray, list[t
 
 
 def _tip() -> tuple[np.ndarray, list[tuple[int, int, int]]]:
+    """Vertices and triangles of the tip of an arrow along x."""
     angles = np.linspace(0.0, 2.0 * np.pi, 8, endpoint=False)
     rim = np.stack([0.78 * np.ones_like(angles), 0.045 * np.cos(angles), 0.045 * np.sin(angles)], axis=1)
     return np.vstack([[1.0, 0.0, 0.0], rim]), [(0, i + 1, (i + 1) % 8 + 1) for i in range(8)]
 
 
 def _revolved(lengths: np.ndarray, radii: np.ndarray) -> TriangleSurfaceMesh:
-    """The surface of revolution around z with radii at lengths along it."""
+    """A surface of revolution around z, with its radius at each length along z."""
     angles = np.linspace(0.0, 2.0 * np.pi, 24, endpoint=False)
     ring = np.stack([np.cos(angles), np.sin(angles)], axis=1)
     vertices = np.concatenate(
@@ -185,7 +195,7 @@ def _revolved(lengths: np.ndarray, radii: np.ndarray) -> TriangleSurfaceMesh:
 
 
 def _mesh(parts: Sequence[tuple[np.ndarray, list[tuple[int, int, int]]]]) -> TriangleSurfaceMesh:
-    """A mesh of parts, each with its vertices and triangles; seen from both sides."""
+    """A mesh of parts, each with its vertices and triangles, that is seen from both sides."""
     vertices, triangles, first = [], [], 0
     for corners, faces in parts:
         vertices += list(corners)

@@ -1,0 +1,212 @@
+"""Systems that say what they compute."""
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import AutoDiffXd
+from pydrake.common import RandomDistribution
+from pydrake.symbolic import Expression, Variable
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+
+from drake_quad.framework.fleet_system import TIME, FleetSystem, fleet_system
+from drake_quad.framework.wiring import split_output, subsystem
+from drake_quad.signals import Acceleration, PositionError, Row, Wind
+
+
+class Gains(NamedTuple):
+    k_p: Row = 2.0
+    offset: Acceleration = Acceleration(0.0, 0.0, 0.0)
+
+
+class Numbers(NamedTuple):
+    gains: Gains = Gains()
+    start: Row = 0.0
+
+
+class Signals(NamedTuple):
+    error: PositionError
+    pd: Acceleration
+
+
+class Coin(NamedTuple):
+    coin: Row
+
+
+def law(error, wind, gains, sign):
+    push = wind if wind is not None else Wind(0.0, 0.0, 0.0)
+    x, y, z = (sign * gains.k_p * e + o + w for e, o, w in zip(error, gains.offset, push, strict=True))
+    return Signals(error, Acceleration(x, y, z))
+
+
+def summed(total, error, time):
+    return PositionError(*(part + e + 10.0 * time for part, e in zip(total, error, strict=True)))
+
+
+def doubled(total):
+    return Acceleration(2.0 * total.x, 2.0 * total.y, 2.0 * total.z)
+
+
+@fleet_system(float, AutoDiffXd, Expression)
+class Example(FleetSystem):
+    """A law that is memoryless, and a sum."""
+
+    def declare(self, *, period=0.5, unrestricted=False, at_start=True, numbers=Numbers()):
+        error, wind = self.input("error"), self.input("wind")
+        gains = self.parameter("gains", lambda numbers: numbers.gains)
+        total = self.state("total", lambda numbers: PositionError(numbers.start, 0.0, 0.0))
+        self.update(period, summed, total, error, TIME, writes=[total], unrestricted=unrestricted, at_start=at_start)
+        self.output("correction", doubled, total)
+        self.output("pd", lambda *reads: law(*reads).pd, error, wind, gains, -1.0)
+
+
+@fleet_system(float, AutoDiffXd)
+class Packed(FleetSystem):
+    """The same with its signals in one port."""
+
+    def declare(self, *, numbers=Gains()):
+        gains = self.parameter("gains", lambda gains: gains)
+        self.packed_output("both", Signals, law, self.input("error"), None, gains, 1.0)
+
+
+@fleet_system(float, AutoDiffXd)
+class Falling(FleetSystem):
+    """A continuous state."""
+
+    def declare(self, *, numbers=Numbers()):
+        place = self.continuous_state(lambda numbers: PositionError(numbers.start, 1.0, 2.0))
+        self.derivative(
+            lambda place, gains: PositionError(*(-gains.k_p * x for x in place)),
+            place,
+            self.parameter("gains", lambda n: n.gains),
+        )
+        self.output("error", lambda place: place, place)
+
+
+@pytest.mark.parametrize("n", [1, 3, 11])
+def test_outputs_follow_from_the_formula(n):
+    system = Example(num_vehicles=n)
+    context = system.CreateDefaultContext()
+    error, wind = np.random.default_rng(0).normal(size=(2, 3 * n))
+    system.GetInputPort("error").FixValue(context, error)
+    np.testing.assert_allclose(system.GetOutputPort("pd").Eval(context), -2.0 * error)
+    # An input port that is not connected is None to the formula.
+    system.GetInputPort("wind").FixValue(context, wind)
+    np.testing.assert_allclose(system.GetOutputPort("pd").Eval(context), -2.0 * error + wind)
+    system.set_parameter(context, "gains", Gains(np.arange(1.0, n + 1.0), Acceleration(0.0, 0.5, 0.0)))
+    expected = -np.tile(np.arange(1.0, n + 1.0), 3) * error + wind + np.repeat([0.0, 0.5, 0.0], n)
+    np.testing.assert_allclose(system.GetOutputPort("pd").Eval(context), expected)
+    assert system.GetOutputPort("correction").Eval(context).size == 3 * n
+
+
+@pytest.mark.parametrize("n", [1, 4])
+def test_other_scalar_types_run_the_formula_as_it_is_written(n):
+    system = Example(num_vehicles=n, numbers=Numbers(Gains(np.arange(1.0, n + 1.0) if n > 1 else 1.5)))
+    context = system.CreateDefaultContext()
+    error = np.arange(3.0 * n)
+    system.GetInputPort("error").FixValue(context, error)
+    expected = system.GetOutputPort("pd").Eval(context)
+    converted = system.ToAutoDiffXd()
+    context = converted.CreateDefaultContext()
+    converted.GetInputPort("error").FixValue(context, np.array([AutoDiffXd(x, [1.0]) for x in error]))
+    found = converted.GetOutputPort("pd").Eval(context)
+    np.testing.assert_allclose([x.value() for x in found], expected)
+    np.testing.assert_allclose(
+        [x.derivatives()[0] for x in found], -np.tile(np.arange(1.0, n + 1.0) if n > 1 else 1.5, 3)
+    )
+    if n == 1:
+        symbolic = system.ToSymbolic()
+        context = symbolic.CreateDefaultContext()
+        x = Variable("x")
+        symbolic.GetInputPort("error").FixValue(context, np.array([Expression(x)] * 3))
+        assert symbolic.GetOutputPort("pd").Eval(context)[0].Evaluate({x: 2.0}) == -3.0
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_updates_read_what_was_before_and_the_time(n):
+    system = Example(num_vehicles=n, numbers=Numbers(start=5.0))
+    simulator = Simulator(system)
+    context = simulator.get_mutable_context()
+    system.GetInputPort("error").FixValue(context, np.ones(3 * n))
+    simulator.AdvanceTo(0.75)
+    # At 0 and at 0.5: twice an error of one, and ten times the time.
+    total = system.get_state(context, "total")
+    np.testing.assert_allclose(total.x, 5.0 + 2.0 + 5.0)
+    np.testing.assert_allclose(total.z, 2.0 + 5.0)
+    np.testing.assert_allclose(system.GetOutputPort("correction").Eval(context)[0], 24.0)
+
+
+@pytest.mark.parametrize("unrestricted", [False, True])
+def test_an_update_may_leave_out_time_zero(unrestricted):
+    system = Example(at_start=False, unrestricted=unrestricted)
+    simulator = Simulator(system)
+    system.GetInputPort("error").FixValue(simulator.get_mutable_context(), np.ones(3))
+    simulator.AdvanceTo(0.25)
+    assert system.get_state(simulator.get_context(), "total").y == 0.0
+    simulator.AdvanceTo(0.75)
+    assert system.get_state(simulator.get_context(), "total").y == 6.0
+
+
+def test_a_continuous_state_moves_by_its_derivative():
+    for n in (1, 2):
+        system = Falling(num_vehicles=n, numbers=Numbers(Gains(k_p=0.5), start=3.0))
+        simulator = Simulator(system)
+        simulator.AdvanceTo(1.0)
+        found = system.get_state(simulator.get_context(), "continuous")
+        np.testing.assert_allclose(
+            [found.x, found.y], np.multiply.outer([3.0, 1.0], np.squeeze([math.exp(-0.5)] * n)), rtol=1e-3
+        )
+        np.testing.assert_array_equal(system.GetOutputPort("error").Eval(simulator.get_context())[:n], found.x)
+
+
+def test_a_packed_output_is_taken_apart_into_its_signals():
+    builder = DiagramBuilder()
+    system = Packed(num_vehicles=2)
+    ports = split_output(builder, "packed", system)
+    builder.ExportInput(system.GetInputPort("error"), "error")
+    for name, port in ports.items():
+        builder.ExportOutput(port, name)
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    diagram.GetInputPort("error").FixValue(context, np.arange(6.0))
+    np.testing.assert_array_equal(diagram.GetOutputPort("error").Eval(context), np.arange(6.0))
+    np.testing.assert_array_equal(diagram.GetOutputPort("pd").Eval(context), 2.0 * np.arange(6.0))
+    assert subsystem(diagram, "packed") is system
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_reset_follows_the_recipes_once_more(n):
+    rows = np.arange(1.0, n + 1.0) if n > 1 else 1.0
+    numbers = Numbers(Gains(k_p=rows, offset=Acceleration(0.1, 0.2, 0.3)), start=-rows)
+    fresh, used = Example(num_vehicles=n, numbers=numbers), Example(num_vehicles=n)
+    expected, context = fresh.CreateDefaultContext(), used.CreateDefaultContext()
+    used.reset(context, numbers)
+    for name in ("gains",):
+        np.testing.assert_array_equal(
+            np.hstack(used.parameters[name].layout.flatten(used.get_parameter(context, name))),
+            np.hstack(fresh.parameters[name].layout.flatten(fresh.get_parameter(expected, name))),
+        )
+    np.testing.assert_array_equal(
+        np.hstack(used.get_state(context, "total")), np.hstack(fresh.get_state(expected, "total"))
+    )
+
+
+def test_outputs_depend_on_what_their_formula_reads_and_on_nothing_else():
+    system = Example()
+    inputs, outputs = range(system.num_input_ports()), range(system.num_output_ports())
+    feedthrough = {(i, o) for i in inputs for o in outputs if system.HasDirectFeedthrough(i, o)}
+    pd = int(system.GetOutputPort("pd").get_index())
+    assert feedthrough == {(0, pd), (1, pd)}
+
+
+def test_random_inputs_say_what_they_need():
+    @fleet_system(float)
+    class Gambling(FleetSystem):
+        def declare(self):
+            self.random_input("coin", Coin, RandomDistribution.kUniform, period=0.1)
+
+    system = Gambling(num_vehicles=4)
+    assert system.random_inputs["coin"] == (1, RandomDistribution.kUniform, 0.1)
+    assert system.GetInputPort("coin").size() == 4

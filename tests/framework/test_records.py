@@ -1,0 +1,85 @@
+from typing import Annotated, Any, NamedTuple
+
+import pytest
+
+from drake_quad.framework.records import ROW, layout_of
+from drake_quad.signals import SIGNALS, Row, State
+
+
+class Point(NamedTuple):
+    x: Annotated[Row, "m"] = 0.0
+    y: Row = 0.0
+
+
+class Line(NamedTuple):
+    width: Row
+    ends: tuple[Point, Point]
+    others: tuple[Point, ...] = ()
+    style: Any = Point()
+
+
+LINE = Line(1.0, (Point(2.0, 3.0), Point(4.0, 5.0)), (Point(6.0, 7.0),), Point(8.0, 9.0))
+
+
+def test_rows_stand_one_after_another_whatever_they_are_nested_in():
+    layout = layout_of(Line, LINE)
+    assert layout.num_rows == 9
+    assert layout.flatten(LINE) == [1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]
+    assert layout.build([1.0, 2.0, 3.0, 4.0, 5.0, 6.0, 7.0, 8.0, 9.0]) == LINE
+    assert isinstance(layout.build(range(9)).style, Point)
+    assert layout.names == (
+        "width",
+        "ends.0.x",
+        "ends.0.y",
+        "ends.1.x",
+        "ends.1.y",
+        "others.0.x",
+        "others.0.y",
+        "style.x",
+        "style.y",
+    )
+
+
+def test_layouts_of_types_that_say_all():
+    assert layout_of(State).num_rows == 12
+    assert layout_of(State).names == State._fields
+    assert layout_of(Row) is layout_of(Annotated[Row, "s"]) is ROW
+    assert ROW.names == ("",)
+    assert layout_of(tuple[Row, Point]).build([1.0, 2.0, 3.0]) == (1.0, Point(2.0, 3.0))
+    assert layout_of(tuple, (1.0, Point())).names == ("0", "1.x", "1.y")
+    assert layout_of(Point) == layout_of(Point, Point(1.0, 2.0))
+
+
+def test_plain_tuples_become_the_records_that_their_fields_say():
+    layout = layout_of(Line, Line(1.0, ((2.0, 3.0), (4.0, 5.0)), ()))
+    assert layout.build(range(7)).ends == (Point(1, 2), Point(3, 4))
+
+
+@pytest.mark.parametrize("kind", [int, str, tuple[int, ...], tuple[Row, ...], Any])
+def test_what_is_no_type_of_rows_is_refused(kind):
+    with pytest.raises(TypeError):
+        layout_of(kind)
+
+
+def test_what_is_made_of_other_parts_is_refused():
+    layout = layout_of(Line, LINE)
+    with pytest.raises(ValueError, match="Line has 9 rows, not 8"):
+        layout.build(range(8))
+    with pytest.raises(TypeError, match="Line is made of 4 parts"):
+        layout.flatten((1.0, 2.0))
+    with pytest.raises(TypeError, match="Point is wanted, not State"):
+        layout.flatten(LINE._replace(style=State(*range(12))))
+    with pytest.raises(TypeError, match="a row is wanted, not Point"):
+        layout.flatten(LINE._replace(width=Point()))
+
+
+def test_every_signal_has_rows_with_units():
+    from drake_quad.signals import quantities, row_names
+
+    for name in SIGNALS:
+        names, units = row_names(name, 4), quantities(name, 4)
+        assert len(names) == len(units) >= 1
+        assert all(quantity.unit for quantity in units)
+        assert all(quantity.frame in ("", "W", "B") for quantity in units)
+    assert row_names("weights", 3) == ["1", "2", "3"]
+    assert quantities("wrench", 4)[0] == ("N", "B")
