@@ -3,22 +3,26 @@ import math
 import numpy as np
 import pytest
 
-from drake_quad.control.attitude import AttitudeController
+from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
+from drake_quad.control.axes import PerAngle
+from drake_quad.signals import State, Torque
 
 INERTIA = (0.007, 0.008, 0.012)
+NUMBERS = AttitudeNumbers(PerAngle(10.0, 20.0, 30.0), PerAngle(1.0, 2.0, 3.0), *INERTIA)
 
 
 def torque(attitude=(0.0, 0.0, 0.0), rates=(0.0, 0.0, 0.0), command=(0.0, 0.0, 0.0), rate_command=(0.0, 0.0, 0.0)):
-    controller = AttitudeController(k_p=(10.0, 20.0, 30.0), k_d=(1.0, 2.0, 3.0), inertia=INERTIA)
+    controller = AttitudeController(numbers=NUMBERS)
     context = controller.CreateDefaultContext()
-    controller.GetInputPort("measurement").FixValue(context, [0.0] * 3 + [*attitude] + [0.0] * 3 + [*rates])
+    measurement = State(0.0, 0.0, 0.0, *attitude, 0.0, 0.0, 0.0, *rates)
+    controller.GetInputPort("measurement").FixValue(context, measurement)
     controller.GetInputPort("attitude_command").FixValue(context, command)
     controller.GetInputPort("body_rate_command").FixValue(context, rate_command)
-    return controller.get_output_port().Eval(context)
+    return Torque(*controller.get_output_port().Eval(context))
 
 
 def test_commanded_angular_accelerations_are_added():
-    controller = AttitudeController(k_p=(10.0, 20.0, 30.0), k_d=(1.0, 2.0, 3.0), inertia=INERTIA)
+    controller = AttitudeController(numbers=NUMBERS)
     context = controller.CreateDefaultContext()
     for name, size in (("measurement", 12), ("attitude_command", 3), ("body_rate_command", 3)):
         controller.GetInputPort(name).FixValue(context, [0.0] * size)
@@ -39,4 +43,4 @@ def test_gains_act_on_each_axis_as_on_a_double_integrator():
     [(3.0, -3.0, math.tau - 6.0), (-3.0, 3.0, 6.0 - math.tau), (0.1, 12.7, 12.6 - 2 * math.tau)],
 )
 def test_yaw_turns_the_short_way(yaw, command, error):
-    assert torque((0.0, 0.0, yaw), command=(0.0, 0.0, command))[2] == pytest.approx(0.012 * 30.0 * error)
+    assert torque((0.0, 0.0, yaw), command=(0.0, 0.0, command)).tau_z == pytest.approx(0.012 * 30.0 * error)

@@ -6,14 +6,16 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from drake_quad.control.integral import IntegralCorrection
+from drake_quad.control.axes import PerAxis
+from drake_quad.control.integral import IntegralCorrection, IntegralGains, integrated
+from drake_quad.signals import Acceleration, PositionError
 
 H, K_I = 0.02, np.array([0.3, 0.5, 2.0])
 
 
 def corrected(errors, limit, num_vehicles=1, k_i=tuple(K_I)):
     """The corrections (ticks + 1, 3, N) that follow from errors (ticks, 3, N), one a tick."""
-    system = IntegralCorrection(num_vehicles=num_vehicles, period=H, k_i=k_i, limit=limit)
+    system = IntegralCorrection(num_vehicles=num_vehicles, period=H, numbers=IntegralGains(PerAxis(*k_i), limit))
     simulator = Simulator(system)
     context, found = simulator.get_mutable_context(), []
     for tick, error in enumerate(errors):
@@ -25,6 +27,15 @@ def corrected(errors, limit, num_vehicles=1, k_i=tuple(K_I)):
     simulator.AdvancePendingEvents()
     found.append(system.get_output_port().Eval(context))
     return np.array(found).reshape(-1, 3, num_vehicles)
+
+
+def test_a_tick_adds_the_error_times_gain_and_period_and_keeps_to_the_limit():
+    """By hand, on each axis with a gain of its own: 1 - 0.02 · 2 · 10, -1 + 0.02 · 3 · 5, and no more than the limit."""
+    gains = IntegralGains(PerAxis(2.0, 3.0, 4.0), 1.5)
+    after = integrated(Acceleration(1.0, -1.0, 1.4), PositionError(10.0, -5.0, -2.0), gains, H)
+    assert after == pytest.approx(Acceleration(0.6, -0.7, 1.5))
+    other_way = integrated(Acceleration(-1.0, 1.0, -1.4), PositionError(-10.0, 5.0, 2.0), gains, H)
+    assert other_way == pytest.approx(Acceleration(-0.6, 0.7, -1.5))
 
 
 def test_the_correction_is_minus_the_sum_of_the_errors():

@@ -6,12 +6,14 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 
-from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, specific_thrust
-from drake_quad.flatness import in_heading
+from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers, specific_thrust
+from drake_quad.flatness import HeadingVector, in_heading
+from drake_quad.signals import Acceleration
 
 G, MASS = 9.81, 0.68
 LIMITS = ThrustLimits(math.tan(0.6), 0.3 * MASS * G, 1.8 * MASS * G)
-accelerations = st.tuples(*[st.floats(-30.0, 30.0)] * 3)
+BELIEVED = VectoringNumbers(MASS, G, LIMITS)
+accelerations = st.builds(Acceleration, *[st.floats(-30.0, 30.0)] * 3)
 angles = st.floats(-math.pi, math.pi)
 
 
@@ -20,7 +22,7 @@ def limited(acceleration, yaw):
     return specific_thrust(forward_left_up, mass=MASS, gravity=G, limits=LIMITS)
 
 
-@given(st.tuples(*[st.floats(-3.0, 3.0)] * 3), angles)
+@given(st.builds(Acceleration, *[st.floats(-3.0, 3.0)] * 3), angles)
 def test_within_the_limits_gives_the_commanded_acceleration(acceleration, yaw):
     forward_left_up = in_heading(acceleration, math.sin(yaw), math.cos(yaw))
     np.testing.assert_allclose(limited(acceleration, yaw), forward_left_up + np.array([0.0, 0.0, G]), atol=1e-12)
@@ -44,7 +46,7 @@ def test_all_thrust_goes_up_where_there_is_no_more():
     n = 1000
     mass, share = rng.uniform(0.4, 1.2, n), rng.uniform(1.05, 2.5, n)
     limits = ThrustLimits(math.tan(0.6), 0.3 * mass * G, share * mass * G)
-    law = ThrustVectoring(num_vehicles=n, mass=mass, gravity=G, limits=limits)
+    law = ThrustVectoring(num_vehicles=n, numbers=VectoringNumbers(mass, G, limits))
     context = law.CreateDefaultContext()
     for name, rows in (
         ("acceleration_command", [0.3, -0.2, 50.0]),
@@ -59,12 +61,12 @@ def test_all_thrust_goes_up_where_there_is_no_more():
 
 def test_a_limit_that_is_met_has_derivatives():
     command = InitializeAutoDiff(np.array([0.3, -0.2, 50.0])).ravel()
-    limited = specific_thrust(command, mass=MASS, gravity=G, limits=LIMITS)
+    limited = specific_thrust(HeadingVector(*command), mass=MASS, gravity=G, limits=LIMITS)
     np.testing.assert_allclose(ExtractGradient(np.array(limited)), 0.0, atol=1e-15)
 
 
 def test_follows_the_reference_as_far_as_it_is_connected():
-    law = ThrustVectoring(mass=MASS, gravity=G, limits=LIMITS)
+    law = ThrustVectoring(numbers=BELIEVED)
     context = law.CreateDefaultContext()
     law.GetInputPort("acceleration_command").FixValue(context, [0.0, 0.0, 1.0])
     law.GetInputPort("measurement").FixValue(context, [0.0] * 12)
@@ -88,7 +90,7 @@ def test_fleet_and_single_vehicle_agree():
     values = {name: 4.0 * rng.normal(size=(size, n)) for name, size in sizes.items()}
 
     def output(num_vehicles, columns):
-        law = ThrustVectoring(num_vehicles=num_vehicles, mass=MASS, gravity=G, limits=LIMITS)
+        law = ThrustVectoring(num_vehicles=num_vehicles, numbers=BELIEVED)
         context = law.CreateDefaultContext()
         for name, rows in values.items():
             law.GetInputPort(name).FixValue(context, rows[:, columns].ravel())

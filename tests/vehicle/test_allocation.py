@@ -16,9 +16,7 @@ ROTORS = RotorModel.of(TABLE_I)
 TOP_THRUST = 4.0 * 4.13e-5 * 300.0**2
 BOTTOM_THRUST = 4.0 * 4.13e-5 * 60.0**2
 
-wrenches = st.builds(
-    Wrench, st.floats(-20.0, 40.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-0.5, 0.5)
-)
+wrenches = st.builds(Wrench, st.floats(-20.0, 40.0), st.floats(-3.0, 3.0), st.floats(-3.0, 3.0), st.floats(-0.5, 0.5))
 rotor_speeds = st.builds(RotorSpeed, *[st.floats(60.0, 300.0)] * 4)
 
 

@@ -1,7 +1,5 @@
 """The network as a diagram, in the loop."""
 
-from pathlib import Path
-
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
@@ -10,27 +8,23 @@ from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad import load_scenario, simulate
-from drake_quad.studies.comparison import fly_samples, share_of
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
-from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
-from drake_quad.control.fuzzy.laws import LEARNING
-from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
+from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, SignLaw
+from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning, build_fuzzy_network
+from drake_quad.studies.comparison import fly_samples, share_of
 
-ROOT = Path(__file__).parent.parent.parent.parent
-PAPER = ROOT / "diagrams" / "controllers" / "paper.yaml"
 H = 0.02
 
 
-def scenario_with(controller, *overrides, place="nominal"):
-    return load_scenario(ROOT / "diagrams" / f"laboratory.yaml:{place}", overrides, layers=[f"{PAPER}:{controller}"])
+@pytest.fixture(scope="module")
+def scenario_with(diagrams):
+    """A scenario of the laboratory with one of the paper's controllers."""
 
+    def load(controller, *overrides, place="nominal"):
+        paper = f"{diagrams / 'controllers' / 'paper.yaml'}:{controller}"
+        return load_scenario(diagrams / f"laboratory.yaml:{place}", overrides, layers=[paper])
 
-def learn_alone(law, weights, memory, firing, signal):
-    """Learning of a single vehicle on X alone, from a signal as it is, without limits."""
-    signals = np.array([signal[0], 0.0, 0.0])
-    parameters = np.array([0.0, *law, *Limits()])[:, None]
-    arrays = [array.ravel() for array in (weights, memory, firing)]
-    LEARNING[law.__class__](*arrays, signals, signals, parameters, np.array([0]), 9, H)
+    return load
 
 
 def driven(network, inputs, ticks, num_vehicles=1):
@@ -69,22 +63,22 @@ LAWS = [CovarianceLaw(0.8, 30.0), CovarianceLaw(0.8, 30.0, 0.99), GradientLaw(3.
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize("axes", [("x", "y"), ("x", "z"), ("y",)])
 def test_the_diagram_is_the_mathematics(law, axes):
-    """Tick by tick: the correction of a tick is that of the weights before it."""
+    """Tick by tick, by the law as it is written: the correction of a tick is that of the weights before it."""
     rng = np.random.default_rng(3)
     inputs, sets = waves(rng, 1), Antecedents(1.3, 0.7, 0.4, FuzzySets(1.5), FuzzySets(0.7))
-    learning = WeightLearning(axes=axes, law=law, slope=1.7, initial_weight=0.2)
-    network = build_fuzzy_network(rules=FuzzyRules(axes=axes, antecedents=sets), learning=learning)
+    numbers = LearningNumbers(slope=1.7, law=law, initial_weight=0.2)
+    learning = WeightLearning(axes=axes, numbers=numbers)
+    network = build_fuzzy_network(rules=FuzzyRules(axes=axes, numbers=sets), learning=learning)
     _, found = driven(network, inputs, 80)
     for axis in axes:
         i = "xyz".index(axis)
-        weights = np.full((9, 1), 0.2)
-        memory = np.array([[row] for row in law.memory(9)], dtype=float).reshape(-1, 1)
+        weights, memory = (0.2,) * 9, law.memory(9)
         for tick in range(80):
-            e, rate, pd = (inputs[name].value(tick * H)[i, 0] for name in ("error", "error_rate", "pd"))
-            firing = np.array(firing_strengths(e, rate, sets))[:, None]
-            assert found[tick, i, 0] == pytest.approx((firing * weights).sum(), abs=1e-12)
-            signal = np.array([rate + 1.7 * e if law.learns_from == "surface" else pd])
-            learn_alone(law, weights, memory, firing, signal)
+            e, rate, pd = (float(inputs[name].value(tick * H)[i, 0]) for name in ("error", "error_rate", "pd"))
+            firing = firing_strengths(e, rate, sets)
+            assert found[tick, i, 0] == pytest.approx(np.dot(firing, weights), abs=1e-12)
+            signal = rate + 1.7 * e if law.learns_from == "surface" else pd
+            weights, memory = law.learned(weights, memory, firing, signal, H)
     others = [i for i in range(3) if "xyz"[i] not in axes]
     np.testing.assert_array_equal(found[:, others], 0.0)
 
@@ -100,8 +94,8 @@ def test_a_fleet_learns_as_its_vehicles_do():
     def network(pick, count):
         sets = Antecedents(pick(rows["a1"]), 0.7, pick(q), FuzzySets(pick(scale)), FuzzySets(0.7))
         law = CovarianceLaw(pick(rows["gain"]), 30.0)
-        learning = WeightLearning(num_vehicles=count, law=law, slope=pick(slope))
-        return build_fuzzy_network(rules=FuzzyRules(num_vehicles=count, antecedents=sets), learning=learning)
+        learning = WeightLearning(num_vehicles=count, numbers=LearningNumbers(slope=pick(slope), law=law))
+        return build_fuzzy_network(rules=FuzzyRules(num_vehicles=count, numbers=sets), learning=learning)
 
     _, fleet = driven(network(lambda row: row, n), inputs, 60, n)
     for i in (0, 7, 39):
@@ -120,7 +114,7 @@ def test_a_fleet_learns_as_its_vehicles_do():
 def test_resets_begin_the_covariance_anew_at_the_first_tick_from_then_on(reset_time, tick):
     """And what is learned at that tick is learned with the covariance of the beginning."""
     inputs, law = waves(np.random.default_rng(5), 1), CovarianceLaw(0.8, 30.0)
-    learning = WeightLearning(axes=("x", "z"), law=law, reset_times=(reset_time,))
+    learning = WeightLearning(axes=("x", "z"), reset_times=(reset_time,), numbers=LearningNumbers(law=law))
     network = build_fuzzy_network(rules=FuzzyRules(axes=("x", "z")), learning=learning)
     # After so many ticks the last one's learning is still to come.
     simulator, _ = driven(network, inputs, tick + 1)
@@ -146,20 +140,20 @@ def test_with_the_other_sign_of_eq_14_the_loop_runs_away():
     for sign in (1.0, -1.0):
         sets = Antecedents(1.2, 0.8, 0.5, FuzzySets(1.8), FuzzySets(0.55))
         law = CovarianceLaw(0.7, 6.0)
-        weights, memory = np.zeros((9, 1)), np.array([[row] for row in law.memory(9)])
+        weights, memory = (0.0,) * 9, law.memory(9)
         x = v = 0.0
         for _ in range(1500):
             e, rate = -x, -v
-            firing = np.array(firing_strengths(e, rate, sets))[:, None]
-            u = 1.4 * e + 1.4 * rate - sign * (firing * weights).sum()
-            learn_alone(law, weights, memory, firing, np.array([rate + 2.1 * e]))
+            firing = firing_strengths(e, rate, sets)
+            u = 1.4 * e + 1.4 * rate - sign * float(np.dot(firing, weights))
+            weights, memory = law.learned(weights, memory, firing, rate + 2.1 * e, H)
             x, v = x + H * v, v + H * (u + 0.5)
         errors[sign] = abs(x)
     assert errors[1.0] < 0.05 < 0.5 / 1.4 < errors[-1.0]
 
 
 @pytest.mark.parametrize("place", ["nominal", "low_wind"])
-def test_the_network_cuts_the_error_by_what_the_paper_reports(place):
+def test_the_network_cuts_the_error_by_what_the_paper_reports(scenario_with, place):
     """43 %, for at least 95 of 100 samples, and none crashes."""
     pd, network = (fly_samples(scenario_with(controller, place=place), range(100)) for controller in ("pd", "pd_t2fnn"))
     assert not pd.crashed.any()
@@ -171,7 +165,7 @@ def test_the_network_cuts_the_error_by_what_the_paper_reports(place):
 
 
 @pytest.mark.parametrize("controller", ["pd_t1fnn", "pid", "pd_feed_forward"])
-def test_a_sample_flies_the_same_alone(controller):
+def test_a_sample_flies_the_same_alone(scenario_with, controller):
     scenario = scenario_with(controller, "duration=3", place="low_wind")
     fleet = fly_samples(scenario, [4, 2, 9])
     alone = simulate(scenario, sample=2).metrics
@@ -187,17 +181,18 @@ def test_a_sample_flies_the_same_alone(controller):
         "{kind: covariance, slope: 2.1, gain: 0.7, initial_covariance: 6.0, reset: at_segments}",
     ],
 )
-def test_every_law_helps_in_flight(learning):
+def test_every_law_helps_in_flight(scenario_with, learning):
     own = [f"control.position.learning={learning}"]
     error = simulate(scenario_with("pd_t2fnn", *own), sample=0).metrics.rmse
     assert error < 0.9 * simulate(scenario_with("pd"), sample=0).metrics.rmse
 
 
-def test_on_which_axes_is_a_choice():
+def test_on_which_axes_is_a_choice(scenario_with):
     flight = simulate(scenario_with("pd_t2fnn", "control.position.axes=[z]", "duration=4"), sample=0)
     assert flight["weights"].shape[1] == 9
-    np.testing.assert_array_equal(flight["correction"][:, :2], 0.0)
-    assert np.abs(flight["correction"][:, 2]).max() > 0.0
+    x, y, z = flight.record("correction")
+    np.testing.assert_array_equal([x, y], 0.0)
+    assert np.abs(z).max() > 0.0
     np.testing.assert_allclose(
         flight["acceleration_command"], flight["pd"] - flight["correction"], atol=1e-12, err_msg="eq (14)"
     )

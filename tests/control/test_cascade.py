@@ -1,0 +1,133 @@
+"""The cascade as one diagram: what is connected with what, and what is shown."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import BasicVector, LeafSystem
+
+from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
+from drake_quad.control.axes import PerAngle, PerAxis
+from drake_quad.control.cascade import POSITION_SIGNALS, build_cascade
+from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
+from drake_quad.control.integral import IntegralCorrection, IntegralGains
+from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
+from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
+from drake_quad.signals import Acceleration, Attitude, Jerk, Reference, Snap, State, Torque, Wrench
+
+GAINS = PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.2, 3.2))
+VECTORING = VectoringNumbers(0.7, 9.79, ThrustLimits(math.tan(0.4), 3.0, 12.0))
+ATTITUDE = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), 0.0065, 0.0085, 0.0126)
+INPUTS = {
+    "measurement": State(0.3, -0.2, 1.1, 0.05, -0.04, 0.6, 0.2, -0.1, 0.3, 0.2, -0.3, 0.1),
+    "reference": Reference(0.5, 0.1, 1.0, 0.4, -0.2, 0.1, 0.3, 0.2, -0.1, 0.8, 0.25),
+    "reference_jerk": Jerk(0.6, -0.7, 0.4),
+    "reference_snap": Snap(-1.1, 0.9, 0.5, 0.3),
+}
+
+
+def cascade(feed_forward, position=None):
+    position = position or build_position_controller(ProportionalDerivative(feeds_forward=True, numbers=GAINS))
+    thrust_vectoring, attitude = ThrustVectoring(numbers=VECTORING), AttitudeController(numbers=ATTITUDE)
+    return build_cascade(
+        position=position, thrust_vectoring=thrust_vectoring, attitude=attitude, feed_forward=feed_forward
+    )
+
+
+def evaluated(system, **inputs):
+    """The only output of a system under these inputs."""
+    context = system.CreateDefaultContext()
+    for name, rows in inputs.items():
+        system.GetInputPort(name).FixValue(context, rows)
+    return system.get_output_port().Eval(context)
+
+
+def ports(system):
+    inputs = [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
+    return inputs, [system.get_output_port(i).get_name() for i in range(system.num_output_ports())]
+
+
+@pytest.mark.parametrize("feed_forward", ["none", "acceleration", "jerk", "snap"])
+def test_its_outputs_are_those_of_its_parts_one_after_another(feed_forward):
+    """Each part flown on its own, with what it gets from the one before, and only what is fed forward."""
+    control = cascade(feed_forward)
+    given = {name: rows for name, rows in INPUTS.items() if control.HasInputPort(name)}
+    assert ("reference_jerk" in given, "reference_snap" in given) == (
+        feed_forward in ("jerk", "snap"),
+        feed_forward == "snap",
+    )
+    context = control.CreateDefaultContext()
+    for name, rows in given.items():
+        control.GetInputPort(name).FixValue(context, rows)
+
+    def output(name):
+        return control.GetOutputPort(name).Eval(context)
+
+    measurement, reference = INPUTS["measurement"], INPUTS["reference"]
+    pd = ProportionalDerivative(feeds_forward=True, numbers=GAINS)
+    *_, command, fed = evaluated(pd, measurement=measurement, reference=reference).reshape(4, 3)
+    np.testing.assert_allclose(output("acceleration_command"), command + fed, rtol=1e-14)
+    vectored = evaluated(ThrustVectoring(numbers=VECTORING), acceleration_command=command + fed, **given)
+    thrust, attitude, rates, accelerations = np.split(vectored, [1, 4, 7])
+    assert np.any(rates[:2] != 0.0) == (feed_forward in ("jerk", "snap"))
+    assert np.any(accelerations != 0.0) == (feed_forward == "snap")
+    np.testing.assert_allclose(output("attitude_command"), attitude, rtol=1e-14)
+    torque = evaluated(
+        AttitudeController(numbers=ATTITUDE),
+        measurement=measurement,
+        attitude_command=attitude,
+        body_rate_command=rates,
+        angular_acceleration_command=accelerations,
+    )
+    np.testing.assert_allclose(output("wrench"), [*thrust, *torque], rtol=1e-14)
+
+
+def test_at_rest_at_its_reference_it_commands_the_believed_weight():
+    control = cascade("snap")
+    context = control.CreateDefaultContext()
+    for name, rows in INPUTS.items():
+        control.GetInputPort(name).FixValue(context, 0.0 * np.array(rows))
+    wrench = Wrench(*control.GetOutputPort("wrench").Eval(context))
+    assert wrench == pytest.approx(Wrench(0.7 * 9.79, 0.0, 0.0, 0.0), abs=1e-15)
+
+
+def test_it_shows_what_its_position_controller_shows():
+    always = ["wrench", "acceleration_command", "attitude_command"]
+    of_the_pd = ["error", "error_rate", "pd", "correction"]
+    pd = ProportionalDerivative(numbers=GAINS)
+    assert ports(cascade("none")) == (["measurement", "reference"], always + of_the_pd)
+    network = build_fuzzy_network(rules=FuzzyRules(), learning=WeightLearning())
+    learns = build_position_controller(pd, correction=network)
+    assert ports(cascade("snap", learns)) == ([*INPUTS], [*always, *POSITION_SIGNALS])
+    integral = IntegralCorrection(numbers=IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6))
+    integral.set_name("integral")
+    pid = build_position_controller(ProportionalDerivative(numbers=GAINS), correction=integral)
+    assert ports(cascade("jerk", pid)) == ([*INPUTS][:3], always + of_the_pd)
+
+
+class Constant(LeafSystem):
+    """A position controller that shows nothing and always commands the same."""
+
+    def __init__(self, command):
+        super().__init__()
+        self.DeclareVectorInputPort("measurement", BasicVector(12))
+        self.DeclareVectorInputPort("reference", BasicVector(11))
+        self.DeclareVectorOutputPort(
+            "acceleration_command", BasicVector(3), lambda context, output: output.SetFromVector(command)
+        )
+
+
+def test_any_position_controller_will_do():
+    """Eq (7) and the attitude law act on what it commands; nothing else of it is needed."""
+    command = Acceleration(0.4, -0.3, 0.2)
+    control = cascade("none", Constant(command))
+    assert ports(control) == (["measurement", "reference"], ["wrench", "acceleration_command", "attitude_command"])
+    context = control.CreateDefaultContext()
+    control.GetInputPort("measurement").FixValue(context, [0.0] * 12)
+    control.GetInputPort("reference").FixValue(context, [0.0] * 11)
+    up = command.z + 9.79
+    thrust = math.hypot(command.x, command.y, up)
+    attitude = Attitude(math.asin(-command.y / thrust), math.atan2(command.x, up), 0.0)
+    np.testing.assert_allclose(control.GetOutputPort("attitude_command").Eval(context), attitude, rtol=1e-12)
+    torque = Torque(0.0065 * 17.0 * attitude.roll, 0.0085 * 14.0 * attitude.pitch, 0.0)
+    np.testing.assert_allclose(control.GetOutputPort("wrench").Eval(context), [0.7 * thrust, *torque], rtol=1e-12)
