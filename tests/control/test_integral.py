@@ -30,7 +30,7 @@ def corrected(errors, limit, num_vehicles=1, k_i=tuple(K_I)):
 
 
 def test_a_tick_adds_the_error_times_gain_and_period_and_keeps_to_the_limit():
-    """By hand, on each axis with a gain of its own: 1 - 0.02 · 2 · 10, -1 + 0.02 · 3 · 5, and no more than the limit."""
+    """By hand, with a gain for each axis: 1 - 0.02 · 2 · 10, -1 + 0.02 · 3 · 5, and no more than the limit."""
     gains = IntegralGains(PerAxis(2.0, 3.0, 4.0), 1.5)
     after = integrated(Acceleration(1.0, -1.0, 1.4), PositionError(10.0, -5.0, -2.0), gains, H)
     assert after == pytest.approx(Acceleration(0.6, -0.7, 1.5))

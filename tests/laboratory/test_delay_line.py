@@ -1,32 +1,45 @@
 """Whole ticks of delay, and what is on the line before anything was sampled."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.systems.analysis import Simulator_
 
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.laboratory.delay_line import DelayLine
+from drake_quad.framework.records import layout_of
+from drake_quad.laboratory.delay_line import carried, declare_delay_line, newest
+from drake_quad.signals import Row
+
+
+class Pair(NamedTuple):
+    first: Row
+    second: Row
+
+
+class Delay(NamedTuple):
+    ticks: Row = 0.0
+
+
+def filled(now, longest):
+    return (now, (now,) * longest) if longest else now
+
+
+def a_tick_later(now, under_way, delay):
+    return carried(now, under_way, delay.ticks)
 
 
 @fleet_system(float, AutoDiffXd)
 class Delayed(FleetSystem):
     """Shows its input a number of ticks later, and at the beginning the input of that time."""
 
-    def declare(self, *, num_vehicles=1, delay=0, longest=None):
-        self._now = self.input("now", 2)
-        self._line = DelayLine(self, "later", [7.0, 8.0], delay, longest)
-        self.DeclareInitializationDiscreteUpdateEvent(self._fill)
-        self.DeclarePeriodicDiscreteUpdateEvent(1.0, 0.0, self._tick)
-        self.state_output(2, self._line.out)
-
-    def _fill(self, context, discrete_state):
-        self.copy(discrete_state.get_mutable_vector(self._line.out), self.EvalVectorInput(context, self._now))
-        self._line.fill(discrete_state)
-
-    def _tick(self, context, discrete_state):
-        self.copy(self._line.advance(context, discrete_state), self.EvalVectorInput(context, self._now))
-        self._line.release(context, discrete_state)
+    def declare(self, *, longest=0, numbers=Delay()):
+        now, delay = self.input("now", layout=layout_of(Pair)), self.parameter("delay", lambda delay: delay)
+        line = declare_delay_line(self, "later", lambda _: Pair(7.0, 8.0), longest)
+        self.initialize(filled, now, longest, writes=line.writes)
+        self.update(1.0, a_tick_later, now, line.under_way, delay, writes=line.writes)
+        self.state_output(line.out)
 
 
 def shown(system, inputs):
@@ -46,11 +59,10 @@ def shown(system, inputs):
     return np.array(found[1:])
 
 
-@pytest.mark.parametrize("longest", [3, 5])
-@pytest.mark.parametrize("delay", [0, 1, 2, 3])
+@pytest.mark.parametrize(("delay", "longest"), [(0, 0), *((d, n) for d in range(4) for n in (3, 5))])
 def test_until_the_first_sample_is_out_the_line_shows_what_it_was_filled_with(delay, longest):
     inputs = np.arange(1.0, 17.0).reshape(8, 2)
-    found = shown(Delayed(delay=delay, longest=longest), inputs)
+    found = shown(Delayed(longest=longest, numbers=Delay(delay)), inputs)
     np.testing.assert_array_equal(found[:delay], -1.0)
     np.testing.assert_array_equal(found[delay:], inputs[: 8 - delay])
 
@@ -58,7 +70,8 @@ def test_until_the_first_sample_is_out_the_line_shows_what_it_was_filled_with(de
 def test_each_vehicle_of_a_fleet_waits_its_own_time():
     delays = np.array([2.0, 0.0, 4.0, 1.0])
     inputs = np.random.default_rng(0).normal(size=(9, 2, 4))
-    found = shown(Delayed(num_vehicles=4, delay=delays), inputs.reshape(9, 8)).reshape(9, 2, 4)
+    system = Delayed(num_vehicles=4, longest=4, numbers=Delay(delays))
+    found = shown(system, inputs.reshape(9, 8)).reshape(9, 2, 4)
     for i, delay in enumerate(delays.astype(int)):
         np.testing.assert_array_equal(found[:delay, :, i], -1.0)
         np.testing.assert_array_equal(found[delay:, :, i], inputs[: 9 - delay, :, i])
@@ -68,15 +81,22 @@ def test_each_vehicle_of_a_fleet_waits_its_own_time():
 def test_derivatives_wait_as_their_numbers_do(delays):
     inputs = np.random.default_rng(1).normal(size=(9, 8))
     gradients = np.arange(72.0).reshape(72, 1)
-    system = Delayed(num_vehicles=4, delay=delays).ToAutoDiffXd()
-    found = shown(system, InitializeAutoDiff(inputs.ravel(), gradient=gradients).reshape(9, 8)).ravel()
-    numbers = shown(Delayed(num_vehicles=4, delay=delays), inputs)
-    np.testing.assert_array_equal(ExtractValue(found).reshape(9, 8), numbers)
-    slopes = shown(Delayed(num_vehicles=4, delay=delays), gradients.reshape(9, 8))
+    system = Delayed(num_vehicles=4, longest=4, numbers=Delay(delays))
+    differentiable = InitializeAutoDiff(inputs.ravel(), gradient=gradients).reshape(9, 8)
+    found = shown(system.ToAutoDiffXd(), differentiable).ravel()
+    np.testing.assert_array_equal(ExtractValue(found).reshape(9, 8), shown(system, inputs))
+    slopes = shown(system, gradients.reshape(9, 8))
     np.testing.assert_array_equal(ExtractGradient(found).reshape(9, 8), np.where(slopes == -1.0, 0.0, slopes))
 
 
 def test_an_unfilled_line_shows_its_initial_rows():
-    context = Delayed(delay=2).CreateDefaultContext()
-    for group in range(3):
-        np.testing.assert_array_equal(context.get_discrete_state(group).CopyToVector(), [7.0, 8.0])
+    system = Delayed(longest=2, numbers=Delay(2.0))
+    context = system.CreateDefaultContext()
+    assert system.get_state(context, "later") == Pair(7.0, 8.0)
+    assert system.get_state(context, "later_under_way") == (Pair(7.0, 8.0), Pair(7.0, 8.0))
+
+
+def test_newest_is_what_was_sampled_last():
+    """Out at once where there can be no delay, and else on its way."""
+    assert newest("out", ()) == "out"
+    assert newest("out", ("sampled last", "sampled before")) == "sampled last"

@@ -7,9 +7,15 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor
+from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor, Window
+from drake_quad.signals import SIGNALS, State
 
 PERIOD = 0.02
+
+
+def row(port, field):
+    """The place of a field in what a port holds."""
+    return SIGNALS[port]._fields.index(field)
 
 
 def watched(tape, num_vehicles=1, **options):
@@ -35,7 +41,7 @@ def random_tape(ticks=40, num_vehicles=1, seed=0):
     rng = np.random.default_rng(seed)
     sizes = {"state": 12, "reference": 11, "acceleration_command": 3}
     tape = {name: 0.3 * rng.normal(size=(ticks, size * num_vehicles)) for name, size in sizes.items()}
-    heights = tape["state"].reshape(ticks, 12, num_vehicles)[:, 2]
+    heights = tape["state"].reshape(ticks, 12, num_vehicles)[:, row("state", "z")]
     heights[:] = np.abs(heights)
     tape["shortfall"] = np.repeat(rng.integers(0, 2, (ticks, num_vehicles)), 4, axis=1).reshape(ticks, num_vehicles, 4)
     tape["shortfall"] = tape["shortfall"].transpose(0, 2, 1).reshape(ticks, -1) * 1.0
@@ -66,27 +72,27 @@ def test_metrics_are_their_definitions():
 
 def test_only_the_window_counts():
     tape = random_tape()
-    metrics, _ = watched(tape, window=(0.2, 0.5))
+    metrics, _ = watched(tape, window=Window(0.2, 0.5))
     np.testing.assert_allclose(np.array(metrics[:-1])[:, 0], expected(tape, slice(10, 26)), rtol=1e-12)
 
 
 @pytest.mark.parametrize(
-    ("port", "element", "value"),
+    ("port", "field", "value"),
     [
-        ("state", 3, 1.5),
-        ("state", 4, -1.5),
-        ("state", 2, -0.6),
-        ("state", 0, -6.0),
-        ("state", 1, 6.0),
-        ("reference", 2, 6.5),
-        ("acceleration_command", 0, math.inf),
-        ("acceleration_command", 1, -math.inf),
-        ("acceleration_command", 2, math.nan),
+        ("state", "roll", 1.5),
+        ("state", "pitch", -1.5),
+        ("state", "z", -0.6),
+        ("state", "x", -6.0),
+        ("state", "y", 6.0),
+        ("reference", "z", 6.5),
+        ("acceleration_command", "x", math.inf),
+        ("acceleration_command", "y", -math.inf),
+        ("acceleration_command", "z", math.nan),
     ],
 )
-def test_a_crash_is_called_and_ends_what_counts(port, element, value):
+def test_a_crash_is_called_and_ends_what_counts(port, field, value):
     tape = random_tape()
-    tape[port][25:, element] = value
+    tape[port][25:, row(port, field)] = value
     metrics, crashed = watched(tape)
     assert crashed == 1.0
     assert metrics.crash_time[0] == pytest.approx(25 * PERIOD)
@@ -106,7 +112,7 @@ def test_the_error_of_a_crash_is_the_distance_in_space():
 
 def test_at_the_limits_a_vehicle_still_flies():
     tape = {"state": np.zeros((5, 12)), "reference": np.zeros((5, 11))}
-    tape["state"][:, 2:5] = -0.5, 1.2, -1.2
+    tape["state"][:] = State(*[0.0] * 12)._replace(z=-0.5, roll=1.2, pitch=-1.2)
     tape["reference"][:, 0:3] = 3.0, -4.0, -0.5
     assert watched(tape, limits=CrashLimits(tilt=1.2))[1] == 0.0
     assert watched(tape, limits=CrashLimits(tilt=1.1999))[1] == 1.0
@@ -124,11 +130,11 @@ def test_rotors_are_saturated_if_they_give_up_any_part_of_the_wrench(part):
 
 def test_a_single_tick_has_an_error_but_no_variation():
     tape = random_tape()
-    metrics, _ = watched(tape, window=(0.2, 0.21))
+    metrics, _ = watched(tape, window=Window(0.2, 0.21))
     error = tape["reference"][10, :3] - tape["state"][10, :3]
     assert metrics.rmse[0] == metrics.peak_error[0] == pytest.approx(np.linalg.norm(error))
     assert np.isnan([metrics.variation_x[0], metrics.variation_y[0], metrics.variation_z[0]]).all()
-    nothing, _ = watched(tape, window=(0.201, 0.219))
+    nothing, _ = watched(tape, window=Window(0.201, 0.219))
     assert np.isnan([nothing.rmse[0], nothing.peak_error[0], nothing.effort_x[0], nothing.saturation_share[0]]).all()
 
 

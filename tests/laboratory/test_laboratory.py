@@ -2,16 +2,20 @@
 
 import numpy as np
 import pytest
+from noise_feed import feed_noise
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from drake_quad.laboratory.command_link import CommandLink
-from drake_quad.laboratory.motion_capture import IdealMotionCapture
 from drake_quad.assembly.recorder import build_recorder, read_recorder
-from drake_quad.randomness.noise import Samples, connect_tapes, random_ports
+from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
+from drake_quad.laboratory.motion_capture import MotionCapture
+from drake_quad.randomness.noise import Samples
 from drake_quad.randomness.streams import Kind
+from drake_quad.signals import Wrench
+
+SEVEN = Wrench(7.0, 7.0, 7.0, 7.0)
 
 
 def clock(size):
@@ -43,13 +47,13 @@ def held(times, period):
 
 
 def test_motion_capture_holds_its_frames_from_the_first():
-    time, value = recorded(IdealMotionCapture(period=0.01), "measurement", 12, 0.3)
+    time, value = recorded(MotionCapture(period=0.01), "measurement", 12, 0.3)
     np.testing.assert_allclose(value - 1.0, held(time, 0.01), atol=1e-12)
 
 
 @pytest.mark.parametrize("delay", [0, 1, 3])
 def test_the_command_link_delays_by_whole_ticks(delay):
-    link = CommandLink(period=0.02, delay_ticks=delay, initial=(7.0, 7.0, 7.0, 7.0))
+    link = CommandLink(period=0.02, longest_delay=delay, numbers=LinkNumbers(delay, initial=SEVEN))
     time, value = recorded(link, "wrench", 4, 0.3)
     # Before a tick's own update is done, what was sent at that tick is not out yet.
     tick = np.ceil(np.round(time / 0.02, 6)) - 1 - delay
@@ -59,23 +63,23 @@ def test_the_command_link_delays_by_whole_ticks(delay):
 
 def test_each_vehicle_of_a_fleet_has_its_own_delay():
     delays = np.array([2, 0, 1])
-    link = CommandLink(num_vehicles=3, period=0.02, delay_ticks=delays, initial=(7.0, 7.0, 7.0, 7.0))
     for i, delay in enumerate(delays):
+        link = CommandLink(num_vehicles=3, period=0.02, longest_delay=2, numbers=LinkNumbers(delays, initial=SEVEN))
         time, value = recorded(link, "wrench", 12, 0.3, column=i)
         tick = np.ceil(np.round(time / 0.02, 6)) - 1 - delay
         np.testing.assert_allclose(value, np.where(tick < 0, 7.0, 1.0 + 0.02 * tick), atol=1e-12)
-        link = CommandLink(num_vehicles=3, period=0.02, delay_ticks=delays, initial=(7.0, 7.0, 7.0, 7.0))
 
 
 @pytest.mark.parametrize("delay", [0, 2])
 def test_lost_packets_leave_the_last_one_out(delay):
     rate, n = 0.3, 20
-    link = CommandLink(num_vehicles=n, period=0.02, delay_ticks=delay, loss_rate=rate)
+    numbers = LinkNumbers(delay, rate)
+    link = CommandLink(num_vehicles=n, period=0.02, longest_delay=delay, loses_packets=True, numbers=numbers)
     builder = DiagramBuilder()
     source = builder.AddNamedSystem("clock", clock(4 * n))
     builder.AddNamedSystem("link", link)
     builder.Connect(source.get_output_port(), link.GetInputPort("wrench"))
-    connect_tapes(builder, random_ports({"link": link}, Kind.NOISE), Samples(2, range(n)))
+    feed_noise(builder, link, Kind.NOISE, Samples(2, range(n)))
     log = LogVectorOutput(link.GetOutputPort("wrench"), builder, publish_period=0.02)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(20.0)

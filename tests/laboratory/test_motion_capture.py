@@ -4,6 +4,7 @@ import math
 
 import numpy as np
 import pytest
+from noise_feed import feed_noise
 from pydrake.math import RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
@@ -12,15 +13,17 @@ from pydrake.trajectories import PiecewisePolynomial
 from scipy.signal import welch
 
 from drake_quad.laboratory.motion_capture import (
-    CameraErrors,
-    IdealMotionCapture,
+    CameraNumbers,
+    Cameras,
     MotionCapture,
+    Pose,
+    RotationMatrix,
     attitude_of_markers,
     seen_pose,
 )
-from drake_quad.laboratory.motion_capture import RotationMatrix as Rotation
-from drake_quad.randomness.noise import Samples, connect_tapes, random_ports
+from drake_quad.randomness.noise import Samples
 from drake_quad.randomness.streams import Kind
+from drake_quad.signals import Attitude, State
 
 H = 0.01
 
@@ -31,8 +34,7 @@ def seen(state, camera, *, duration, n=1):
     source = builder.AddNamedSystem("state", TrajectorySource(state))
     cameras = builder.AddNamedSystem("cameras", camera)
     builder.Connect(source.get_output_port(), cameras.GetInputPort("state"))
-    if hasattr(camera, "random_inputs"):
-        connect_tapes(builder, random_ports({"cameras": cameras}, Kind.NOISE), Samples(1, range(n)))
+    feed_noise(builder, cameras, Kind.NOISE, Samples(1, range(n)))
     log = LogVectorOutput(cameras.GetOutputPort("measurement"), builder, publish_period=H)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(duration)
@@ -45,6 +47,10 @@ def still(n=1):
     return PiecewisePolynomial(state.reshape(-1, 1))
 
 
+def filtering(bandwidth, **structure):
+    return MotionCapture(filtered=True, numbers=CameraNumbers(bandwidth=bandwidth), **structure)
+
+
 def ramp(rates):
     """A state whose six coordinates grow evenly from zero."""
     rows = np.zeros((12, 2))
@@ -54,8 +60,8 @@ def ramp(rates):
 
 def test_noise_has_the_stated_deviation_and_nothing_else():
     n = 40
-    errors = CameraErrors(position_noise=1e-3, attitude_noise=4e-3)
-    _, frames = seen(still(n), MotionCapture(num_vehicles=n, errors=errors), duration=5.0, n=n)
+    numbers = CameraNumbers(position_noise=1e-3, attitude_noise=4e-3)
+    _, frames = seen(still(n), MotionCapture(num_vehicles=n, noisy=True, numbers=numbers), duration=5.0, n=n)
     np.testing.assert_allclose(frames[:3].std(axis=(1, 2)), 1e-3, rtol=0.03)
     np.testing.assert_allclose(frames[3:6].std(axis=(1, 2)), 4e-3, rtol=0.03)
     np.testing.assert_allclose(frames[:6].mean(axis=(1, 2)), [1.0, 2.0, 3.0, 0.1, -0.2, 0.3], atol=1e-4)
@@ -66,7 +72,8 @@ def test_noise_has_the_stated_deviation_and_nothing_else():
 def test_spectrum_of_the_velocity_noise(bandwidth):
     """White noise through (1 - a) / 2h (1 - z⁻²) / (1 - a z⁻¹), and its variance σ² (1 - a)² / 2h²."""
     n, sigma = 60, 1e-3
-    camera = MotionCapture(num_vehicles=n, errors=CameraErrors(sigma), derivative_bandwidth=bandwidth)
+    numbers = CameraNumbers(sigma, bandwidth=bandwidth)
+    camera = MotionCapture(num_vehicles=n, noisy=True, filtered=True, numbers=numbers)
     _, frames = seen(still(n), camera, duration=40.0, n=n)
     velocity = frames[6, :, 200:]
     decay = math.exp(-bandwidth * H)
@@ -83,7 +90,8 @@ def test_spectrum_of_the_velocity_noise(bandwidth):
 def test_who_reads_every_second_frame_sees_no_noise_folded_down():
     """A velocity that hardly wanders: its mean over 4 s is position noise over 4 s, not rate noise over √200."""
     n, sigma = 200, 1e-3
-    camera = MotionCapture(num_vehicles=n, errors=CameraErrors(sigma), derivative_bandwidth=100.0)
+    numbers = CameraNumbers(sigma, bandwidth=100.0)
+    camera = MotionCapture(num_vehicles=n, noisy=True, filtered=True, numbers=numbers)
     _, frames = seen(still(n), camera, duration=5.0, n=n)
     mean = frames[6, :, -400::2].mean(axis=1)
     # The sum telescopes: (x_end - x_begin) / 2h through the filter, over 200 readings.
@@ -93,7 +101,7 @@ def test_who_reads_every_second_frame_sees_no_noise_folded_down():
 
 def test_the_filter_lags_behind_a_velocity_as_a_first_order_lag_does():
     rates = [0.5, -1.0, 2.0, 0.0, 0.0, 0.0]
-    time, frames = seen(ramp(rates), MotionCapture(derivative_bandwidth=25.0), duration=1.0)
+    time, frames = seen(ramp(rates), filtering(25.0), duration=1.0)
     # What is logged at a tick is the frame before it. The difference over two frames is half a frame late: after a
     # start, the mean of the lag now and a frame ago.
     now, before = (1.0 - np.exp(-25.0 * np.maximum(time - late, 0.0)) for late in (H, 2.0 * H))
@@ -103,7 +111,7 @@ def test_the_filter_lags_behind_a_velocity_as_a_first_order_lag_does():
 def test_body_rates_are_those_of_the_turning_body():
     """Roll, pitch and yaw that change together, against Drake's angular velocity."""
     rates = np.array([0.3, -0.2, 0.5])
-    time, frames = seen(ramp([0.0, 0.0, 0.0, *rates]), MotionCapture(derivative_bandwidth=400.0), duration=2.0)
+    time, frames = seen(ramp([0.0, 0.0, 0.0, *rates]), filtering(400.0), duration=2.0)
     for tick in (60, 120, 199):
         # A difference over a period is the rate in its middle; the filter lags by a few milliseconds more.
         attitude = RollPitchYaw(rates * (time[tick] - H))
@@ -115,7 +123,7 @@ def test_body_rates_are_those_of_the_turning_body():
 def test_steps_of_the_attitude_are_turned_at_the_frame_in_their_middle():
     """With a filter that is fast enough to be none, against Drake's angular velocity there."""
     rates = np.array([0.3, -0.2, 0.5])
-    time, frames = seen(ramp([0.0, 0.0, 0.0, *rates]), MotionCapture(derivative_bandwidth=1e4), duration=2.0)
+    time, frames = seen(ramp([0.0, 0.0, 0.0, *rates]), filtering(1e4), duration=2.0)
     for tick in (60, 120, 199):
         # What is logged at a tick is the frame before it, which differs from that of two frames earlier still.
         middle = RollPitchYaw(rates * (time[tick] - 2.0 * H))
@@ -123,12 +131,18 @@ def test_steps_of_the_attitude_are_turned_at_the_frame_in_their_middle():
         np.testing.assert_allclose(frames[9:12, 0, tick], expected, atol=1e-12)
 
 
-def test_without_errors_it_is_the_ideal_camera():
+def test_without_errors_a_frame_is_the_state_whatever_errors_there_could_be():
+    """Ideal cameras, to the bit: also with ports for noise and dropouts, and room for latency and misalignment."""
     rng = np.random.default_rng(0)
     state = PiecewisePolynomial.FirstOrderHold([0.0, 1.0], rng.normal(size=(12, 2)))
-    _, ideal = seen(state, IdealMotionCapture(), duration=1.0)
-    _, real = seen(state, MotionCapture(), duration=1.0)
+    time, ideal = seen(state, MotionCapture(), duration=1.0)
+    np.testing.assert_allclose(ideal[:, 0], state.vector_values(np.maximum(time - H, 0.0)), atol=1e-14)
+    _, real = seen(state, MotionCapture(noisy=True, loses_frames=True, longest_latency=3), duration=1.0)
     np.testing.assert_array_equal(real, ideal)
+    _, turned = seen(state, MotionCapture(misaligned=True), duration=1.0)
+    # Attitudes of more than a quarter turn come back as others that are the same rotation; these are less.
+    assert np.abs(ideal[3:5]).max() < 1.5
+    np.testing.assert_allclose(turned, ideal, atol=1e-14)
 
 
 def test_latency_is_a_whole_number_of_frames():
@@ -136,7 +150,7 @@ def test_latency_is_a_whole_number_of_frames():
     latency = np.array([0, 3, 1])
     line = ramp(rates).vector_values([0.0, 100.0])
     state = PiecewisePolynomial.FirstOrderHold([0.0, 100.0], np.repeat(line, 3, axis=0))
-    camera = MotionCapture(num_vehicles=3, latency_frames=latency)
+    camera = MotionCapture(num_vehicles=3, longest_latency=3, numbers=CameraNumbers(latency_frames=latency))
     time, frames = seen(state, camera, duration=0.2, n=3)
     expected = np.maximum(time[None] - H * (1 + latency[:, None]), 0.0)
     np.testing.assert_allclose(frames[0], expected, atol=1e-12)
@@ -146,7 +160,8 @@ def test_latency_is_a_whole_number_of_frames():
 def test_until_the_first_frame_arrives_the_cameras_show_the_start(bandwidth):
     """With its velocity and body rates where they are seen; a filter begins at rest, whatever moves."""
     start = np.array([1.0, 2.0, 3.0, 0.1, -0.2, 0.3, -0.4, 0.5, -0.6, 0.7, -0.8, 0.9])
-    camera = MotionCapture(derivative_bandwidth=bandwidth, latency_frames=4)
+    numbers = CameraNumbers(bandwidth=bandwidth or 0.0, latency_frames=4)
+    camera = MotionCapture(filtered=bandwidth is not None, longest_latency=4, numbers=numbers)
     _, frames = seen(PiecewisePolynomial(start[:, None]), camera, duration=0.1)
     shown = start if bandwidth is None else np.concatenate([start[:6], np.zeros(6)])
     np.testing.assert_array_equal(frames[:, 0], np.repeat(shown[:, None], frames.shape[2], axis=1))
@@ -155,7 +170,8 @@ def test_until_the_first_frame_arrives_the_cameras_show_the_start(bandwidth):
 def test_lost_frames_repeat_the_one_before():
     n, rate = 30, 0.2
     state = PiecewisePolynomial.FirstOrderHold([0.0, 100.0], np.outer(np.ones(12 * n), [0.0, 100.0]))
-    camera = MotionCapture(num_vehicles=n, errors=CameraErrors(dropout_rate=rate))
+    numbers = CameraNumbers(dropout_rate=rate, bandwidth=30.0)
+    camera = MotionCapture(num_vehicles=n, loses_frames=True, numbers=numbers)
     time, frames = seen(state, camera, duration=10.0, n=n)
     steps = np.diff(frames[0, :, 2:], axis=1)
     lost = np.abs(steps) < 1e-9
@@ -164,7 +180,7 @@ def test_lost_frames_repeat_the_one_before():
     fresh = np.abs(frames[0] - (time - H)) < 1e-9
     np.testing.assert_array_equal(fresh[:, 3:], ~lost)
     # The filter sees no motion while frames are lost, and all of it afterwards.
-    filtered = MotionCapture(num_vehicles=n, errors=CameraErrors(dropout_rate=rate), derivative_bandwidth=30.0)
+    filtered = MotionCapture(num_vehicles=n, loses_frames=True, filtered=True, numbers=numbers)
     _, frames = seen(state, filtered, duration=10.0, n=n)
     assert frames[6, :, 100:].mean() == pytest.approx(1.0, abs=0.02)
 
@@ -174,12 +190,13 @@ def test_misaligned_markers_turn_with_the_body(attitude):
     """R_WB R_BM, by Drake's rotation matrices."""
     misalignment = (0.05, -0.08, 0.2)
     turned = RollPitchYaw(attitude).ToRotationMatrix() @ RollPitchYaw(misalignment).ToRotationMatrix()
-    found = RollPitchYaw(attitude_of_markers(attitude, Rotation.of(*misalignment))).ToRotationMatrix()
+    found = RollPitchYaw(*attitude_of_markers(Attitude(*attitude), RotationMatrix.of(*misalignment))).ToRotationMatrix()
     np.testing.assert_allclose(found.matrix(), turned.matrix(), atol=1e-14)
 
 
 def test_each_row_of_the_pose_has_a_noise_of_its_own():
-    noise, deviations = (1.0, -2.0, 3.0, -4.0, 5.0, -6.0), (0.1, 0.2, 0.3, 0.4, 0.5, 0.6)
-    state = (1.0, 2.0, 3.0, 0.01, 0.02, 0.03, *[9.0] * 6)
-    found = seen_pose(state, noise, deviations, (1.0, 0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0, 1.0), 0.0)
-    np.testing.assert_allclose(found, [1.1, 1.6, 3.9, -1.59, 2.52, -3.57])
+    noise = Pose(1.0, -2.0, 3.0, -4.0, 5.0, -6.0)
+    state = State(1.0, 2.0, 3.0, 0.01, 0.02, 0.03, *[9.0] * 6)
+    cameras = Cameras.of(CameraNumbers(position_noise=0.1, attitude_noise=0.5))
+    found = seen_pose(state, noise, cameras, misaligned=True)
+    np.testing.assert_allclose(found, Pose(1.1, 1.8, 3.3, -1.99, 2.52, -2.97))

@@ -11,7 +11,6 @@ from pydrake.systems.primitives import LogVectorOutput
 from scipy.linalg import solve_discrete_lyapunov
 from scipy.signal import welch
 
-from drake_quad.randomness.noise import Samples, connect_tapes, random_ports
 from drake_quad.laboratory.wind.dryden import (
     FOOT,
     WIND_AT_20_FEET,
@@ -22,6 +21,7 @@ from drake_quad.laboratory.wind.dryden import (
     filtered_velocity,
     stationary_state,
 )
+from drake_quad.randomness.noise import Samples, connect_tapes, random_ports
 from drake_quad.randomness.streams import Kind
 
 # Ten feet up: scales of 3 m and 23 m.

@@ -9,9 +9,9 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from scipy.integrate import quad
 
-from drake_quad.randomness.noise import Samples, connect_tapes, random_ports
 from drake_quad.laboratory.wind.fans import Fans, Jet
 from drake_quad.laboratory.wind.wind import build_wind
+from drake_quad.randomness.noise import Samples, connect_tapes, random_ports
 from drake_quad.randomness.streams import Kind
 
 D, Q = 0.75, 2.5

@@ -6,7 +6,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
 
-from drake_quad.laboratory.wind.gust import Gust, GustParameters, gust_share
+from drake_quad.laboratory.wind.gust import Gust, GustNumbers, gust_share
+from drake_quad.signals import Wind
 
 
 def test_shape_of_the_specification():
@@ -29,9 +30,9 @@ def test_a_gust_that_ends_is_symmetric_in_time(hold_time):
 
 
 def test_every_vehicle_has_a_gust_of_its_own():
-    gust = GustParameters((1.0, np.array([2.0, -4.0]), 0.0), np.array([1.0, 2.0]), 0.5)
+    gust = GustNumbers(Wind(1.0, np.array([2.0, -4.0]), 0.0), np.array([1.0, 2.0]), 0.5)
     builder = DiagramBuilder()
-    system = builder.AddNamedSystem("gust", Gust(num_vehicles=2, period=0.01, gust=gust))
+    system = builder.AddNamedSystem("gust", Gust(num_vehicles=2, period=0.01, numbers=gust))
     log = LogVectorOutput(system.get_output_port(), builder, publish_period=0.01)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(3.0)
@@ -47,7 +48,7 @@ def test_every_vehicle_has_a_gust_of_its_own():
 
 
 def test_a_gust_that_began_before_the_flight_blows_from_its_first_tick():
-    system = Gust(period=0.01, gust=GustParameters((1.0, 2.0, 3.0), -5.0, 1.0))
+    system = Gust(period=0.01, numbers=GustNumbers(Wind(1.0, 2.0, 3.0), -5.0, 1.0))
     simulator = Simulator(system)
     simulator.Initialize()
     np.testing.assert_allclose(system.get_output_port().Eval(simulator.get_context()), [1.0, 2.0, 3.0])

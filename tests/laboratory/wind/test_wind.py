@@ -9,10 +9,10 @@ from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from scipy.integrate import solve_ivp
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.laboratory.wind.fans import Jet
-from drake_quad.laboratory.wind.gust import Gust, GustParameters
 from drake_quad.assembly.laboratory import jets
 from drake_quad.flight.fleet import StudyFleet
+from drake_quad.laboratory.wind.fans import Jet
+from drake_quad.laboratory.wind.gust import Gust, GustParameters
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor
 

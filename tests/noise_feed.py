@@ -1,0 +1,11 @@
+"""Noise for the random ports of a system on its own."""
+
+from drake_quad.randomness.noise import connect_noise, random_streams
+
+
+def feed_noise(builder, system, kind, samples):
+    """Connects the random ports of a system of a builder to the noise of some samples."""
+    name = system.get_name()
+    streams = random_streams({name: system}, kind)[name]
+    ports = {stream: system.GetInputPort(stream.name.removeprefix(f"{name}.")) for stream in streams}
+    connect_noise(builder, ports, samples)
