@@ -5,6 +5,7 @@ import math
 
 import numpy as np
 import pytest
+from noise_feed import feed_noise
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
@@ -15,13 +16,16 @@ from drake_quad.laboratory.wind.dryden import (
     FOOT,
     WIND_AT_20_FEET,
     DrydenTurbulence,
-    SampledFilter,
+    FilterState,
+    PerDirection,
+    SampledTurbulence,
     Turbulence,
+    TurbulenceNumbers,
     filtered,
     filtered_velocity,
     stationary_state,
 )
-from drake_quad.randomness.noise import Samples, connect_tapes, random_ports
+from drake_quad.randomness.noise import Samples
 from drake_quad.randomness.streams import Kind
 
 # Ten feet up: scales of 3 m and 23 m.
@@ -30,12 +34,11 @@ NEAR_GROUND = Turbulence.at_low_altitude(height=3.048, wind_at_20_feet=15.4, air
 
 def matrices(turbulence, period):
     """A, B and C of the whole filter, column by column from its step and its output."""
-    sampled = SampledFilter.of(turbulence, period)
-    unit = np.eye(5)
-    none = np.zeros(5)
-    A = np.column_stack([filtered(list(column), none, sampled) for column in unit])
-    B = np.column_stack([filtered(list(none), column, sampled) for column in unit])
-    C = np.column_stack([filtered_velocity(list(column), turbulence.deviation) for column in unit])
+    sampled = SampledTurbulence.of(TurbulenceNumbers(turbulence), period)
+    unit, none = [FilterState(*column) for column in np.eye(5)], FilterState(*np.zeros(5))
+    A = np.column_stack([filtered(column, none, sampled) for column in unit])
+    B = np.column_stack([filtered(none, column, sampled) for column in unit])
+    C = np.column_stack([filtered_velocity(column, turbulence.deviation) for column in unit])
     return A, B, C
 
 
@@ -50,7 +53,7 @@ def test_stationary_variance_is_that_of_the_specification(period, airspeed):
 
 def test_it_starts_in_the_stationary_distribution():
     A, B, _ = matrices(NEAR_GROUND, 0.01)
-    S = np.column_stack([stationary_state(list(column)) for column in np.eye(5)])
+    S = np.column_stack([stationary_state(FilterState(*column)) for column in np.eye(5)])
     np.testing.assert_allclose(S @ S.T, solve_discrete_lyapunov(A, B @ B.T), atol=1e-9)
 
 
@@ -73,8 +76,9 @@ def test_standard_deviation_of_a_long_record(period, duration):
     """Of 3,000 vehicles at once, as the system gives it."""
     n = 3000
     builder = DiagramBuilder()
-    system = builder.AddNamedSystem("dryden", DrydenTurbulence(num_vehicles=n, period=period, turbulence=NEAR_GROUND))
-    connect_tapes(builder, random_ports({"dryden": system}, Kind.WIND), Samples(4, range(n)))
+    turbulence = DrydenTurbulence(num_vehicles=n, period=period, numbers=TurbulenceNumbers(NEAR_GROUND))
+    system = builder.AddNamedSystem("dryden", turbulence)
+    feed_noise(builder, system, Kind.WIND, Samples(4, range(n)))
     log = LogVectorOutput(system.get_output_port(), builder, publish_period=20 * period)
     diagram = builder.Build()
     simulator = Simulator(diagram)
@@ -96,8 +100,8 @@ def test_it_blows_along_and_across_the_heading_and_upwards():
     )
     of_f, of_g = math.sqrt(1.5), math.sqrt(0.5) - math.sqrt(1.5)
     first = [1.0, of_f + 0.5 * of_g, of_f + 0.5 * of_g, 0.5 * of_g, 0.5 * of_g]
-    turbulence = NEAR_GROUND._replace(deviation=(1.3, 0.9, 0.6))
-    system = DrydenTurbulence(period=period, turbulence=turbulence, heading=heading)
+    turbulence = NEAR_GROUND._replace(deviation=PerDirection(1.3, 0.9, 0.6))
+    system = DrydenTurbulence(period=period, numbers=TurbulenceNumbers(turbulence, heading))
     A, B, C = matrices(turbulence, period)
     for number, (axis, direction) in enumerate(((0, along), (1, across), (2, up), (1, across), (2, up))):
         simulator = Simulator(system)
@@ -106,7 +110,7 @@ def test_it_blows_along_and_across_the_heading_and_upwards():
         simulator.Initialize()
         expected = turbulence.deviation[axis] * first[number] * np.array(direction)
         np.testing.assert_allclose(system.get_output_port().Eval(context), expected, atol=1e-14)
-        state = context.get_discrete_state(1).CopyToVector()
+        state = np.array(system.get_state(context, "filter"))
         simulator.AdvanceTo(period)
         noise.GetMutableData().get_mutable_value().SetFromVector(np.arange(5.0))
         simulator.AdvancePendingEvents()
@@ -116,15 +120,15 @@ def test_it_blows_along_and_across_the_heading_and_upwards():
 
 
 def test_power_spectral_density_over_two_decades():
-    turbulence = Turbulence((1.0, 2.0, 3.0), (6.0, 6.0, 4.0), 10.0)
+    turbulence = Turbulence(PerDirection(1.0, 2.0, 3.0), PerDirection(6.0, 6.0, 4.0), 10.0)
     period, count, ticks = 0.01, 200, 2**15
-    sampled = SampledFilter.of(turbulence, period)
+    sampled = SampledTurbulence.of(TurbulenceNumbers(turbulence), period)
     rng = np.random.default_rng(0)
-    state = np.array(stationary_state(rng.standard_normal((5, count))))
+    state = stationary_state(FilterState(*rng.standard_normal((5, count))))
     record = np.empty((ticks, 3, count))
     for tick in range(ticks):
         record[tick] = filtered_velocity(state, turbulence.deviation)
-        state = np.array(filtered(state, rng.standard_normal((5, count)), sampled))
+        state = filtered(state, FilterState(*rng.standard_normal((5, count))), sampled)
     frequency, density = welch(record, fs=1.0 / period, nperseg=2**14, axis=0, detrend=False)
     density = density.mean(axis=2)
     bands = np.geomspace(0.05, 5.0, 13)

@@ -4,28 +4,30 @@ import math
 
 import numpy as np
 import pytest
+from noise_feed import feed_noise
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from scipy.integrate import quad
 
-from drake_quad.laboratory.wind.fans import Fans, Jet
+from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet, jet_speed
 from drake_quad.laboratory.wind.wind import build_wind
-from drake_quad.randomness.noise import Samples, connect_tapes, random_ports
+from drake_quad.randomness.noise import Samples, random_streams
 from drake_quad.randomness.streams import Kind
+from drake_quad.signals import State
 
 D, Q = 0.75, 2.5
 AXIS = (0.0, 0.6, 0.8)
-JET = Jet.of_fan(position=(1.0, 2.0, 3.0), direction=(0.0, 3.0, 4.0), flow=Q, diameter=D, turbulence=0.22)
+JET = Jet.of_fan(outlet=Outlet(1.0, 2.0, 3.0), direction=Direction(0.0, 3.0, 4.0), flow=Q, diameter=D, turbulence=0.22)
 
 
 def at(along, across):
-    """A place in terms of the jet."""
-    return [1.0 + across, 2.0 + 0.6 * along, 3.0 + 0.8 * along]
+    """The state of a vehicle at a place in terms of the jet."""
+    return State(1.0 + across, 2.0 + 0.6 * along, 3.0 + 0.8 * along, *[0.0] * 9)
 
 
 def speed(along, across=0.0):
-    return JET.speed(at(along, across))[0]
+    return jet_speed(at(along, across), JET)[0]
 
 
 def integral(along, power):
@@ -71,15 +73,13 @@ def test_the_core_keeps_the_exit_speed_and_joins_the_far_jet_smoothly():
     assert speed(0.5 * D, 0.51 * D + 0.3 * D) < 1e-6 * JET.exit_speed
 
 
-def wind_at(place, jets, *, n, duration, seed=0):
-    """(3, n, ticks) winds of n vehicles that stay at a place."""
-    state = np.zeros((12, n))
-    state[:3] = np.reshape(place, (3, 1))
+def wind_at(state, *jets, n, duration, seed=0):
+    """(3, n, ticks) winds of n vehicles that stay as they are."""
     builder = DiagramBuilder()
-    source = builder.AddNamedSystem("state", ConstantVectorSource(state.ravel()))
-    fans = builder.AddNamedSystem("fans", Fans(num_vehicles=n, period=0.01, jets=jets))
+    source = builder.AddNamedSystem("state", ConstantVectorSource(np.repeat(state, n)))
+    fans = builder.AddNamedSystem("fans", Fans(num_vehicles=n, period=0.01, numbers=jets))
     builder.Connect(source.get_output_port(), fans.GetInputPort("state"))
-    connect_tapes(builder, random_ports({"fans": fans}, Kind.WIND), Samples(seed, range(n)))
+    feed_noise(builder, fans, Kind.WIND, Samples(seed, range(n)))
     log = LogVectorOutput(fans.get_output_port(), builder, publish_period=0.01)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo(duration)
@@ -88,8 +88,8 @@ def wind_at(place, jets, *, n, duration, seed=0):
 
 def test_mean_and_turbulence_at_a_place():
     place = at(5.0, 0.2)
-    wind = wind_at(place, [JET], n=2000, duration=3.0)
-    mean = JET.speed(place)[0]
+    wind = wind_at(place, JET, n=2000, duration=3.0)
+    mean, _ = jet_speed(place, JET)
     np.testing.assert_allclose(wind.mean(axis=(1, 2)), mean * np.array(AXIS), atol=0.02 * mean)
     np.testing.assert_allclose(wind.std(axis=(1, 2)), 0.22 * mean, rtol=0.03)
     np.testing.assert_allclose(wind[:, :, 0].std(axis=1), 0.22 * mean, rtol=0.06)
@@ -97,35 +97,37 @@ def test_mean_and_turbulence_at_a_place():
 
 def test_turbulence_forgets_over_a_half_width():
     place = at(5.0, 0.0)
-    mean, half_width = JET.speed(place)
-    wind = wind_at(place, [JET], n=3000, duration=1.0)[0]
+    mean, half_width = jet_speed(place, JET)
+    wind = wind_at(place, JET, n=3000, duration=1.0)[0]
     for ticks in (5, 20):
         correlation = np.corrcoef(wind[:, 40], wind[:, 40 + ticks])[0, 1]
         assert correlation == pytest.approx(math.exp(-0.01 * ticks * mean / half_width), abs=0.06)
 
 
 def test_jets_add_up():
-    other = JET._replace(direction=(1.0, 0.0, 0.0), position=(-2.0, 5.0, 7.0), turbulence=0.0)
+    other = JET._replace(direction=Direction(1.0, 0.0, 0.0), outlet=Outlet(-2.0, 5.0, 7.0), turbulence=0.0)
     calm = JET._replace(turbulence=0.0)
     place = at(5.0, 0.0)
-    both = wind_at(place, [calm, other], n=1, duration=0.1)
-    expected = calm.speed(place)[0] * np.array(AXIS) + other.speed(place)[0] * np.array([1.0, 0.0, 0.0])
-    assert other.speed(place)[0] > 1.0
+    both = wind_at(place, calm, other, n=1, duration=0.1)
+    along_x = jet_speed(place, other)[0]
+    assert along_x > 1.0
+    expected = jet_speed(place, calm)[0] * np.array(AXIS) + [along_x, 0.0, 0.0]
     np.testing.assert_allclose(both[:, 0, -1], expected, rtol=1e-12)
 
 
 def test_sources_that_depend_on_the_place_share_it():
     """Two jets without turbulence, each a source of its own, blow as one source of both."""
-    jets = [JET._replace(turbulence=0.0), JET._replace(turbulence=0.0, direction=(0.0, 0.8, 0.6))]
-    winds = [
-        build_wind({f"fan_{i}": Fans(jets=[jet]) for i, jet in enumerate(jets)}),
-        build_wind({"fans": Fans(jets=jets)}),
-    ]
+    jets = JET._replace(turbulence=0.0), JET._replace(turbulence=0.0, direction=Direction(0.0, 0.8, 0.6))
+    apart, together = {f"fan_{i}": Fans(numbers=(jet,)) for i, jet in enumerate(jets)}, {"fans": Fans(numbers=jets)}
     found = []
-    for wind in winds:
+    for sources in (apart, together):
+        wind = build_wind(sources, streams=random_streams(sources, Kind.WIND))
         simulator = Simulator(wind)
-        wind.GetInputPort("state").FixValue(simulator.get_mutable_context(), [*at(2.0, 0.1), *[0.0] * 9])
+        context = simulator.get_mutable_context()
+        wind.GetInputPort("state").FixValue(context, at(2.0, 0.1))
+        for name in sources:
+            wind.GetInputPort(f"{name}.jet_noise").FixValue(context, [1.0, -2.0, 3.0])
         simulator.Initialize()
         found.append(wind.GetOutputPort("wind").Eval(simulator.get_context()))
     assert np.linalg.norm(found[0]) > 1.0
-    np.testing.assert_allclose(found[0], found[1], rtol=1e-12)
+    np.testing.assert_allclose(found[0], found[1], rtol=1e-12, atol=1e-15)

@@ -10,11 +10,14 @@ from scipy.integrate import solve_ivp
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.laboratory import jets
-from drake_quad.flight.fleet import StudyFleet
-from drake_quad.laboratory.wind.fans import Jet
-from drake_quad.laboratory.wind.gust import Gust, GustParameters
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.flight import StudyFleet
+from drake_quad.laboratory.wind.fans import Direction, Jet, Outlet, jet_speed
+from drake_quad.laboratory.wind.gust import Gust, GustNumbers
+from drake_quad.laboratory.wind.wind import SteadyWind
+from drake_quad.signals import State, Wind
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import Quadrotor
+from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
 
 MASS, G = 0.68, 9.81
 
@@ -22,12 +25,12 @@ MASS, G = 0.68, 9.81
 def test_terminal_velocity():
     """With the rotors idle, drag carries the rest of the weight: c₁ v + c₂ v² = m g - 4 b ω²."""
     parameters = QuadrotorParameters(linear_drag=0.2, quadratic_drag=0.01)
-    vehicle = Quadrotor(parameters=parameters)
+    vehicle = Quadrotor(numbers=QuadrotorNumbers(parameters))
     simulator = Simulator(vehicle)
     context = simulator.get_mutable_context()
     vehicle.GetInputPort("rotor_speed_command").FixValue(context, np.zeros(4))
     simulator.AdvanceTo(30.0)
-    fall = -vehicle.GetOutputPort("state").Eval(context)[8]
+    fall = -State(*vehicle.GetOutputPort("state").Eval(context)).v_z
     rest = MASS * G - 4.0 * 4.13e-5 * 60.0**2
     by_hand = (-0.2 + math.sqrt(0.2**2 + 4.0 * 0.01 * rest)) / (2.0 * 0.01)
     assert by_hand == pytest.approx(16.60, abs=0.01)
@@ -45,19 +48,21 @@ def test_steady_tilt_in_steady_wind(diagrams, velocity):
     speed = math.hypot(*velocity)
     force = 0.2 * speed + 0.01 * speed**2
     direction = np.array(velocity) / speed
-    state = flight["state"][-1]
-    np.testing.assert_allclose(state[0:3] - [0.0, 0.0, 1.0], force / (MASS * k_p) * direction, atol=1e-3)
+    state = State(*flight["state"][-1])
+    hangs = np.array([state.x, state.y, state.z - 1.0])
+    np.testing.assert_allclose(hangs, force / (MASS * k_p) * direction, atol=1e-3)
     thrust = math.hypot(MASS * G, force)
-    assert math.sin(state[3]) == pytest.approx(force * direction[1] / thrust, rel=0.01, abs=1e-6)
-    assert math.tan(state[4]) == pytest.approx(-force * direction[0] / (MASS * G), rel=0.01, abs=1e-6)
+    assert math.sin(state.roll) == pytest.approx(force * direction[1] / thrust, rel=0.01, abs=1e-6)
+    assert math.tan(state.pitch) == pytest.approx(-force * direction[0] / (MASS * G), rel=0.01, abs=1e-6)
 
 
 def test_response_to_a_gust():
     """A level vehicle that drifts: m v' = c (w - v) under (1 - cos(π t / d)) / 2, solved by hand."""
     c, height, rise = 0.3, 4.0, 1.5
+    parameters = QuadrotorParameters(linear_drag=c)
     builder = DiagramBuilder()
-    vehicle = builder.AddNamedSystem("vehicle", Quadrotor(parameters=QuadrotorParameters(linear_drag=c)))
-    gust = builder.AddNamedSystem("gust", Gust(gust=GustParameters((height, 0.0, 0.0), 0.5, rise)))
+    vehicle = builder.AddNamedSystem("vehicle", Quadrotor(numbers=QuadrotorNumbers(parameters)))
+    gust = builder.AddNamedSystem("gust", Gust(numbers=GustNumbers(Wind(height, 0.0, 0.0), 0.5, rise)))
     builder.Connect(gust.GetOutputPort("wind"), vehicle.GetInputPort("wind"))
     builder.ExportInput(vehicle.GetInputPort("rotor_speed_command"), "command")
     diagram = builder.Build()
@@ -69,7 +74,7 @@ def test_response_to_a_gust():
     for time in (1.0, 2.0, 4.0):
         simulator.AdvanceTo(time)
         simulator.AdvancePendingEvents()
-        velocity = vehicle.GetOutputPort("state").Eval(vehicle.GetMyContextFromRoot(context))[6]
+        velocity = vehicle.get_state(vehicle.GetMyContextFromRoot(context), "state").v_x
 
         def rising(t):
             part = (a * math.cos(w * t) + w * math.sin(w * t)) * a / (a * a + w * w)
@@ -108,12 +113,20 @@ def test_turbulence_follows_the_steady_wind_where_it_does_not_say_otherwise(diag
     assert winds[0].std() > 0.1
 
 
-def test_wind_may_be_given_by_speed_and_heading():
+def test_steady_wind_is_the_same_for_ever_and_may_differ_from_vehicle_to_vehicle():
+    system = SteadyWind(num_vehicles=2, numbers=Wind(0.7, np.array([-0.5, 1.5]), 0.3))
+    context = system.CreateDefaultContext()
+    for time in (0.0, 100.0):
+        context.SetTime(time)
+        np.testing.assert_array_equal(system.get_output_port().Eval(context), [0.7, 0.7, -0.5, 1.5, 0.3, 0.3])
+
+
+def test_wind_may_be_given_by_speed_and_heading(diagrams):
     sources = "[{{kind: steady, {0}}}, {{kind: gust, {1}, start: 0.1, rise_time: 0.2}}]"
     by_velocity = sources.format("velocity: [0.0, 2.0, 0.0]", "velocity: [-1.5, 0.0, 0.0]")
     by_speed = sources.format(f"speed: 2.0, heading: {0.5 * math.pi}", f"speed: 1.5, heading: {math.pi}")
     flights = [
-        simulate(load_scenario("diagrams/laboratory.yaml:nominal", ["duration=1", f"laboratory.wind={wind}"]))
+        simulate(load_scenario(diagrams / "laboratory.yaml:nominal", ["duration=1", f"laboratory.wind={wind}"]))
         for wind in (by_velocity, by_speed)
     ]
     np.testing.assert_allclose(flights[0]["wind"], flights[1]["wind"], atol=1e-12)
@@ -123,10 +136,10 @@ def test_wind_may_be_given_by_speed_and_heading():
 @pytest.mark.parametrize(
     "motion", ["speed: 2.0", "heading: 1.0", "velocity: [1, 0, 0], speed: 1.0, heading: 0.0", "kind: steady"]
 )
-def test_wind_without_one_motion_is_refused(motion):
+def test_wind_without_one_motion_is_refused(diagrams, motion):
     wind = "{kind: steady}" if motion == "kind: steady" else f"{{kind: steady, {motion}}}"
     with pytest.raises(InputError, match="must have a velocity, or speed and heading, not"):
-        load_scenario("diagrams/laboratory.yaml:nominal", [f"laboratory.wind=[{wind}]"])
+        load_scenario(diagrams / "laboratory.yaml:nominal", [f"laboratory.wind=[{wind}]"])
 
 
 class OwnJets(LeafSystem):
@@ -139,8 +152,8 @@ class OwnJets(LeafSystem):
         self.DeclareVectorOutputPort("velocity", BasicVector(3 * num_vehicles), self.blow)
 
     def blow(self, context, output):
-        place = self.state.Eval(context).reshape(12, -1)[0:3]
-        velocity = sum(jet.speed(place)[0] * np.reshape(jet.direction, (3, 1)) for jet in self.jets)
+        state = State(*self.state.Eval(context).reshape(12, -1))
+        velocity = sum(jet_speed(state, jet)[0] * np.reshape(jet.direction, (3, 1)) for jet in self.jets)
         output.SetFromVector(velocity.ravel())
 
 
@@ -150,7 +163,7 @@ CALM = ["duration=6", "laboratory.wind.0.turbulence=0", "laboratory.wind.1.turbu
 def test_a_wind_of_ones_own_does_what_the_same_wind_of_the_scenario_does(diagrams):
     fans = load_scenario(diagrams / "laboratory.yaml:low_wind", CALM)
     alone = load_scenario(diagrams / "laboratory.yaml:low_wind", [*CALM[:1], "laboratory.wind=[]"])
-    flights = [simulate(fans), simulate(alone, wind=OwnJets(jets(fans)))]
+    flights = [simulate(fans), simulate(alone, wind=OwnJets(jets(fans.laboratory.wind)))]
     assert np.abs(flights[0]["wind"]).max() > 0.1
     for signal in ("wind", "state"):
         np.testing.assert_allclose(flights[0][signal][1:], flights[1][signal][1:], atol=1e-9)
@@ -160,10 +173,12 @@ def test_a_wind_of_ones_own_blows_beside_that_of_the_scenario_in_every_fleet(dia
     steady = "laboratory.wind=[{kind: steady, velocity: [1.0, 0.0, 0.0]}]"
     mass = "vehicle.mass={uniform: {min: 0.6, max: 0.7}}"
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", ["duration=3", steady, mass])
-    jet = Jet((0.0, -3.0, 1.0), (0.0, 1.0, 0.0), exit_speed=5.0, diameter=1.0)
+    jet = Jet(Outlet(0.0, -3.0, 1.0), Direction(0.0, 1.0, 0.0), exit_speed=5.0, diameter=1.0)
     flight = simulate(scenario, sample=1, wind=OwnJets([jet]))
-    np.testing.assert_allclose(flight["wind"][5:, 0], 1.0, atol=1e-12)
-    assert flight["wind"][5:, 1].max() > 0.5
-    fleet = StudyFleet(scenario, 2, wind=lambda num_vehicles: OwnJets([jet], num_vehicles))
+    wind = flight.record("wind")
+    np.testing.assert_allclose(wind.x[5:], 1.0, atol=1e-12)
+    assert wind.y[5:].max() > 0.5
+    own = UserSystems(wind=lambda num_vehicles: OwnJets([jet], num_vehicles))
+    fleet = StudyFleet(scenario, 2, own=own)
     for _ in range(2):  # the second time in a context that has flown
         assert fleet.fly([0, 1]).rmse[1] == pytest.approx(flight.metrics.rmse, rel=1e-9)
