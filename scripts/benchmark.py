@@ -1,4 +1,4 @@
-"""Measures the speed of one flight, of fleets, of studies and of planning, as a table in Markdown."""
+"""Measures the speed of single flights, fleets, studies and planning, and prints it as tables in Markdown."""
 
 import argparse
 import gc
@@ -20,19 +20,21 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
-from drake_quad import Scenario, build_tracking_diagram, load_scenario
-from drake_quad.studies import run_monte_carlo
-from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
-from drake_quad.flight import fly
+from drake_quad import Scenario, load_scenario
 from drake_quad.assembly.planning import flight_duration, plan_route
+from drake_quad.assembly.tracking import build_fleet_diagram
+from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
+from drake_quad.flight.simulation import fly
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.path_problem import Box, Limits, PathProblem
 from drake_quad.reference.plan import to_piecewise_polynomial
 from drake_quad.reference.planner import GivenTimes, LeastSnap, Shortest, plan_path
+from drake_quad.scenario import Batch
+from drake_quad.studies import run_monte_carlo
 
 _DIAGRAMS = Path(__file__).parent.parent / "diagrams"
 _NETWORK = _DIAGRAMS / "controllers" / "paper.yaml:pd_t2fnn"
-# The laboratory with all that it has.
+# A laboratory with every imperfection.
 _EVERYTHING = [
     "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.6}}",
     "vehicle.inertia=[{uniform: {min: 0.0065, max: 0.0075}}, 0.007, 0.012]",
@@ -63,7 +65,7 @@ def main() -> None:
 
 
 def print_flights(repetitions: int, sizes: Sequence[int]) -> None:
-    """Prints how fast fleets of some sizes fly."""
+    """Prints how fast fleets fly, by their size."""
     ideal = load_scenario(_DIAGRAMS / "figure_eight.yaml")
     real = load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", _EVERYTHING)
     learning = load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", _EVERYTHING, layers=[_NETWORK])
@@ -76,7 +78,7 @@ def print_flights(repetitions: int, sizes: Sequence[int]) -> None:
 
 
 def print_ticks(repetitions: int) -> None:
-    """Prints what a tick of a network takes."""
+    """Prints how long a tick of a network takes."""
     print("\n| a tick of a type-2 network on three axes, with its learning | |")
     print("|---|---|")
     for size in (1, 1024, 3072):
@@ -87,7 +89,7 @@ def print_ticks(repetitions: int) -> None:
 
 
 def print_studies(repetitions: int, largest: int) -> None:
-    """Prints how fast Monte Carlo studies are, and two workers beside one."""
+    """Prints how fast Monte Carlo studies are flown by one worker and by two."""
     scenario, workers = load_scenario(_DIAGRAMS / "robustness.yaml"), (1, 2)
     sizes = (1_000, 2_000, largest)
     rounds = [{(size, n): study(scenario, size, n) for size in sizes for n in workers} for _ in range(repetitions)]
@@ -96,13 +98,13 @@ def print_studies(repetitions: int, largest: int) -> None:
     for size in (1_000, largest):
         cells = [spread([times[size, n].cost for times in rounds], 1) for n in workers]
         print(f"| {size:,} flights, from the start of the workers to the result | {' | '.join(cells)} |")
-    # What the start takes drops out of the difference.
+    # In the difference the time of the start cancels.
     further = [spread([times[largest, n].beyond(times[2_000, n]) for times in rounds], 1) for n in workers]
     print(f"| from 2,000 to {largest:,} flights | {' | '.join(further)} |")
 
 
 class StudyTime(NamedTuple):
-    """What a study took.
+    """The time that a study took.
 
     Attributes:
         seconds: from the call to the result.
@@ -114,16 +116,16 @@ class StudyTime(NamedTuple):
 
     @property
     def cost(self) -> float:
-        """Seconds for a second of flight."""
+        """Seconds of computing for a second of flight."""
         return self.seconds / self.flown
 
     def beyond(self, shorter: "StudyTime") -> float:
-        """The same for what it flew beyond a shorter study."""
+        """Seconds of computing for a second of flight, of the flights that a shorter study does not have."""
         return (self.seconds - shorter.seconds) / (self.flown - shorter.flown)
 
 
 def study(scenario: Scenario, num_samples: int, num_workers: int) -> StudyTime:
-    """Flies a study and writes it to a folder."""
+    """Flies a study into a temporary folder, and returns the time that it took."""
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
         flown = run_monte_carlo(scenario, num_samples, folder=folder, num_workers=num_workers).flown_time
@@ -131,7 +133,7 @@ def study(scenario: Scenario, num_samples: int, num_workers: int) -> StudyTime:
 
 
 def print_planning(repetitions: int) -> None:
-    """Prints what plans take."""
+    """Prints how long planning takes."""
     print("\n| planning | |")
     print("|---|---|")
     for count in (10, 50, 200):
@@ -169,13 +171,17 @@ def network_tick(size: int) -> Callable[[], float]:
 
 
 class Stepper:
-    """A tracking diagram that is flown from the start, again and again: to the end if it is one vehicle."""
+    """A tracking diagram that is flown from the start again and again: to the end for one vehicle, for 1 s for a fleet.
+
+    Args:
+        scenario: that is flown, each vehicle a sample.
+        num_vehicles: N.
+    """
 
     def __init__(self, scenario: Scenario, num_vehicles: int) -> None:
-        self._diagram = build_tracking_diagram(
-            scenario, num_vehicles, samples=range(num_vehicles), record=num_vehicles == 1
-        )
-        self._duration = flight_duration(scenario, plan_route(scenario)) if num_vehicles == 1 else 1.0
+        batch, plan = Batch.draw(scenario, range(num_vehicles)), plan_route(scenario)
+        self._diagram = build_fleet_diagram(batch, plan, record=num_vehicles == 1)
+        self._duration = flight_duration(scenario, plan) if num_vehicles == 1 else 1.0
 
     def cost(self) -> float:
         """Seconds of computing for a second of flight."""
@@ -185,14 +191,14 @@ class Stepper:
 
 
 def interleaved(steppers: list[Stepper], repetitions: int) -> list[list[float]]:
-    """The costs of each stepper over rounds in which each has its turn, so that all see the machine's same drift."""
+    """The costs of each stepper, measured by turns, so that a machine that gets slower does so for all."""
     gc.collect()
     rounds = [[stepper.cost() for stepper in steppers] for _ in range(repetitions)]
     return [list(costs) for costs in zip(*rounds, strict=True)]
 
 
 def fast_path(count: int) -> Callable[[], object]:
-    """From waypoints in space and times to Drake's trajectory."""
+    """The shortest way from waypoints and times to a trajectory of Drake's."""
     rng = np.random.default_rng(0)
     waypoints = np.cumsum(rng.normal(size=(count, 3)), axis=0)
     times = np.cumsum(rng.uniform(0.5, 2.0, count))
@@ -200,7 +206,7 @@ def fast_path(count: int) -> Callable[[], object]:
 
 
 def planning_work() -> dict[str, Callable[[], object]]:
-    """What the planner does beyond the fast path, on random routes of metre steps."""
+    """Work of the planner beyond that, on random routes with steps of a metre."""
     rng = np.random.default_rng(0)
     limits = Limits(speed=1.2, acceleration=0.7)
     points = np.cumsum(rng.normal(size=(50, 3)), axis=0)
@@ -217,7 +223,7 @@ def planning_work() -> dict[str, Callable[[], object]]:
 
 
 def milliseconds(work: Callable[[], object], repetitions: int) -> str:
-    """The median of the times that a work takes, and the best in parentheses."""
+    """The median of the times that a call takes, and the best in parentheses."""
     times = [1e3 * timed(work) for _ in range(repetitions)]
     return f"{statistics.median(times):.3g} ({min(times):.3g}) ms"
 
@@ -230,7 +236,7 @@ def timed(work: Callable[[], object]) -> float:
 
 
 def machine() -> str:
-    """What this was measured on."""
+    """The machine and the versions that are measured, in words."""
     cpu = platform.processor() or platform.machine()
     info = Path("/proc/cpuinfo")
     if info.exists():

@@ -1,11 +1,13 @@
 """Flies the figure eight under a position controller of your own, beside the scenario's PD."""
 
+import math
+
 from command_line import parser, print_table, run, scenario_of
 
-import numpy as np
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_quad import simulate
+from drake_quad.signals import Acceleration, Reference, State
 
 
 class SlidingMode(LeafSystem):
@@ -13,15 +15,25 @@ class SlidingMode(LeafSystem):
 
     def __init__(self) -> None:
         super().__init__()
-        self.measurement = self.DeclareVectorInputPort("measurement", BasicVector(12))
-        self.reference = self.DeclareVectorInputPort("reference", BasicVector(11))
-        self.DeclareVectorOutputPort("acceleration_command", BasicVector(3), self.command)
+        self.measurement = self.DeclareVectorInputPort("measurement", BasicVector(len(State._fields)))
+        self.reference = self.DeclareVectorInputPort("reference", BasicVector(len(Reference._fields)))
+        self.DeclareVectorOutputPort("acceleration_command", BasicVector(len(Acceleration._fields)), self.command)
 
     def command(self, context: Context, output: BasicVector) -> None:
-        measurement, reference = self.measurement.Eval(context), self.reference.Eval(context)
-        error, error_rate = reference[0:3] - measurement[0:3], reference[3:6] - measurement[6:9]
-        surface = error_rate + 0.8 * error
-        output.SetFromVector(reference[6:9] + 0.8 * error_rate + 0.4 * np.tanh(surface / 0.4))
+        """Computes the commanded acceleration."""
+        state, reference = State(*self.measurement.Eval(context)), Reference(*self.reference.Eval(context))
+        command = Acceleration(
+            x=reference.a_x + sliding_mode(reference.x - state.x, reference.v_x - state.v_x),
+            y=reference.a_y + sliding_mode(reference.y - state.y, reference.v_y - state.v_y),
+            z=reference.a_z + sliding_mode(reference.z - state.z, reference.v_z - state.v_z),
+        )
+        output.SetFromVector(command)
+
+
+def sliding_mode(error: float, error_rate: float) -> float:
+    """η tanh(s / w) + λ ė with η = 0.4 m/s², w = 0.4 m/s and λ = 0.8 1/s."""
+    surface = error_rate + 0.8 * error
+    return 0.8 * error_rate + 0.4 * math.tanh(surface / 0.4)
 
 
 def main() -> None:

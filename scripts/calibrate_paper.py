@@ -1,15 +1,14 @@
-"""Fits what the paper does not give to two cells of its Table II, by three hypotheses, and predicts the others."""
+"""Fits what the paper does not give to two cells of its Table II, by three hypotheses, and predicts the other cells."""
 
 import argparse
-import csv
 from pathlib import Path
 
 from command_line import bar_over, print_columns, print_files, run
 
 from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.files import output_folder, write_table
 from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL, Calibration, calibrate
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, table_ii
-from drake_quad.files import output_folder, write_whole
+from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 
 _PAPER = Path(__file__).parent.parent / "diagrams" / "paper.yaml"
 
@@ -20,7 +19,7 @@ def main() -> None:
         epilog="example: python scripts/calibrate_paper.py --quick",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
-    options.add_argument("--samples", type=int, help="over which errors are averaged (default: 64)")
+    options.add_argument("--samples", type=int, help="flights of each cell, whose errors are averaged (default: 64)")
     options.add_argument("--quick", action="store_true", help="8 samples, and the first hypothesis alone")
     options.add_argument("--output", type=Path, default=Path("out/calibration"), help="folder (default: %(default)s)")
     arguments = options.parse_args()
@@ -30,7 +29,7 @@ def main() -> None:
     names = list(HYPOTHESES)[:1] if arguments.quick else list(HYPOTHESES)
     folder = output_folder(arguments.output)
     found = {name: calibrate(HYPOTHESES[name], load, num_samples) for name in bar_over(names, "fitting")}
-    file = write_whole(folder / "calibration.csv", lambda path: write_calibrations(path, found))
+    file = write_calibrations(folder / "calibration.csv", found)
     for calibration in found.values():
         print_calibration(calibration)
     print_files([file])
@@ -42,11 +41,11 @@ def load(cell: Cell, overrides: list[str]) -> Scenario:
 
 
 def print_calibration(found: Calibration) -> None:
-    """Prints what was fitted, and every cell beside the printed one."""
+    """Prints the fitted numbers, and the error of every cell beside the printed one."""
     hypothesis = found.hypothesis
     print(f"{hypothesis.words}: {hypothesis.pd.words} {found.pd:.4g}, {hypothesis.network.words} {found.network:.4g}")
     rows = []
-    for cell, line in table_ii().items():
+    for cell, line in printed_table().items():
         ours, printed = found.errors[cell], line.rmse.mean
         rows.append(
             (
@@ -61,15 +60,15 @@ def print_calibration(found: Calibration) -> None:
     print_columns(("", "", "RMSE (m)", "printed", "off by", ""), rows)
 
 
-def write_calibrations(path: Path, found: dict[str, Calibration]) -> None:
-    """Writes a line for each hypothesis and cell."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["hypothesis", "pd_number", "network_number", "wind", "controller", "rmse_m", "low", "high"])
-        for name, each in found.items():
-            for cell, error in each.errors.items():
-                numbers = (f"{value:.9g}" for value in (each.pd, each.network))
-                writer.writerow([name, *numbers, *cell, *(f"{value:.9g}" for value in error)])
+def write_calibrations(path: Path, found: dict[str, Calibration]) -> Path:
+    """Writes a row for each hypothesis and cell, and returns the path."""
+    rows = [
+        (name, each.pd, each.network, *cell, *error)
+        for name, each in found.items()
+        for cell, error in each.errors.items()
+    ]
+    header = ("hypothesis", "pd_number", "network_number", "wind", "controller", "rmse_m", "low", "high")
+    return write_table(path, dict(zip(header, zip(*rows, strict=True), strict=True)), digits=9)
 
 
 if __name__ == "__main__":

@@ -1,4 +1,4 @@
-"""What the scripts' command lines have in common."""
+"""What the command lines of all scripts share: arguments, progress bars, tables and exit codes."""
 
 import argparse
 import os
@@ -14,12 +14,11 @@ from interruption import SENTENCE, raise_interruptions
 from tqdm import tqdm
 
 from drake_quad import InputError, Scenario, load_scenario
-from drake_quad.framework.formulas import telling_of_compilation
 from drake_quad.scenario import Journey, Override, load_journey
 from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector
 
-# The thread that watches bars would be in the way of worker processes, which are forked from a process with one thread.
+# Worker processes are forked only from a process with a single thread, and tqdm's monitor would be a second one.
 tqdm.monitor_interval = 0
 
 
@@ -27,11 +26,10 @@ def parser(description: str, example: str, *, output: str | None, scenario: str)
     """Returns a parser with the arguments that every script has.
 
     Args:
-        description: what the script does, a sentence.
-        example: a command line that runs.
-        output: folder in which what the script writes has a folder by default, called after the scenario; None for a
-            script that writes nothing.
-        scenario: default scenario, a file of `diagrams/`.
+        description: a sentence that says what the script does.
+        example: a command line that can be run as it is.
+        output: folder that by default holds a folder for each scenario; None for a script that writes nothing.
+        scenario: the default one, a file of `diagrams/`.
     """
     result = argparse.ArgumentParser(
         description=description,
@@ -57,34 +55,38 @@ def parser(description: str, example: str, *, output: str | None, scenario: str)
 
 
 def folder_of(arguments: argparse.Namespace, name: str) -> Path:
-    """The folder to write to: the one that a person says, or else one called after the scenario."""
+    """The folder to write to: that of --output, or else the default one for a scenario of this name."""
     chosen: Path = arguments.output or arguments.default_output / name
     return chosen
 
 
 def add_vector(options: argparse.ArgumentParser) -> None:
-    """Adds the option that draws figures for print."""
+    """Adds the option that writes figures for print."""
     options.add_argument("--vector", choices=get_args(Vector), help="write each figure also as a vector drawing")
 
 
 def overrides_of(assignments: Iterable[str], option: str = "--set") -> list[Override]:
-    """The overrides that an option of the command line gives."""
+    """The overrides that an option of the command line asks for; errors will name the option."""
     return [Override(assignment, f"{option} {assignment}") for assignment in assignments]
 
 
 def all_overrides_of(arguments: argparse.Namespace) -> list[Override]:
-    """The overrides that the arguments --set and --seed give."""
+    """The overrides that --set and --seed ask for."""
     seed = [] if arguments.seed is None else [Override(f"seed={arguments.seed}", f"--seed {arguments.seed}")]
     return [*overrides_of(arguments.set), *seed]
 
 
 def scenario_of(arguments: argparse.Namespace, *, further: Sequence[Override] = ()) -> Scenario:
-    """Loads the scenario that the arguments name, with their overrides and further ones."""
+    """Loads the scenario that the arguments name, with the overrides that they ask for and further ones."""
     return load_scenario(arguments.scenario, [*all_overrides_of(arguments), *further])
 
 
 def controlled_scenarios(arguments: argparse.Namespace) -> dict[str, Scenario]:
-    """Loads the scenario with each of the arguments' controllers laid over it, by their names; itself without any."""
+    """Loads the scenario once for each --controller, which is laid over it; without any, as it is.
+
+    Returns:
+        The scenarios, by the names of the controllers; or the only one, by its own.
+    """
     if not arguments.controller:
         scenario = scenario_of(arguments)
         return {scenario.name: scenario}
@@ -107,7 +109,7 @@ def journey_of(arguments: argparse.Namespace) -> Journey:
 
 @contextmanager
 def flight_progress() -> Iterator[Callable[[float, float], None]]:
-    """Gives a function of the time flown and to fly (s) that keeps a bar on a terminal, if it takes long."""
+    """Shows a bar on a terminal if a flight takes long; gives the function to tell the time flown and to fly, s."""
     with tqdm(total=0.0, desc="flying", delay=1.0, leave=False, bar_format=_BAR, disable=None) as bar:
 
         def show(flown: float, duration: float) -> None:
@@ -119,7 +121,7 @@ def flight_progress() -> Iterator[Callable[[float, float], None]]:
 
 @contextmanager
 def study_progress(name: str) -> Iterator[Callable[[int, int], None]]:
-    """Gives a function of the number of samples that are done, and of all, that keeps a bar on a terminal."""
+    """Shows a bar on a terminal; gives the function that is told how many samples are done, and how many there are."""
     with tqdm(desc=name, unit=" flights", leave=False, disable=None, mininterval=0.2) as bar:
 
         def show(done: int, total: int) -> None:
@@ -132,7 +134,7 @@ def study_progress(name: str) -> Iterator[Callable[[int, int], None]]:
 
 
 def bar_over(items: Sequence[str], words: str) -> Iterator[str]:
-    """Gives items one after the other, with a bar on a terminal."""
+    """Gives items one after another and shows a bar on a terminal."""
     with tqdm(items, desc=words, leave=False, disable=None) as bar:
         for item in bar:
             bar.set_postfix_str(item)
@@ -143,14 +145,14 @@ _BAR = "{desc}: {percentage:3.0f}% |{bar}| {n:.0f} of {total:.0f} s flown, {rema
 
 
 def print_table(rows: list[tuple[str, str, str]]) -> None:
-    """Prints rows of name, value and unit, aligned."""
+    """Prints rows of name, value and unit in aligned columns."""
     names, values = (max(len(row[i]) for row in rows) for i in (0, 1))
     for name, value, unit in rows:
         print(f"{name:<{names}}  {value:>{values}} {unit}".rstrip())
 
 
 def print_columns(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
-    """Prints a table with a header; the first and the last column to the left, the others to the right."""
+    """Prints a table with a header; the first and the last column are aligned to the left, the others to the right."""
     table = [header, *rows]
     widths = [max(len(line[i]) for line in table) for i in range(len(header))]
     for line in table:
@@ -159,31 +161,30 @@ def print_columns(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
 
 
 def remark(sentence: str) -> None:
-    """Prints what a person may not have meant."""
+    """Prints something that the user may not have meant, to the standard error."""
     print(f"remark: {sentence}", file=sys.stderr)
 
 
 def print_files(files: list[Path]) -> None:
-    """Prints what was written."""
+    """Prints the names of the files that were written."""
     print("wrote")
     for file in files:
         print(f"  {file}")
 
 
-COMPILING = "compiling what is flown for the first time on this machine: up to half a minute"
-
-
 def run(main: Callable[[], None]) -> None:
-    """Runs a script: 0 done, 1 the computation failed, 2 the input was wrong, each with one sentence."""
+    """Runs a script and exits: with 0 if all went well, 1 if the computation failed, 2 if the input was wrong.
+
+    An error is told in one sentence.
+    """
     raise_interruptions()
     try:
-        with telling_of_compilation(lambda: print(COMPILING, file=sys.stderr)):
-            main()
+        main()
     except InputError as error:
         print(f"error: {error}", file=sys.stderr)
         sys.exit(2)
     except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nobody reads what is still to be printed
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nobody reads what would still be printed
         sys.exit(1)
     except (RuntimeError, OSError) as error:
         print(f"failed: {error}", file=sys.stderr)

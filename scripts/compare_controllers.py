@@ -1,7 +1,6 @@
-"""Flies several controllers through several laboratories, all on the same samples, and compares them."""
+"""Flies several controllers in several laboratories, all on the same samples, and compares them."""
 
 import argparse
-import csv
 from collections.abc import Mapping
 from pathlib import Path
 
@@ -10,9 +9,10 @@ from command_line import add_vector, all_overrides_of, flight_progress, override
 import numpy as np
 
 from drake_quad import InputError, Scenario, load_scenario
-from drake_quad.studies.comparison import fly_samples, share_of
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_table
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.studies.comparison import fly_samples, share_of
+from drake_quad.studies.statistics import of_survivors
 from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.style import save_figures
 
@@ -61,7 +61,7 @@ def main() -> None:
             with flight_progress() as progress:
                 flights[place][name] = fly_samples(scenario, range(samples), progress=progress)
     files = [
-        write_whole(folder / "comparison.csv", lambda path: write_table(path, flights)),
+        write_flights(folder / "comparison.csv", flights),
         *save_figures({"comparison": plot_comparison(flights)}, folder, vector=arguments.vector),
     ]
     print(f"{samples} samples each; mean and standard deviation; the share is that of the first controller's RMSE")
@@ -70,7 +70,7 @@ def main() -> None:
 
 
 def scenarios_of(arguments: argparse.Namespace) -> dict[str, dict[str, Scenario]]:
-    """The scenarios to fly, by place and controller."""
+    """The scenarios to fly, by laboratory and controller."""
     places = arguments.scenario or [str(_DIAGRAMS / name) for name in _SCENARIOS]
     controllers = arguments.controller or [
         str(_DIAGRAMS / "controllers" / f"paper.yaml:{name}") for name in _CONTROLLERS
@@ -88,20 +88,20 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, dict[str, Scenario]
 
 
 def print_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> None:
-    """Prints a line for each scenario and controller."""
+    """Prints a row for each laboratory and controller."""
     rows = []
     for place, found in flights.items():
-        baseline = next(iter(found.values()))
+        first = next(iter(found.values()))
         for name, metrics in found.items():
-            share = share_of(metrics, baseline)
+            share = share_of(metrics, first)
             rows.append(
                 (
                     place,
                     name,
-                    f"{spread(100.0 * metrics.rmse, metrics, 1)} cm",
-                    f"{spread(100.0 * metrics.peak_error, metrics, 0)} cm",
-                    f"{spread(metrics.effort_x, metrics, 3)}",
-                    f"{spread(metrics.effort_y, metrics, 3)}",
+                    f"{spread(100.0 * of_survivors(metrics, 'rmse'), 1)} cm",
+                    f"{spread(100.0 * of_survivors(metrics, 'peak_error'), 0)} cm",
+                    f"{spread(of_survivors(metrics, 'effort_x'), 3)}",
+                    f"{spread(of_survivors(metrics, 'effort_y'), 3)}",
                     f"{100.0 * np.nanmean(share):.0f} %" if np.isfinite(share).any() else "–",
                     f"{int(metrics.crashed.sum())} crashed" if metrics.crashed.any() else "",
                 )
@@ -109,23 +109,23 @@ def print_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> None:
     print_columns(("scenario", "controller", "RMSE", "peak", "effort X (m²/s⁴)", "effort Y", "share", ""), rows)
 
 
-def spread(values: np.ndarray, metrics: Metrics, digits: int) -> str:
-    """Mean and standard deviation over the flights that did not crash."""
-    kept = values[~metrics.crashed]
-    if not len(kept):
+def spread(values: np.ndarray, digits: int) -> str:
+    """Mean and standard deviation, in words."""
+    if not len(values):
         return "–"
-    return f"{kept.mean():.{digits}f}" + (f" ± {kept.std(ddof=1):.{digits}f}" if len(kept) > 1 else "")
+    return f"{values.mean():.{digits}f}" + (f" ± {values.std(ddof=1):.{digits}f}" if len(values) > 1 else "")
 
 
-def write_table(path: Path, flights: Mapping[str, Mapping[str, Metrics]]) -> None:
-    """Writes a line for each flight."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["scenario", "controller", "sample", *Metrics._fields])
-        for place, found in flights.items():
-            for name, metrics in found.items():
-                for sample, values in enumerate(zip(*metrics, strict=True)):
-                    writer.writerow([place, name, sample, *(f"{value:.9g}" for value in values)])
+def write_flights(path: Path, flights: Mapping[str, Mapping[str, Metrics]]) -> Path:
+    """Writes a row for each flight, and returns the path."""
+    rows = [
+        (place, name, sample, *values)
+        for place, found in flights.items()
+        for name, metrics in found.items()
+        for sample, values in enumerate(np.transpose(metrics))
+    ]
+    header = ("scenario", "controller", "sample", *Metrics._fields)
+    return write_table(path, dict(zip(header, zip(*rows, strict=True), strict=True)), digits=9)
 
 
 if __name__ == "__main__":

@@ -26,7 +26,7 @@ from pydrake.systems.analysis import Simulator
 from tqdm import tqdm
 
 from drake_quad import build_tracking_diagram, load_scenario
-from drake_quad.flight import fly, read_metrics
+from drake_quad.flight.simulation import fly, read_metrics
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import hermite_path
 
@@ -34,7 +34,7 @@ _DIAGRAMS = Path(__file__).parent.parent / "diagrams"
 # One turn of 1 m radius, 1 m above the ground, at 0.63 m/s.
 _DURATION = 10.0
 _RATE = 2.0 * math.pi / _DURATION
-# Who is farther off over the second half does not fly what is measured, m.
+# A vehicle with a larger RMSE over the second half does not fly the circle, m.
 _LOST = 0.2
 
 # Flies all vehicles of a fleet once around and returns the RMSE of the first, m.
@@ -42,12 +42,12 @@ Flight = Callable[[], float]
 
 
 class Contender(NamedTuple):
-    """A simulator as it is flown.
+    """A simulator with the settings that it is flown with.
 
     Attributes:
-        package: that has it.
-        how: its steps, as the table says it.
-        build: makes the flight of a number of vehicles.
+        package: its name on PyPI.
+        how: its steps and method, in words for the table.
+        build: a function that makes the flight of a number of vehicles.
         repetitions: of each measurement.
     """
 
@@ -85,7 +85,7 @@ def main() -> None:
 
 
 def measured(contender: Contender, num_vehicles: int, repetitions: int) -> str:
-    """Vehicle-seconds per second of a contender, in a process whose libraries find one core from their start on."""
+    """Vehicle-seconds per second of a contender, in a process of its own whose libraries see a single core."""
     context = multiprocessing.get_context("spawn")
     with (
         tempfile.TemporaryDirectory() as folder,
@@ -105,7 +105,7 @@ def _measure(contender: Contender, num_vehicles: int, repetitions: int) -> str:
 
 
 def _apart(folder: str) -> None:
-    """Lets a process print nothing, and write logs to a folder: libraries tell of their own affairs."""
+    """Silences a process, whose libraries would print, and has it write its logs to a folder."""
     os.chdir(folder)
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (1, 2):
@@ -171,7 +171,7 @@ def _rotorpy_batch(num_vehicles: int) -> Flight:
     world = worlds.World.empty((-3.0, 3.0, -3.0, 3.0, -3.0, 3.0))
 
     class Circle:
-        """RotorPy's own batch of circles fails for arrays of times, as its simulation gives them."""
+        """A circle for each vehicle; RotorPy's own fails for the arrays of times that its simulation gives it."""
 
         def update(self, times: np.ndarray) -> dict[str, Any]:
             cos, sin = torch.cos(torch.as_tensor(_RATE * times)), torch.sin(torch.as_tensor(_RATE * times))
@@ -236,7 +236,7 @@ def crazyflow_flight(num_vehicles: int, **options: Any) -> Flight:
 
 
 def rmse(positions: np.ndarray, reference: np.ndarray) -> float:
-    """The root of the mean square of the distance over the second half of a flight, m.
+    """The RMSE of the position over the second half of a flight, m.
 
     Args:
         positions: (ticks, 3), m.

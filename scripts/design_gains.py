@@ -1,4 +1,4 @@
-"""Designs the PD gains of a scenario's cascade for its laboratory, and states what they stand."""
+"""Designs the PD gains of a scenario's cascade for its laboratory, and states the margins that they keep."""
 
 import argparse
 import itertools
@@ -19,9 +19,9 @@ from drake_quad.files import output_folder, write_whole
 from drake_quad.visualization.design_plots import DESIGN_PLOTS, plot_steps
 from drake_quad.visualization.style import save_figures
 
-# Faster modes are those of delay lines and filters, not worth a line of the table, rad/s.
+# Modes that are faster belong to delay lines and filters and are not printed, rad/s.
 _FASTEST_MODE = 60.0
-# The axes of each loop, and what a rate costs beside a value with --method lqr if nothing else is asked for, s.
+# The axes of each loop, and the default cost of a rate beside that of a value with --method lqr, s.
 _AXES = {"attitude": ("roll", "pitch"), "yaw": ("yaw",), "height": ("z",), "position": ("x", "y")}
 _RATE_TIMES = {"attitude": 0.2, "yaw": 0.2, "height": 0.2, "position": 1.0}
 # The options of each loop: the method that they are for, and their range.
@@ -55,7 +55,7 @@ def main() -> None:
 
 
 def add_design_options(options: argparse.ArgumentParser) -> None:
-    """Adds the options that say how gains are to be designed."""
+    """Adds the options that say how gains shall be designed."""
     options.add_argument("--method", choices=("poles", "lqr"), default="poles", help="place two poles, or least cost")
     options.add_argument("--phase-margin", type=float, metavar="DEGREES", help="of every loop (45)")
     options.add_argument("--gain-margin", type=float, metavar="DB", help="of every loop (6)")
@@ -77,10 +77,10 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
 
 
 def design_options(arguments: argparse.Namespace, period: float) -> dict[str, LoopOptions]:
-    """How each axis is to be designed: as by default, but for what is asked for.
+    """How each axis shall be designed: as by default, except for what the arguments ask for.
 
     Raises:
-        InputError: a number is out of range, or asks for what the method does not have.
+        InputError: a number is out of range, or is for the other method.
     """
     for name, limit in _MARGINS.items():
         _check(name, getattr(arguments, name), 0.0, limit)
@@ -98,7 +98,7 @@ def design_options(arguments: argparse.Namespace, period: float) -> dict[str, Lo
 
 
 def _asked(arguments: argparse.Namespace, loop: str, period: float, default: LoopOptions) -> LoopOptions:
-    """The options of an axis: the default ones, but for what is asked for its loop."""
+    """The options of an axis: the default ones, except for what the arguments ask for its loop."""
     phase, gain, delay = (getattr(arguments, name) for name in _MARGINS)
     requirements, family = default.requirements, default.family
     if phase is not None:
@@ -121,7 +121,7 @@ def _check(name: str, value: float | None, least: float, most: float) -> None:
 
 
 def write_gains(design: CascadeDesign, path: Path) -> None:
-    """Writes the gains as YAML that a scenario can extend, with the call that made them."""
+    """Writes the gains as YAML that a scenario can extend, under the command that designed them."""
     yaml = YAML()
     yaml.default_flow_style = None
     with path.open("w", encoding="utf-8") as file:
@@ -130,7 +130,7 @@ def write_gains(design: CascadeDesign, path: Path) -> None:
 
 
 def print_design(design: CascadeDesign, period: float) -> None:
-    """Prints gains and margins, a line an axis."""
+    """Prints gains and margins, with a row for each axis."""
     titles = "axis, k_P, k_D, phase, gain, delay, ticks, disk, crossover, bandwidth, max |S|, limit"
     rows = []
     for axis in ("roll", "pitch", "yaw", "z", "x", "y"):
@@ -163,8 +163,8 @@ def print_modes(loop: ClosedLoop) -> None:
     rows = []
     for mode in modes(system.A, system.states, period=system.period):
         if mode.frequency < _FASTEST_MODE:
-            names = (name.split(".")[-1] for name in mode.states if ".vehicle." in name)
-            states = ", ".join(dict.fromkeys("rotors" if name.isdigit() else name for name in names))
+            steps = (name.split(".")[-2:] for name in mode.states if ".vehicle." in name)
+            states = ", ".join(dict.fromkeys("rotors" if group == "rotor_speed" else row for group, row in steps))
             decay = -mode.pole.real
             rows.append((f"{mode.frequency:.2f} rad/s", f"{mode.damping:.2f}", f"{1.0 / decay:.2f} s", states))
     print(f"\nmodes of the whole loop, from one tick to the next ({system.period:g} s)")

@@ -1,4 +1,4 @@
-"""Writes what can be said in a scenario: a page for readers and a JSON schema for editors."""
+"""Documents the scenario language: a page for readers, and a JSON schema for editors."""
 
 import argparse
 import json

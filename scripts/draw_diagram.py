@@ -1,10 +1,10 @@
-"""Draws the diagram of a scenario as SVG: the loop, and one drawing for each diagram within."""
+"""Draws the diagram of a scenario as SVG: the loop, and each diagram inside it."""
 
 from command_line import folder_of, parser, print_files, run, scenario_of
 
+from drake_quad.assembly.tracking import build_tracking_diagram
 from drake_quad.files import output_folder, write_text
 from drake_quad.scenario import draw_sample
-from drake_quad.assembly.tracking import build_tracking_diagram
 from drake_quad.visualization.block_drawing import drawings, svg
 
 

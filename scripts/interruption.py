@@ -1,8 +1,8 @@
 """Ctrl-C while a script begins.
 
-What a script imports takes a second or two. Until `run` takes over, an interruption ends it with a sentence; as an
-exception, it would come up inside of a library, which might show it, take it for an error of its own, or swallow it.
-`command_line` imports this before all that takes long, and scripts import `command_line` first.
+The imports of a script take a second or two. Until `run` takes over, Ctrl-C ends the script with a sentence. As an
+exception it would be raised inside a library, which might show it, take it for an error of its own, or swallow it.
+`command_line` imports this module before everything that takes long, and scripts import `command_line` first.
 """
 
 import multiprocessing
@@ -15,7 +15,7 @@ SENTENCE = "interrupted: nothing was written"
 
 
 def raise_interruptions() -> None:
-    """From now on an interruption is a KeyboardInterrupt, as usual in Python."""
+    """Makes Ctrl-C raise KeyboardInterrupt from now on, as usual in Python."""
     signal.signal(signal.SIGINT, signal.default_int_handler)
 
 

@@ -1,4 +1,4 @@
-"""Flies thousands of samples of a scenario in fleets, on all cores or a cluster, and says how they went."""
+"""Flies thousands of samples of a scenario in fleets, on all cores or a cluster, and summarises their metrics."""
 
 import argparse
 import math
@@ -22,9 +22,12 @@ from command_line import (
 import numpy as np
 
 from drake_quad import InputError, Scenario
+from drake_quad.laboratory.metrics import UNITS, Metrics
+from drake_quad.scenario import distributions_in
 from drake_quad.studies import Study, run_monte_carlo
 from drake_quad.studies.cluster import dask_crew
 from drake_quad.studies.crew import Crew
+from drake_quad.studies.processes import Workers
 from drake_quad.studies.statistics import (
     Interval,
     compare,
@@ -35,13 +38,10 @@ from drake_quad.studies.statistics import (
     with_crashes,
     worst,
 )
-from drake_quad.studies.processes import Workers
-from drake_quad.laboratory.metrics import UNITS
-from drake_quad.scenario import distributions_in
 from drake_quad.visualization.study_plots import plot_convergence, plot_distribution, plot_influences
 from drake_quad.visualization.style import Vector, save_figures
 
-# Of each, the name, the unit in which it is printed, its size in SI units and the digits.
+# The metrics that are printed: name, unit, size of the unit in SI units, and digits.
 _SHOWN = [
     ("rmse", "cm", 0.01, 2),
     ("rmse_x", "cm", 0.01, 2),
@@ -91,7 +91,7 @@ def main() -> None:
 
 
 def command_line() -> argparse.Namespace:
-    """What the command line asks for."""
+    """Parses the command line."""
     options = parser(
         description=__doc__,
         example="python scripts/monte_carlo.py diagrams/robustness.yaml --samples 200 --workers 2",
@@ -124,7 +124,7 @@ def command_line() -> argparse.Namespace:
 
 
 def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
-    """The scenario to fly, or one for each controller, by name."""
+    """The scenarios to fly, by name: one for each controller, or the only one."""
     found = controlled_scenarios(arguments)
     for name, scenario in found.items():
         if not distributions_in(scenario):
@@ -135,7 +135,7 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
 
 @contextmanager
 def crew_of(arguments: argparse.Namespace) -> Iterator[Crew]:
-    """Who flies the batches: processes of this machine, or a cluster."""
+    """The crew that flies the batches: processes of this machine, or a cluster."""
     if arguments.cluster is None:
         with Workers(arguments.workers, time_limit=arguments.time_limit) as workers:
             yield workers
@@ -147,7 +147,7 @@ def crew_of(arguments: argparse.Namespace) -> Iterator[Crew]:
 
 
 def save_plots(studies: Mapping[str, Study], folder: Path, metric: str, vector: Vector | None) -> list[Path]:
-    """Draws distribution and convergence of all studies that flew, and what matters in each."""
+    """Draws distribution and convergence of all studies together, and the influences of each, and returns the files."""
     studies = {name: study for name, study in studies.items() if len(study.samples)}
     if not studies:
         return []
@@ -162,7 +162,7 @@ def save_plots(studies: Mapping[str, Study], folder: Path, metric: str, vector: 
 
 
 def print_study(name: str, study: Study, folder: Path) -> None:
-    """Prints how the flights went, and the commands that fly the worst of them again."""
+    """Prints estimates of the metrics, and the commands that fly the worst samples again."""
     count, metrics = len(study.samples), study.metrics
     crashes = crash_probability(metrics)
     beyond = "crash" if metrics.crashed.any() else "–"
@@ -189,13 +189,13 @@ def print_study(name: str, study: Study, folder: Path) -> None:
         print("the worst:")
     for sample in worst(study):
         place = int(np.searchsorted(study.samples, sample))
-        crash_time = metrics.crash_time[place]
-        error = f"crashed at {crash_time:.2f} s" if crash_time < math.inf else f"{100.0 * metrics.rmse[place]:.1f} cm"
+        own = Metrics(*(values[place] for values in np.asarray(metrics)))
+        error = f"crashed at {own.crash_time:.2f} s" if own.crashed else f"{100.0 * own.rmse:.1f} cm"
         print(f"  {error:<18}  python scripts/simulate.py {folder / 'scenario.yaml'} --sample {sample}")
 
 
 def print_comparison(studies: Mapping[str, Study], metric: str) -> None:
-    """Prints each controller beside the first, on the samples that both flew to the end."""
+    """Compares each controller with the first, on the samples that both flew to the end."""
     (first, baseline), *others = studies.items()
     rows = []
     for name, study in others:
@@ -219,7 +219,7 @@ def print_comparison(studies: Mapping[str, Study], metric: str) -> None:
 
 
 def print_rate(studies: Mapping[str, Study], seconds: float) -> None:
-    """Prints how fast it went, the start of the workers included."""
+    """Prints how fast the studies were flown, including the start of the workers."""
     flown = sum(study.flown_time for study in studies.values())
     if flown > 0.0:
         print(f"{flown / seconds:,.0f} vehicle-seconds per second")
@@ -228,7 +228,7 @@ def print_rate(studies: Mapping[str, Study], seconds: float) -> None:
 
 
 def failure(studies: Mapping[str, Study], folders: Mapping[str, Path]) -> str:
-    """How many samples could not be flown, and why the first of them."""
+    """A sentence that says how many samples could not be flown, and why the first of them could not."""
     failures = [(name, *each) for name, study in studies.items() for each in sorted(study.failures.items())]
     name, sample, reason = failures[0]
     return (
@@ -238,20 +238,20 @@ def failure(studies: Mapping[str, Study], folders: Mapping[str, Path]) -> str:
 
 
 def number(value: float, form: str, beyond: str = "–") -> str:
-    """A number; a dash where there is none, and other words where it is infinite."""
+    """A number as a text: a dash for NaN and minus infinity, and other words for infinity."""
     if math.isfinite(value):
         return f"{value:{form}}"
     return beyond if value > 0.0 else "–"
 
 
 def bounded(estimate: Interval, size: float, digits: int, beyond: str = "–") -> str:
-    """An estimate and its interval in a unit."""
+    """An estimate and its interval, in a unit of a size in SI units."""
     value, low, high = (number(each / size, f".{digits}f", beyond) for each in estimate)
     return f"{value} [{low}, {high}]"
 
 
 def percent(share: Interval) -> str:
-    """A share and its interval in per cent."""
+    """A share and its interval, in per cent."""
     value, low, high = (number(100.0 * each, ".3g") for each in share)
     return f"{value} % [{low}, {high}]"
 

@@ -1,4 +1,4 @@
-"""Plans a route: waypoints from a YAML or CSV file in, a trajectory with a plot out."""
+"""Plans a route through waypoints from a YAML or CSV file, and writes the trajectory and a plot of it."""
 
 import itertools
 
@@ -6,17 +6,17 @@ from command_line import add_vector, folder_of, journey_of, parser, print_files,
 
 import numpy as np
 
-from drake_quad.files import output_folder
 from drake_quad.assembly.planning import nominal_parameters, plan_demand, plan_route
+from drake_quad.files import output_folder
 from drake_quad.reference.binding import Binding, bindings
 from drake_quad.reference.feasibility import sample_times
 from drake_quad.reference.minimum_snap import snap_cost
 from drake_quad.reference.path_problem import Limits, PathProblem
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
+from drake_quad.reference.trajectory_files import save_plan
 from drake_quad.scenario import Journey
 from drake_quad.scenario.routes import CircleRoute, FigureEightRoute, WaypointRoute
-from drake_quad.reference.trajectory_files import save_plan
 from drake_quad.visualization.plan_plots import plot_plan
 from drake_quad.visualization.style import save_figures
 
@@ -53,11 +53,11 @@ def main() -> None:
 
 
 def summary(journey: Journey, plan: Plan, limits: Limits, problem: PathProblem | None) -> list[tuple[str, str, str]]:
-    """The plan in numbers, as rows of name, value and unit."""
+    """The properties of a plan, as rows of name, value and unit."""
     path, parameters = plan.path, nominal_parameters(journey)
     times = sample_times(path)
     length = np.linalg.norm(np.diff(evaluate(path, times), axis=1), axis=0).sum()
-    rotors = plan_demand(plan, parameters, times).rotor_speed
+    rotors = np.array(plan_demand(plan, parameters, times).rotor_speed)
     rows = [
         ("waypoints", f"{len(path.times)}", ""),
         ("duration", f"{plan.duration:.3f}", "s"),
@@ -79,11 +79,12 @@ def summary(journey: Journey, plan: Plan, limits: Limits, problem: PathProblem |
 
 
 def _of(unit: str, limit: float) -> str:
+    """A unit, and the limit if there is one."""
     return f"{unit} of {limit:g}" if np.isfinite(limit) else unit
 
 
 def binding_summary(found: list[Binding]) -> str:
-    """What binds, each with its segments."""
+    """The limits and places that a path touches, each with the segments on which it does."""
     by_what: dict[str, set[int]] = {}
     for binding in found:
         by_what.setdefault(f"{binding.what} {binding.where}".strip(), set()).add(binding.segment)

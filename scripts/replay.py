@@ -1,4 +1,4 @@
-"""Writes a page for the browser that replays flights beside each other: many samples as ghosts, or controllers."""
+"""Writes a page for the browser that replays many samples of a scenario, or several controllers, together."""
 
 from command_line import controlled_scenarios, folder_of, parser, print_files, run
 
@@ -44,7 +44,7 @@ def main() -> None:
 
 
 def print_crashes(flights: dict[str, list[Flight]]) -> None:
-    """Prints how many flew to the end."""
+    """Prints how many flights of each scenario crashed."""
     for name, group in flights.items():
         print(f"{name}: {len(group)} flights, {sum(bool(flight.metrics.crashed) for flight in group)} crashed")
 

@@ -1,6 +1,7 @@
-"""Flies the paper's experiment again, and writes its table, its figures, a verdict on each claim, and a report."""
+"""Flies the paper's experiment again, and writes a report with its table, its figures and a verdict on each claim."""
 
 import argparse
+import math
 import shutil
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
@@ -11,15 +12,15 @@ from command_line import add_vector, print_columns, print_files, run
 from tqdm import tqdm
 
 from drake_quad import Scenario, load_scenario
-from drake_quad.studies.processes import Workers
+from drake_quad.files import output_folder, read_table, write_text
 from drake_quad.replication.experiment import QUICK, Sizes, fly_experiment
+from drake_quad.replication.figures import paper_figures, save_small
+from drake_quad.replication.findings import findings_of, write_findings
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
 from drake_quad.replication.report import FIGURES, report_html, report_markdown
 from drake_quad.replication.results import read_experiment
 from drake_quad.replication.table_ii import Entry
-from drake_quad.replication.findings import read_tables, write_tables
-from drake_quad.files import output_folder, write_text
-from drake_quad.replication.figures import paper_figures, save_small
+from drake_quad.studies.processes import Workers
 from drake_quad.visualization.style import save_vector
 
 _TOP = Path(__file__).parent.parent
@@ -37,8 +38,8 @@ def main() -> None:
         raise KeyboardInterrupt(f"interrupted: the cells that are done are in {folder}; --resume goes on") from None
     shutil.copyfile(_CALIBRATION, folder / "calibration.csv")
     found = read_experiment(folder)
-    tables = read_tables(folder, found)
-    files = write_tables(folder, tables)
+    findings = findings_of(found, read_table(folder / "calibration.csv"))
+    files = write_findings(folder, findings)
     drawings = output_folder(folder / "figures")
     with tqdm(total=len(FIGURES), desc="drawing", leave=False, disable=None) as bar:
         for name, figure in paper_figures(found, flights):
@@ -46,16 +47,16 @@ def main() -> None:
             if arguments.vector is not None:
                 save_vector(figure, drawings / f"{name}.{arguments.vector}", arguments.vector)
             bar.update()
-    text = report_markdown(found, tables)
+    text = report_markdown(found, findings)
     files.append(write_text(folder / "report.md", text))
     files.append(write_text(folder / "report.html", report_html(text, folder)))
-    print_errors(tables.entries)
-    print_columns(("claim", "verdict"), [(claim.words, claim.verdict) for claim in tables.claims])
+    print_errors(findings.entries)
+    print_columns(("claim", "verdict"), [(claim.words, claim.verdict) for claim in findings.claims])
     print_files([*files, drawings])
 
 
 def command_line() -> argparse.Namespace:
-    """What the command line asks for."""
+    """Parses the command line."""
     options = argparse.ArgumentParser(
         description=__doc__,
         epilog="example: python scripts/reproduce_paper.py --quick",
@@ -76,7 +77,7 @@ def load(cell: Cell) -> Scenario:
 
 @contextmanager
 def flights_bar(total: int) -> Iterator[Callable[[str, int], None]]:
-    """Gives a function of what was flown and how many flights are done that keeps a bar on a terminal."""
+    """Shows a bar on a terminal; gives the function that is told what was flown and how many flights are done."""
     with tqdm(total=total, desc="flying", unit=" flights", leave=False, disable=None) as bar:
 
         def show(what: str, done: int) -> None:
@@ -93,14 +94,14 @@ def print_errors(entries: Sequence[Entry]) -> None:
     for entry in entries:
         if entry.quantity == "rmse":
             mean = entry.mean
-            there = entry.off == entry.off
+            is_printed = math.isfinite(entry.off)
             rows.append(
                 (
                     WINDS[entry.cell.wind],
                     CONTROLLERS[entry.cell.controller],
                     f"{mean.value:.3f} [{mean.low:.3f}, {mean.high:.3f}]",
-                    f"{entry.printed.mean:.3f}" if there else "–",
-                    f"{100.0 * entry.off:+.1f} %" if there else "–",
+                    f"{entry.printed.mean:.3f}" if is_printed else "–",
+                    f"{100.0 * entry.off:+.1f} %" if is_printed else "–",
                 )
             )
     print_columns(("", "", "RMSE (m)", "printed", "off by"), rows)

@@ -1,6 +1,5 @@
-"""How the metrics of a flight change with the numbers of its scenario, by derivatives carried through the simulator."""
+"""Differentiates the metrics of a flight by numbers of its scenario, exactly, through Drake's simulator."""
 
-import csv
 import math
 from pathlib import Path
 
@@ -9,11 +8,11 @@ from command_line import add_vector, folder_of, parser, print_columns, print_fil
 import numpy as np
 
 from drake_quad.analysis.sensitivity import DIFFERENTIABLE, Sensitivities, flight_sensitivities
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_table
 from drake_quad.visualization.sensitivity_plots import plot_sensitivities
 from drake_quad.visualization.style import save_figures
 
-# Differentiated unless others are asked for: what a builder can get wrong, and what a designer can choose.
+# The default fields: numbers that a builder can get wrong, and numbers that a designer can choose.
 _FIELDS = (
     *("vehicle.mass", "vehicle.inertia.0", "vehicle.inertia.1", "vehicle.thrust_factor", "vehicle.arm_length"),
     *("vehicle.rotor_time_constant", "vehicle.linear_drag"),
@@ -44,7 +43,7 @@ def main() -> None:
     found = flight_sensitivities(scenario, fields, sample=arguments.sample)
     figure = plot_sensitivities(found, arguments.metric)
     files = [
-        write_whole(folder / "sensitivities.csv", lambda path: write_table(path, found)),
+        write_sensitivities(folder / "sensitivities.csv", found),
         *save_figures({"sensitivities": figure}, folder, vector=arguments.vector),
     ]
     print_sensitivities(found, arguments.metric)
@@ -52,7 +51,7 @@ def main() -> None:
 
 
 def print_sensitivities(found: Sensitivities, metric: str) -> None:
-    """Prints each field with the derivative of a metric, the largest effect of a change of 1 % first."""
+    """Prints the derivative of a metric by each field, that with the largest effect of a change by 1 % first."""
     if found.crash_time < math.inf:
         print(f"crashed at {found.crash_time:.2f} s; metrics and derivatives are those of the flight until then")
     print(f"{metric} {found.metrics[metric]:.6g} (SI units)")
@@ -73,14 +72,11 @@ def print_sensitivities(found: Sensitivities, metric: str) -> None:
     print_columns(("field", "value", "derivative", "change for +1 %", ""), rows)
 
 
-def write_table(path: Path, found: Sensitivities) -> None:
-    """Writes a line for each field, with the derivatives of all metrics."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        writer.writerow(["field", "value", *found.metrics])
-        writer.writerow(["(metric)", "", *(f"{value:.9g}" for value in found.metrics.values())])
-        for i, field in enumerate(found.fields):
-            writer.writerow([field, f"{found.values[i]:.9g}", *(f"{row[i]:.9g}" for row in found.gradients.values())])
+def write_sensitivities(path: Path, found: Sensitivities) -> Path:
+    """Writes a row with the metrics and one for each field with their derivatives, and returns the path."""
+    columns: dict[str, list] = {"field": ["(metric)", *found.fields], "value": ["", *found.values]}
+    metrics = {name: [value, *found.gradients[name]] for name, value in found.metrics.items()}
+    return write_table(path, columns | metrics, digits=9)
 
 
 if __name__ == "__main__":

@@ -11,8 +11,9 @@ from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
 from drake_quad import Flight, InputError, Scenario, simulate
-from drake_quad.files import output_folder
 from drake_quad.assembly.planning import plan_route
+from drake_quad.files import output_folder
+from drake_quad.reference.plan import Plan
 from drake_quad.scenario import draw_sample
 from drake_quad.visualization.plots import save_plots
 from drake_quad.visualization.replay.live import LiveView
@@ -40,20 +41,22 @@ def main() -> None:
     folder = output_folder(folder_of(arguments, scenario.name))
     sample = scenario.sample if arguments.sample is None else arguments.sample
     meshcat = opened_meshcat() if arguments.meshcat else None
-    prepare = None if meshcat is None else live_view(meshcat, draw_sample(scenario, sample or 0), arguments.rate)
+    drawn = draw_sample(scenario, sample or 0)
+    plan = plan_route(drawn)
+    prepare = None if meshcat is None else live_view(meshcat, drawn, plan, arguments.rate)
     with flight_progress() as progress:
-        flight = simulate(scenario, sample=sample, prepare=prepare, progress=progress)
+        flight = simulate(scenario, sample=sample, plan=plan, prepare=prepare, progress=progress)
     replay = save_replay({scenario.name: flight}, folder / "replay.html")
     files = [*flight.save(folder), *save_plots(flight, folder, vector=arguments.vector), replay]
-    drawn = [("sample", str(sample), f"of seed {scenario.seed}")] if sample is not None else []
-    print_table([*drawn, *summary(flight)])
+    which = [("sample", str(sample), f"of seed {scenario.seed}")] if sample is not None else []
+    print_table([*which, *summary(flight)])
     print_files(files)
     if meshcat is not None:
         show_again(meshcat, scenario.name, flight)
 
 
 def opened_meshcat() -> Meshcat:
-    """A Meshcat that a browser looks at, if there is somebody to open one."""
+    """Starts Meshcat; on a terminal, waits until somebody has opened it in a browser."""
     meshcat = local_meshcat()
     print(f"open {meshcat.web_url()} in a browser on this machine", flush=True)
     if sys.stdin.isatty():
@@ -63,14 +66,14 @@ def opened_meshcat() -> Meshcat:
     return meshcat
 
 
-def live_view(meshcat: Meshcat, scenario: Scenario, rate: float) -> Callable[[Simulator], None]:
-    """What makes a simulator show the flight of a scenario."""
-    view = LiveView(meshcat, scenario, plan_route(scenario))
+def live_view(meshcat: Meshcat, scenario: Scenario, plan: Plan, rate: float) -> Callable[[Simulator], None]:
+    """Draws the scene of a flight, and returns a function that has a simulator show the flight in it."""
+    view = LiveView(meshcat, scenario, plan)
     return lambda simulator: view.watch(simulator, rate)
 
 
 def show_again(meshcat: Meshcat, name: str, flight: Flight) -> None:
-    """Gives the flown flight to the browser, to be played and scrubbed, until somebody has seen enough."""
+    """Hands the whole flight to the browser to play and scrub; on a terminal, waits for Enter."""
     meshcat.Delete()
     draw_replay(meshcat, {name: flight})
     if sys.stdin.isatty():
@@ -78,7 +81,7 @@ def show_again(meshcat: Meshcat, name: str, flight: Flight) -> None:
 
 
 def summary(flight: Flight) -> list[tuple[str, str, str]]:
-    """The metrics as rows of name, value and unit; a dash where there is nothing to measure."""
+    """The metrics as rows of name, value and unit, with a dash for a value that could not be measured."""
     metrics = flight.metrics
 
     def number(value: float, digits: int) -> str:

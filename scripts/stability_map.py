@@ -1,7 +1,6 @@
-"""Maps the PD gains that a loop stands, in its linear model and in flight, nominal and with the worst lag and delay."""
+"""Maps which PD gains stabilise a loop, in its linear model and in flight, nominal and with more lag and delay."""
 
 import argparse
-import csv
 import math
 from pathlib import Path
 
@@ -12,14 +11,14 @@ import numpy as np
 from drake_quad import InputError, Scenario
 from drake_quad.analysis.gain_design import PdGains
 from drake_quad.analysis.stability_map import Loop, flown_map, mapped_plant, stability_map
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_table
 from drake_quad.scenario import draw_sample
 from drake_quad.visualization.map_plots import MapPanel, plot_map
 from drake_quad.visualization.style import save_figures
 
 # Default ranges of k_P (1/s²) and k_D (1/s): the stable region of the shipped laboratories and some room around it.
 _RANGES = {"position": ((0.02, 1.2), (0.05, 3.0)), "attitude": ((0.5, 40.0), (0.5, 24.0))}
-# The default worst case: how much slower rotors are, and how many ticks more of delay there are.
+# The default worst case: the factor by which rotors are slower, and the ticks by which commands are later.
 _SLOWER, _LATER = 1.4, 1
 
 
@@ -62,7 +61,7 @@ def main() -> None:
     marked = PdGains(block.k_p[index], block.k_d[index])
     figure = plot_map(panels, k_p, k_d, marked=marked, loop=arguments.loop)
     files = [
-        write_whole(folder / f"{arguments.loop}_map.csv", lambda path: write_table(path, panels, k_p, k_d)),
+        write_map(folder / f"{arguments.loop}_map.csv", panels, k_p, k_d),
         *save_figures({f"{arguments.loop}_map": figure}, folder, vector=arguments.vector),
     ]
     for each in panels:
@@ -71,6 +70,7 @@ def main() -> None:
 
 
 def _worst_of(scenario: Scenario) -> list[str]:
+    """The fields of the default worst case."""
     drawn = draw_sample(scenario, scenario.sample or 0)
     lag, delay = drawn.vehicle.rotor_time_constant, drawn.laboratory.command_link.delay_ticks
     return [
@@ -80,22 +80,21 @@ def _worst_of(scenario: Scenario) -> list[str]:
 
 
 def _worst_case(arguments: argparse.Namespace, worst: list[str]) -> Scenario:
+    """The scenario with the fields of the worst case."""
     for field in worst:
         if not field.startswith(("vehicle.", "laboratory.")):
-            raise InputError(
-                f"--worst {field}: must be a field of vehicle or laboratory; the rest is not a matter of luck"
-            )
+            raise InputError(f"--worst {field}: must be a field of vehicle or laboratory; all others are chosen")
     return scenario_of(arguments, further=overrides_of(worst, "--worst"))
 
 
 def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray) -> MapPanel:
-    """The map of one case."""
+    """Maps the gains in one case."""
     linear = stability_map(mapped_plant(scenario, loop), k_p, k_d)
     return MapPanel(title, linear, flown_map(scenario, loop, k_p, k_d, sample=scenario.sample or 0))
 
 
 def print_panel(panel: MapPanel, k_p: np.ndarray, k_d: np.ndarray) -> None:
-    """Prints how much is stable, how much flew, and the best gains."""
+    """Prints which share of the gains is stable, which flew to the end, and which pair flew best."""
     rmse = np.where(panel.flown.crashed | ~panel.linear.stable, np.inf, panel.flown.rmse)
     row, column = np.unravel_index(np.argmin(rmse), rmse.shape)
     best = "no stable gains flew to the end"
@@ -109,26 +108,19 @@ def print_panel(panel: MapPanel, k_p: np.ndarray, k_d: np.ndarray) -> None:
     )
 
 
-def write_table(path: Path, panels: list[MapPanel], k_p: np.ndarray, k_d: np.ndarray) -> None:
-    """Writes a line for each pair of gains."""
-    with path.open("w", newline="", encoding="utf-8") as file:
-        writer = csv.writer(file)
-        columns = ("stable", "damping", "delay margin (s)", "RMSE (m)", "crash time (s)")
-        titles = [f"{panel.title}: {name}" for panel in panels for name in columns]
-        writer.writerow(["k_P (1/s²)", "k_D (1/s)", *titles])
-        for i, j in np.ndindex(len(k_p), len(k_d)):
-            values = [
-                value
-                for panel in panels
-                for value in (
-                    int(panel.linear.stable[i, j]),
-                    panel.linear.damping[i, j],
-                    panel.linear.delay[i, j],
-                    panel.flown.rmse[i, j],
-                    panel.flown.crash_time[i, j],
-                )
-            ]
-            writer.writerow([f"{value:.6g}" for value in (k_p[i], k_d[j], *values)])
+def write_map(path: Path, panels: list[MapPanel], k_p: np.ndarray, k_d: np.ndarray) -> Path:
+    """Writes a row for each pair of gains, and returns the path."""
+    rows, columns = np.meshgrid(k_p, k_d, indexing="ij")
+    table = {"k_P (1/s²)": rows.ravel(), "k_D (1/s)": columns.ravel()}
+    for title, linear, flown in panels:
+        table |= {
+            f"{title}: stable": linear.stable.ravel().astype(int),
+            f"{title}: damping": linear.damping.ravel(),
+            f"{title}: delay margin (s)": linear.delay.ravel(),
+            f"{title}: RMSE (m)": np.ravel(flown.rmse),
+            f"{title}: crash time (s)": np.ravel(flown.crash_time),
+        }
+    return write_table(path, table, digits=6)
 
 
 def _grid(name: str, limits: tuple[float, float], size: int) -> np.ndarray:

@@ -1,1 +1,1 @@
-"""The paper's experiment again, beside what it printed."""
+"""The replication: the paper's experiment flown again, and its claims judged by the numbers."""

@@ -1,4 +1,4 @@
-"""What the paper leaves open, and what stands for it here."""
+"""What the paper does not say, and what is assumed in its place."""
 
 from typing import NamedTuple
 
@@ -14,9 +14,9 @@ class Assumption(NamedTuple):
     """Something that had to be assumed.
 
     Attributes:
-        what: the paper does not say.
-        value: that is taken.
-        reason: for it.
+        what: that the paper does not say.
+        value: that is taken in its place.
+        reason: why this value.
     """
 
     what: str
@@ -25,7 +25,11 @@ class Assumption(NamedTuple):
 
 
 def assumptions(low_wind: Scenario) -> list[Assumption]:
-    """Every assumption, with its value in the scenario of PD+T2FNN in low wind."""
+    """Every assumption, in the order of the report.
+
+    Args:
+        low_wind: the scenario of PD+T2FNN in low wind, from which the values are read.
+    """
     return [*_of_route(low_wind), *_of_vehicle(low_wind), *_of_laboratory(low_wind), *_of_control(low_wind)]
 
 

@@ -1,37 +1,36 @@
-"""Fitting what the paper does not give to two cells of its table.
+"""Calibration: numbers that the paper does not give are fitted to two cells of its table.
 
-Each hypothesis of what makes a PD 1 m off has two free numbers: one for the PD, one for the network. They are fitted,
-one after the other, to the mean error of PD and of PD+T2FNN without wind. What it then says of all other cells is a
-prediction.
+The errors of the paper's PD are about 1 m. Each hypothesis of the reason has two free numbers, one of the PD and one of
+the network. They are fitted, one after the other, to the mean errors of PD and of PD+T2FNN without wind. The errors of
+all other cells are then predictions.
 """
 
-import math
 from collections.abc import Callable, Mapping
 from typing import NamedTuple
 
 import numpy as np
 from scipy.optimize import brentq
 
-from drake_quad.studies.statistics import Interval, mean_interval
-from drake_quad.replication.printed import Cell, table_ii
 from drake_quad.errors import InputError
+from drake_quad.flight import StudyFleet
+from drake_quad.replication.printed import Cell, printed_table
 from drake_quad.scenario import Scenario
-from drake_quad.flight.fleet import StudyFleet
+from drake_quad.studies.statistics import Interval, mean_interval, with_crashes
 
 PD_CELL, NETWORK_CELL = Cell("no_wind", "pd"), Cell("no_wind", "pd_t2fnn")
 _DAMPING = 0.7
-# Relative; the errors that follow are within a millimetre.
+# Relative tolerance of the fitted numbers; the errors are then within a millimetre.
 _TOLERANCE = 1e-3
 
 
 class FreeNumber(NamedTuple):
-    """A number to fit.
+    """A number that is fitted.
 
     Attributes:
-        words: what it is, with its unit.
-        low: the least to try.
-        high: the largest.
-        overrides: of a scenario, for a value.
+        words: its name, with its unit.
+        low: the smallest value that is tried.
+        high: the largest value that is tried.
+        overrides: from a value to the overrides that set it in a scenario.
     """
 
     words: str
@@ -41,13 +40,13 @@ class FreeNumber(NamedTuple):
 
 
 class Hypothesis(NamedTuple):
-    """Why the PD is 1 m off.
+    """A possible reason for the error of 1 m of the PD.
 
     Attributes:
-        words: in a few.
-        overrides: what it changes in the scenarios of the paper, for all controllers.
+        words: the reason, in a few words.
+        overrides: that set it in the paper's scenarios, for all controllers.
         pd: the number that is fitted to the error of the PD.
-        network: the one that is fitted to that of PD+T2FNN.
+        network: the number that is fitted to the error of PD+T2FNN.
     """
 
     words: str
@@ -61,9 +60,9 @@ class Calibration(NamedTuple):
 
     Attributes:
         hypothesis: that was fitted.
-        pd: its first number.
-        network: its second.
-        errors: mean RMSE of each cell of the table, m; those of the two cells are fitted, the others predicted.
+        pd: the fitted number of the PD.
+        network: the fitted number of the network.
+        errors: mean RMSE of each cell of the table, m; two of them are fitted, the others predicted.
     """
 
     hypothesis: Hypothesis
@@ -101,7 +100,7 @@ def _speed(initial_covariance: float) -> list[str]:
 
 
 _TRACKING = "control.position.derivative=tracking_error"
-# Of the first hypothesis, rounded; the bias is all that is new in the third.
+# The gains of the first hypothesis, rounded, so that the third one differs from it by its bias alone.
 _SAME_GAINS = pd_gains(1.2)
 
 HYPOTHESES = {
@@ -124,17 +123,17 @@ HYPOTHESES = {
 
 
 def calibrate(hypothesis: Hypothesis, load: Callable[[Cell, list[str]], Scenario], num_samples: int) -> Calibration:
-    """Fits a hypothesis and predicts the other cells.
+    """Fits the numbers of a hypothesis, and predicts the errors of the other cells.
 
     Args:
         hypothesis: to fit.
-        load: gives the scenario of a cell with overrides.
-        num_samples: over which errors are averaged, the same ones each time.
+        load: loads the scenario of a cell with some overrides.
+        num_samples: flights over which errors are averaged; they are the same samples each time.
 
     Raises:
-        InputError: no number within its limits gives the printed error.
+        InputError: no value of a number gives the printed error.
     """
-    printed = table_ii()
+    printed = printed_table()
     fixed = list(hypothesis.overrides)
     x = _fitted(hypothesis.pd, lambda more: load(PD_CELL, [*fixed, *more]), printed[PD_CELL].rmse.mean, num_samples)
     fixed += hypothesis.pd.overrides(x)
@@ -149,7 +148,7 @@ def calibrate(hypothesis: Hypothesis, load: Callable[[Cell, list[str]], Scenario
 
 
 def _fitted(number: FreeNumber, make: Callable[[list[str]], Scenario], target: float, num_samples: int) -> float:
-    """The value with which the mean error is the target (m)."""
+    """The value of a number with which the mean error is the target (m)."""
 
     def excess(value: float) -> float:
         return float(np.mean(_errors(make(number.overrides(value)), num_samples))) - target
@@ -164,6 +163,5 @@ def _fitted(number: FreeNumber, make: Callable[[list[str]], Scenario], target: f
 
 
 def _errors(scenario: Scenario, num_samples: int) -> np.ndarray:
-    """(n,) RMSE of samples, m; a crashed one counts as infinite."""
-    metrics = StudyFleet(scenario, num_samples).fly(range(num_samples))
-    return np.where(metrics.crashed, math.inf, metrics.rmse)
+    """(n,) RMSE of samples, m; infinite for those that crashed."""
+    return with_crashes(StudyFleet(scenario, num_samples).fly(range(num_samples)), "rmse")

@@ -1,23 +1,35 @@
-"""What the paper claims, what its print says for it, what ours says, and a verdict with the interval behind it."""
+"""The claims of the paper: its evidence, ours, and a verdict that follows from the intervals."""
 
-from collections.abc import Iterable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
 from scipy import stats
 
-from drake_quad.studies.statistics import Comparison, Interval, compare, mean_interval
 from drake_quad.files import write_table
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, table_ii
+from drake_quad.replication.estimates import (
+    extremes,
+    increase,
+    is_above,
+    metres,
+    millimetres,
+    negative,
+    percent,
+    percent_range,
+    ratio,
+    reduction,
+)
+from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.results import MAPPED, Experiment
-from drake_quad.replication.sweeps import EXPONENTS, NOISE, SHARES, SLOPES, Sweep
+from drake_quad.replication.sweeps import EXPONENTS, NOISE, Q_VALUES, SLOPES, Sweep
+from drake_quad.studies.statistics import Comparison, Interval, compare, mean_interval
 
 Verdict = Literal["holds", "holds in part", "does not hold", "cannot be decided"]
 _NETWORKS = ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide")
 _GAINS = {"k_p": "k_P", "k_d": "k_D"}
 _TYPE_2 = ("pd_t2fnn", "pd_t2fnn_wide")
-# Of the best error: within that, gains are called as good.
+# Gains whose error is at most so many times the best one count as good as the best.
 _AS_GOOD = 1.2
 
 
@@ -27,11 +39,11 @@ class Claim(NamedTuple):
     Attributes:
         words: what is claimed.
         printed: the evidence that the paper prints.
-        ours: what the replication finds, with 95 % intervals.
-        verdict: on it.
-        rule: by which the verdict follows.
-        details: cell by cell, if that is more than `ours` says.
-        figure: that shows it, if there is one of its own.
+        ours: the evidence of the replication, with 95 % intervals.
+        verdict: on the claim.
+        rule: by which the verdict follows from our evidence.
+        details: our evidence cell by cell, if there is more of it.
+        figure: the name of a figure that shows our evidence, if there is one.
     """
 
     words: str
@@ -62,38 +74,36 @@ def all_claims(found: Experiment) -> list[Claim]:
 
 def write_claims(path: Path, claims: Sequence[Claim]) -> Path:
     """Writes a row for each claim and returns the path."""
-    columns = zip(*claims, strict=True)
-    names = ("claim", "printed", "ours", "verdict", "rule", "details", "figure")
-    return write_table(path, dict(zip(names, columns, strict=True)))
+    header = ("claim", "printed", "ours", "verdict", "rule", "details", "figure")
+    return write_table(path, dict(zip(header, zip(*claims, strict=True), strict=True)))
 
 
 def beside_pd(found: Experiment, wind: str, controller: str, metric: str = "rmse") -> Comparison:
-    """A controller beside the PD in the same wind."""
+    """Compares a controller with the PD in the same wind."""
     return compare(found.cells[Cell(wind, controller)], found.cells[Cell(wind, "pd")], metric)
 
 
-def reduction(found: Experiment, wind: str, controller: str, metric: str = "rmse") -> Interval:
-    """By which share a controller makes a metric of the PD smaller."""
-    share = beside_pd(found, wind, controller, metric).share
-    return Interval(1.0 - share.value, 1.0 - share.high, 1.0 - share.low)
+def cut_beside_pd(found: Experiment, wind: str, controller: str, metric: str = "rmse") -> Interval:
+    """The share by which a metric is smaller under a controller than under the PD."""
+    return reduction(beside_pd(found, wind, controller, metric).share)
 
 
 def half_the_error(found: Experiment) -> Claim:
     """Type 2 is 50 % better than PD."""
-    cuts = {(wind, controller): reduction(found, wind, controller) for wind in WINDS for controller in _TYPE_2}
+    cuts = {(wind, controller): cut_beside_pd(found, wind, controller) for wind in WINDS for controller in _TYPE_2}
     over_slope = {wind: [_cut_at(found, wind, slope) for slope in SLOPES] for wind in WINDS}
     best = max((cut for cuts in over_slope.values() for cut in cuts), key=lambda cut: cut.value)
-    slopes = "; ".join(f"{WINDS[wind]} {_range(each)}" for wind, each in over_slope.items())
+    slopes = "; ".join(f"{WINDS[wind]} {percent_range(each)}" for wind, each in over_slope.items())
     printed = [
-        1.0 - line.rmse.mean / table_ii()[Cell(cell.wind, "pd")].rmse.mean
-        for cell, line in table_ii().items()
+        1.0 - line.rmse.mean / printed_table()[Cell(cell.wind, "pd")].rmse.mean
+        for cell, line in printed_table().items()
         if cell.controller in _TYPE_2 and np.isfinite(line.rmse.mean)
     ]
     return Claim(
         "PD+T2FNN is 50 % better than PD",
         f"Table II: {_span(printed, 100.0, '.0f')} %",
-        f"{_range(cuts.values())} over winds and widths; λ, which is fitted, makes it {percent(best)} at best",
-        judge([_above(cut, 0.5) for cut in cuts.values()], _above(best, 0.5)),
+        f"{percent_range(cuts.values())} over winds and widths; λ, which is fitted, makes it {percent(best)} at best",
+        judge([is_above(cut, 0.5) for cut in cuts.values()], is_above(best, 0.5)),
         "holds if all are above 50 %, in part if some are, also with another λ",
         f"{_listed(cuts)}; over λ from {SLOPES[0]:g} to {SLOPES[-1]:g} 1/s, {slopes}",
     )
@@ -101,9 +111,9 @@ def half_the_error(found: Experiment) -> Claim:
 
 def reduction_without_wind(found: Experiment) -> Claim:
     """The error without wind is about 43 % smaller."""
-    pd, network = (table_ii()[Cell("no_wind", name)].rmse.mean for name in ("pd", "pd_t2fnn"))
-    cut = reduction(found, "no_wind", "pd_t2fnn")
-    other = {("no_wind", name): reduction(found, "no_wind", name) for name in ("pd_t1fnn", "pd_t2fnn_wide")}
+    pd, network = (printed_table()[Cell("no_wind", name)].rmse.mean for name in ("pd", "pd_t2fnn"))
+    cut = cut_beside_pd(found, "no_wind", "pd_t2fnn")
+    other = {("no_wind", name): cut_beside_pd(found, "no_wind", name) for name in ("pd_t1fnn", "pd_t2fnn_wide")}
     return Claim(
         "without wind the error is about 43 % smaller",
         f"Table II: {pd:.3f} and {network:.3f} m, {100.0 * (1.0 - network / pd):.0f} %",
@@ -119,25 +129,25 @@ def type_2_beats_type_1(found: Experiment) -> Claim:
     for wind in WINDS:
         for controller in _TYPE_2:
             share = compare(found.cells[Cell(wind, controller)], found.cells[Cell(wind, "pd_t1fnn")]).share
-            gains[wind, controller] = Interval(1.0 - share.value, 1.0 - share.high, 1.0 - share.low)
+            gains[wind, controller] = reduction(share)
     windy = {cell: gain for cell, gain in gains.items() if cell[0] != "no_wind"}
     printed = [
-        1.0 - table_ii()[Cell(wind, name)].rmse.mean / table_ii()[Cell(wind, "pd_t1fnn")].rmse.mean
+        1.0 - printed_table()[Cell(wind, name)].rmse.mean / printed_table()[Cell(wind, "pd_t1fnn")].rmse.mean
         for wind, name in windy
-        if np.isfinite(table_ii()[Cell(wind, name)].rmse.mean)
+        if np.isfinite(printed_table()[Cell(wind, name)].rmse.mean)
     ]
     over_noise = [_advantage(found.noise, "noise", level) for level in NOISE]
-    over_q = [_advantage(found.shares, "q", share) for share in SHARES]
+    over_q = [_advantage(found.q, "q", q) for q in Q_VALUES]
     only_upper, *mixed, _ = over_q
     best = max((*over_noise, *mixed), key=lambda gain: gain.value)
     return Claim(
         "type 2 beats type 1 by 2 to 7 %",
         f"Table II in wind: {_span(printed, 100.0, '.0f')} %, of three runs each, which is not significant"
         f" (in low wind {_welch('pd_t1fnn', 'pd_t2fnn')})",
-        f"in wind {_range(windy.values())}; the better width, without wind, with noise from 0 to 20 mm"
-        f" {_range(over_noise)}, with q from 0.25 to 0.75 {_range(mixed)}; {percent(only_upper)} with q = 0, where only"
-        " the upper memberships are left",
-        judge([_above(gain, 0.02) for gain in windy.values()], _above(best, 0.02)),
+        f"in wind {percent_range(windy.values())}; the better width, without wind, with noise from 0 to 20 mm"
+        f" {percent_range(over_noise)}, with q from 0.25 to 0.75 {percent_range(mixed)}; {percent(only_upper)} with"
+        " q = 0, where only the upper memberships are left",
+        judge([is_above(gain, 0.02) for gain in windy.values()], is_above(best, 0.02)),
         "holds if all in wind are above 2 %, in part if some are, also with other noise or a q within 0 and 1",
         _listed(gains),
         "advantage",
@@ -152,15 +162,15 @@ def wider_under_noise(found: Experiment) -> Claim:
         by_sample.append(1.0 - wide / narrow)
         gains.append(_mean(by_sample[-1]))
     trend = _mean(by_sample[-1] - by_sample[0])
-    printed = [table_ii()[Cell("low_wind", name)].rmse.mean for name in _TYPE_2]
-    text = ", ".join(f"{1e3 * level:g} mm {percent(_opposite(gain))}" for level, gain in zip(NOISE, gains, strict=True))
+    printed = [printed_table()[Cell("low_wind", name)].rmse.mean for name in _TYPE_2]
+    text = ", ".join(f"{1e3 * level:g} mm {percent(negative(gain))}" for level, gain in zip(NOISE, gains, strict=True))
     return Claim(
         "more noise favours wider membership functions",
         f"Table II in low wind: {printed[0]:.3f} and {printed[1]:.3f} m, which is not significant ({_welch(*_TYPE_2)});"
         " noise is not varied",
-        f"the error with wider sets is larger by {percent(_opposite(gains[0]))} without position noise and by"
-        f" {percent(_opposite(gains[-1]))} with 20 mm: they gain {percent(trend)}",
-        judge([_above(gains[-1], 0.0), _above(trend, 0.0)]),
+        f"the error with wider sets is larger by {percent(negative(gains[0]))} without position noise and by"
+        f" {percent(negative(gains[-1]))} with 20 mm: they gain {percent(trend)}",
+        judge([is_above(gains[-1], 0.0), is_above(trend, 0.0)]),
         "holds if the wider sets gain with noise and are better at 20 mm, in part if one of the two",
         f"larger by, at {text}; noise that adds the same to both errors makes a difference smaller, too",
     )
@@ -168,13 +178,15 @@ def wider_under_noise(found: Experiment) -> Claim:
 
 def peak_without_wind(found: Experiment) -> Claim:
     """The peak falls from 1.3 to 0.8 m."""
-    pd, network = (mean_interval(found.cells[Cell("no_wind", name)].metrics.peak_error) for name in ("pd", "pd_t2fnn"))
-    cut = reduction(found, "no_wind", "pd_t2fnn", "peak_error")
+    pd, network = (
+        _mean(np.asarray(found.cells[Cell("no_wind", name)].metrics.peak_error)) for name in ("pd", "pd_t2fnn")
+    )
+    cut = cut_beside_pd(found, "no_wind", "pd_t2fnn", "peak_error")
     return Claim(
         "without wind the peak error falls from 1.3 to 0.8 m",
         "Fig. 9: about 1.3 and 0.8 m, 38 %",
         f"{metres(pd)} and {metres(network)}, {percent(cut)} less",
-        judge([_above(cut, 0.38)], _above(cut, 0.0)),
+        judge([is_above(cut, 0.38)], is_above(cut, 0.0)),
         "holds if the peak falls by 38 %, in part if it falls at all",
     )
 
@@ -189,14 +201,14 @@ def smaller_peaks_in_wind(found: Experiment) -> Claim:
         for name in _TYPE_2
     }
     text = "; ".join(
-        f"{WINDS[wind]}, {CONTROLLERS[name]} {_millimetres(each)}" for (wind, name), each in differences.items()
+        f"{WINDS[wind]}, {CONTROLLERS[name]} {millimetres(each)}" for (wind, name), each in differences.items()
     )
-    low, high = _ends(differences.values())
+    low, high = extremes(differences.values())
     return Claim(
         "in wind type 2 has smaller error peaks than type 1",
         "Figs 10 and 11, one run each",
-        f"peaks beside those of type 1: {_millimetres(low)} to {_millimetres(high)}",
-        judge([_above(_opposite(each), 0.0) for each in differences.values()]),
+        f"peaks beside those of type 1: {millimetres(low)} to {millimetres(high)}",
+        judge([is_above(negative(each), 0.0) for each in differences.values()]),
         "holds if all are below zero, in part if some are",
         text,
     )
@@ -218,7 +230,7 @@ def pd_tends_to_zero(found: Experiment) -> Claim:
         "Figs 12 and 13, one run",
         f"without wind the PD's output in the last quarter of a flight is {percent(fade)} of that in the quarter after"
         f" the rise, and in the 1 s after a change of segment {percent(back)} of that in the 1 s before",
-        judge([_above(_opposite(fade), -0.5), _above(back, 1.0)]),
+        judge([is_above(negative(fade), -0.5), is_above(back, 1.0)]),
         "holds if less than half is left and more comes back, in part if one of the two",
         f"left is, {_listed(fades)}; after a change, {_listed(returns)}",
     )
@@ -232,8 +244,8 @@ def least_effort(found: Experiment) -> Claim:
         for name in _NETWORKS
         for axis in "xy"
     }
-    low, high = _ends(shares.values())
-    printed = [share for shares in printed_effort_shares().values() for share in shares if np.isfinite(share)]
+    low, high = extremes(shares.values())
+    printed = [share for shares in printed_effort_ratios().values() for share in shares if np.isfinite(share)]
     text = "; ".join(
         f"{WINDS[wind]}, {CONTROLLERS[name]} on {axis.upper()} {ratio(each)}"
         for (wind, name, axis), each in shares.items()
@@ -242,7 +254,7 @@ def least_effort(found: Experiment) -> Claim:
         "the PD costs the least effort",
         f"Table II: the networks {_span(printed, 1.0, '.1f')} times as much",
         f"{ratio(low)} to {ratio(high)} times the PD's effort",
-        judge([_above(each, 1.0) for each in shares.values()]),
+        judge([is_above(each, 1.0) for each in shares.values()]),
         "holds if all are above 1, in part if some are",
         text,
     )
@@ -254,15 +266,15 @@ def insensitive_to_wind(found: Experiment) -> Claim:
     for name in CONTROLLERS:
         for wind in ("low_wind", "high_wind"):
             share = compare(found.cells[Cell(wind, name)], found.cells[Cell("no_wind", name)]).share
-            rises[wind, name] = Interval(share.value - 1.0, share.low - 1.0, share.high - 1.0)
+            rises[wind, name] = increase(share)
     return Claim(
         "the controllers are insensitive to wind",
         "Table II, from no wind to high: "
         + "; ".join(f"{CONTROLLERS[name]} {_levels(name)} m" for name in ("pd", "pd_t2fnn")),
-        f"errors rise by {_range(rises.values())}",
+        f"errors rise by {percent_range(rises.values())}",
         judge(
-            [_above(_opposite(each), -0.02) for each in rises.values()],
-            *(_above(_opposite(each), -0.1) for each in rises.values()),
+            [is_above(negative(each), -0.02) for each in rises.values()],
+            *(is_above(negative(each), -0.1) for each in rises.values()),
         ),
         "holds if no error rises by 2 %, in part if some rise by less than 10 %",
         _listed(rises),
@@ -273,7 +285,7 @@ def straight_against_curved(found: Experiment) -> Claim:
     """A PD tuned on straight lines is worse on curves, and one tuned on curves oscillates on straight lines."""
     straight, curved, swing = found.legs.metrics
     half = len(found.legs.samples) // 2
-    # NaN stays where a sample crashed, which no gains to fly with are chosen from.
+    # A mean is NaN where a sample crashed, and gains that crash are not chosen.
     on_straight, on_curved = (int(np.nanargmin(each[:, :half].mean(axis=1))) for each in (straight, curved))
     worse = mean_interval(curved[on_straight, half:] / curved[on_curved, half:] - 1.0)
     livelier = mean_interval(swing[on_curved, half:] / swing[on_straight, half:])
@@ -286,7 +298,7 @@ def straight_against_curved(found: Experiment) -> Claim:
         "words, no numbers",
         f"best on straight lines are {gains[0]}, on curves {gains[1]}; on other samples the first are {percent(worse)}"
         f" worse on curves, and on straight lines the command of the second moves {ratio(livelier)} times as much",
-        judge([_above(worse, 0.0), _above(livelier, 1.0)]),
+        judge([is_above(worse, 0.0), is_above(livelier, 1.0)]),
         "holds if the first are worse on curves and the second move more on straight lines, in part if one of the two",
     )
 
@@ -304,7 +316,7 @@ def circle_of_gains(found: Experiment) -> Claim:
         f" those that stabilise it with the network; half of these gains have more than {ratio(typical[0])} times the"
         f" best error, and {ratio(typical[1])} times with the network; the best errors are {metres(best[0])} and"
         f" {metres(best[1])}",
-        judge([_above(more, 0.0), _above(network, 0.5)]),
+        judge([is_above(more, 0.0), is_above(network, 0.5)]),
         "holds if the share grows and is more than half, in part if one of the two",
         f"{_box(found.maps['pd'])}; a sample crashes with {_crashing(found.maps['pd'])} of them, and with"
         f" {_crashing(found.maps['pd_t2fnn'])} with the network; the share is {percent(more)} larger with it",
@@ -327,13 +339,20 @@ def typical_over_best(sweep: Sweep) -> np.ndarray:
 
 
 def advantage(sweep: Sweep, number: str, value: float, controller: str) -> Interval:
-    """By which share a controller with a value of a number has a smaller error than type 1 with the same."""
+    """The share by which a controller's error is smaller than type 1's, both with one value of a number.
+
+    Args:
+        sweep: over the number.
+        number: its name among the settings.
+        value: of the number.
+        controller: one of those of type 2.
+    """
     return _mean(1.0 - _rmse(sweep, number, value, controller) / _rmse(sweep, number, value, "pd_t1fnn"))
 
 
-def printed_effort_shares() -> dict[Cell, tuple[float, float]]:
-    """Printed mean efforts of each network over those of the PD in the same wind, on X and Y; NaN where lost."""
-    table = table_ii()
+def printed_effort_ratios() -> dict[Cell, tuple[float, float]]:
+    """Printed mean efforts of each network over those of the PD in the same wind, on X and Y; NaN where one is lost."""
+    table = printed_table()
     return {
         cell: (
             line.effort_x.mean / table[Cell(cell.wind, "pd")].effort_x.mean,
@@ -345,7 +364,7 @@ def printed_effort_shares() -> dict[Cell, tuple[float, float]]:
 
 
 def _rmse(sweep: Sweep, number: str, value: float, controller: str) -> np.ndarray:
-    """(samples,) RMSE with a value of a number and a controller's exponents."""
+    """(samples,) RMSE with a value of a number and the exponents of a controller."""
     a1, a2 = EXPONENTS[controller]
     chosen = (sweep.settings[number] == value) & (sweep.settings["a1"] == a1) & (sweep.settings["a2"] == a2)
     (place,) = np.flatnonzero(chosen)
@@ -354,7 +373,7 @@ def _rmse(sweep: Sweep, number: str, value: float, controller: str) -> np.ndarra
 
 
 def _advantage(sweep: Sweep, number: str, value: float) -> Interval:
-    """By which share type 2 is better than type 1, with the exponents that are better."""
+    """The same for the better one of the controllers of type 2."""
     return max((advantage(sweep, number, value, name) for name in _TYPE_2), key=lambda gain: gain.value)
 
 
@@ -364,7 +383,7 @@ def _errors(sweep: Sweep) -> np.ndarray:
 
 
 def _cut_at(found: Experiment, wind: str, slope: float) -> Interval:
-    """By which share PD+T2FNN with a slope makes the PD's error smaller."""
+    """The share by which PD+T2FNN with a slope λ makes the error of the PD smaller."""
     sweep = found.slopes[wind]
     (place,) = np.flatnonzero(sweep.settings["slope"] == slope)
     pd = found.cells[Cell(wind, "pd")].metrics
@@ -382,33 +401,37 @@ def _box(sweep: Sweep) -> str:
 
 
 def _crashing(sweep: Sweep) -> int:
-    """With how many settings a sample crashes."""
+    """The number of settings with which a sample crashes."""
     return int(sweep.metrics.crashed.any(axis=1).sum())
 
 
 def _mean(values: np.ndarray) -> Interval:
-    """The mean of flights that went to the end; the others are NaN."""
+    """The mean over flights that went to the end; those that crashed are NaN."""
     return mean_interval(values[np.isfinite(values)])
 
 
 def _welch(first: str, second: str) -> str:
-    """Whether the printed runs of two controllers in low wind differ, by Welch's test."""
-    runs = [table_ii()[Cell("low_wind", name)].rmse.runs for name in (first, second)]
+    """Welch's test of whether the printed runs of two controllers in low wind differ, in words."""
+    runs = [printed_table()[Cell("low_wind", name)].rmse.runs for name in (first, second)]
     return f"Welch, p = {stats.ttest_ind(*runs, equal_var=False).pvalue:.2f}"
 
 
 def _levels(controller: str) -> str:
-    """Printed mean errors over the winds."""
-    means = [table_ii()[cell].rmse.mean for cell in (Cell(wind, controller) for wind in WINDS) if cell in table_ii()]
+    """The printed mean errors of a controller over the winds, in words."""
+    means = [
+        printed_table()[cell].rmse.mean
+        for cell in (Cell(wind, controller) for wind in WINDS)
+        if cell in printed_table()
+    ]
     return ", ".join("–" if np.isnan(mean) else f"{mean:.3f}" for mean in means)
 
 
 def judge(needed: Sequence[bool | None], *enough: bool | None) -> Verdict:
-    """The verdict that conditions give, each true, false, or None where its interval leaves it open.
+    """The verdict that follows from conditions, each true, false, or None where an interval leaves it open.
 
     Args:
-        needed: all of them make the claim hold, some of them make it hold in part.
-        enough: to make it hold in part, too.
+        needed: conditions that all must be true for the claim to hold; if only some are, it holds in part.
+        enough: further conditions, each of which makes the claim hold in part.
     """
     if all(needed):
         return "holds"
@@ -418,52 +441,11 @@ def judge(needed: Sequence[bool | None], *enough: bool | None) -> Verdict:
     return "cannot be decided" if None in conditions else "does not hold"
 
 
-def _above(estimate: Interval, level: float) -> bool | None:
-    """Whether a number is above a level; None if its interval leaves it open."""
-    return True if estimate.low > level else False if estimate.high < level else None
-
-
-def _opposite(estimate: Interval) -> Interval:
-    return Interval(-estimate.value, -estimate.high, -estimate.low)
-
-
 def _span(values: Sequence[float] | np.ndarray, size: float, form: str) -> str:
-    """The least and the largest."""
+    """The smallest and the largest number, times a size, in words."""
     return f"{size * min(values):{form}} to {size * max(values):{form}}"
 
 
 def _listed(shares: Mapping[tuple[str, str], Interval]) -> str:
+    """Shares by wind and controller, in words."""
     return "; ".join(f"{WINDS[wind]}, {CONTROLLERS[name]} {percent(each)}" for (wind, name), each in shares.items())
-
-
-def _range(shares: Iterable[Interval]) -> str:
-    low, high = _ends(shares)
-    return f"{percent(low)} to {percent(high)}"
-
-
-def _ends(estimates: Iterable[Interval]) -> tuple[Interval, Interval]:
-    """The least and the largest."""
-    ordered = sorted(estimates)
-    return ordered[0], ordered[-1]
-
-
-def _millimetres(length: Interval) -> str:
-    value, low, high = (f"{1e3 * each:+.1f}" for each in length)
-    return f"{value} mm [{low}, {high}]"
-
-
-def percent(share: Interval) -> str:
-    """A share with its interval, in per cent, to a digit in which the ends differ."""
-    digits = 1 if not share.high - share.low < 1e-3 else 2
-    value, low, high = (f"{100.0 * each:.{digits}f}" for each in share)
-    return f"{value} % [{low}, {high}]"
-
-
-def metres(length: Interval) -> str:
-    """A length with its interval."""
-    return f"{length.value:.3f} m [{length.low:.3f}, {length.high:.3f}]"
-
-
-def ratio(share: Interval) -> str:
-    """A ratio with its interval."""
-    return f"{share.value:.2f} [{share.low:.2f}, {share.high:.2f}]"

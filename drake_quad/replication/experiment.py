@@ -1,6 +1,6 @@
-"""The flights of the replication: the cells of Table II, and what its claims need beyond them.
+"""The flights of the replication: the cells of Table II, and the sweeps that the claims need besides.
 
-All are paired: a sample is the same wind and the same noise, whoever flies it.
+All comparisons are paired: a sample has the same wind and the same noise, whichever controller flies it.
 """
 
 import shutil
@@ -14,11 +14,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.studies import run_monte_carlo
-from drake_quad.studies.study import rows_of
-from drake_quad.studies.study_folder import open_study
-from drake_quad.studies.processes import Workers
-from drake_quad.replication.measures import LegErrors, measures
+from drake_quad.assembly.planning import flight_duration, plan_route
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.flight import Flight, simulate_samples
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.replication.measures import LegMetrics, measures
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
 from drake_quad.replication.results import FAIR, MAPPED, cells_of, write_recorded
 from drake_quad.replication.sweeps import (
@@ -29,15 +29,17 @@ from drake_quad.replication.sweeps import (
     fly_settings,
     gain_settings,
     noise_settings,
-    share_settings,
+    num_settings,
+    q_settings,
     slope_settings,
 )
-from drake_quad.flight import Flight, simulate_samples
-from drake_quad.laboratory.metrics import Metrics
-from drake_quad.assembly.planning import flight_duration, plan_route
-from drake_quad.scenario import Scenario
+from drake_quad.scenario import Batch, Scenario
+from drake_quad.studies import run_monte_carlo
+from drake_quad.studies.processes import Workers
+from drake_quad.studies.study import rows_of
+from drake_quad.studies.study_folder import open_study
 
-# Vehicles of a fleet, at most.
+# Most vehicles of a fleet.
 _VEHICLES = 1024
 
 
@@ -46,11 +48,11 @@ class Sizes(NamedTuple):
 
     Attributes:
         cells: samples of each cell.
-        recorded: as many of them with all signals, if the cell is of Table II.
-        sweep: samples of each setting of noise and network.
-        grid: gains along each axis of the map.
-        map: samples of each pair of gains.
-        legs: samples of each pair of gains of which errors are known leg by leg.
+        recorded: samples of each cell of Table II that are recorded with all signals.
+        sweep: samples of each setting of noise, q and λ.
+        grid: gains along each side of a map.
+        map: samples of each pair of gains of a map.
+        legs: samples of each pair of gains whose errors are measured leg by leg.
     """
 
     cells: int = 1000
@@ -62,8 +64,8 @@ class Sizes(NamedTuple):
 
     @property
     def flights(self) -> int:
-        """How many flights that is."""
-        sweeps = len(noise_settings()["noise"]) + len(share_settings()["q"]) + len(WINDS) * len(SLOPES)
+        """The number of flights."""
+        sweeps = len(noise_settings()["noise"]) + len(q_settings()["q"]) + len(WINDS) * len(SLOPES)
         cells = len(cells_of((*CONTROLLERS, *FAIR))) * self.cells
         return cells + sweeps * self.sweep + (len(MAPPED) * self.map + self.legs) * self.grid**2
 
@@ -80,18 +82,18 @@ def fly_experiment(
     resume: bool = False,
     progress: Callable[[str, int], None] | None = None,
 ) -> dict[Cell, Flight]:
-    """Flies everything, and writes all numbers to a folder, from which `read_experiment` reads them.
+    """Flies the experiment, and writes its numbers to a folder, from which `read_experiment` reads them.
 
     Args:
-        load: gives the scenario of a cell.
-        sizes: of it.
-        folder: where everything is written; cells that an earlier experiment left there are replaced.
+        load: loads the scenario of a cell.
+        sizes: of the experiment.
+        folder: for the numbers; cells that an earlier experiment left there are replaced.
         workers: that fly.
-        resume: whether to go on with the cells that are in the folder instead.
-        progress: called with what has been flown just now, and how many of `sizes.flights` flights are done.
+        resume: whether to keep the cells that are in the folder, and to fly only what they lack.
+        progress: called with the name of what was flown, and how many of `sizes.flights` flights are done.
 
     Returns:
-        Sample 0 of each cell of Table II, to be drawn.
+        The flight of sample 0 of each cell of Table II, for figures.
 
     Raises:
         RuntimeError: a sample could not be flown.
@@ -110,7 +112,7 @@ def fly_experiment(
     network = load(Cell("no_wind", "pd_t2fnn"))
     sweeps = {
         "noise": (network, noise_settings(), sizes.sweep),
-        "q": (network, share_settings(), sizes.sweep),
+        "q": (network, q_settings(), sizes.sweep),
         **{f"slope_{wind}": (load(Cell(wind, "pd_t2fnn")), slope_settings(), sizes.sweep) for wind in WINDS},
         **{f"map_{name}": (load(Cell("no_wind", name)), gain_settings(sizes.grid), sizes.map) for name in MAPPED},
     }
@@ -123,12 +125,21 @@ def fly_experiment(
     for name, (_, settings, count) in sweeps.items():
         metrics = Metrics(*_joined(parts[name], axis=0))
         Sweep(settings, np.arange(count), metrics).save(folder / f"{name}.csv")
-    Sweep(gains, np.arange(sizes.legs), LegErrors(*_joined(legs, axis=1))).save(folder / "legs.csv")
+    Sweep(gains, np.arange(sizes.legs), LegMetrics(*_joined(legs, axis=1))).save(folder / "legs.csv")
     return {cell: job.result[0] for cell, job in recorded.items()}
 
 
 def _fly_cell(scenario: Scenario, count: int, folder: Path) -> None:
-    """Flies what is missing of a study. A worker flies all of it: the larger the fleet, the faster."""
+    """Flies what is missing of a cell's study, within one worker, since large fleets fly faster.
+
+    Args:
+        scenario: of the cell.
+        count: of samples.
+        folder: of the study.
+
+    Raises:
+        RuntimeError: a sample could not be flown.
+    """
     with ThreadPoolExecutor(1) as executor:
         study = run_monte_carlo(scenario, count, folder=folder, resume=True, num_workers=1, executor=executor)
     if study.failures:
@@ -137,13 +148,23 @@ def _fly_cell(scenario: Scenario, count: int, folder: Path) -> None:
 
 
 def _record_cell(scenario: Scenario, count: int, folder: Path, recorded: int) -> tuple[Flight, dict[str, np.ndarray]]:
-    """The same, the first samples with all signals; gives sample 0, and (recorded,) numbers of each of these."""
+    """Flies a cell as `_fly_cell` does, its first samples with all signals.
+
+    Args:
+        scenario: of the cell.
+        count: of samples.
+        folder: of the study.
+        recorded: how many of them are flown with all signals.
+
+    Returns:
+        The flight of sample 0, and the (recorded,) measures by name.
+    """
     flights = simulate_samples(scenario, range(recorded))
-    with open_study(folder, scenario, count, _duration(scenario), {}, resume=True) as rows:
+    with open_study(folder, scenario, count, _duration(scenario), UserSystems(), resume=True) as rows:
         new = [sample for sample in rows.missing if sample < recorded]
         if new:
-            metrics = Metrics(*np.array([flights[sample].metrics for sample in new]).T)
-            rows.add_rows(rows_of(new, {}, metrics))
+            metrics = Metrics(*np.transpose([flights[sample].metrics for sample in new]))
+            rows.add_rows(rows_of(Batch.draw(scenario, new), metrics))
     _fly_cell(scenario, count, folder)
     numbers = [measures(flight) for flight in flights]
     return flights[0], {name: np.array([each[name] for each in numbers]) for name in numbers[0]}
@@ -154,15 +175,15 @@ def _duration(scenario: Scenario) -> float:
 
 
 def _joined(jobs: Sequence["_Job"], axis: int) -> list[np.ndarray]:
-    """Each of the rows that jobs found, along an axis."""
+    """Joins each of the arrays that jobs returned along an axis."""
     return [np.concatenate(values, axis) for values in zip(*(job.result for job in jobs), strict=True)]
 
 
 def _submit_sweep(
     jobs: "_Jobs", name: str, scenario: Scenario, settings: Mapping[str, np.ndarray], count: int
 ) -> list["_Job"]:
-    """Begins to fly all settings on the same samples, in fleets, and gives their metrics in order."""
-    total = len(next(iter(settings.values())))
+    """Adds the jobs that fly a sweep, each a fleet with some of the settings on all samples, in order."""
+    total = num_settings(settings)
     at_once = max(_VEHICLES // count, 1)
     return [
         jobs.submit(
@@ -179,13 +200,13 @@ def _submit_sweep(
 
 @dataclass
 class _Job:
-    """Something for workers to do.
+    """A job for a worker.
 
     Attributes:
-        what: it is, in a word.
+        what: it flies, in a word.
         flights: how many it flies.
-        call: the function and its arguments.
-        result: what that returned, once it is done.
+        call: does the job.
+        result: that the call returned, once the job is done.
     """
 
     what: str
@@ -195,22 +216,29 @@ class _Job:
 
 
 class _Jobs:
-    """What workers are to do, in this order."""
+    """Jobs that workers do in their order.
+
+    Args:
+        workers: that do them.
+    """
 
     def __init__(self, workers: Workers) -> None:
         self._workers = workers
         self._jobs: list[_Job] = []
 
     def submit(self, what: str, flights: int, function: Callable[..., Any], *arguments: Any) -> _Job:
-        """Adds a job."""
+        """Adds a job, which calls a function with these arguments."""
         self._jobs.append(_Job(what, flights, partial(function, *arguments)))
         return self._jobs[-1]
 
     def work(self, progress: Callable[[str, int], None] | None) -> None:
-        """Does all jobs.
+        """Has the workers do all jobs.
+
+        Args:
+            progress: called after each job with its `what`, and the number of flights that are done.
 
         Raises:
-            RuntimeError: one failed.
+            RuntimeError: a job failed.
         """
         waiting, under_way, done = deque(enumerate(self._jobs)), 0, 0
         while waiting or under_way:

@@ -1,13 +1,13 @@
-"""The paper's PD and PD+T2FNN beside controllers that it does not have, on the same samples."""
+"""A fair comparison: the paper's PD and PD+T2FNN beside controllers that it does not have, on the same samples."""
 
 from collections.abc import Sequence
 from pathlib import Path
 from typing import NamedTuple
 
-from drake_quad.studies.statistics import Interval, compare, mean_interval, of_survivors
 from drake_quad.files import write_table
 from drake_quad.replication.printed import CONTROLLERS, Cell
 from drake_quad.replication.results import FAIR, Experiment, cells_of
+from drake_quad.studies.statistics import Interval, compare, mean_interval, of_survivors
 
 COMPARED = {"pd": CONTROLLERS["pd"], "pd_t2fnn": CONTROLLERS["pd_t2fnn"], **FAIR}
 
@@ -16,13 +16,13 @@ class FairEntry(NamedTuple):
     """A controller in a wind.
 
     Attributes:
-        cell: whose.
-        rmse: mean, m.
-        peak_error: mean, m.
+        cell: of controller and wind.
+        rmse: mean RMSE, m.
+        peak_error: mean peak error, m.
         effort_x: mean control effort on X, m²/s⁴.
-        effort_y: likewise on Y.
-        over_pd: RMSE over the PD's, sample by sample.
-        over_network: RMSE over PD+T2FNN's, likewise.
+        effort_y: mean control effort on Y, m²/s⁴.
+        over_pd: mean of RMSE over the PD's RMSE on the same sample.
+        over_network: mean of RMSE over PD+T2FNN's RMSE on the same sample.
     """
 
     cell: Cell
@@ -48,7 +48,7 @@ def fair_entries(found: Experiment) -> list[FairEntry]:
 
 
 def write_fair(path: Path, entries: Sequence[FairEntry]) -> Path:
-    """Writes a row for each entry, with the ends of intervals, and returns the path."""
+    """Writes a row for each entry, with estimates and the ends of their intervals, and returns the path."""
     columns: dict[str, list] = {
         "wind": [entry.cell.wind for entry in entries],
         "controller": [entry.cell.controller for entry in entries],

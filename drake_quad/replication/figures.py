@@ -1,4 +1,4 @@
-"""The paper's figures again, and those of what it leaves out, as wide as a column of a journal."""
+"""The figures of the report: the paper's own, and further ones; as wide as a column of a journal."""
 
 from collections.abc import Iterator, Mapping, Sequence
 from contextlib import contextmanager
@@ -16,16 +16,17 @@ from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, NullLocator, PercentFormatter
 from PIL import Image
 
-from drake_quad.studies.statistics import mean_interval, of_survivors
-from drake_quad.replication.claims import advantage
-from drake_quad.replication.fair import COMPARED
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, table_ii
-from drake_quad.replication.results import MAPPED, Experiment
-from drake_quad.replication.sweeps import NOISE, SHARES, Sweep
 from drake_quad.control.fuzzy.inference import elliptic_membership
 from drake_quad.flight import Flight
+from drake_quad.replication.claims import advantage
+from drake_quad.replication.fair import COMPARED
+from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
+from drake_quad.replication.results import MAPPED, Experiment
+from drake_quad.replication.sweeps import NOISE, Q_VALUES, Sweep
+from drake_quad.studies.statistics import mean_interval, of_survivors
 from drake_quad.visualization.learning_plots import PAPER_EXPONENTS
 from drake_quad.visualization.leg_marks import leg_marks, number_legs, shade_legs
+from drake_quad.visualization.places import places
 from drake_quad.visualization.style import (
     BLACK,
     BLUE,
@@ -42,18 +43,18 @@ from drake_quad.visualization.style import (
 
 Flights = Mapping[Cell, Flight]
 
-# Inches; a column of the paper's journal is 3.5.
+# Width of a column of the paper's journal, inches.
 _COLUMN = 3.5
-# Dots an inch, and colours of a palette.
+# Dots per inch, and colours of the palette.
 _DPI, _COLOURS = 220, 128
 _LINES = {"pd": (BLUE, "-"), "pd_t1fnn": (GREEN, "-."), "pd_t2fnn": (VERMILION, "-"), "pd_t2fnn_wide": (PURPLE, "--")}
-# Read off the paper's Fig. 9, m.
+# Peak errors read off the paper's Fig. 9, m.
 _PRINTED_PEAKS = {"pd": 1.3, "pd_t2fnn": 0.8}
 
 
 @contextmanager
 def _in_print() -> Iterator[None]:
-    """The style of the project for a figure that is as wide as a column."""
+    """A context in which figures are drawn in the style of the project, with letters for the width of a column."""
     small: Any = {
         "font.size": 8,
         "axes.labelsize": 8,
@@ -66,11 +67,14 @@ def _in_print() -> Iterator[None]:
 
 
 def paper_figures(found: Experiment, flights: Flights) -> Iterator[tuple[str, Figure]]:
-    """Draws one figure after the other, each with the name that the report calls it by.
+    """Draws the figures one after another.
 
     Args:
-        found: everything that was flown.
-        flights: sample 0 of the cells of Table II.
+        found: the numbers of the experiment.
+        flights: sample 0 of each cell of Table II.
+
+    Yields:
+        Each figure after the name that the report has for it.
     """
     yield "table_ii", table_figure(found)
     yield "figure_4", figure_4()
@@ -82,15 +86,15 @@ def paper_figures(found: Experiment, flights: Flights) -> Iterator[tuple[str, Fi
 
 
 def save_small(figure: Figure, path: Path) -> None:
-    """Writes a figure for print as PNG with a palette, a few times smaller than with full colours."""
+    """Writes a figure as PNG with a palette, which is a few times smaller than with full colours."""
     buffer = BytesIO()
     figure.savefig(buffer, dpi=_DPI)
     Image.open(buffer).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
 
 
 def figure_4() -> Figure:
-    """Memberships of an elliptic set for four pairs of exponents."""
-    u = np.linspace(-1.2, 1.2, 481)
+    """Plots the memberships of an elliptic set for four pairs of exponents."""
+    u: Any = np.linspace(-1.2, 1.2, 481)
     with _in_print():
         figure = new_figure(_COLUMN, 2.9)
         grid = figure.subplots(2, 2, sharex=True, sharey=True)
@@ -109,17 +113,17 @@ def figure_4() -> Figure:
 
 
 def figure_7(flights: Flights) -> Figure:
-    """The path in space without wind, PD and PD+T2FNN."""
+    """Plots the paths of PD and PD+T2FNN without wind in space."""
     with _in_print():
         figure = new_figure(_COLUMN, 2.7)
         axes = figure.add_subplot(projection="3d")
-        wanted = _drawn(flights)["reference"][:, 0:3].T
+        wanted = places(_whole(flights).record("reference")).T
         axes.plot(*wanted, label="reference", **REFERENCE)
         for name in ("pd", "pd_t2fnn"):
             color, style = _LINES[name]
-            path = flights[Cell("no_wind", name)]["state"][:, 0:3].T
+            path = places(flights[Cell("no_wind", name)].record("state")).T
             axes.plot(*path, color=color, linestyle=style, label=CONTROLLERS[name])
-        for number, place, beside in leg_marks(_drawn(flights).plan):
+        for number, place, beside in leg_marks(_whole(flights).plan):
             x, y, z = place + 0.35 * np.array([*beside, 0.0])
             axes.text(x, y, z, str(number), color="0.2", fontsize=8, fontweight="bold", ha="center", va="center")
         axes.set(xlabel="X (m)", ylabel="Y (m)", zlabel="Z (m)")
@@ -136,16 +140,17 @@ def figure_7(flights: Flights) -> Figure:
 
 
 def figure_8(flights: Flights) -> Figure:
-    """The same seen from above."""
+    """Plots the paths of PD and PD+T2FNN without wind from above."""
     with _in_print():
         figure = new_figure(_COLUMN, 4.6)
         axes = figure.subplots()
-        flight = _drawn(flights)
-        axes.plot(*flight["reference"][:, 0:2].T, label="reference", **REFERENCE)
+        flight = _whole(flights)
+        reference = flight.record("reference")
+        axes.plot(reference.x, reference.y, label="reference", **REFERENCE)
         for name in ("pd", "pd_t2fnn"):
             color, style = _LINES[name]
-            path = flights[Cell("no_wind", name)]["state"][:, 0:2].T
-            axes.plot(*path, color=color, linestyle=style, label=CONTROLLERS[name])
+            state = flights[Cell("no_wind", name)].record("state")
+            axes.plot(state.x, state.y, color=color, linestyle=style, label=CONTROLLERS[name])
         number_legs(axes, flight.plan, distance=17.0)
         axes.set(xlabel="X (m)", ylabel="Y (m)")
         axes.set_aspect("equal")
@@ -155,28 +160,28 @@ def figure_8(flights: Flights) -> Figure:
 
 
 def figure_9(flights: Flights) -> Figure:
-    """The Euclidean error without wind, PD and PD+T2FNN, with the peaks that the paper shows."""
+    """Plots the Euclidean errors of PD and PD+T2FNN without wind, with the peaks that the paper shows."""
     return _errors(flights, "no_wind", ("pd", "pd_t2fnn"), _PRINTED_PEAKS, "peak in the paper's Fig. 9")
 
 
 def figure_10(flights: Flights) -> Figure:
-    """The Euclidean error in low wind, with the mean RMSE of Table II."""
+    """Plots the Euclidean errors in low wind, with the mean RMSE of Table II."""
     return _errors_in_wind(flights, "low_wind")
 
 
 def figure_11(flights: Flights) -> Figure:
-    """The Euclidean error in high wind, with the mean RMSE of Table II."""
+    """Plots the Euclidean errors in high wind, with the mean RMSE of Table II."""
     return _errors_in_wind(flights, "high_wind")
 
 
 def figure_12(flights: Flights) -> Figure:
-    """The signals of PD and network on X."""
-    return _signals(flights, 0)
+    """Plots what PD and network command on X."""
+    return _commands(flights, "x")
 
 
 def figure_13(flights: Flights) -> Figure:
-    """The signals of PD and network on Y."""
-    return _signals(flights, 1)
+    """Plots what PD and network command on Y."""
+    return _commands(flights, "y")
 
 
 _OF_FLIGHTS = {
@@ -191,13 +196,21 @@ _OF_FLIGHTS = {
 
 
 def _errors_in_wind(flights: Flights, wind: str) -> Figure:
-    levels = {name: table_ii()[Cell(wind, name)].rmse.mean for name in CONTROLLERS}
+    levels = {name: printed_table()[Cell(wind, name)].rmse.mean for name in CONTROLLERS}
     found = {name: level for name, level in levels.items() if np.isfinite(level)}
     return _errors(flights, wind, tuple(CONTROLLERS), found, "mean RMSE in Table II")
 
 
 def _errors(flights: Flights, wind: str, controllers: Sequence[str], levels: Mapping[str, float], what: str) -> Figure:
-    """Errors over time and, if type 1 is among the controllers, how much larger those of type 2 are."""
+    """Plots errors over time and, if type 1 is among the controllers, by how much those of type 2 differ from its own.
+
+    Args:
+        flights: sample 0 of each cell of Table II.
+        wind: in which they are flown.
+        controllers: whose errors are shown.
+        levels: printed errors that are marked beside the axes, by controller, m.
+        what: the printed errors are.
+    """
     errors = {name: flights[Cell(wind, name)].euclidean_error for name in controllers}
     time = flights[Cell(wind, controllers[0])].time
     with _in_print():
@@ -214,7 +227,7 @@ def _errors(flights: Flights, wind: str, controllers: Sequence[str], levels: Map
             axes.plot(x, level, "<", color=_LINES[name][0], markersize=4, transform=beside, clip_on=False)
         axes.set(ylabel="Euclidean error (m)")
         axes.set_ylim(0.0, 1.02 * max(axes.get_ylim()[1], max(levels.values())))
-        _shade(axes, _drawn(flights))
+        _shade(axes, _whole(flights))
         axes.plot([], [], linestyle="none", marker="<", color="0.4", markersize=4, label=what)
         for lower in more:
             for name in ("pd_t2fnn", "pd_t2fnn_wide"):
@@ -233,21 +246,23 @@ def _style(name: str) -> dict[str, Any]:
     return {"color": color, "linestyle": style}
 
 
-def _signals(flights: Flights, axis: int) -> Figure:
+def _commands(flights: Flights, axis: str) -> Figure:
+    """Plots what PD and network command on an axis, without wind."""
     with _in_print():
         figure = new_figure(_COLUMN, 2.6)
         axes = figure.subplots()
         flight = flights[Cell("no_wind", "pd_t2fnn")]
-        axes.plot(flight.time, flight["pd"][:, axis], color=BLUE, label=r"PD, $\tau_c$")
-        axes.plot(flight.time, -flight["correction"][:, axis], color=VERMILION, label=r"network, $-\tau_f$")
-        axes.set(xlabel="time (s)", ylabel=f"command on {'XY'[axis]} (m/s²)")
+        pd, correction = (getattr(flight.record(name), axis) for name in ("pd", "correction"))
+        axes.plot(flight.time, pd, color=BLUE, label=r"PD, $\tau_c$")
+        axes.plot(flight.time, -correction, color=VERMILION, label=r"network, $-\tau_f$")
+        axes.set(xlabel="time (s)", ylabel=f"command on {axis.upper()} (m/s²)")
         _shade(axes, flight)
         figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2)
         return figure
 
 
 def table_figure(found: Experiment) -> Figure:
-    """The errors of Table II: the printed runs and their mean, and all samples of ours with their mean."""
+    """Plots the errors of Table II: the printed runs and their mean, and ours over all samples."""
     with _in_print():
         figure = new_figure(_COLUMN, 3.9)
         column = figure.subplots(3, 1, sharex=True)
@@ -258,8 +273,8 @@ def table_figure(found: Experiment) -> Figure:
                 low, high = np.quantile(errors, [0.025, 0.975])
                 axes.plot([low, high], [place + 0.17] * 2, color=VERMILION, linewidth=5.0, alpha=0.35, zorder=2)
                 axes.plot(errors.mean(), place + 0.17, "D", color=VERMILION, markersize=4.5, zorder=3)
-                if cell in table_ii():
-                    runs = table_ii()[cell].rmse
+                if cell in printed_table():
+                    runs = printed_table()[cell].rmse
                     axes.plot(runs.runs, [place - 0.17] * 3, "o", color="0.6", markersize=3.2, zorder=2)
                     axes.plot(runs.mean, place - 0.17, "s", color=BLACK, fillstyle="none", markersize=5.5, zorder=3)
             axes.set_yticks(range(len(CONTROLLERS)), list(CONTROLLERS.values()))
@@ -286,7 +301,7 @@ def table_figure(found: Experiment) -> Figure:
 
 
 def fair_figure(found: Experiment) -> Figure:
-    """PD and PD+T2FNN as calibrated beside controllers that the paper does not have, on the same samples."""
+    """Plots the mean errors of the paper's PD and PD+T2FNN, and of controllers that the paper does not have."""
     with _in_print():
         figure = new_figure(_COLUMN, 3.0)
         axes = figure.subplots()
@@ -316,13 +331,13 @@ def fair_figure(found: Experiment) -> Figure:
 
 
 def advantage_figure(found: Experiment) -> Figure:
-    """By how much type 2 is better than type 1 over the noise of the cameras, and over q."""
+    """Plots the share by which type 2 is better than type 1, over the noise of the cameras and over q."""
     with _in_print():
         figure = new_figure(_COLUMN, 2.3)
         left, right = figure.subplots(1, 2, sharey=True)
         sweeps = (
             (left, found.noise, "noise", NOISE, 1e3, "noise of the cameras (mm)"),
-            (right, found.shares, "q", SHARES, 1.0, "q"),
+            (right, found.q, "q", Q_VALUES, 1.0, "q"),
         )
         for axes, sweep, number, values, size, label in sweeps:
             axes.axhspan(0.02, 0.07, color="0.88", linewidth=0.0, label="claimed, 2 to 7 %")
@@ -341,7 +356,7 @@ def advantage_figure(found: Experiment) -> Figure:
 
 
 def gain_figure(found: Experiment) -> Figure:
-    """The error over the gains of the PD, with and without a network."""
+    """Plots the error over the gains of the PD, with and without a network."""
     calibrated = found.cells[Cell("no_wind", "pd")].scenario.control.position
     errors = {name: _mean_errors(found.maps[name]) for name in MAPPED}
     seen = np.concatenate([error[np.isfinite(error)] for _, _, error in errors.values()])
@@ -384,13 +399,13 @@ def _mean_errors(sweep: Sweep) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
     return k_p, k_d, rmse.reshape(len(k_p), len(k_d))
 
 
-def _drawn(flights: Flights) -> Flight:
-    """A flight to the end, for the route."""
+def _whole(flights: Flights) -> Flight:
+    """A flight that does not crash, which shows the whole route."""
     return flights[Cell("no_wind", "pd_t2fnn")]
 
 
 def _shade(axes: Axes, flight: Flight) -> None:
-    """Numbers the legs along the top, where room is left for it."""
+    """Writes the numbers of the legs along the top, and leaves room for them."""
     low, high = axes.get_ylim()
     axes.set_ylim(low, high + 0.1 * (high - low))
     shade_legs(axes, flight.plan, float(flight.time[-1]), height=0.92)

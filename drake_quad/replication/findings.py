@@ -1,4 +1,4 @@
-"""Everything that the report says in numbers, and its files."""
+"""The findings of the replication: everything that its report says in numbers."""
 
 from collections.abc import Mapping, Sequence
 from pathlib import Path
@@ -6,22 +6,21 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drake_quad.files import write_text
 from drake_quad.replication.claims import Claim, all_claims, write_claims
-from drake_quad.files import read_table
 from drake_quad.replication.effort import EffortMatch, effort_matches, write_efforts
 from drake_quad.replication.fair import FairEntry, fair_entries, write_fair
 from drake_quad.replication.results import Experiment
-from drake_quad.replication.table_ii import QUANTITIES, Entry, table_entries, table_markdown, write_table
-from drake_quad.files import write_text
+from drake_quad.replication.table_ii import QUANTITIES, Entry, table_entries, table_markdown, write_entries
 
 
-class Tables(NamedTuple):
-    """The tables of the report.
+class Findings(NamedTuple):
+    """What follows from an experiment.
 
     Attributes:
         entries: of Table II.
-        claims: with their verdicts.
-        fair: comparison with controllers that the paper does not have.
+        claims: of the paper, with verdicts.
+        fair: the comparison with controllers that the paper does not have.
         efforts: definitions of control effort, the closest first.
         calibration: columns of the file that `scripts/calibrate_paper.py` writes.
     """
@@ -33,25 +32,20 @@ class Tables(NamedTuple):
     calibration: Mapping[str, np.ndarray]
 
 
-def read_tables(folder: Path, found: Experiment) -> Tables:
-    """Makes the tables of an experiment, beside the calibration in its folder.
-
-    Raises:
-        InputError: the calibration is missing.
-    """
-    calibration = read_table(folder / "calibration.csv")
-    return Tables(
+def findings_of(found: Experiment, calibration: Mapping[str, np.ndarray]) -> Findings:
+    """The findings of an experiment that was flown with the numbers of a calibration."""
+    return Findings(
         table_entries(found.cells), all_claims(found), fair_entries(found), effort_matches(found), calibration
     )
 
 
-def write_tables(folder: Path, tables: Tables) -> list[Path]:
-    """Writes all tables but the calibration, which is there, and returns the files; Table II also as Markdown."""
-    sections = (f"## {words}\n\n{table_markdown(tables.entries, name)}\n" for name, words in QUANTITIES.items())
+def write_findings(folder: Path, findings: Findings) -> list[Path]:
+    """Writes all findings but the calibration, which has its file, and returns the files."""
+    sections = (f"## {words}\n\n{table_markdown(findings.entries, name)}\n" for name, words in QUANTITIES.items())
     return [
-        write_table(folder / "table_ii.csv", tables.entries),
+        write_entries(folder / "table_ii.csv", findings.entries),
         write_text(folder / "table_ii.md", "# Table II\n\n" + "\n".join(sections)),
-        write_claims(folder / "claims.csv", tables.claims),
-        write_fair(folder / "fair.csv", tables.fair),
-        write_efforts(folder / "effort.csv", tables.efforts),
+        write_claims(folder / "claims.csv", findings.claims),
+        write_fair(folder / "fair.csv", findings.fair),
+        write_efforts(folder / "effort.csv", findings.efforts),
     ]

@@ -1,4 +1,4 @@
-"""What the paper printed: its Table II."""
+"""Table II as the paper prints it."""
 
 import csv
 import math
@@ -12,7 +12,7 @@ CONTROLLERS = {
     "pd_t2fnn": "PD+T2FNN (1.2, 0.8)",
     "pd_t2fnn_wide": "PD+T2FNN (1.4, 0.6)",
 }
-# The table calls them so; the cell without wind has no exponents and is taken for the narrower ones.
+# What the table calls winds and controllers. It gives no exponents without wind; the narrower pair is assumed there.
 _WINDS = {"none": "no_wind", "low": "low_wind", "high": "high_wind"}
 _CONTROLLERS = {
     ("PD", ""): "pd",
@@ -36,16 +36,16 @@ class Cell(NamedTuple):
 
     @property
     def scenario(self) -> str:
-        """Its name in diagrams/paper.yaml."""
+        """The name of its scenario in diagrams/paper.yaml."""
         return f"{self.wind}_{self.controller}"
 
 
 class Runs(NamedTuple):
-    """Three repetitions and their mean; NaN where the print has a gap.
+    """A quantity in three repetitions, and its mean; NaN where the print has a gap.
 
     Attributes:
-        runs: of each.
-        mean: as printed.
+        runs: the value in each repetition.
+        mean: of the three.
     """
 
     runs: tuple[float, float, float]
@@ -53,12 +53,12 @@ class Runs(NamedTuple):
 
 
 class Line(NamedTuple):
-    """What is printed of a cell.
+    """What is printed for a cell.
 
     Attributes:
-        rmse: m.
+        rmse: RMSE of the Euclidean error, m.
         effort_x: control effort on X, in a unit that the paper does not give.
-        effort_y: likewise on Y.
+        effort_y: control effort on Y, in that unit.
     """
 
     rmse: Runs
@@ -66,8 +66,8 @@ class Line(NamedTuple):
     effort_y: Runs
 
 
-def table_ii() -> dict[Cell, Line]:
-    """The printed table."""
+def printed_table() -> dict[Cell, Line]:
+    """What is printed, by cell."""
     found = {}
     text = files(__package__).joinpath("table_ii.csv").read_text(encoding="utf-8")
     for row in csv.DictReader(text.splitlines()):

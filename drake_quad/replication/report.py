@@ -10,18 +10,19 @@ from pathlib import Path
 import numpy as np
 from markdown import markdown
 
-from drake_quad.studies.statistics import Interval, compare, mean_interval
+from drake_quad.assembly.planning import plan_route
 from drake_quad.replication.assumptions import assumptions
 from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL
-from drake_quad.replication.claims import Claim, metres, percent, ratio
-from drake_quad.replication.effort import EffortMatch, printed_scatter, printed_shares
+from drake_quad.replication.claims import Claim
+from drake_quad.replication.effort import EffortMatch, printed_ratios, printed_scatter
+from drake_quad.replication.estimates import bounded, metres, percent, ratio
 from drake_quad.replication.fair import COMPARED, FairEntry
+from drake_quad.replication.findings import Findings
 from drake_quad.replication.measures import EFFORTS, OUR_EFFORT
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, table_ii
+from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.results import Experiment
 from drake_quad.replication.table_ii import QUANTITIES, Entry, table_markdown
-from drake_quad.replication.findings import Tables
-from drake_quad.assembly.planning import plan_route
+from drake_quad.studies.statistics import Interval, compare, mean_interval
 
 FIGURES = {
     "table_ii": "RMSE of Table II: printed runs and their mean, and ours. The intervals of our means are narrower than"
@@ -42,16 +43,16 @@ FIGURES = {
 }
 
 
-def report_markdown(found: Experiment, tables: Tables) -> str:
-    """The whole report; its figures are expected in a folder `figures` beside it."""
+def report_markdown(found: Experiment, findings: Findings) -> str:
+    """The whole report, which shows the figures of the folder `figures` beside it."""
     template = files(__package__).joinpath("report_template.md").read_text(encoding="utf-8")
     fields = {
         **_of_experiment(found),
-        **_of_calibration(tables.calibration),
-        **_of_table(tables.entries),
-        **_of_claims(tables.claims),
-        **_of_fair(found, tables.fair),
-        **_of_effort(tables.efforts),
+        **_of_calibration(findings.calibration),
+        **_of_table(findings.entries),
+        **_of_claims(findings.claims),
+        **_of_fair(found, findings.fair),
+        **_of_effort(findings.efforts),
         **{f"figure_{name}": _image(name) for name in ("table_ii", "fair")},
         "figures": "\n\n".join(_image(name) for name in FIGURES if name.startswith("figure_")),
     }
@@ -59,17 +60,17 @@ def report_markdown(found: Experiment, tables: Tables) -> str:
 
 
 def verdict_table(claims: Iterable[Claim]) -> str:
-    """Claims with the evidence and the verdicts, as a table in Markdown."""
+    """Claims with their evidence and verdicts, as a table in Markdown."""
     rows = [(claim.words, claim.printed, claim.ours, f"**{claim.verdict}**") for claim in claims]
     return _table(("claim", "the paper's evidence", "ours, with 95 % intervals", "verdict"), rows)
 
 
 def report_html(text: str, folder: Path) -> str:
-    """A report as one page that needs nothing else.
+    """A report as a single page of HTML that holds its figures.
 
     Args:
-        text: of the report.
-        folder: in which its figures are found.
+        text: the report in Markdown.
+        folder: of the report, which holds the figures.
     """
     body = markdown(text, extensions=["tables"])
 
@@ -84,7 +85,7 @@ def report_html(text: str, folder: Path) -> str:
 
 def _of_experiment(found: Experiment) -> dict[str, str]:
     low_wind = found.cells[Cell("low_wind", "pd_t2fnn")].scenario
-    sweeps = [found.noise, found.shares, *found.slopes.values(), *found.maps.values()]
+    sweeps = [found.noise, found.q, *found.slopes.values(), *found.maps.values()]
     varied = [*(sweep.metrics.crashed for sweep in sweeps), np.isnan(found.legs.metrics.straight)]
     path = {name: mean_interval(found.recorded[Cell("no_wind", name)]["path_error"]) for name in ("pd", "pd_t2fnn")}
     return {
@@ -102,7 +103,7 @@ def _of_experiment(found: Experiment) -> dict[str, str]:
 
 
 def _of_calibration(calibration: Mapping[str, np.ndarray]) -> dict[str, str]:
-    printed = table_ii()
+    printed = printed_table()
     errors = {
         (name, Cell(wind, controller)): float(error)
         for name, wind, controller, error in zip(
@@ -175,7 +176,7 @@ def _of_fair(found: Experiment, entries: Sequence[FairEntry]) -> dict[str, str]:
         (
             WINDS[entry.cell.wind],
             COMPARED[entry.cell.controller],
-            *(_bounded(mean) for mean in (entry.rmse, entry.peak_error, entry.effort_x, entry.effort_y)),
+            *(bounded(mean, 3) for mean in (entry.rmse, entry.peak_error, entry.effort_x, entry.effort_y)),
             "1" if entry.cell.controller == "pd" else ratio(entry.over_pd),
             "1" if entry.cell.controller == "pd_t2fnn" else ratio(entry.over_network),
         )
@@ -209,12 +210,11 @@ def _of_fair(found: Experiment, entries: Sequence[FairEntry]) -> dict[str, str]:
 
 
 def _of_effort(matches: Sequence[EffortMatch]) -> dict[str, str]:
-    x, y = printed_shares()
+    x, y = printed_ratios()
     rows = [("*printed*", f"{x:.2f}", f"{y:.2f}", "")]
     for match in matches:
         words = EFFORTS[match.name].words + (" (ours)" if match.name == OUR_EFFORT else "")
-        x, y = match.shares
-        rows.append((words, f"{x:.2f}", f"{y:.2f}", ratio(match.distance)))
+        rows.append((words, f"{match.ratio_x:.2f}", f"{match.ratio_y:.2f}", ratio(match.distance)))
     return {
         "effort": _table(("definition", "ratio on X", "ratio on Y", "off by a factor of"), rows),
         "scatter": f"{printed_scatter():.2f}",
@@ -240,10 +240,6 @@ def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 def _by_wind(shares: Mapping[str, Interval]) -> str:
     return ", ".join(f"{percent(share)} ({WINDS[wind]})" for wind, share in shares.items())
-
-
-def _bounded(mean: Interval) -> str:
-    return f"{mean.value:.3f} [{mean.low:.3f}, {mean.high:.3f}]"
 
 
 def _number(value: float) -> str:

@@ -1,4 +1,4 @@
-"""What the replication leaves in its folder, and reading it back."""
+"""The numbers of the replication, and how its folder holds them."""
 
 from collections.abc import Mapping
 from dataclasses import dataclass
@@ -6,12 +6,12 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_quad.studies import Study, read_study
 from drake_quad.files import read_table, write_table
-from drake_quad.replication.measures import LegErrors
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.replication.measures import LegMetrics
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
 from drake_quad.replication.sweeps import Sweep, load_sweep
-from drake_quad.laboratory.metrics import Metrics
+from drake_quad.studies import Study, read_study
 
 # Controllers that the paper does not have, for a fair comparison.
 FAIR = {
@@ -20,7 +20,7 @@ FAIR = {
     "pd_feed_forward": "PD with feed-forward",
     "pd_feed_forward_t2fnn": "PD with feed-forward + T2FNN",
 }
-# PD's whose gains are mapped, in files of these names.
+# Controllers over whose PD gains the error is mapped.
 MAPPED = ("pd", "pd_t2fnn")
 
 
@@ -29,29 +29,29 @@ class Experiment:
     """Everything that was flown, in numbers.
 
     Attributes:
-        cells: study of each cell, of the controllers of Table II and of `FAIR`.
-        recorded: of some samples of each cell of Table II, (samples,) values of each of `measures`.
-        noise: networks without wind over the noise of the cameras: numbers "noise" (m), "a1", "a2".
-        shares: the same over "q" at the paper's noise.
-        slopes: PD+T2FNN in each wind over its "slope" λ (1/s).
-        maps: each of `MAPPED` without wind over "k_p" (1/s²) and "k_d" (1/s).
-        legs: errors of the PD without wind on straight and on curved legs, over gains around the best.
+        cells: a study for each cell, of the controllers of Table II and of `FAIR`.
+        recorded: (samples,) `measures` by name for each cell of Table II, of as many samples as were recorded.
+        noise: networks without wind, over "noise" of the cameras (m) and the exponents "a1" and "a2".
+        q: networks without wind, over "q" and the exponents "a1" and "a2".
+        slopes: PD+T2FNN over its "slope" λ (1/s), by wind.
+        maps: the controllers of `MAPPED` without wind, over "k_p" (1/s²) and "k_d" (1/s).
+        legs: the PD without wind on straight and on curved legs, over "k_p" and "k_d" around the best gains.
     """
 
     cells: Mapping[Cell, Study]
     recorded: Mapping[Cell, Mapping[str, np.ndarray]]
     noise: Sweep[Metrics]
-    shares: Sweep[Metrics]
+    q: Sweep[Metrics]
     slopes: Mapping[str, Sweep[Metrics]]
     maps: Mapping[str, Sweep[Metrics]]
-    legs: Sweep[LegErrors]
+    legs: Sweep[LegMetrics]
 
 
 def read_experiment(folder: Path) -> Experiment:
     """Reads what `fly_experiment` left in a folder.
 
     Raises:
-        InputError: something is missing, or is something else.
+        InputError: a file is missing, or holds something else.
     """
     cells = {cell: read_study(folder / "cells" / cell.scenario) for cell in cells_of((*CONTROLLERS, *FAIR))}
     table = read_table(folder / "recorded.csv")
@@ -59,14 +59,14 @@ def read_experiment(folder: Path) -> Experiment:
     recorded = {
         cell: {name: values[whose == cell.scenario] for name, values in table.items()} for cell in cells_of(CONTROLLERS)
     }
-    noise, shares = (load_sweep(folder / f"{name}.csv", Metrics) for name in ("noise", "q"))
+    noise, q = (load_sweep(folder / f"{name}.csv", Metrics) for name in ("noise", "q"))
     slopes = {wind: load_sweep(folder / f"slope_{wind}.csv", Metrics) for wind in WINDS}
     maps = {name: load_sweep(folder / f"map_{name}.csv", Metrics) for name in MAPPED}
-    return Experiment(cells, recorded, noise, shares, slopes, maps, load_sweep(folder / "legs.csv", LegErrors))
+    return Experiment(cells, recorded, noise, q, slopes, maps, load_sweep(folder / "legs.csv", LegMetrics))
 
 
 def write_recorded(path: Path, recorded: Mapping[Cell, Mapping[str, np.ndarray]]) -> Path:
-    """Writes a row for each recorded sample."""
+    """Writes a row for each recorded sample, and returns the path."""
     rows = [
         {"wind": cell.wind, "controller": cell.controller, "sample": sample}
         | {name: column[sample] for name, column in values.items()}
@@ -77,5 +77,5 @@ def write_recorded(path: Path, recorded: Mapping[Cell, Mapping[str, np.ndarray]]
 
 
 def cells_of(controllers: Mapping[str, str] | tuple[str, ...]) -> list[Cell]:
-    """The cells of some controllers, wind by wind."""
+    """The cells of some controllers, one wind after another."""
     return [Cell(wind, controller) for wind in WINDS for controller in controllers]

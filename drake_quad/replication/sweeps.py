@@ -1,4 +1,4 @@
-"""One scenario with other numbers, many times, on the same samples."""
+"""Sweeps: one scenario flown with many settings of some of its numbers, all on the same samples."""
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -6,42 +6,53 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 import numpy as np
+from pydrake.systems.analysis import Simulator
 
+from drake_quad.assembly.planning import flight_duration, plan_route
+from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.files import read_table, write_table
-from drake_quad.replication.measures import LegErrors, leg_errors
-from drake_quad.flight import simulate_samples
+from drake_quad.flight import Flight, StudyFleet
+from drake_quad.flight.simulation import _flights, fly
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.scenario import Scenario
-from drake_quad.scenario.numbers import with_rows
-from drake_quad.flight.fleet import StudyFleet
+from drake_quad.replication.measures import LegMetrics, leg_metrics
+from drake_quad.scenario import Batch, Scenario
 
-Rows = TypeVar("Rows", Metrics, LegErrors)
+SomeMetrics = TypeVar("SomeMetrics", Metrics, LegMetrics)
 
 
 @dataclass(frozen=True)
-class Sweep(Generic[Rows]):
-    """Flights of some settings, all on the same samples.
+class Sweep(Generic[SomeMetrics]):
+    """Metrics of a scenario with several settings.
 
     Attributes:
-        settings: (settings,) value of each number that differs.
-        samples: (samples,) their numbers.
-        metrics: (settings, samples).
+        settings: (settings,) values of each number that is varied, by its name.
+        samples: (samples,) numbers of the samples that are flown with each setting.
+        metrics: (settings, samples) arrays.
     """
 
     settings: Mapping[str, np.ndarray]
     samples: np.ndarray
-    metrics: Rows
+    metrics: SomeMetrics
 
     def save(self, path: Path) -> Path:
-        """Writes a row for each setting and sample."""
+        """Writes a row for each setting and sample, and returns the path."""
         count = len(self.samples)
-        table = {name: np.repeat(values, count) for name, values in self.settings.items()}
-        table |= {"sample": np.tile(self.samples, len(self.metrics[0]))}
-        return write_table(path, table | {name: np.ravel(values) for name, values in self.metrics._asdict().items()})
+        columns = {name: np.repeat(values, count) for name, values in self.settings.items()}
+        columns["sample"] = np.tile(self.samples, num_settings(self.settings))
+        return write_table(path, columns | {name: np.ravel(values) for name, values in self.metrics._asdict().items()})
 
 
-def load_sweep(path: Path, kind: type[Rows]) -> Sweep[Rows]:
-    """Reads a sweep whose metrics are of a kind.
+def num_settings(settings: Mapping[str, np.ndarray]) -> int:
+    """How many settings there are."""
+    return len(next(iter(settings.values())))
+
+
+def load_sweep(path: Path, kind: type[SomeMetrics]) -> Sweep[SomeMetrics]:
+    """Reads a sweep.
+
+    Args:
+        path: of its file.
+        kind: of its metrics.
 
     Raises:
         InputError: the file cannot be read.
@@ -53,16 +64,17 @@ def load_sweep(path: Path, kind: type[Rows]) -> Sweep[Rows]:
     return Sweep({name: values[:: len(samples)] for name, values in table.items()}, samples, metrics)
 
 
-# The exponents of Table II, and the triangles of type 1.
+# The exponents (a1, a2) of Table II; with those of type 1, sets are triangles.
 EXPONENTS = {"pd_t1fnn": (1.0, 1.0), "pd_t2fnn": (1.2, 0.8), "pd_t2fnn_wide": (1.4, 0.6)}
+# Standard deviations of the noise of positions, m.
 NOISE = (0.0, 0.001, 0.005, 0.01, 0.02)
-SHARES = (0.0, 0.25, 0.5, 0.75, 1.0)
-# λ, 1/s, around the calibrated 1.975.
+Q_VALUES = (0.0, 0.25, 0.5, 0.75, 1.0)
+# Slopes λ around the calibrated one, 1.975, 1/s.
 SLOPES = (1.0, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)
 _POSITION = "control.position"
-# Around the calibrated gains, 1.447 and 1.684, so far that the best lie in the middle.
+# Ranges of k_P (1/s²) and k_D (1/s): around the calibrated 1.447 and 1.684, and so wide that the best gains are inside.
 _ALL_GAINS = (0.3, 20.0), (0.3, 12.0)
-# Where they lie, to tell those for straight lines from those for curves.
+# Ranges around the best gains, to tell the best on straight lines from the best on curves.
 _BEST_GAINS = (2.5, 9.0), (1.0, 4.5)
 
 
@@ -72,15 +84,15 @@ def noise_settings() -> dict[str, np.ndarray]:
     return {"noise": levels.ravel(), **_exponents(exponents.ravel())}
 
 
-def share_settings() -> dict[str, np.ndarray]:
+def q_settings() -> dict[str, np.ndarray]:
     """Every "q" with every pair of exponents."""
-    shares, exponents = np.meshgrid(SHARES, range(len(EXPONENTS)), indexing="ij")
-    return {"q": shares.ravel(), **_exponents(exponents.ravel())}
+    q, exponents = np.meshgrid(Q_VALUES, range(len(EXPONENTS)), indexing="ij")
+    return {"q": q.ravel(), **_exponents(exponents.ravel())}
 
 
 def _exponents(which: np.ndarray) -> dict[str, np.ndarray]:
-    pairs = np.array(list(EXPONENTS.values()))[which]
-    return {"a1": pairs[:, 0], "a2": pairs[:, 1]}
+    a1, a2 = np.array(list(EXPONENTS.values()))[which].T
+    return {"a1": a1, "a2": a2}
 
 
 def slope_settings() -> dict[str, np.ndarray]:
@@ -89,12 +101,12 @@ def slope_settings() -> dict[str, np.ndarray]:
 
 
 def gain_settings(count: int) -> dict[str, np.ndarray]:
-    """A grid of so many "k_p" (1/s²) and "k_d" (1/s) on X and Y."""
+    """A square grid of "k_p" (1/s²) and "k_d" (1/s) of X and Y, with so many gains along each side."""
     return _gains(count, *_ALL_GAINS)
 
 
 def best_gain_settings(count: int) -> dict[str, np.ndarray]:
-    """The same, of gains around the best."""
+    """Such a grid around the best gains."""
     return _gains(count, *_BEST_GAINS)
 
 
@@ -103,6 +115,7 @@ def _gains(count: int, k_p_range: tuple[float, float], k_d_range: tuple[float, f
     return {"k_p": k_p.ravel(), "k_d": k_d.ravel()}
 
 
+# The fields of a scenario that a number of a setting is written to.
 _PATHS = {
     "noise": ["laboratory.motion_capture.position_noise"],
     "q": [f"{_POSITION}.network.q"],
@@ -115,23 +128,28 @@ _PATHS = {
 
 
 def fly_settings(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> Metrics:
-    """The (settings, samples) metrics of a scenario with other numbers, in one fleet."""
-    count = len(next(iter(settings.values())))
-    varied = with_settings(scenario, settings, len(samples))
-    metrics = StudyFleet(varied, count * len(samples)).fly([*samples] * count)
-    return Metrics(*(values.reshape(count, -1) for values in metrics))
+    """Flies samples of a scenario with each setting, in one fleet, and returns (settings, samples) metrics."""
+    batch = settings_batch(scenario, settings, samples)
+    metrics = StudyFleet(scenario, len(batch)).fly_batch(batch)
+    return Metrics(*np.reshape(metrics, (-1, num_settings(settings), len(samples))))
 
 
-def fly_legs(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> LegErrors:
-    """The (settings, samples) errors leg by leg of a scenario with other numbers, in one recorded fleet."""
-    count = len(next(iter(settings.values())))
-    flights = simulate_samples(with_settings(scenario, settings, len(samples)), [*samples] * count)
-    return LegErrors(*(values.reshape(count, -1) for values in leg_errors(flights)))
+def fly_legs(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> LegMetrics:
+    """Flies samples of a scenario with each setting, in one recorded fleet, and returns (settings, samples) metrics."""
+    flights = fly_recorded(settings_batch(scenario, settings, samples))
+    return LegMetrics(*np.reshape(leg_metrics(flights), (-1, num_settings(settings), len(samples))))
 
 
-def with_settings(scenario: Scenario, settings: Mapping[str, np.ndarray], repetitions: int) -> Scenario:
-    """The scenario of a fleet that flies settings one after the other, each so many times."""
-    for name, values in settings.items():
-        for path in _PATHS[name]:
-            scenario = with_rows(scenario, path, np.repeat(values, repetitions))
-    return scenario
+def settings_batch(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> Batch:
+    """The batch of a scenario in which each setting is flown on all samples, one setting after another."""
+    varying = {path: np.repeat(values, len(samples)) for name, values in settings.items() for path in _PATHS[name]}
+    return Batch.draw(scenario, [*samples] * num_settings(settings)).with_varying(varying)
+
+
+def fly_recorded(batch: Batch) -> list[Flight]:
+    """Flies a batch and records every signal of each vehicle."""
+    plan = plan_route(batch.scenario)
+    diagram = build_fleet_diagram(batch, plan, record=True)
+    simulator = Simulator(diagram)
+    fly(simulator, flight_duration(batch.scenario, plan))
+    return _flights(batch, plan, diagram, simulator.get_context())

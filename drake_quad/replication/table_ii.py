@@ -1,4 +1,7 @@
-"""Table II again: three runs and their mean as the paper has, and the mean of all samples with its interval."""
+"""Table II of the replication, beside the printed one.
+
+Each number stands there as in the paper, of three runs, and as the mean of all samples with its interval.
+"""
 
 import math
 from collections.abc import Mapping, Sequence
@@ -7,12 +10,12 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drake_quad.files import write_table
+from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, Runs, printed_table
 from drake_quad.studies import Study
 from drake_quad.studies.statistics import Interval, mean_interval, of_survivors
-from drake_quad.files import write_table
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, Runs, table_ii
 
-# Columns of Table II, and the metrics that stand for them.
+# The metrics that are the columns of Table II, and what a report calls them.
 QUANTITIES = {"rmse": "RMSE (m)", "effort_x": "control effort on X (m²/s⁴)", "effort_y": "control effort on Y (m²/s⁴)"}
 
 
@@ -20,12 +23,12 @@ class Entry(NamedTuple):
     """A number of Table II.
 
     Attributes:
-        cell: whose it is.
+        cell: of controller and wind.
         quantity: one of `QUANTITIES`.
-        printed: by the paper.
-        runs: the first three samples, and their mean.
+        printed: what the paper prints.
+        runs: the first three samples and their mean.
         mean: of all samples that flew to the end.
-        crashed: samples that did not.
+        crashed: the number of samples that crashed.
     """
 
     cell: Cell
@@ -37,17 +40,16 @@ class Entry(NamedTuple):
 
     @property
     def off(self) -> float:
-        """By which share of the printed mean the mean of all samples differs; NaN where none is printed."""
+        """The difference of the mean from the printed one, as a share of that; NaN where none is printed."""
         return self.mean.value / self.printed.mean - 1.0
 
 
 def table_entries(cells: Mapping[Cell, Study]) -> list[Entry]:
-    """Every number of Table II, from the studies of its cells; also those of cells that it does not have."""
-    nothing = Runs((math.nan, math.nan, math.nan), math.nan)
-    printed = table_ii()
+    """Every number of Table II, from the studies of its cells; and those of the cells that the paper leaves out."""
+    gap = Runs((math.nan, math.nan, math.nan), math.nan)
+    printed = printed_table()
     entries = []
     for quantity in QUANTITIES:
-        place = {"rmse": 0, "effort_x": 1, "effort_y": 2}[quantity]
         for wind in WINDS:
             for controller in CONTROLLERS:
                 cell = Cell(wind, controller)
@@ -58,7 +60,7 @@ def table_entries(cells: Mapping[Cell, Study]) -> list[Entry]:
                     Entry(
                         cell,
                         quantity,
-                        printed[cell][place] if cell in printed else nothing,
+                        getattr(printed[cell], quantity) if cell in printed else gap,
                         Runs((first, second, third), float(np.mean([first, second, third]))),
                         mean_interval(of_survivors(study.metrics, quantity)),
                         int(study.metrics.crashed.sum()),
@@ -67,25 +69,24 @@ def table_entries(cells: Mapping[Cell, Study]) -> list[Entry]:
     return entries
 
 
-def write_table(path: Path, entries: Sequence[Entry]) -> Path:
-    """Writes a row for each number and returns the path."""
+def write_entries(path: Path, entries: Sequence[Entry]) -> Path:
+    """Writes a row for each number, and returns the path."""
     columns: dict[str, list] = {
         "wind": [entry.cell.wind for entry in entries],
         "controller": [entry.cell.controller for entry in entries],
         "quantity": [entry.quantity for entry in entries],
     }
-    for whose in ("printed", "runs"):
-        name = "ours" if whose == "runs" else whose
-        for i in range(3):
-            columns[f"{name}_run{i + 1}"] = [getattr(entry, whose).runs[i] for entry in entries]
-        columns[f"{name}_mean"] = [getattr(entry, whose).mean for entry in entries]
+    for name, found in (("printed", [entry.printed for entry in entries]), ("ours", [entry.runs for entry in entries])):
+        for number, values in enumerate(zip(*(each.runs for each in found), strict=True), start=1):
+            columns[f"{name}_run{number}"] = list(values)
+        columns[f"{name}_mean"] = [each.mean for each in found]
     for end, column in zip(Interval._fields, ("mean", "low", "high"), strict=True):
         columns[column] = [getattr(entry.mean, end) for entry in entries]
     return write_table(path, columns | {"crashed": [entry.crashed for entry in entries]})
 
 
 def table_markdown(entries: Sequence[Entry], quantity: str) -> str:
-    """One of the quantities as a table in Markdown."""
+    """The numbers of one quantity as a table in Markdown."""
     lines = [
         "| | | printed: three runs | mean | ours: three runs | mean | all samples, 95 % | off |",
         "|---|---|---|---|---|---|---|---|",

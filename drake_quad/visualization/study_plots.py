@@ -201,7 +201,7 @@ def _field_label(study: Study, path: str) -> str:
     short = path.removeprefix("laboratory.").replace("motion_capture.", "cameras: ").replace("command_link.", "link: ")
     for i, source in enumerate(study.scenario.laboratory.wind):
         short = short.replace(f"wind.{i}.", f"{source.kind} {i}: ")
-    short = short.removeprefix("vehicle.").replace("_", " ")
+    short = short.removeprefix("vehicle.").replace("_", " ").replace(".", " ")
     return f"{short} ({unit})" if unit not in ("", "1") else short
 
 
