@@ -13,7 +13,7 @@ from drake_quad.randomness.streams import (
     stream_states,
     uniform_number,
     uniform_numbers,
-    word,
+    words,
 )
 
 
@@ -27,15 +27,34 @@ def test_numbers_are_those_of_splitmix64():
         16408922859458223821,
     ]
     state = np.array([1234567], dtype=np.uint64)
-    words = word(state, np.arange(5))
-    assert words.tolist() == expected
-    np.testing.assert_array_equal(uniform_numbers(state, 0, 5)[:, 0], [uniform_number(each) for each in words])
-    pairs = np.array([normal_pair(each) for each in words])
-    np.testing.assert_allclose(normal_pairs(state, 0, 5)[:, :, 0].T, pairs, rtol=1e-14)
+    states = words(state, 0, 5)
+    assert mixed(states)[:, 0].tolist() == expected
+    # In machine code as in NumPy, and as by hand: 52 bits for a uniform number, 32 for each of a pair.
+    bits = states.view(float)
+    np.testing.assert_array_equal(uniform_numbers(state, 0, 5), uniform_number(bits))
+    np.testing.assert_array_equal(uniform_numbers(state, 0, 5)[:, 0], [((w >> 12) + 0.5) / 2**52 for w in expected])
+    np.testing.assert_allclose(normal_pairs(state, 0, 5), normal_pair(bits), rtol=1e-14)
+    radius = [np.sqrt(-2.0 * np.log(((w & 0xFFFFFFFF) + 0.5) / 2**32)) for w in expected]
+    angle = [2.0 * np.pi * (w >> 32) / 2**32 for w in expected]
+    pairs = [radius * np.sin(angle), radius * np.cos(angle)]
+    np.testing.assert_allclose(normal_pairs(state, 0, 5)[:, :, 0], pairs, rtol=1e-13)
     np.testing.assert_array_equal(normal_pairs(state, 3, 2), normal_pairs(state, 0, 5)[:, 3:])
 
 
+def unmixed(word):
+    """The state that is mixed to a word, both 64 bits: SplitMix64's steps backwards, with whole numbers."""
+    for shift, factor in ((31, 0x94D049BB133111EB), (27, 0xBF58476D1CE4E5B9), (30, 1)):
+        shifted = word
+        for _ in range(64 // shift):
+            shifted = word ^ (shifted >> shift)
+        word = shifted * pow(factor, -1, 2**64) % 2**64
+    return word
+
+
 def test_mixing_is_one_to_one():
+    """It can be undone."""
+    states = np.random.default_rng(0).integers(0, 2**64, 2000, dtype=np.uint64)
+    assert [unmixed(word) for word in mixed(states).tolist()] == states.tolist()
     states = np.arange(200_000, dtype=np.uint64)
     assert np.unique(mixed(states)).size == states.size
 
@@ -61,10 +80,16 @@ def test_uniform_numbers_are_uniform(states):
     assert stats.kstest(numbers[::10].ravel(), "uniform").pvalue > 1e-3
 
 
-@pytest.mark.parametrize("bits", [0, 2**64 - 1])
-def test_extreme_words_make_numbers_like_others(bits):
-    assert 0.0 < uniform_number(np.uint64(bits)) < 1.0
-    assert np.isfinite(normal_pair(np.uint64(bits))).all()
+@pytest.mark.parametrize("word", [0, 2**64 - 1])
+def test_extreme_words_make_numbers_like_others(word):
+    """As they are written, and in machine code, where the first number of a stream is mixed from its next state."""
+    state = np.array([unmixed(word)], dtype=np.uint64)
+    assert mixed(state) == word
+    before = state - words(np.zeros(1, dtype=np.uint64), 0, 1)[0]
+    for number in (uniform_number(state.view(float)), uniform_numbers(before, 0, 1)):
+        assert 0.0 < number < 1.0
+    for pair in (normal_pair(state.view(float)), normal_pairs(before, 0, 1)):
+        assert np.isfinite(pair).all()
 
 
 def test_neighbours_in_time_in_the_fleet_and_in_a_pair_are_independent(states):
