@@ -2,7 +2,8 @@
 # make test  sets it up and runs the tests
 # make fuzz  reads and flies ten thousand mutated scenarios
 # make paper  flies the paper's experiment again and writes a report
-# make lint  checks style and types
+# make lint  checks style, spelling and types
+# make docs  builds the pages and the reference in out/docs
 # make benchmark  measures speed
 # make mutants  changes the sources in 500 places, one at a time, and tells what no test notices; takes most of an hour;
 #               MUTANTS=1000 or all, SEED=1 for others
@@ -20,7 +21,7 @@ DRAWN = figure_eight.yaml hover.yaml slalom.yaml laboratory.yaml:low_wind outdoo
 MUTANTS ?= 500
 SEED ?= 0
 
-.PHONY: fly test fuzz paper lint benchmark mutants figures
+.PHONY: fly test fuzz paper lint docs benchmark mutants figures
 
 fly: $(VENV)/.installed
 	$(VENV)/bin/python scripts/simulate.py diagrams/figure_eight.yaml
@@ -37,7 +38,11 @@ paper: $(VENV)/.installed
 lint: $(VENV)/.installed-lint
 	$(VENV)/bin/ruff check
 	$(VENV)/bin/ruff format --check
+	$(VENV)/bin/codespell
 	$(VENV)/bin/mypy
+
+docs: $(VENV)/.installed-docs
+	$(VENV)/bin/python -m sphinx --fail-on-warning --keep-going --quiet docs out/docs
 
 benchmark: $(VENV)/.installed
 	$(VENV)/bin/python scripts/benchmark.py

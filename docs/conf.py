@@ -1,0 +1,105 @@
+"""Sphinx: `make docs` builds the pages and the reference."""
+
+import inspect
+import itertools
+import re
+from typing import Any, get_args, get_type_hints
+
+from docutils import nodes
+from docutils.parsers.rst import Directive
+
+from drake_quad.signals import Quantity
+
+project = "drake_quad"
+author = "The drake_quad authors"
+extensions = [
+    "myst_parser",
+    "sphinx.ext.autodoc",
+    "sphinx.ext.autosummary",
+    "sphinx.ext.napoleon",
+    "sphinx.ext.viewcode",
+]
+myst_heading_anchors = 3
+html_theme = "furo"
+html_title = "drake_quad"
+exclude_patterns = ["replication"]
+default_role = "code"
+autodoc_member_order = "bysource"
+autodoc_default_options = {"members": True}
+napoleon_google_docstring = True
+napoleon_numpy_docstring = False
+napoleon_custom_sections = [("Attributes", "params_style")]
+# On the host of the code, links of pages lead into the tree.
+suppress_warnings = ["myst.xref_missing"]
+
+
+class PortBlock(Directive):
+    """The ports of a system, as Drake's documentation writes them."""
+
+    has_content = True
+
+    def run(self) -> list[nodes.Node]:
+        """The block as it is written."""
+        text = "\n".join(self.content)
+        return [nodes.literal_block(text, text, language="yaml")]
+
+
+def as_written(app: Any, what: str, name: str, obj: Any, options: Any, lines: list[str]) -> None:
+    """Keeps formulas, the indented blocks of docstrings, as they are written, and bars in the text as bars."""
+    result: list[str] = []
+    inside = False
+    for i, line in enumerate(lines):
+        indented = line.startswith("    ")
+        begins = indented and not inside and i > 0 and not lines[i - 1].strip()
+        inside = inside and (indented or not line.strip())
+        directive = any(before.startswith("..") for before in result[-3:])
+        if begins and not directive:
+            result += ["::", ""]
+            inside = True
+        # A letter before a full stop is no list.
+        text = re.sub(r": (\w)\.$", r": \1\\.", line.replace("|", r"\|"))
+        result.append(line if inside or directive else text)
+    lines[:] = [*result, *rows_of(obj)]
+
+
+def rows_of(record: Any) -> list[str]:
+    """What the rows of a record are, as text: their units, and along whose axes they are."""
+    if not (isinstance(record, type) and hasattr(record, "_fields")):
+        return []
+    hints = get_type_hints(record, include_extras=True)
+    found = [
+        (name, next((part for part in get_args(hints[name]) if isinstance(part, Quantity)), None))
+        for name in record._fields
+    ]
+    texts = []
+    for quantity, group in itertools.groupby(found, key=lambda pair: pair[1]):
+        if quantity is not None:
+            names = ", ".join(f"`{name}`" for name, _ in group)
+            texts.append(f"{names} ({quantity.unit}{f' in {quantity.frame}' if quantity.frame else ''})")
+    return ["", f"Units: {'; '.join(texts)}.", ""] if texts else []
+
+
+def constructor(app: Any, what: str, name: str, obj: Any, options: Any, signature: str, returns: str) -> Any:
+    """The signature of a record, without types, or of a system, which is declared with these arguments."""
+    if what == "class" and hasattr(obj, "_fields"):
+        defaults = {name: f"={value!r}" for name, value in obj._field_defaults.items() if not isinstance(value, tuple)}
+        return f"({', '.join(field + defaults.get(field, '') for field in obj._fields)})", ""
+    if what != "class" or not hasattr(obj, "declare") or name.endswith(".FleetSystem"):
+        return None
+    _, *arguments = inspect.signature(obj.declare).parameters.values()
+    return f"({', '.join(['*', 'num_vehicles=1', *(str(each) for each in arguments)])})", ""
+
+
+def skipped(app: Any, what: str, name: str, obj: Any, skip: bool, options: Any) -> bool | None:
+    """Leaves out the fields of records, which the text of the record has, and what is not ours."""
+    if type(obj).__name__ == "_tuplegetter" or "[" in name or name in ("model_config", "ToAutoDiffXd", "ToSymbolic"):
+        return True
+    return True if getattr(obj, "__module__", "").startswith("pydrake") else None
+
+
+def setup(app: Any) -> None:
+    """Tells Sphinx of what is ours."""
+    app.add_directive("pydrake_system", PortBlock)
+    app.connect("autodoc-process-docstring", as_written, priority=400)
+    app.connect("autodoc-process-signature", constructor)
+    app.connect("autodoc-skip-member", skipped)
