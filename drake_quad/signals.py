@@ -6,7 +6,7 @@ World frame W: Z up. Body frame B: x towards rotor 1, y towards rotor 4, z up. T
 from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 
 # One number a vehicle: a float for one, an array for a fleet, or whatever Drake or the compiler put in their place
-# (`drake_quad.framework.elementary`). To a type checker it is a float, so that formulas are checked as if of one vehicle.
+# (`drake_quad.framework.elementary`). To a type checker it is a float: formulas are checked as if of one vehicle.
 Row = float
 
 

@@ -7,10 +7,10 @@ from pydrake.systems.framework import Diagram
 
 from drake_quad.analysis.context_vector import ContextVector
 from drake_quad.analysis.sampled_system import SampledSystem, at_tick, linearize
-from drake_quad.errors import InputError
 from drake_quad.assembly.laboratory import build_laboratory_of, laboratory_recipes, vehicle_parameters
 from drake_quad.assembly.planning import nominal_parameters, plan_route
 from drake_quad.assembly.tracking import build_tracking_diagram
+from drake_quad.errors import InputError
 from drake_quad.randomness.noise import Samples
 from drake_quad.scenario import Batch, Scenario, distributions_in
 from drake_quad.scenario.models import Nominal, Vehicle, Window

@@ -75,7 +75,8 @@ def find_trim(
     def accelerations(scaled: np.ndarray) -> np.ndarray:
         """Linear and angular acceleration (6,) for roll, pitch and rotor speeds in units of `scale`."""
         roll, pitch, *speeds = scaled * scale
-        motion = Motion(roll, pitch, yaw, *velocity, 0.0, 0.0, 0.0)
+        v_x, v_y, v_z = velocity
+        motion = Motion(roll, pitch, yaw, v_x, v_y, v_z, 0.0, 0.0, 0.0)
         rotors = rotor_action(RotorSpeed(*speeds), parameters)
         _, _, _, *rates = equations_of_motion(motion, rotors, Wind(*wind), parameters, KINEMATICS[kinematics])
         return np.array(rates)

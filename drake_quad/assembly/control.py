@@ -127,8 +127,6 @@ def _network(position: Any, plan: Plan, period: float) -> dict[str, Recipe]:
 def antecedents(position: Any) -> Antecedents:
     """The antecedents of the network of a position controller of a scenario, or of a `FleetScenario`."""
     network = position.network
-    inputs = (
-        FuzzySets(sets.scale, tuple(sets.centres), tuple(sets.widths)) for sets in (network.error, network.rate)
-    )
+    inputs = (FuzzySets(sets.scale, tuple(sets.centres), tuple(sets.widths)) for sets in (network.error, network.rate))
     exponents = (network.a1, network.a2, network.q) if position.kind == "pd_t2fnn" else (1.0, 1.0, 0.0)
     return Antecedents(*exponents, *inputs)

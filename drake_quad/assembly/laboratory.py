@@ -214,7 +214,11 @@ def steady_wind(scenario: Scenario) -> Wind:
 
 
 def _total(velocities: list[Wind]) -> Wind:
-    return Wind._make(sum(parts, start=0.0) for parts in zip(*velocities, strict=True)) if velocities else Wind(0.0, 0.0, 0.0)
+    return (
+        Wind._make(sum(parts, start=0.0) for parts in zip(*velocities, strict=True))
+        if velocities
+        else Wind(0.0, 0.0, 0.0)
+    )
 
 
 def _velocity(source: Any) -> Wind:

@@ -17,8 +17,8 @@ from drake_quad.reference.yaw import constant_yaw, yaw_along, yaw_through
 from drake_quad.scenario import Journey, Scenario, distributions_in, routes
 from drake_quad.scenario.limits import LONGEST, MOST_TICKS
 from drake_quad.scenario.routes import CircleRoute, FigureEightRoute, HoverRoute, TrajectoryRoute, WaypointRoute
-from drake_quad.vehicle.inverse_dynamics import RotorDemand, rotor_demand
 from drake_quad.signals import Jerk, Reference, Snap
+from drake_quad.vehicle.inverse_dynamics import RotorDemand, rotor_demand
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters, ThrustFactors
 
 
@@ -44,8 +44,13 @@ def plan_route(journey: Journey) -> Plan:
         case TrajectoryRoute():
             plan = _trajectory(route)
         case WaypointRoute():
-            path = plan_path(route.problem(), _timing(route))
-            plan = Plan(path, _yaw(route, path))
+            problem = route.problem()
+            path = plan_path(problem, _timing(route))
+            if route.heading == "waypoints":
+                yaws = [math.nan if waypoint.yaw is None else waypoint.yaw for waypoint in route.waypoints]
+                plan = Plan(path, yaw_through(passing_times(problem, path), yaws))
+            else:
+                plan = Plan(path, _yaw(route, path))
         case FigureEightRoute():
             eight = figure_eight(
                 lower_height=route.lower_height,
@@ -91,14 +96,9 @@ def _timing(route: WaypointRoute) -> Timing:
 
 
 def _yaw(route: FigureEightRoute | CircleRoute | WaypointRoute, path: PolynomialPath) -> PolynomialPath:
-    match route.heading:
-        case "along_path":
-            return yaw_along(path)
-        case "waypoints":
-            yaws = [math.nan if waypoint.yaw is None else waypoint.yaw for waypoint in route.waypoints]
-            return yaw_through(passing_times(route.problem(), path), yaws)
-        case _:
-            return constant_yaw(path.times[0], path.times[-1], route.yaw)
+    if route.heading == "along_path":
+        return yaw_along(path)
+    return constant_yaw(path.times[0], path.times[-1], route.yaw)
 
 
 def _trajectory(route: TrajectoryRoute) -> Plan:
@@ -137,8 +137,8 @@ def plan_demand(plan: Plan, parameters: QuadrotorParameters, times: np.ndarray) 
     """What a plan asks of a vehicle at given times (samples,), s."""
     position, velocity, acceleration, jerk, snap = (evaluate(plan.path, times, order) for order in range(5))
     ((yaw,), (yaw_rate,), (yaw_acceleration,)) = (evaluate(plan.yaw, times, order) for order in range(3))
-    reference = Reference(*position, *velocity, *acceleration, yaw, yaw_rate)
-    return rotor_demand(reference, Jerk(*jerk), Snap(*snap, yaw_acceleration), parameters)
+    reference = Reference._make([*position, *velocity, *acceleration, yaw, yaw_rate])
+    return rotor_demand(reference, Jerk._make(jerk), Snap._make([*snap, yaw_acceleration]), parameters)
 
 
 def _check_rotors(plan: Plan, parameters: QuadrotorParameters) -> None:

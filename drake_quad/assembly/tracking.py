@@ -6,7 +6,6 @@ reference ──▶ control ──▶ laboratory
 └──▶ monitor, recorder ◀── (all of them)
 """
 
-from collections.abc import Sequence
 from typing import Any
 
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
@@ -19,7 +18,6 @@ from drake_quad.assembly.recorder import build_recorder
 from drake_quad.assembly.user_systems import UserSystems, check_user_systems
 from drake_quad.control.cascade import POSITION_SIGNALS
 from drake_quad.framework.fleet_system import FleetSystem
-from drake_quad.framework.wiring import subsystem
 from drake_quad.laboratory.wind.wind import build_held_wind
 from drake_quad.randomness.noise import NoiseSource, Samples
 from drake_quad.reference.plan import Plan

@@ -41,8 +41,8 @@ class Flight:
         return self.signals[name]
 
     def record(self, name: str) -> Any:
-        """A signal with its rows by name, as in `drake_quad.signals`: (ticks,) arrays, such as `record("state").roll`."""
-        rows = self[name].T
+        """A signal as the record of `drake_quad.signals`, of (ticks,) arrays: `record("state").roll` is the roll."""
+        rows = list(self[name].T)
         return layout_of(SIGNALS[name], rows).build(rows)
 
     def __repr__(self) -> str:
@@ -78,9 +78,7 @@ class Flight:
             )
         }
 
-        metrics = {
-            name: [value if math.isfinite(value) else ""] for name, value in self.metrics._asdict().items()
-        }
+        metrics = {name: [value if math.isfinite(value) else ""] for name, value in self.metrics._asdict().items()}
 
         def save_arrays(path: Path) -> None:
             arrays: dict[str, Any] = {"time": self.time, **self.signals}

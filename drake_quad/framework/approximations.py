@@ -99,7 +99,8 @@ def fused(x: Symbol, y: Any, z: Any) -> Symbol:
 
 def polynomial(x: Symbol, coefficients: Sequence[float]) -> Symbol:
     """The polynomial with these coefficients, that of the power 0 first."""
-    *others, result = coefficients
+    *others, before, last = coefficients
+    result = fused(x, last, before)
     for coefficient in reversed(others):
         result = fused(x, result, coefficient)
     return result

@@ -108,7 +108,7 @@ def minimum(x: Row, y: Row) -> Row:
 
 
 def where(mask: bool, x: _Rows, y: _Rows) -> _Rows:
-    """X, a row or a record of rows, for the vehicles for which the mask is true, y for the others. Not for Expression."""
+    """X, a row or a record, for the vehicles for which the mask is true, y for the others. Not for Expression."""
     if isinstance(mask, _TRUTH):
         return x if mask else y
     if isinstance(x, tuple):

@@ -22,6 +22,7 @@ import inspect
 import sys
 from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
+from dataclasses import dataclass
 from types import MethodType
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -51,7 +52,8 @@ else:
 __all__ = ["TIME", "AutoDiffXd", "Expression", "FleetSystem", "fleet_system"]
 
 
-class Input(NamedTuple):
+@dataclass(frozen=True)
+class Input:
     """An input port.
 
     Attributes:
@@ -75,7 +77,8 @@ class Input(NamedTuple):
         return system.input_port_ticket(self.index)
 
 
-class Parameter(NamedTuple):
+@dataclass(frozen=True)
+class Parameter:
     """A numeric parameter of the context.
 
     Attributes:
@@ -103,7 +106,8 @@ class Parameter(NamedTuple):
         return system.numeric_parameter_ticket(self.index)
 
 
-class StateGroup(NamedTuple):
+@dataclass(frozen=True)
+class StateGroup:
     """A group of the discrete state, or the continuous state.
 
     Attributes:
@@ -152,7 +156,7 @@ class Computation:
         self, formula: Callable[..., Any], reads: Sequence[Any], results: Sequence[Layout], writes: Sequence[StateGroup]
     ) -> None:
         self.formula, self.reads, self.results, self.writes = formula, tuple(reads), tuple(results), tuple(writes)
-        self._timed = TIME in self.reads
+        self._timed = any(read is TIME for read in self.reads)
         # What is read of what is written stands where it will be written.
         places = {write.index: place for place, write in enumerate(writes)}
         self._sources = [
@@ -160,7 +164,7 @@ class Computation:
             for read in self.reads
             if isinstance(read, _Read)
         ]
-        self._kernels: dict[tuple[int, ...], Callable[..., None]] = {}
+        self._kernels: dict[tuple[Any, ...], Callable[..., None]] = {}
 
     def tickets(self, system: "FleetSystem") -> set[Any]:
         """What the result depends on, as Drake asks for it."""
@@ -175,7 +179,8 @@ class Computation:
             self.interpret(system, context, vectors)
             return
         targets = [vector.get_mutable_value() for vector in vectors]
-        sources, absent = [], ()
+        sources: list[Any] = []
+        absent: tuple[Any, ...] = ()
         for read, place in self._sources:
             if place is not None:
                 sources.append(targets[place])
@@ -190,7 +195,8 @@ class Computation:
 
     def interpret(self, system: "FleetSystem", context: Context, vectors: Sequence[Any]) -> None:
         """The same without machine code."""
-        sources, absent = [], ()
+        sources: list[Any] = []
+        absent: tuple[Any, ...] = ()
         for read, place in self._sources:
             vector = read.vector(system, context) if place is None else vectors[place]
             if vector is None:
@@ -208,11 +214,11 @@ class Computation:
         for vector, elements in zip(vectors, results, strict=True):
             vector.SetFromVector(elements.astype(system.scalar))
 
-    def _made(self, absent: tuple[int, ...], *, lone: bool) -> Callable[..., None]:
+    def _made(self, absent: tuple[Any, ...], *, lone: bool) -> Callable[..., None]:
         self._kernels[absent] = kernel(self.formula, self._arguments(absent), self.results, lone=lone).function
         return self._kernels[absent]
 
-    def _arguments(self, absent: tuple[int, ...]) -> tuple[Any, ...]:
+    def _arguments(self, absent: tuple[Any, ...]) -> tuple[Any, ...]:
         """The arguments of the formula where nothing is connected to some input ports."""
         arguments = []
         for read in self.reads:
@@ -250,6 +256,12 @@ class FleetSystem(_Base):
     updates: list["Update"]
     packed: dict[str, Layout]
     _numbers: Any
+
+    def begin(self) -> None:
+        """Makes room for what will be declared."""
+        self.parameters, self.states, self.random_inputs = {}, {}, {}
+        self.outputs, self.updates, self.packed = {}, [], {}
+        self._derivative: Computation | None = None
 
     def declare(self, *args: Any, **options: Any) -> None:
         """Declares ports, state, parameters and events; every subclass has its own."""
@@ -321,7 +333,7 @@ class FleetSystem(_Base):
         self.DeclareVectorOutputPort(name, self._model(layout), MethodType(calc, self), computation.tickets(self))
 
     def packed_output(self, name: str, kind: Any, formula: Callable[..., Any], *reads: Any) -> None:
-        """Declares an output port that packs several signals, for `drake_quad.framework.wiring.split_output` to take apart.
+        """Declares an output port that packs several signals; `drake_quad.framework.wiring.split_output` unpacks them.
 
         Args:
             name: of the port.
@@ -410,7 +422,8 @@ class FleetSystem(_Base):
             context: of this system.
             numbers: as at construction; each row may be an (N,) array.
         """
-        for part in (*self.parameters.values(), *self.states.values()):
+        parts: list[Parameter | StateGroup] = [*self.parameters.values(), *self.states.values()]
+        for part in parts:
             part.mutable_vector(context).SetFromVector(self._elements(part.layout, part.recipe(numbers)))
 
     def get_parameter(self, context: Context, name: str) -> Any:
@@ -522,9 +535,7 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
                 def _construct(self, *, converter: Any = None, num_vehicles: int = 1, **options: Any) -> None:
                     LeafSystem_[T].__init__(self, converter)
                     self.num_vehicles, self._options = num_vehicles, options
-                    self.parameters, self.states, self.random_inputs = {}, {}, {}
-                    self.outputs, self.updates, self.packed = {}, [], {}
-                    self._derivative = None
+                    self.begin()
                     self._numbers = options.get("numbers", default)
                     self.declare(**options)
 

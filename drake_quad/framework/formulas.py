@@ -45,7 +45,8 @@ def kernel(
         TypeError: the formula returns something else, or branches on a row.
     """
     listing = Listing()
-    values, sizes = [], []
+    values: list[Any] = []
+    sizes: list[int] = []
     for argument in arguments:
         if isinstance(argument, Layout):
             rows = [listing.row(len(sizes), place) for place in range(argument.num_rows)]
@@ -84,9 +85,8 @@ def interpret(
     for argument in arguments:
         if isinstance(argument, Layout):
             elements = next(read)
-            values.append(
-                argument.build(elements.tolist() if num_vehicles == 1 else elements.reshape(-1, num_vehicles))
-            )
+            rows: Any = elements.tolist() if num_vehicles == 1 else elements.reshape(-1, num_vehicles)
+            values.append(argument.build(rows))
         else:
             values.append(time if argument is TIME else argument)
     rows = iter(flattened(formula(*values), results))

@@ -29,6 +29,7 @@ from typing import Any
 
 import llvmlite
 import llvmlite.binding as llvm
+
 from drake_quad.files import write_whole
 from drake_quad.framework.symbols import Kind, Listing, Symbol
 

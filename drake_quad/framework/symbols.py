@@ -1,7 +1,7 @@
 """Rows that are not known yet: a formula that is run on them writes itself down.
 
-A formula says what it computes in plain Python. Run once on symbols, it leaves a `Listing` of everything that it did, in
-order, from which machine code is made. What Python decides meanwhile, such as a loop over rules or an `if` on a
+A formula says what it computes in plain Python. Run once on symbols, it leaves a `Listing` of everything that it did,
+in order, from which machine code is made. What Python decides meanwhile, such as a loop over rules or an `if` on a
 constant, is decided once; a row can decide nothing, only select: `drake_quad.framework.elementary.where`.
 """
 

@@ -44,7 +44,9 @@ def declare_delay_line(system: FleetSystem, name: str, initial: Any, longest: in
     if not longest:
         return DelayLine(out, ())
     layout = Layout(tuple, (out.layout,) * longest, out.layout.num_rows * longest)
-    return DelayLine(out, system.state(f"{name}_under_way", lambda numbers: (initial(numbers),) * longest, layout=layout))
+    return DelayLine(
+        out, system.state(f"{name}_under_way", lambda numbers: (initial(numbers),) * longest, layout=layout)
+    )
 
 
 def newest(out: Any, under_way: tuple[Any, ...]) -> Any:

@@ -130,9 +130,7 @@ class FlightMonitor(FleetSystem):
         window: in which ticks count for the metrics.
     """
 
-    def declare(
-        self, *, period: float = 0.02, limits: CrashLimits = CrashLimits(), window: Window = Window()
-    ) -> None:
+    def declare(self, *, period: float = 0.02, limits: CrashLimits = CrashLimits(), window: Window = Window()) -> None:
         """Declares the system."""
         self._period = period
         state, reference = self.input("state"), self.input("reference")

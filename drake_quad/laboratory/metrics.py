@@ -18,11 +18,11 @@ from typing import Annotated, Any, NamedTuple, get_args, get_type_hints
 import numpy as np
 
 from drake_quad.framework.elementary import maximum, minimum
-from drake_quad.signals import Acceleration, Number, PositionError, Quantity, Row, Time
+from drake_quad.signals import Acceleration, PositionError, Quantity, Row
 
-_Length = Annotated[Row, Quantity("m")]
-_Effort = Annotated[Row, Quantity("m²/s⁴")]
-_Variation = Annotated[Row, Quantity("m/s³")]
+_Length = Annotated[Any, Quantity("m")]
+_Effort = Annotated[Any, Quantity("m²/s⁴")]
+_Variation = Annotated[Any, Quantity("m/s³")]
 
 
 class PerAxis(NamedTuple):
@@ -85,8 +85,8 @@ class Metrics(NamedTuple):
     variation_x: _Variation
     variation_y: _Variation
     variation_z: _Variation
-    saturation_share: Number
-    crash_time: Time
+    saturation_share: Annotated[Any, Quantity("1")]
+    crash_time: Annotated[Any, Quantity("s")]
 
     @property
     def crashed(self) -> Any:
@@ -116,8 +116,7 @@ def add_tick(sums: Sums, error: PositionError, command: Acceleration, saturated:
         error=PerAxis(sums.error.x + e_x, sums.error.y + e_y, sums.error.z + e_z),
         effort=PerAxis._make(total + u * u for total, u in zip(sums.effort, command, strict=True)),
         variation=PerAxis._make(
-            total + started * abs(u - last)
-            for total, u, last in zip(sums.variation, command, sums.last, strict=True)
+            total + started * abs(u - last) for total, u, last in zip(sums.variation, command, sums.last, strict=True)
         ),
         last=PerAxis(*command),
     )
@@ -134,11 +133,17 @@ def summarized(sums: Sums, crash_time: np.ndarray, period: float) -> Metrics:
     ticks = np.where(sums.ticks > 0.0, sums.ticks, np.nan)
     time = np.where(sums.ticks > 1.0, sums.ticks - 1.0, np.nan) * period
     return Metrics(
-        np.sqrt(np.sum(sums.error, axis=0) / ticks),
-        *(np.sqrt(total / ticks) for total in sums.error),
-        np.sqrt(sums.peak * np.where(sums.ticks > 0.0, 1.0, np.nan)),
-        *(total / ticks for total in sums.effort),
-        *(total / time for total in sums.variation),
-        sums.saturated / ticks,
-        crash_time,
+        rmse=np.sqrt((sums.error.x + sums.error.y + sums.error.z) / ticks),
+        rmse_x=np.sqrt(sums.error.x / ticks),
+        rmse_y=np.sqrt(sums.error.y / ticks),
+        rmse_z=np.sqrt(sums.error.z / ticks),
+        peak_error=np.sqrt(sums.peak * np.where(sums.ticks > 0.0, 1.0, np.nan)),
+        effort_x=sums.effort.x / ticks,
+        effort_y=sums.effort.y / ticks,
+        effort_z=sums.effort.z / ticks,
+        variation_x=sums.variation.x / time,
+        variation_y=sums.variation.y / time,
+        variation_z=sums.variation.z / time,
+        saturation_share=sums.saturated / ticks,
+        crash_time=crash_time,
     )

@@ -107,9 +107,7 @@ class NoiseSource(FleetSystem):
         """Declares the system."""
         self.streams = tuple(streams)
         self._numbers_of_streams = self.DeclareAbstractParameter(AbstractValue.Make(self._made(numbers)))
-        self.packed = {
-            stream.name: Layout(tuple, (ROW,) * stream.num_rows, stream.num_rows) for stream in self.streams
-        }
+        self.packed = {stream.name: Layout(tuple, (ROW,) * stream.num_rows, stream.num_rows) for stream in self.streams}
         size = sum(stream.num_rows for stream in self.streams) * self.num_vehicles
         uses = {self.time_ticket(), self.all_parameters_ticket()}
         self.DeclareVectorOutputPort("random", BasicVector_[self.scalar](size), self._calc, uses)

@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -74,10 +75,10 @@ class Plan:
         path, yaw = refined(self.path, self.yaw.times), refined(self.yaw, self.path.times)
         position, velocity, acceleration, jerk, snap = (_axes(path_derivative(path, order)) for order in range(5))
         (angle,), (rate,), (angular_acceleration,) = (_axes(path_derivative(yaw, order)) for order in range(3))
-        rows = [
-            *Reference(*position, *velocity, *acceleration, angle, rate),
-            *Jerk(*jerk),
-            *Snap(*snap, angular_acceleration),
+        rows: list[Any] = [
+            *Reference._make([*position, *velocity, *acceleration, angle, rate]),
+            *Jerk._make(jerk),
+            *Snap._make([*snap, angular_acceleration]),
         ]
         return _piecewise_polynomial(path.times, rows)
 

@@ -130,7 +130,7 @@ def type_2_beats_type_1(found: Experiment) -> Claim:
         for controller in _TYPE_2:
             share = compare(found.cells[Cell(wind, controller)], found.cells[Cell(wind, "pd_t1fnn")]).share
             gains[wind, controller] = reduction(share)
-    windy = {cell: gain for cell, gain in gains.items() if cell[0] != "no_wind"}
+    windy = {(wind, name): gain for (wind, name), gain in gains.items() if wind != "no_wind"}
     printed = [
         1.0 - printed_table()[Cell(wind, name)].rmse.mean / printed_table()[Cell(wind, "pd_t1fnn")].rmse.mean
         for wind, name in windy
@@ -373,7 +373,7 @@ def _rmse(sweep: Sweep, number: str, value: float, controller: str) -> np.ndarra
 
 
 def _advantage(sweep: Sweep, number: str, value: float) -> Interval:
-    """The same for the better one of the controllers of type 2."""
+    """The share by which the better controller of type 2 is better than type 1, with a value of a number."""
     return max((advantage(sweep, number, value, name) for name in _TYPE_2), key=lambda gain: gain.value)
 
 

@@ -121,12 +121,12 @@ def fly_experiment(
     legs = [jobs.submit("legs", sizes.grid**2, fly_legs, pd, gains, [sample]) for sample in range(sizes.legs)]
 
     jobs.work(progress)
-    write_recorded(folder / "recorded.csv", {cell: job.result[1] for cell, job in recorded.items()})
+    write_recorded(folder / "recorded.csv", {cell: job.result.measures for cell, job in recorded.items()})
     for name, (_, settings, count) in sweeps.items():
         metrics = Metrics(*_joined(parts[name], axis=0))
         Sweep(settings, np.arange(count), metrics).save(folder / f"{name}.csv")
     Sweep(gains, np.arange(sizes.legs), LegMetrics(*_joined(legs, axis=1))).save(folder / "legs.csv")
-    return {cell: job.result[0] for cell, job in recorded.items()}
+    return {cell: job.result.first for cell, job in recorded.items()}
 
 
 def _fly_cell(scenario: Scenario, count: int, folder: Path) -> None:
@@ -147,7 +147,19 @@ def _fly_cell(scenario: Scenario, count: int, folder: Path) -> None:
         raise RuntimeError(f"sample {sample} of {scenario.name} could not be flown: {reason}")
 
 
-def _record_cell(scenario: Scenario, count: int, folder: Path, recorded: int) -> tuple[Flight, dict[str, np.ndarray]]:
+class _Recorded(NamedTuple):
+    """What is kept of the recorded samples of a cell.
+
+    Attributes:
+        first: the flight of sample 0.
+        measures: (recorded,) values by name.
+    """
+
+    first: Flight
+    measures: dict[str, np.ndarray]
+
+
+def _record_cell(scenario: Scenario, count: int, folder: Path, recorded: int) -> _Recorded:
     """Flies a cell as `_fly_cell` does, its first samples with all signals.
 
     Args:
@@ -155,9 +167,6 @@ def _record_cell(scenario: Scenario, count: int, folder: Path, recorded: int) ->
         count: of samples.
         folder: of the study.
         recorded: how many of them are flown with all signals.
-
-    Returns:
-        The flight of sample 0, and the (recorded,) measures by name.
     """
     flights = simulate_samples(scenario, range(recorded))
     with open_study(folder, scenario, count, _duration(scenario), UserSystems(), resume=True) as rows:
@@ -167,10 +176,11 @@ def _record_cell(scenario: Scenario, count: int, folder: Path, recorded: int) ->
             rows.add_rows(rows_of(Batch.draw(scenario, new), metrics))
     _fly_cell(scenario, count, folder)
     numbers = [measures(flight) for flight in flights]
-    return flights[0], {name: np.array([each[name] for each in numbers]) for name in numbers[0]}
+    return _Recorded(flights[0], {name: np.array([each[name] for each in numbers]) for name in numbers[0]})
 
 
 def _duration(scenario: Scenario) -> float:
+    """The duration of a flight, s."""
     return flight_duration(scenario, plan_route(scenario))
 
 

@@ -343,11 +343,11 @@ def advantage_figure(found: Experiment) -> Figure:
             axes.axhspan(0.02, 0.07, color="0.88", linewidth=0.0, label="claimed, 2 to 7 %")
             axes.axhline(0.0, **LIMIT)
             for name, marker in (("pd_t2fnn", "o"), ("pd_t2fnn_wide", "s")):
-                gains = np.array([advantage(sweep, number, value, name) for value in values])
-                reach = np.abs(gains[:, 1:] - gains[:, :1]).T
+                gain, low, high = np.transpose([advantage(sweep, number, value, name) for value in values])
+                reach = np.abs([low - gain, high - gain])
                 color, style = _LINES[name]
                 own = {"color": color, "linestyle": style, "marker": marker, "markersize": 3.0, "capsize": 2.0}
-                axes.errorbar(size * np.array(values), gains[:, 0], reach, label=CONTROLLERS[name], **own)
+                axes.errorbar(size * np.array(values), gain, reach, label=CONTROLLERS[name], **own)
             axes.set_xlabel(label)
         left.set_ylabel("RMSE less than type 1's")
         left.yaxis.set_major_formatter(PercentFormatter(1.0))

@@ -7,8 +7,8 @@ from drake_quad.errors import InputError, listed, shortened, shown
 from drake_quad.scenario.distributions import DISTRIBUTIONS
 from drake_quad.scenario.documents import parse_document
 from drake_quad.scenario.limits import MOST_BASES, MOST_BYTES, MOST_NODES
-from drake_quad.scenario.reading import read_text
 from drake_quad.scenario.marked_tree import Mark, Tree
+from drake_quad.scenario.reading import read_text
 from drake_quad.scenario.waypoint_table import parse_waypoint_table
 
 _SUFFIXES = (".yaml", ".yml", ".csv")

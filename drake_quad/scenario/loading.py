@@ -12,9 +12,9 @@ from drake_quad.errors import InputError, shortened, shown
 from drake_quad.scenario.distributions import DISTRIBUTIONS
 from drake_quad.scenario.library import Library, merged
 from drake_quad.scenario.limits import MOST_LEVELS
+from drake_quad.scenario.marked_tree import Mark, Tree
 from drake_quad.scenario.models import Journey, Scenario
 from drake_quad.scenario.paths import joined
-from drake_quad.scenario.marked_tree import Mark, Tree
 
 _TAGS = ("number", *DISTRIBUTIONS)
 # Characters of an override, or of the path of a field, that a message shows; the longest path has seventy.

@@ -36,14 +36,15 @@ from drake_quad.scenario.quantities import (
 )
 from drake_quad.scenario.routes import Route
 from drake_quad.scenario.wind import Wind
-from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.parameters import QuadrotorParameters, ThrustFactors
 
 # What a scenario may be called, and with it folders and files.
 NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
 
 
 _PAPER = QuadrotorParameters()
-_Positive, _NonNegative = TypeVar("_Positive"), TypeVar("_NonNegative")
+_Positive = TypeVar("_Positive")
+_NonNegative = TypeVar("_NonNegative")
 
 
 def _paper(name: str, symbol: str) -> Any:
@@ -51,6 +52,8 @@ def _paper(name: str, symbol: str) -> Any:
     value, hint = getattr(_PAPER, name), get_type_hints(QuadrotorParameters, include_extras=True)[name]
     if isinstance(value, tuple):
         hint = next(iter(get_type_hints(type(value), include_extras=True).values()))
+    if isinstance(value, ThrustFactors):
+        value = value.rotor_1  # the paper's rotors are alike
     _, quantity = get_args(hint)
     return Field(default=value, description=f"{symbol} ({quantity.unit})")
 
@@ -63,7 +66,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
         "inertia", "I_xx, I_yy, I_zz"
     )
     rotor_inertia: _NonNegative = _paper("rotor_inertia", "J_r")
-    thrust_factor: _Positive = Field(default=_PAPER.thrust_factor.rotor_1, description="b (N s²)")
+    thrust_factor: _Positive = _paper("thrust_factor", "b")
     drag_factor: _Positive = _paper("drag_factor", "d")
     arm_length: _Positive = _paper("arm_length", "l")
     gravity: _Positive = _paper("gravity", "g")
@@ -100,7 +103,7 @@ class Vehicle(Airframe[Positive, NonNegative]):
         default=(0.0, 0.0, 0.0, 0.0), description="by which each rotor's thrust factor is off, as a share of b (1)"
     )
     centre_of_mass: Annotated[tuple[Number, Number], Field(strict=False)] = Field(
-        default=tuple(_PAPER.centre_of_mass), description="x and y in B, seen from the middle of the rotors (m)"
+        default=(0.0, 0.0), description="x and y in B, seen from the middle of the rotors (m)"
     )
     linear_drag: NonNegative = _paper("linear_drag", "drag force over airspeed")
     quadratic_drag: NonNegative = _paper("quadratic_drag", "drag force over squared airspeed")

@@ -5,7 +5,7 @@ from typing import Any
 from pydantic import ValidationError
 
 from drake_quad.errors import InputError
-from drake_quad.scenario.distributions import Distribution, Model
+from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import value_at
 
@@ -33,7 +33,8 @@ def with_number(scenario: Scenario, path: str, value: float) -> Scenario:
     """
     value_at(scenario, path)
     whole: Any = scenario.model_dump(mode="json")
-    tree = node = scenario.model_dump(mode="json", exclude_unset=True)
+    tree = scenario.model_dump(mode="json", exclude_unset=True)
+    node: Any = tree
     keys = [int(step) if step.isdecimal() else step for step in path.split(".")]
     for key in keys[:-1]:
         whole = whole[key]

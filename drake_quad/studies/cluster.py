@@ -6,9 +6,9 @@ from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
 from typing import Any
 
+from drake_quad.errors import InputError
 from drake_quad.studies.crew import Crew, Outcome, attempt, failed
 from drake_quad.studies.provenance import difference, provenance
-from drake_quad.errors import InputError
 
 # Longer than a handshake, and than an answer of a scheduler on a machine that has much else to do, s.
 _HANDSHAKE, _PATIENCE = 10.0, 30.0

@@ -4,9 +4,9 @@ from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from drake_quad.flight import StudyFleet
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario import Scenario
-from drake_quad.flight import StudyFleet
 
 
 def fly_samples(

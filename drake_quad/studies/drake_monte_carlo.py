@@ -6,11 +6,11 @@ import numpy as np
 from pydrake.common import RandomGenerator
 from pydrake.systems.analysis import MonteCarloSimulation, Simulator
 
+from drake_quad.assembly.planning import flight_duration, plan_route
+from drake_quad.assembly.tracking import build_tracking_diagram
 from drake_quad.flight.simulation import read_metrics
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.scenario import Scenario, draw_sample
-from drake_quad.assembly.tracking import build_tracking_diagram
 
 
 def drake_monte_carlo(scenario: Scenario, num_samples: int, seed: int | None = None) -> Metrics:

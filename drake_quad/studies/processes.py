@@ -14,8 +14,8 @@ from contextlib import contextmanager, suppress
 from multiprocessing.connection import Connection, wait
 from typing import Any
 
-from drake_quad.studies.crew import Crew, Outcome, attempt, failed
 from drake_quad.errors import InputError
+from drake_quad.studies.crew import Crew, Outcome, attempt, failed
 
 _MOST = 2**31 - 1
 

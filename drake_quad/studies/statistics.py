@@ -10,8 +10,8 @@ from typing import Any, NamedTuple
 import numpy as np
 from scipy import stats
 
-from drake_quad.studies.study import Study
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.studies.study import Study
 
 CONFIDENCE = 0.95
 

@@ -155,9 +155,7 @@ class Record(BaseModel):
     columns: dict[str, str]
 
     @classmethod
-    def of(
-        cls, scenario: Scenario, num_samples: int, duration: float, own: UserSystems
-    ) -> "Record":
+    def of(cls, scenario: Scenario, num_samples: int, duration: float, own: UserSystems) -> "Record":
         """The record of a study that begins.
 
         Args:

@@ -8,6 +8,9 @@ from typing import Any
 import numpy as np
 
 from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.errors import InputError
+from drake_quad.files import output_folder, write_table, write_whole
+from drake_quad.scenario import Scenario, load_scenario, save_scenario
 from drake_quad.studies.crew import Outcome
 from drake_quad.studies.results_file import Found, ResultsFile, open_results, write_results
 from drake_quad.studies.study import (
@@ -22,9 +25,6 @@ from drake_quad.studies.study import (
     format_of,
     read_record,
 )
-from drake_quad.errors import InputError
-from drake_quad.files import output_folder, write_table, write_whole
-from drake_quad.scenario import Scenario, load_scenario, save_scenario
 
 
 class StudyRows:

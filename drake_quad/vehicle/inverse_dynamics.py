@@ -30,9 +30,7 @@ class RotorDemand(NamedTuple):
     wrench: Wrench
 
 
-def rotor_demand(
-    reference: Reference, jerk: Jerk, snap: Snap, parameters: QuadrotorParameters
-) -> RotorDemand:
+def rotor_demand(reference: Reference, jerk: Jerk, snap: Snap, parameters: QuadrotorParameters) -> RotorDemand:
     """Returns what the vehicle needs to follow a trajectory in still air without drag, rotors without lag.
 
     The gyroscopic torque of the rotors' residual speed is left out: it is that of the difference between four nearly
@@ -50,9 +48,7 @@ def rotor_demand(
     )
     tilt = tilt_of(specific_thrust)
     p, q, r = rates = body_rates(tilt, turned_jerk, reference.yaw_rate)
-    p_dot, q_dot, r_dot = angular_accelerations(
-        tilt, rates, turned_jerk, turned_snap, reference.yaw_rate, snap.yaw
-    )
+    p_dot, q_dot, r_dot = angular_accelerations(tilt, rates, turned_jerk, turned_snap, reference.yaw_rate, snap.yaw)
     i_xx, i_yy, i_zz = parameters.inertia
     wrench = Wrench(
         parameters.mass * tilt.thrust,

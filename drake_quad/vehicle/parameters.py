@@ -2,8 +2,7 @@
 
 from typing import Annotated, NamedTuple
 
-from drake_quad.signals import Row
-from drake_quad.signals import Quantity
+from drake_quad.signals import Quantity, Row
 
 _Mass = Annotated[Row, Quantity("kg")]
 _Inertia = Annotated[Row, Quantity("kg m²", "B")]

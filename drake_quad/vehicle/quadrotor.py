@@ -5,7 +5,7 @@ from typing import Literal, NamedTuple
 from pydrake.systems.framework import Context
 
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, Expression, FleetSystem, fleet_system
-from drake_quad.signals import Angle, PositionW, Row, State, Wind
+from drake_quad.signals import Angle, PositionW, RotorSpeed, State, Wind
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rigid_kinematics, small_angle_kinematics
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -48,7 +48,7 @@ def _body(state: VehicleState) -> State:
     return state.body
 
 
-def _rotors(state: VehicleState) -> Row:
+def _rotors(state: VehicleState) -> RotorSpeed:
     return state.rotors
 
 
@@ -114,9 +114,7 @@ class Quadrotor(FleetSystem):
             body = self.state("state", lambda numbers: hover(numbers.parameters, numbers.start).body)
             rotors = self.state("rotor_speed", lambda numbers: hover(numbers.parameters, numbers.start).rotors)
             reads = body, rotors, *inputs, parameters, faults, time, time_step, motion
-            self.update(
-                time_step, quadrotor_step, *reads, writes=[body, rotors], unrestricted=True, at_start=False
-            )
+            self.update(time_step, quadrotor_step, *reads, writes=[body, rotors], unrestricted=True, at_start=False)
             self.state_output(body)
             self.state_output(rotors)
         else:

@@ -84,7 +84,7 @@ def plot_nyquist(design: CascadeDesign) -> Figure:
             axes.plot(response.real, response.imag, color=BLUE, label="L")
             turn = np.linspace(0.0, 2.0 * np.pi, 200)
             axes.plot(np.cos(turn), np.sin(turn), label="|L| = 1", **LIMIT)
-            # L stays outside of a disk around -1, by the disk margin α: from -1 / (1 + α/2) · (1 - α/2) to its inverse.
+            # The disk of a disk margin α reaches from -(1 - α/2) / (1 + α/2) on the real axis to the inverse of that.
             low = (1.0 - 0.5 * loop.margins.disk) / (1.0 + 0.5 * loop.margins.disk)
             middle, radius = -0.5 * (low + 1.0 / low), 0.5 * (1.0 / low - low)
             axes.fill(

@@ -49,13 +49,13 @@ def number_legs(axes: Axes, plan: Plan, *, distance: float = 11.0) -> None:
         plan: with the legs.
         distance: of the number from the path, in points.
     """
-    for number, place, beside in leg_marks(plan):
+    for number, (x, y, _), (right_x, right_y) in leg_marks(plan):
         # The number of a leg that is a point from above would lie on top of others.
-        if np.any(beside):
+        if right_x or right_y:
             axes.annotate(
                 str(number),
-                (place[0], place[1]),
-                (distance * beside[0], distance * beside[1]),
+                (x, y),
+                (distance * right_x, distance * right_y),
                 textcoords="offset points",
                 ha="center",
                 va="center",

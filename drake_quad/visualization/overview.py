@@ -66,9 +66,9 @@ def plot_study(studies: Study | Mapping[str, Study], name: str = "rmse") -> tupl
             ("mean", means, 1.0, f"mean {metric_label(name)}", BLACK),
             ("crashes", crashes, 100.0, "crashed (%)", VERMILION),
         ):
-            values = size * np.array(intervals)
-            reach = np.abs(values[:, 1:] - values[:, :1]).T
-            axes[part].errorbar(values[:, 0], range(len(found)), xerr=reach, fmt="o", color=color, capsize=3.0)
+            value, low, high = size * np.transpose(intervals)
+            reach = np.abs([low - value, high - value])
+            axes[part].errorbar(value, range(len(found)), xerr=reach, fmt="o", color=color, capsize=3.0)
             axes[part].set_yticks(range(len(found)), list(found))
             axes[part].set_ylim(len(found) - 0.5, -0.5)
             axes[part].set_xlabel(label)

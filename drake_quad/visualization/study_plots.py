@@ -106,16 +106,16 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
         figure = new_figure(9.0, 3.8)
         left, right = figure.subplots(1, 2)
         for (controller, study), (color, style) in zip(studies.items(), cycle(_LINES), strict=False):
-            count, *ends = _running(study, name)
-            left.plot(count, ends[0], color=color, linestyle=style, label=controller)
-            left.fill_between(count, ends[1], ends[2], color=color, alpha=0.15, linewidth=0.0)
+            count, mean, low, high = _running(study, name)
+            left.plot(count, mean, color=color, linestyle=style, label=controller)
+            left.fill_between(count, low, high, color=color, alpha=0.15, linewidth=0.0)
             stops = np.unique(np.geomspace(min(20, len(study.samples)), len(study.samples), 60).astype(int))
             values = study.metrics.crashed if crashes else getattr(study.metrics, name)
             estimate = _share_of_true if crashes else _upper_quantile
             found = np.array([estimate(values[:stop]) for stop in stops])
-            found[~np.isfinite(found)] = np.nan
-            right.plot(stops, found[:, 0], color=color, linestyle=style, label=controller)
-            right.fill_between(stops, found[:, 1], found[:, 2], color=color, alpha=0.15, linewidth=0.0)
+            value, low, high = np.where(np.isfinite(found), found, np.nan).T
+            right.plot(stops, value, color=color, linestyle=style, label=controller)
+            right.fill_between(stops, low, high, color=color, alpha=0.15, linewidth=0.0)
         left.set_title("mean of the flights that went to the end", loc="left")
         left.set_ylabel(metric_label(name))
         right.set_title("crashes" if crashes else "95 % quantile", loc="left")

@@ -93,9 +93,7 @@ class CovarianceLaw(NamedTuple):
         ]  # g = P W
         variance = dot(firing, information)  # c
         factor = period / (1.0 + period * variance)
-        left = tuple(
-            [memory_ij - factor * information[i] * information[j] for (i, j), memory_ij in covariance.items()]
-        )
+        left = tuple([memory_ij - factor * information[i] * information[j] for (i, j), memory_ij in covariance.items()])
         step = self.gain * signal * log_of_1_plus(period * variance) / variance
         after = tuple([f - step * g for f, g in zip(weights, information, strict=True)])
         filled = maximum(1.0 - trace(left) / (size * self.initial_covariance), 0.0)

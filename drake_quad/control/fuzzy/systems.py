@@ -216,7 +216,8 @@ class WeightLearning(FleetSystem):
             "weights", lambda numbers: ((numbers.initial_weight,) * num_rules,) * len(axes), layout=per_axis
         )
         rows = len(law.memory(num_rules))
-        memory, writes = ((),) * len(axes), [weights]
+        memory: Any = ((),) * len(axes)
+        writes = [weights]
         if rows:
             memory = self.state(
                 law.memory_name,
@@ -224,12 +225,12 @@ class WeightLearning(FleetSystem):
                 layout=_layout(len(axes), rows),
             )
             writes = [weights, memory]
+        last = learning, TIME if ticks else 0.0, axes, period, ticks
         if law.learns_from == "surface":
-            signals, formula = (self.input("error"), self.input("error_rate")), learned_from_surface
+            reads = weights, memory, firing, self.input("error"), self.input("error_rate"), *last
+            self.update(period, learned_from_surface, *reads, writes=writes)
         else:
-            signals, formula = (self.input("pd"),), learned_from_command
-        reads = weights, memory, firing, *signals, learning, TIME if ticks else 0.0, axes, period, ticks
-        self.update(period, formula, *reads, writes=writes)
+            self.update(period, learned_from_command, weights, memory, firing, self.input("pd"), *last, writes=writes)
         self.output("correction", network_output, weights, firing, axes)
         self.state_output(weights)
         if law.memory_name == "covariance":

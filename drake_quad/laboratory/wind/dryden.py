@@ -16,14 +16,14 @@ are 1, ½, ½. So σ is delivered whatever the step.
 """
 
 import math
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from pydrake.common import RandomDistribution
 from scipy.special import gammainc
 
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.signals import Angle, Number, Quantity, Row, VelocityW, Wind
+from drake_quad.signals import Angle, Number, Row, VelocityW, Wind
 
 FOOT, KNOT = 0.3048, 1852.0 / 3600.0
 # The specification's wind at 20 feet, m/s.

@@ -160,11 +160,11 @@ class Fans(FleetSystem):
         output_ports:
         - wind
 
-    `wind` is the sum of the jets at the vehicle's position, and their turbulence: alike in all directions, a first-order
-    Gauss–Markov process in time, with the root of the jets' summed variances for deviation and a half-width over the
-    speed of the air, which is about what an eddy takes to go by, for time scale. `jet_noise` is random: normal numbers,
-    new ones at every sample. A simulator that goes on with a flight must suppress initialization events, which begin
-    the turbulence anew.
+    `wind` is the sum of the jets at the vehicle's position and of their turbulence. The turbulence is alike in all
+    directions, a first-order Gauss–Markov process in time; its standard deviation is the root of the jets' summed
+    variances, its time scale a half-width of the jet over the speed of the air, about what an eddy takes to go by.
+    `jet_noise` is random: normal numbers, new ones at every sample. A simulator that goes on with a flight must
+    suppress initialization events, which begin the turbulence anew.
 
     The states are `wind` and `eddies`, the only parameter of the context is `jets`.
 

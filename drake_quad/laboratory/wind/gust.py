@@ -51,8 +51,8 @@ class Gust(FleetSystem):
         output_ports:
         - wind
 
-    `wind` is the gust's velocity times `gust_share`; what is held over a period is that of its middle. The only state is
-    `wind`, the only parameter of the context `gust`.
+    `wind` is the gust's velocity times `gust_share`, over each period that of its middle. The only state is `wind`, the
+    only parameter of the context `gust`.
 
     Args:
         num_vehicles: N.

@@ -38,9 +38,7 @@ class SteadyWind(FleetSystem):
         self.output("wind", _unchanged, self.parameter("velocity", lambda velocity: velocity))
 
 
-def build_wind(
-    sources: Mapping[str, Any], *, streams: Mapping[str, list[Stream]], num_vehicles: int = 1
-) -> Diagram:
+def build_wind(sources: Mapping[str, Any], *, streams: Mapping[str, list[Stream]], num_vehicles: int = 1) -> Diagram:
     """Builds the diagram `wind`, the sum of its sources; still air if there are none.
 
     .. pydrake_system::

@@ -1,4 +1,4 @@
-"""Flights as a single page that any browser replays, without a network."""
+"""Flights as a single page that any browser replays, without access to the internet."""
 
 import html
 from collections.abc import Iterable, Mapping

@@ -16,12 +16,12 @@ from drake_quad.visualization.style import BLUE, ORANGE, SKY, VERMILION
 # A propeller of 8 inches, as on the paper's vehicle.
 _PROPELLER = 0.1
 _ARM, _BLADE = (0.022, 0.014), (0.018, 0.004)
-# Above the middle of the arms.
+# Height of the rotors above the middle of the arms.
 _ROTOR_HEIGHT = 0.035
 _FAN_DEPTH = 0.25
-# Rotors turn at 200 rad/s; at 30 frames a second they would seem to stand still, so they are shown slower by this.
+# Rotors turn at 200 rad/s, and at 30 frames a second would seem to stand still. They are shown slower by this factor.
 _SLOW_MOTION = 0.1
-# m of an arrow for a wind of 1 m/s.
+# Length of the arrow for a wind of 1 m/s.
 _WIND_SCALE = 0.15
 # Time in which a vehicle leaves a piece of its trail, s.
 TRAIL_PIECE = 0.25
