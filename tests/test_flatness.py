@@ -8,7 +8,8 @@ from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.math import RollPitchYaw
 
-from drake_quad.flatness import angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
+from drake_quad.flatness import HeadingVector, angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
+from drake_quad.signals import Acceleration
 
 vectors = st.tuples(*[st.floats(-4.0, 4.0)] * 3).map(np.array)
 rates = st.floats(-1.0, 1.0)
@@ -16,8 +17,12 @@ angles = st.floats(-math.pi, math.pi)
 G = np.array([0.0, 0.0, 9.81])
 
 
+def turned(vector, yaw):
+    return in_heading(Acceleration(*vector), math.sin(yaw), math.cos(yaw))
+
+
 def tilt_at(thrust, yaw):
-    return tilt_of(in_heading(thrust, math.sin(yaw), math.cos(yaw)))
+    return tilt_of(turned(thrust, yaw))
 
 
 @given(vectors, angles, st.sampled_from([1.0, -1.0]))
@@ -32,7 +37,7 @@ def test_the_thrust_lies_along_the_body_s_axis(acceleration, yaw, up):
 def test_is_eq_7_at_zero_yaw():
     u_x, u_y, u_z = 1.2, -0.7, 0.5
     mass = 0.68
-    tilt = tilt_of((u_x, u_y, u_z + 9.81))
+    tilt = tilt_of(HeadingVector(u_x, u_y, u_z + 9.81))
     roll, pitch = attitude_of(tilt)
     assert mass * tilt.thrust == pytest.approx(mass * math.sqrt((u_z + 9.81) ** 2 + u_x**2 + u_y**2))
     assert pitch == pytest.approx(math.atan(u_x / (u_z + 9.81)))
@@ -47,7 +52,7 @@ def test_rates_and_accelerations_are_derivatives(acceleration, jerk, snap, yaw, 
         heading = yaw + yaw_rate * time + 0.5 * yaw_acceleration * time**2
         turning = yaw_rate + yaw_acceleration * time
         tilt = tilt_at(thrust, heading)
-        resolved = [in_heading(vector, math.sin(heading), math.cos(heading)) for vector in (jerk + snap * time, snap)]
+        resolved = [turned(vector, heading) for vector in (jerk + snap * time, snap)]
         p_q_r = body_rates(tilt, resolved[0], turning)
         return (
             np.array([*attitude_of(tilt), heading]),

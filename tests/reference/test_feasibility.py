@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
 
-from drake_quad.errors import InputError
 from drake_quad.assembly.planning import plan_demand, plan_route
+from drake_quad.errors import InputError
 from drake_quad.reference.feasibility import first_violation, sample_times
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.plan import Plan
@@ -16,7 +16,7 @@ CLIMB = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 1.0]], [0.0, 2.0])
 def check(path, **limits):
     limits = {"min_rotor_speed": 60.0, "max_rotor_speed": 300.0, **limits}
     times = sample_times(path)
-    return first_violation(times, plan_demand(Plan.facing(path), TABLE_I, times).rotor_speed, **limits)
+    return first_violation(times, np.array(plan_demand(Plan.facing(path), TABLE_I, times).rotor_speed), **limits)
 
 
 def test_a_climb_breaks_the_limit_where_its_acceleration_says():

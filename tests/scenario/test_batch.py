@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from drake_quad import InputError, load_scenario
-from drake_quad.scenario import distributions_in, draw_sample, draw_samples
+from drake_quad import InputError
+from drake_quad.scenario import Batch, distributions_in, draw_sample, load_scenario, save_scenario
+from drake_quad.scenario.paths import value_at
 
 DISTRIBUTIONS = {
     "{uniform: {min: 0.6, max: 0.8}}": stats.uniform(0.6, 0.2),
@@ -22,13 +23,13 @@ def study(diagrams):
 
 @pytest.mark.parametrize("written", DISTRIBUTIONS)
 def test_drawn_values_have_the_distribution_that_is_written(study, written):
-    masses = draw_samples(study(f"vehicle.mass={written}"), range(4000)).vehicle.mass
+    masses = Batch.draw(study(f"vehicle.mass={written}"), range(4000)).varying["vehicle.mass"]
     assert stats.kstest(masses, DISTRIBUTIONS[written].cdf).pvalue > 1e-3
 
 
 def test_choices_are_equally_likely(study):
-    rotors = draw_samples(study("vehicle.rotor_failure={rotor: {choice: [1, 2, 4]}, time: 3}"), range(3000))
-    values, counts = np.unique(rotors.vehicle.rotor_failure.rotor, return_counts=True)
+    batch = Batch.draw(study("vehicle.rotor_failure={rotor: {choice: [1, 2, 4]}, time: 3}"), range(3000))
+    values, counts = np.unique(batch.varying["vehicle.rotor_failure.rotor"], return_counts=True)
     assert values.tolist() == [1.0, 2.0, 4.0]
     assert stats.chisquare(counts).pvalue > 1e-3
 
@@ -39,27 +40,29 @@ def test_one_sample_alone_is_the_same_as_among_many(study):
         "control.position.k_p=[{uniform: {min: 0.5, max: 1}}, 0.8, {normal: {mean: 4, standard_deviation: 1, min: 1}}]",
         "laboratory.wind=[{kind: steady, velocity: [{normal: {mean: 0, standard_deviation: 2}}, 0, 0]}]",
     )
-    many = draw_samples(scenario, range(20), seed=9)
+    many = Batch.draw(scenario, range(20), seed=9)
+    drawn = ["vehicle.mass", "control.position.k_p.0", "control.position.k_p.2", "laboratory.wind.0.velocity.0"]
+    assert sorted(many.varying) == sorted(drawn)
     for i in (0, 13):
         one = draw_sample(scenario, i, seed=9)
-        assert distributions_in(one) == []
+        assert distributions_in(one) == {}
         assert (one.seed, one.sample) == (9, i)
-        assert one.vehicle.mass == many.vehicle.mass[i]
-        assert one.control.position.k_p == (many.control.position.k_p[0][i], 0.8, many.control.position.k_p[2][i])
-        assert one.laboratory.wind[0].velocity[0] == many.laboratory.wind[0].velocity[0][i]
+        assert [value_at(one, path) for path in drawn] == [many.varying[path][i] for path in drawn]
+        assert one.control.position.k_p[1] == 0.8
+        assert one == many.scenario_of(i)
     assert one.vehicle.mass != draw_sample(scenario, 13, seed=8).vehicle.mass
 
 
 def test_a_field_is_drawn_the_same_whatever_else_is_drawn(study):
     mass, drag = "vehicle.mass={uniform: {min: 0.6, max: 0.8}}", "vehicle.linear_drag={uniform: {min: 0, max: 0.3}}"
-    both, alone = draw_samples(study(mass, drag), range(50)), draw_samples(study(mass), range(50))
-    np.testing.assert_array_equal(both.vehicle.mass, alone.vehicle.mass)
-    assert abs(np.corrcoef(both.vehicle.mass, both.vehicle.linear_drag)[0, 1]) < 0.5
+    both, alone = (Batch.draw(scenario, range(50)).varying for scenario in (study(mass, drag), study(mass)))
+    np.testing.assert_array_equal(both["vehicle.mass"], alone["vehicle.mass"])
+    assert abs(np.corrcoef(both["vehicle.mass"], both["vehicle.linear_drag"])[0, 1]) < 0.5
 
 
 def test_what_is_not_drawn_stays_as_it_is(study):
     scenario = study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}")
-    drawn = draw_samples(scenario, range(3))
+    drawn = Batch.draw(scenario, range(3)).scenario_of(2)
     assert drawn.control is scenario.control
     assert drawn.vehicle.model_copy(update={"mass": 0.0}) == scenario.vehicle.model_copy(update={"mass": 0.0})
 
@@ -72,6 +75,56 @@ def test_a_wrong_seed_or_sample_is_refused(study, sample, seed, words):
         draw_sample(study(), sample, seed=seed)
 
 
-def test_a_fleet_flies_one_route(study):
-    with pytest.raises(InputError, match=r"route.radius is a distribution; the vehicles of a fleet fly one route"):
-        draw_samples(study("route.radius={uniform: {min: 1.2, max: 1.4}}"), range(2))
+def test_a_sample_may_have_a_route_of_its_own(study):
+    """For flights of one vehicle; a fleet flies one route, and refuses such a scenario."""
+    scenario = study("route.radius={uniform: {min: 1.2, max: 1.4}}")
+    batch = Batch.draw(scenario, range(2))
+    radii = [draw_sample(scenario, sample).route.radius for sample in range(2)]
+    assert radii == batch.varying["route.radius"].tolist()
+    assert 1.2 < min(radii) < max(radii) < 1.4
+
+
+def test_the_samples_of_a_study_stay_what_they_were(study):
+    """Numbers of a release in which items of lists were written in brackets: the streams are called that still."""
+    inertia = "vehicle.inertia=[0.007, {uniform: {min: 0.006, max: 0.008}}, 0.012]"
+    varying = Batch.draw(study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}", inertia), [0, 1, 41], seed=7).varying
+    mass = [0.6051061415534328, 0.675789840234045, 0.7823762288316]
+    np.testing.assert_allclose(varying["vehicle.mass"], mass, rtol=1e-15)
+    i_yy = [0.006546025953714323, 0.007672538768473312, 0.006975803251878302]
+    np.testing.assert_allclose(varying["vehicle.inertia.1"], i_yy, rtol=1e-15)
+
+
+def test_scenarios_of_a_batch_can_be_written_and_read(study, tmp_path):
+    """That of the study with its distributions, and that of each vehicle with its numbers."""
+    scenario = study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}", "laboratory.command_link.delay_ticks=2")
+    batch = Batch.draw(scenario, [3, 8], seed=5)
+    assert [*distributions_in(batch.scenario)] == ["vehicle.mass"]
+    for i, each in enumerate((batch.scenario, batch.scenario_of(0), batch.scenario_of(1))):
+        path = tmp_path / f"{i}.yaml"
+        save_scenario(each, path)
+        assert load_scenario(path) == each
+
+
+def test_numbers_can_be_made_to_vary_that_were_not_drawn(study):
+    """Whatever the field: a gain, an item of a list, a whole number of ticks."""
+    batch = Batch.draw(study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}"), [4, 1, 7])
+    varying = {
+        "control.position.k_p.1": np.array([1.0, 2.0, 3.0]),
+        "laboratory.command_link.delay_ticks": np.array([0.0, 2.0, 1.0]),
+    }
+    other = batch.with_varying(varying)
+    assert (len(other), other.samples, other.scenario) == (3, (4, 1, 7), batch.scenario)
+    for i in range(3):
+        own, before = other.scenario_of(i), batch.scenario_of(i)
+        assert own.control.position.k_p[1] == i + 1.0
+        assert own.laboratory.command_link.delay_ticks == varying["laboratory.command_link.delay_ticks"][i]
+        assert (own.vehicle, own.control.position.k_d) == (before.vehicle, before.control.position.k_d)
+    assert [*batch.varying] == ["vehicle.mass"]
+
+
+def test_a_padded_batch_repeats_its_last_vehicle(study):
+    batch = Batch.draw(study("vehicle.mass={uniform: {min: 0.6, max: 0.8}}"), [4, 1]).padded(5)
+    assert (len(batch), batch.samples) == (5, (4, 1, 1, 1, 1))
+    masses = batch.varying["vehicle.mass"]
+    assert masses[0] != masses[1]
+    np.testing.assert_array_equal(masses[2:], masses[1])
