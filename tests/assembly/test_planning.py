@@ -4,11 +4,11 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario, simulate
-from drake_quad.errors import InputError
 from drake_quad.assembly.planning import plan_route
+from drake_quad.errors import InputError
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
-from drake_quad.scenario import load_journey
 from drake_quad.reference.trajectory_files import save_plan
+from drake_quad.scenario import load_journey
 
 
 @pytest.fixture
@@ -80,7 +80,8 @@ def test_a_plan_made_in_python_is_flown(slalom, diagrams):
     other = plan_route(slalom("route.heading=constant", "route.top_acceleration=0.7"))
     flight = simulate(scenario, plan=other)
     assert flight.plan is other
-    np.testing.assert_allclose(flight["reference"][:, 0:3].T, evaluate(other.path, flight.time), atol=1e-9)
+    reference = flight.record("reference")
+    np.testing.assert_allclose([reference.x, reference.y, reference.z], evaluate(other.path, flight.time), atol=1e-9)
 
 
 def test_a_turning_yaw_costs_little_accuracy(diagrams):

@@ -9,11 +9,32 @@ from pydrake.systems.analysis import InitializeParams, ResetIntegratorFromFlags,
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
-from drake_quad.control.position import ProportionalDerivative, build_position_controller
-from drake_quad.flight import flight_duration, fly, read_metrics
+from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.assembly.recorder import read_recorder
-from drake_quad.assembly.planning import plan_route
+from drake_quad.control.axes import PerAxis
+from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
+from drake_quad.flight.simulation import fly, read_metrics
+from drake_quad.framework.wiring import subsystem
 from drake_quad.signals import SIGNALS
+
+# Without a network, which shows more.
+EXPORTED = {
+    "reference",
+    "error",
+    "error_rate",
+    "pd",
+    "correction",
+    "acceleration_command",
+    "attitude_command",
+    "wrench",
+    "measurement",
+    "state",
+    "rotor_speed",
+    "rotor_speed_command",
+    "shortfall",
+    "wind",
+    "crashed",
+}
 
 
 @pytest.fixture
@@ -27,9 +48,10 @@ def test_nominal_figure_eight_stays_within_three_centimetres(figure_eight):
     assert not flight.metrics.crashed
     assert flight.metrics.saturation_share == 0.0
     # The recorder and the monitor see the same flight.
-    error = flight["reference"][:, :3] - flight["state"][:, :3]
-    assert flight.metrics.rmse == pytest.approx(np.sqrt(np.mean(np.sum(error**2, axis=1))), rel=1e-12)
-    np.testing.assert_allclose(flight["acceleration_command"], flight["pd"] + flight["reference"][:, 6:9], atol=1e-12)
+    assert flight.metrics.rmse == pytest.approx(np.sqrt(np.mean(flight.euclidean_error**2)), rel=1e-12)
+    reference = flight.record("reference")
+    accelerations = np.column_stack([reference.a_x, reference.a_y, reference.a_z])
+    np.testing.assert_allclose(flight["acceleration_command"], flight["pd"] + accelerations, atol=1e-12)
 
 
 def test_derivative_on_the_measurement_lags_by_k_d_over_k_p_times_the_speed(figure_eight):
@@ -43,15 +65,17 @@ def test_derivative_on_the_measurement_lags_by_k_d_over_k_p_times_the_speed(figu
     )
     flight = simulate(line)
     cruise = (flight.time > 45.0) & (flight.time < 55.0)
-    error = flight["reference"][cruise, :2] - flight["state"][cruise, :2]
-    velocity = flight["reference"][cruise, 3:5]
-    assert np.linalg.norm(velocity, axis=1).min() > 0.3
+    reference, state = flight.record("reference"), flight.record("state")
+    error = np.array([reference.x - state.x, reference.y - state.y])[:, cruise]
+    velocity = np.array([reference.v_x, reference.v_y])[:, cruise]
+    assert np.linalg.norm(velocity, axis=0).min() > 0.3
     np.testing.assert_allclose(error, 2.0 * velocity, rtol=0.02)
     # On the figure eight it is metres where the tracking derivative has centimetres: about (k_D / k_P) v, more where
     # the curves come near the bandwidth of so slow a loop.
     paper_like = [f"control.position.{line}" for line in ("k_p=[1, 1, 4]", "k_d=[1, 1, 3]", "feed_forward=none")]
     lagging = simulate(figure_eight(*paper_like, "control.position.derivative=measurement"))
-    mean_speed = np.sqrt(np.mean(np.sum(lagging["reference"][:, 3:6] ** 2, axis=1)))
+    reference = lagging.record("reference")
+    mean_speed = np.sqrt(np.mean(reference.v_x**2 + reference.v_y**2 + reference.v_z**2))
     assert 0.9 * mean_speed < lagging.metrics.rmse < 1.4 * mean_speed
 
 
@@ -83,10 +107,9 @@ def test_each_vehicle_of_a_fleet_flies_as_it_would_alone(figure_eight):
     scenario = figure_eight("crash.position_error=0.5")
     n = 3
     law = scenario.control.position
-    k_p, k_d = ([np.array([gain, 20.0, gain]) for gain in gains] for gains in (law.k_p, law.k_d))
-    pd = ProportionalDerivative(
-        num_vehicles=n, k_p=k_p, k_d=k_d, derivative=law.derivative, feed_forward=law.feed_forward != "none"
-    )
+    k_p, k_d = (PerAxis(*[np.array([gain, 20.0, gain]) for gain in gains]) for gains in (law.k_p, law.k_d))
+    structure = {"derivative": law.derivative, "feeds_forward": law.feed_forward != "none"}
+    pd = ProportionalDerivative(num_vehicles=n, numbers=PdGains(k_p, k_d), **structure)
     position = build_position_controller(pd)
     fleet = build_tracking_diagram(scenario, n, position_controller=position)
     simulator = Simulator(fleet)
@@ -151,12 +174,22 @@ def test_a_control_of_one_s_own_needs_only_a_wrench(figure_eight):
 
 
 def test_every_signal_of_the_loop_is_exported_and_recorded(figure_eight):
+    """Under the name that says what its rows are."""
     flight = simulate(figure_eight("duration=0.5"))
-    assert set(flight.signals) == set(SIGNALS)
+    assert set(flight.signals) == EXPORTED
     diagram = build_tracking_diagram(figure_eight(), 2)
-    for name, rows in SIGNALS.items():
-        assert flight[name].shape == (26, len(rows))
-        assert diagram.GetOutputPort(name).size() == 2 * len(rows)
+    assert {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())} == EXPORTED
+    for name in EXPORTED:
+        num_rows = len(SIGNALS[name]._fields)
+        assert flight[name].shape == (26, num_rows)
+        assert diagram.GetOutputPort(name).size() == 2 * num_rows
+
+
+def test_a_network_is_shown_too(asymmetric):
+    """A row for each of its 12 rules on each of its three axes."""
+    flight = simulate(asymmetric("pd_t2fnn", "duration=0.5", "metrics.start=0"))
+    assert set(flight.signals) == EXPORTED | {"weights", "covariance_trace"}
+    assert (flight["weights"].shape, flight["covariance_trace"].shape) == ((26, 36), (26, 3))
 
 
 def test_delay_from_state_to_rotor_command(figure_eight):
@@ -189,8 +222,8 @@ def test_delay_from_a_jump_of_the_state_to_the_rotor_command(figure_eight, ticks
         # The vehicle tilts just before the frame of this instant.
         start = 0.01 * step
         simulator.AdvanceTo(start - 0.005)
-        state = vehicle.GetMyMutableContextFromRoot(context).get_mutable_discrete_state(0)
-        state.SetAtIndex(3, 0.1)
+        own = vehicle.GetMyMutableContextFromRoot(context)
+        vehicle.set_state(own, "state", vehicle.get_state(own, "state")._replace(roll=0.1))
         time = start
         while np.ptp(diagram.GetOutputPort("rotor_speed_command").Eval(context)) < 1e-3:
             simulator.AdvanceTo(time)
@@ -230,21 +263,23 @@ def test_the_whole_loop_differentiates(figure_eight, overrides, n):
     scenario = figure_eight("duration=2.0", "control.position.k_p=[1.0, 1.0, 4.0]", *overrides)
     diagram = build_tracking_diagram(scenario, n)
 
-    def law_context(system, context):
-        for name in ("control", "position", "pd"):
-            system = system.GetSubsystemByName(name)
-        return system.GetMyMutableContextFromRoot(context)
+    def set_gain(diagram, context, k_p):
+        law = subsystem(diagram, "control.position.pd")
+        own = law.GetMyMutableContextFromRoot(context)
+        gains = law.get_parameter(own, "gains")
+        x = k_p if n == 1 else np.array([k_p, *gains.k_p.x[1:]])
+        law.set_parameter(own, "gains", gains._replace(k_p=gains.k_p._replace(x=x)))
 
     def final_state(k_p):
         simulator = Simulator(diagram)
-        law_context(diagram, simulator.get_mutable_context()).get_mutable_numeric_parameter(0).SetAtIndex(0, k_p)
+        set_gain(diagram, simulator.get_mutable_context(), k_p)
         fly(simulator, 2.0)
         return diagram.GetOutputPort("state").Eval(simulator.get_context())
 
     converted = diagram.ToAutoDiffXd()
     context = converted.CreateDefaultContext()
     context.SetTimeStateAndParametersFrom(diagram.CreateDefaultContext())
-    law_context(converted, context).get_mutable_numeric_parameter(0).SetAtIndex(0, AutoDiffXd(1.0, [1.0]))
+    set_gain(converted, context, AutoDiffXd(1.0, [1.0]))
     simulator = Simulator_[AutoDiffXd](converted, context)
     simulator.AdvanceTo(2.0)
     simulator.AdvancePendingEvents()
@@ -287,4 +322,4 @@ def test_a_window_beyond_the_flight_is_refused(figure_eight):
 def test_flies_as_well_at_any_yaw(figure_eight, yaw):
     straight, turned = simulate(figure_eight()), simulate(figure_eight(f"route.yaw={yaw}"))
     assert turned.metrics.rmse == pytest.approx(straight.metrics.rmse, rel=0.02)
-    np.testing.assert_allclose(turned["state"][-1, 5], yaw, atol=0.01)
+    np.testing.assert_allclose(turned.record("state").yaw[-1], yaw, atol=0.01)

@@ -4,10 +4,10 @@ import pytest
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
-from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence
+from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence, TurbulenceNumbers
 
 
-class Any(LeafSystem):
+class WithPorts(LeafSystem):
     """A system with ports of some names and sizes."""
 
     def __init__(self, inputs, outputs):
@@ -45,25 +45,26 @@ COMMAND = {"acceleration_command": 3}
         ("wind", {"position": 3}, {"wind": 3}, "wind has the input port `position`, but may have `state`"),
     ],
 )
-def test_ports_that_do_not_fit_are_named(place, inputs, outputs, sentence):
+def test_ports_that_do_not_fit_are_named(diagrams, place, inputs, outputs, sentence):
     with pytest.raises(InputError) as caught:
-        simulate(load_scenario("diagrams/hover.yaml"), **{place: Any(inputs, outputs)})
+        simulate(load_scenario(diagrams / "hover.yaml"), **{place: WithPorts(inputs, outputs)})
     assert sentence in str(caught.value)
 
 
-def test_what_is_no_system_or_for_fewer_vehicles_is_refused():
-    scenario = load_scenario("diagrams/hover.yaml")
+def test_what_is_no_system_or_for_fewer_vehicles_is_refused(diagrams):
+    scenario = load_scenario(diagrams / "hover.yaml")
     with pytest.raises(InputError, match="must be a Drake system, an object and not its class"):
-        simulate(scenario, position_controller=Any)
+        simulate(scenario, position_controller=WithPorts)
     with pytest.raises(InputError, match="must have 12 rows for each of 3 vehicles, but has 12"):
-        build_tracking_diagram(scenario, 3, position_controller=Any(SEEN, COMMAND))
+        build_tracking_diagram(scenario, 3, position_controller=WithPorts(SEEN, COMMAND))
     with pytest.raises(InputError, match="no place for a position_controller"):
-        simulate(scenario, control=Any(SEEN, {"wrench": 4}), position_controller=Any(SEEN, COMMAND))
+        simulate(scenario, control=WithPorts(SEEN, {"wrench": 4}), position_controller=WithPorts(SEEN, COMMAND))
 
 
-def test_a_wind_may_have_random_ports():
+def test_a_wind_may_have_random_ports(diagrams):
     turbulence = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=5.0, airspeed=5.0)
-    scenario = load_scenario("diagrams/hover.yaml", ["duration=1"])
-    flights = [simulate(scenario, seed=seed, wind=DrydenTurbulence(turbulence=turbulence)) for seed in (0, 0, 1)]
+    scenario = load_scenario(diagrams / "hover.yaml", ["duration=1"])
+    winds = [DrydenTurbulence(numbers=TurbulenceNumbers(turbulence)) for _ in range(3)]
+    flights = [simulate(scenario, seed=seed, wind=wind) for seed, wind in zip((0, 0, 1), winds, strict=True)]
     assert (flights[0]["wind"] == flights[1]["wind"]).all()
     assert abs(flights[0]["wind"] - flights[2]["wind"]).max() > 0.1

@@ -1,0 +1,103 @@
+"""What the numbers of a scenario become in the systems of its control, one after another."""
+
+import math
+
+import numpy as np
+import pytest
+
+from drake_quad.assembly.control import control_recipes
+from drake_quad.assembly.planning import plan_route
+from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
+from drake_quad.control.axes import PerAngle, PerAxis
+from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
+from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
+from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning
+from drake_quad.control.integral import IntegralCorrection, IntegralGains
+from drake_quad.control.position import PdGains, ProportionalDerivative
+from drake_quad.control.thrust_vectoring import ThrustVectoring
+from drake_quad.scenario import Batch
+
+WEIGHT = 0.7 * 9.79
+
+
+def recipes_of(scenario):
+    plan = plan_route(scenario)
+    return control_recipes(Batch.draw(scenario, [0]), plan), plan
+
+
+def test_the_cascade_has_the_gains_of_the_scenario_and_believes_its_nominal_numbers(asymmetric):
+    found, _ = recipes_of(asymmetric("pid"))
+    assert {path: recipe.system for path, recipe in found.items()} == {
+        "position.pd": ProportionalDerivative,
+        "position.integral": IntegralCorrection,
+        "thrust_vectoring": ThrustVectoring,
+        "attitude": AttitudeController,
+    }
+    pd, integral, vectoring, attitude = found.values()
+    assert pd.numbers == PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.3, 3.2))
+    assert pd.structure == {"derivative": "tracking_error", "feeds_forward": True}
+    assert integral.numbers == IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6)
+    assert integral.structure == {"period": 0.02}
+    assert (vectoring.numbers.mass, vectoring.numbers.gravity) == (0.7, 9.79)
+    assert tuple(vectoring.numbers.limits) == pytest.approx((math.tan(0.2), 0.975 * WEIGHT, 1.11 * WEIGHT))
+    k_p, k_d = PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1)
+    assert attitude.numbers == AttitudeNumbers(k_p, k_d, 0.0065, 0.0085, 0.0126)
+
+
+def test_a_pd_without_feed_forward_may_differentiate_the_measurement(asymmetric):
+    position = "{kind: pd, k_p: [1, 2, 3], k_d: [4, 5, 6], feed_forward: none, derivative: measurement}"
+    found, _ = recipes_of(asymmetric("pid", f"control.position={position}"))
+    assert [*found] == ["position.pd", "thrust_vectoring", "attitude"]
+    assert found["position.pd"].structure == {"derivative": "measurement", "feeds_forward": False}
+
+
+def test_a_network_has_the_sets_and_the_law_of_the_scenario(asymmetric):
+    found, plan = recipes_of(asymmetric("pd_t2fnn"))
+    rules, learning = found["position.network.rules"], found["position.network.learning"]
+    assert (rules.system, learning.system) == (FuzzyRules, WeightLearning)
+    error = FuzzySets(2.4, (-1.0, -0.1, 0.8), (1.1, 0.9, 1.0))
+    rate = FuzzySets(1.4, (-0.9, -0.4, 0.3, 1.1), (0.8, 0.7, 0.9, 1.2))
+    assert rules.numbers == Antecedents(1.3, 0.7, 0.4, error, rate)
+    assert rules.structure["axes"] == learning.structure["axes"] == ("x", "y", "z")
+    assert (learning.structure["num_rules"], learning.structure["period"]) == (12, 0.02)
+    law, limits = CovarianceLaw(0.8, 5.0, 0.997), Limits(0.9, 0.01, 0.02)
+    assert learning.numbers == LearningNumbers(1.4, law, limits, 0.05)
+    # The route begins with the first leg, at which nothing has been learned yet.
+    assert learning.structure["reset_times"] == tuple(plan.leg_times[1:])
+    assert len(plan.leg_times) > 3
+    never, _ = recipes_of(asymmetric("pd_t2fnn", "control.position.learning.reset=never"))
+    assert never["position.network.learning"].structure["reset_times"] == ()
+
+
+def test_a_network_of_type_1_has_triangles_and_the_other_laws_their_numbers(asymmetric):
+    found, _ = recipes_of(asymmetric("pd_t1fnn"))
+    sets = found["position.network.rules"].numbers
+    assert (sets.a1, sets.a2, sets.q) == (1.0, 1.0, 0.0)
+    # A law that learns from the command has no use for a slope.
+    learning = found["position.network.learning"].numbers
+    assert learning == LearningNumbers(0.0, SignLaw(0.05, 0.2), Limits(1.5, 0.03, 0.0), -0.04)
+    gradient = "control.position.learning={kind: gradient, rate: 0.4, slope: 1.7}"
+    learning = recipes_of(asymmetric("pd_t1fnn", gradient))[0]["position.network.learning"].numbers
+    assert (learning.law, learning.slope, learning.limits) == (GradientLaw(0.4), 1.7, Limits())
+
+
+def test_what_varies_is_an_array_of_a_number_for_each_vehicle(asymmetric):
+    """Gains and the numbers of a law; what is believed is the same for all."""
+    drawn = [
+        "control.position.k_p.1={uniform: {min: 0.8, max: 1.2}}",
+        "control.position.learning.gain={uniform: {min: 0.5, max: 1.0}}",
+        "control.position.network.error.scale={uniform: {min: 2.0, max: 3.0}}",
+        "vehicle.mass={uniform: {min: 0.6, max: 0.8}}",
+    ]
+    scenario = asymmetric("pd_t2fnn", *drawn)
+    batch = Batch.draw(scenario, [4, 0, 7])
+    found = control_recipes(batch, plan_route(scenario))
+    k_p = found["position.pd"].numbers.k_p
+    np.testing.assert_array_equal(k_p.y, batch.varying["control.position.k_p.1"])
+    assert (k_p.x, k_p.z) == (1.3, 5.0)
+    law = found["position.network.learning"].numbers.law
+    np.testing.assert_array_equal(law.gain, batch.varying["control.position.learning.gain"])
+    sets = found["position.network.rules"].numbers
+    np.testing.assert_array_equal(sets.error.scale, batch.varying["control.position.network.error.scale"])
+    assert (sets.rate.scale, sets.error.centres) == (1.4, (-1.0, -0.1, 0.8))
+    assert found["thrust_vectoring"].numbers.mass == 0.7

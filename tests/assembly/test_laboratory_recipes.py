@@ -1,0 +1,215 @@
+"""What the numbers of a scenario become in the systems of its laboratory, one after another."""
+
+import math
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError
+from drake_quad.assembly.laboratory import build_monitor, laboratory_recipes, steady_wind, vehicle_parameters
+from drake_quad.assembly.planning import plan_route
+from drake_quad.laboratory.command_link import LinkNumbers
+from drake_quad.laboratory.flight_monitor import CrashLimits, Window
+from drake_quad.laboratory.motion_capture import CameraNumbers
+from drake_quad.laboratory.wind.dryden import WIND_AT_20_FEET, Turbulence
+from drake_quad.laboratory.wind.fans import Outlet
+from drake_quad.laboratory.wind.gust import GustNumbers
+from drake_quad.scenario import Batch
+from drake_quad.signals import Attitude, Wind, Wrench
+from drake_quad.vehicle.parameters import CentreOfMass, Inertia
+from drake_quad.vehicle.quadrotor import Place
+
+DURATION = 16.0
+
+
+def recipes_of(scenario, samples=(0,)):
+    return laboratory_recipes(Batch.draw(scenario, samples), plan_route(scenario), DURATION)
+
+
+@pytest.fixture(scope="module")
+def recipes(asymmetric):
+    return recipes_of(asymmetric("pid"))
+
+
+def test_the_vehicle_is_as_the_scenario_has_it(asymmetric, recipes):
+    vehicle = asymmetric("pid").vehicle
+    found = vehicle_parameters(vehicle)
+    np.testing.assert_allclose(found.thrust_factor, [4.1492e-5, 4.018e-5, 4.1656e-5, 4.1205e-5], rtol=1e-12)
+    assert found.centre_of_mass == CentreOfMass(-0.0003, 0.0008)
+    assert found.inertia == Inertia(0.0071, 0.0079, 0.0131)
+    for name in set(found._fields) - {"thrust_factor", "centre_of_mass", "inertia"}:
+        assert getattr(found, name) == getattr(vehicle, name)
+    recipe = recipes["vehicle"]
+    assert recipe.numbers.parameters == found
+    assert recipe.structure == {"time_step": 0.01, "kinematics": "exact", "faulty": True}
+
+
+def test_the_battery_sags_over_the_whole_flight(recipes):
+    faults = recipes["vehicle"].numbers.faults
+    assert faults.battery_sag == pytest.approx(0.02 / DURATION, rel=1e-15)
+    assert (faults.failure_time, tuple(faults.failure_factor)) == (6.003, (1.0, 0.993, 1.0, 1.0))
+
+
+@pytest.mark.parametrize(
+    ("sag", "failure", "faulty"),
+    [
+        ("0", "null", False),
+        ("0.0", "null", False),
+        ("0.01", "null", True),
+        ("{uniform: {min: 0.0, max: 0.01}}", "null", True),
+        ("0", "{rotor: 1, time: 3}", True),
+    ],
+)
+def test_a_vehicle_may_be_faulty_if_its_battery_can_sag_or_a_rotor_fails(asymmetric, sag, failure, faulty):
+    """However a zero is written; and also where a sample happens to have none of it."""
+    scenario = asymmetric("pid", f"vehicle.battery_sag={sag}", f"vehicle.rotor_failure={failure}")
+    assert recipes_of(scenario)["vehicle"].structure["faulty"] == faulty
+
+
+@pytest.mark.parametrize("rotor", [1, 2, 3, 4])
+def test_the_rotor_that_fails_is_the_one_of_that_number(asymmetric, rotor):
+    scenario = asymmetric("pid", f"vehicle.rotor_failure.rotor={rotor}")
+    expected = np.ones(4)
+    expected[rotor - 1] = 0.993
+    np.testing.assert_array_equal(recipes_of(scenario)["vehicle"].numbers.faults.failure_factor, expected)
+
+
+def test_of_each_vehicle_of_a_fleet_its_own_rotor_fails(asymmetric):
+    scenario = asymmetric("pid", "vehicle.rotor_failure.rotor={choice: [1, 3, 4]}")
+    batch = Batch.draw(scenario, range(30))
+    found = laboratory_recipes(batch, plan_route(scenario), DURATION)["vehicle"].numbers.faults.failure_factor
+    rotors = batch.varying["vehicle.rotor_failure.rotor"]
+    assert set(rotors) == {1.0, 3.0, 4.0}
+    for number, left in enumerate(found, start=1):
+        np.testing.assert_array_equal(left, np.where(rotors == number, 0.993, 1.0))
+
+
+def test_the_vehicle_starts_where_the_plan_does(recipes):
+    np.testing.assert_allclose(recipes["vehicle"].numbers.start, Place(0.3, -0.2, 1.0, 0.4), atol=1e-12)
+
+
+def test_on_board_and_on_the_link_the_nominal_numbers_hold(recipes):
+    rotors, radio = recipes["allocation"].numbers, recipes["command_link"]
+    assert tuple(rotors) == pytest.approx((4.0e-5, 1.1e-6, 0.16, 194.0, 223.0), rel=1e-12)
+    assert radio.numbers == LinkNumbers(1, 0.03, Wrench(pytest.approx(0.7 * 9.79), 0.0, 0.0, 0.0))
+    assert radio.structure == {"period": 0.02, "longest_delay": 1, "loses_packets": True}
+
+
+def test_the_cameras_have_the_errors_of_the_scenario(recipes):
+    cameras = recipes["motion_capture"]
+    assert cameras.numbers == CameraNumbers(0.0012, 0.003, 0.03, Attitude(0.006, -0.009, 0.04), 70.0, 2)
+    assert cameras.structure == {
+        "period": 0.01,
+        "noisy": True,
+        "loses_frames": True,
+        "misaligned": True,
+        "filtered": True,
+        "longest_latency": 2,
+    }
+
+
+@pytest.mark.parametrize(
+    ("override", "name", "there"),
+    [
+        ("position_noise=0", "noisy", True),  # there is noise in the attitude
+        ("attitude_noise=0.0", "noisy", True),
+        ("dropout_rate=0", "loses_frames", False),
+        ("dropout_rate={choice: [0.0, 0.1]}", "loses_frames", True),
+        ("misalignment=[0, 0.0, 0]", "misaligned", False),
+        ("misalignment=[0, 0, {normal: {mean: 0, standard_deviation: 0.1}}]", "misaligned", True),
+        ("derivative_bandwidth=null", "filtered", False),
+        ("latency_frames=0", "longest_latency", 0),
+        ("latency_frames={choice: [0, 3, 1]}", "longest_latency", 3),
+    ],
+)
+def test_cameras_have_the_imperfections_that_there_can_be(asymmetric, override, name, there):
+    """Whether a sample has them or not, so that all samples fly in one diagram; however a zero is written."""
+    recipe = recipes_of(asymmetric("pid", f"laboratory.motion_capture.{override}"))["motion_capture"]
+    assert recipe.structure[name] == there
+    # The last number of the noise makes it noisy.
+    none = ["laboratory.motion_capture.position_noise=0", "laboratory.motion_capture.attitude_noise=0"]
+    assert not recipes_of(asymmetric("pid", *none))["motion_capture"].structure["noisy"]
+
+
+def test_wind_is_made_of_its_sources(recipes):
+    winds = {path.removeprefix("wind."): recipe for path, recipe in recipes.items() if path.startswith("wind.")}
+    assert list(winds) == ["steady", "gust_0", "gust_1", "dryden_0", "dryden_1", "fans"]
+    assert winds["steady"].numbers == Wind(0.7, -0.5, 0.3)
+    assert winds["gust_0"].numbers == GustNumbers(Wind(-1.5, 1.2, -0.6), 3.0, 0.8, 1.3)
+    velocity, *times = winds["gust_1"].numbers
+    assert velocity == pytest.approx(Wind(1.4 * math.cos(0.9), 1.4 * math.sin(0.9), 0.0))
+    assert times == [9.0, 1.1, math.inf]
+    # The first goes by with the steady wind, which is slower than 1 m/s.
+    for name, level, share, height, airspeed, heading in (
+        ("dryden_0", "light", 0.5, 4.0, 1.0, 0.7),
+        ("dryden_1", "moderate", 0.1, 3.5, 3.0, -1.9),
+    ):
+        turbulence = Turbulence.at_low_altitude(
+            height=height, wind_at_20_feet=share * WIND_AT_20_FEET[level], airspeed=airspeed
+        )
+        assert winds[name].numbers == (turbulence, heading)
+    first, second = winds["fans"].numbers
+    assert (first.outlet, second.outlet) == (Outlet(-2.5, -1.0, 0.9), Outlet(2.5, 1.5, 1.8))
+    assert (first.turbulence, second.turbulence) == (0.2, 0.25)
+    np.testing.assert_allclose(np.cross(second.direction, (-2.0, -1.5, -0.3)), 0.0, atol=1e-15)
+    assert np.linalg.norm(second.direction) == pytest.approx(1.0)
+    assert second.exit_speed == pytest.approx(4.0 * 1.9 / (math.pi * 0.6**2))
+    assert all(recipe.structure == {"period": 0.01} for name, recipe in winds.items() if name != "steady")
+
+
+def test_steady_wind_is_the_sum_of_all_of_it_and_not_there_if_it_is_calm(asymmetric):
+    sources = "[{kind: steady, velocity: [1, 2, 3]}, {kind: steady, speed: 2.0, heading: 0.5}]"
+    scenario = asymmetric("pid", f"laboratory.wind={sources}")
+    total = Wind(1.0 + 2.0 * math.cos(0.5), 2.0 + 2.0 * math.sin(0.5), 3.0)
+    assert recipes_of(scenario)["wind.steady"].numbers == pytest.approx(total)
+    assert steady_wind(scenario) == pytest.approx(total)
+    for calm in ("velocity: [0, 0.0, 0]", "speed: 0, heading: 0.7"):
+        recipes = recipes_of(asymmetric("pid", f"laboratory.wind=[{{kind: steady, {calm}}}]"))
+        assert not any(path.startswith("wind.") for path in recipes)
+    drawn = "laboratory.wind=[{kind: steady, speed: {choice: [0.0, 1.0]}, heading: 0.7}]"
+    assert "wind.steady" in recipes_of(asymmetric("pid", drawn))
+
+
+def test_a_step_is_too_long_for_drag_that_stops_a_vehicle_within_two_fifths_of_it(asymmetric):
+    """(c₁ + 2 c₂ |v|) / m times the step, in all the wind that there can be, is at most 2.5."""
+    fans = sum(4.0 * flow / (math.pi * diameter**2) for flow, diameter in ((2.3, 0.8), (1.9, 0.6)))
+    gusts = math.hypot(1.5, 1.2, 0.6) + 1.4
+    airspeed = math.hypot(0.7, 0.5, 0.3) + gusts + fans
+    most = 2.5 * 0.74 / 0.01 - 2.0 * 0.02 * airspeed
+    for share, fits in ((1.0 - 1e-9, True), (1.0 + 1e-9, False)):
+        scenario = asymmetric("pid", f"vehicle.linear_drag={share * most!r}")
+        if fits:
+            recipes_of(scenario)
+        else:
+            with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for this much drag"):
+                recipes_of(scenario)
+
+
+def test_there_is_room_for_the_longest_delay_that_can_be_drawn(asymmetric):
+    delays = ["laboratory.motion_capture.latency_frames={choice: [3, 1, 2]}"]
+    scenario = asymmetric("pid", *delays, "laboratory.command_link.delay_ticks={choice: [0, 4, 1]}")
+    found = recipes_of(scenario)
+    assert found["motion_capture"].structure["longest_latency"] == 3
+    assert found["command_link"].structure["longest_delay"] == 4
+
+
+def test_turbulence_goes_by_with_the_steady_wind_and_along_it_where_it_does_not_say(asymmetric):
+    sources = "[{kind: steady, velocity: [1, 2, 3]}, {kind: steady, velocity: [1, -6, -2]}, {kind: dryden}]"
+    scenario = asymmetric("pid", f"laboratory.wind={sources}")
+    turbulence, heading = recipes_of(scenario)["wind.dryden_0"].numbers
+    assert turbulence.airspeed == pytest.approx(math.sqrt(21.0))
+    assert heading == pytest.approx(math.atan2(-4.0, 2.0))
+
+
+def test_the_referee_has_the_limits_and_the_window_of_the_scenario(asymmetric):
+    def read_by(monitor):
+        (update,) = monitor.updates
+        limits, window = (
+            next(read for read in update.computation.reads if isinstance(read, kind)) for kind in (CrashLimits, Window)
+        )
+        return limits, window, update.period
+
+    scenario = asymmetric("pid", "crash={tilt: 1.1, position_error: 3.0, height: -0.2}")
+    assert read_by(build_monitor(scenario, 1)) == (CrashLimits(1.1, 3.0, -0.2), Window(1.0, 13.0), 0.02)
+    endless = asymmetric("pid", "metrics.end=null", "laboratory.command_link.period=0.04")
+    assert read_by(build_monitor(endless, 1))[1:] == (Window(1.0, math.inf), 0.04)
