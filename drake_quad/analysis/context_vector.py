@@ -114,8 +114,11 @@ def _groups(diagram: Diagram, root: Any, without: Sequence[str], parameters: boo
 def _names(
     path: Sequence[str], system: Any, kind: Literal["states", "parameters"], number: int | None, name: str, size: int
 ) -> tuple[str, ...]:
-    """The names of a vector's elements; a FleetSystem knows those of its rows, others are numbered."""
+    """The names of a vector's elements: a FleetSystem knows its rows; other elements, and vehicles, are numbered."""
     if isinstance(system, FleetSystem):
         (part,) = [part for part in getattr(system, kind).values() if part.index == number]
-        return tuple(".".join((*path, part.name, row)).rstrip(".") for row in part.layout.names)
+        rows = [".".join((*path, part.name, row)).rstrip(".") for row in part.layout.names]
+        if system.num_vehicles == 1:
+            return tuple(rows)
+        return tuple(f"{row}.{vehicle}" for row in rows for vehicle in range(system.num_vehicles))
     return tuple(".".join((*path, name, str(i))) for i in range(size))

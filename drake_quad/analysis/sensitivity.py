@@ -11,8 +11,9 @@ from typing import Any
 import numpy as np
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
 from pydrake.systems.analysis import Simulator_
+from pydrake.systems.framework import Diagram
 
-from drake_quad.analysis.context_vector import ContextVector
+from drake_quad.analysis.context_vector import ContextVector, leaf_paths, system_at
 from drake_quad.analysis.sampled_system import to_autodiff
 from drake_quad.assembly.planning import flight_duration, plan_route, refuse_distributions
 from drake_quad.assembly.tracking import build_tracking_diagram
@@ -103,6 +104,15 @@ def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: i
     )
 
 
+def _structure(diagram: Diagram) -> list[Any]:
+    """What a diagram is made of: its leaf systems, and their choices and counts."""
+    found = []
+    for path in sorted(leaf_paths(diagram)):
+        given = getattr(system_at(diagram, path), "structure", {})
+        found.append((path, {name: value for name, value in given.items() if isinstance(value, bool | int | str)}))
+    return found
+
+
 def _seed(scenario: Scenario, plan: Plan, field: str, layout: ContextVector, nominal: np.ndarray) -> np.ndarray:
     """The derivative of all numbers of the default context with respect to a field."""
     if field.startswith("route."):
@@ -111,10 +121,10 @@ def _seed(scenario: Scenario, plan: Plan, field: str, layout: ContextVector, nom
         raise InputError(f"{field} decides when something happens; a flight depends on it in jumps")
     value = number_at(scenario, field)
     step = _STEP * (abs(value) or 1.0)
-    seed = np.zeros_like(nominal)
+    seed, structure = np.zeros_like(nominal), _structure(build_tracking_diagram(scenario, plan=plan))
     for neighbour, weight in _neighbours(scenario, field, value, step):
         diagram = build_tracking_diagram(neighbour, plan=plan)
-        if ContextVector(diagram, parameters=True).names != layout.names:
+        if _structure(diagram) != structure or ContextVector(diagram, parameters=True).names != layout.names:
             raise InputError(f"{field} changes the structure of the diagram at {value:g}; it has no derivative there")
         numbers = layout.read(diagram, diagram.CreateDefaultContext())
         moved = np.subtract(numbers, nominal, out=np.zeros_like(nominal), where=numbers != nominal)

@@ -239,6 +239,7 @@ class FleetSystem(_Base):
     Attributes:
         scalar: float, AutoDiffXd or Expression.
         num_vehicles: N.
+        structure: the arguments of the constructor, but for `num_vehicles` and `numbers`, where they were given.
         parameters: the numeric parameters, by name.
         states: the groups of the state, by name.
         random_inputs: the input ports for random numbers, by name.
@@ -249,6 +250,7 @@ class FleetSystem(_Base):
 
     scalar: type
     num_vehicles: int
+    structure: dict[str, Any]
     parameters: dict[str, Parameter]
     states: dict[str, StateGroup]
     random_inputs: dict[str, "RandomInput"]
@@ -535,6 +537,7 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
                 def _construct(self, *, converter: Any = None, num_vehicles: int = 1, **options: Any) -> None:
                     LeafSystem_[T].__init__(self, converter)
                     self.num_vehicles, self._options = num_vehicles, options
+                    self.structure = {name: value for name, value in options.items() if name != "numbers"}
                     self.begin()
                     self._numbers = options.get("numbers", default)
                     self.declare(**options)

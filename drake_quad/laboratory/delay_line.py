@@ -69,4 +69,5 @@ def carried(sample: Any, under_way: tuple[Any, ...], delay: Row) -> Any:
     out = sample
     for ticks, earlier in enumerate(under_way, start=1):
         out = where(delay == float(ticks), earlier, out)
-    return out, (sample, *under_way[:-1])
+    *others, _ = under_way
+    return out, (sample, *others)

@@ -9,6 +9,10 @@ from drake_quad.analysis.closed_loop import WATCHERS, as_believed, at_rest, clos
 from drake_quad.analysis.context_vector import ContextVector
 from drake_quad.analysis.sampled_system import tick_after
 from drake_quad.analysis.step_response import release
+from drake_quad.assembly.planning import plan_route
+from drake_quad.assembly.tracking import build_fleet_diagram
+from drake_quad.scenario import Batch
+from drake_quad.vehicle.quadrotor import Place
 
 
 @pytest.fixture
@@ -20,7 +24,7 @@ def fleet_after(scenario, start, equilibrium, deviations, end):
     """(n, N) deviations from an equilibrium (n,) at a tick, of a fleet that starts at another from some (n, N)."""
     n, N = deviations.shape
     single = ContextVector(build_tracking_diagram(scenario), without=WATCHERS)
-    fleet = build_tracking_diagram(scenario, N, samples=[0] * N)
+    fleet = build_fleet_diagram(Batch(scenario, (0,) * N, {}), plan_route(scenario))
     layout = ContextVector(fleet, without=WATCHERS)
     # Both hold their groups in the same order; a fleet's group of k rows is one of k N elements, row after row.
     assert len(layout.names) == n * N
@@ -163,7 +167,7 @@ def test_a_release_is_a_flight_that_begins_beside_the_reference(laboratory):
         simulator = Simulator(diagram)
         vehicle = diagram.GetSubsystemByName("laboratory").GetSubsystemByName("vehicle")
         context = vehicle.GetMyMutableContextFromRoot(simulator.get_mutable_context())
-        vehicle.set_hover(context, (0.3, -0.2, 1.1), -0.4)
+        vehicle.set_hover(context, Place(0.3, -0.2, 1.1, -0.4))
         simulator.Initialize()
         equilibrium = np.array([0.0, 0.0, 1.0] + [0.0] * 9)
         for tick, deviation in enumerate(found):

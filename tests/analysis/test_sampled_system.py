@@ -95,8 +95,8 @@ def test_the_state_has_names_and_no_watchers(hover):
     names = ContextVector(diagram, without=WATCHERS).names
     assert len(names) == len(set(names))
     assert "laboratory.vehicle.state.pitch" in names
-    assert "laboratory.motion_capture.measurement_0_ticks_old.v_x" in names
-    assert "laboratory.command_link.wrench_1_ticks_old.thrust" in names
+    assert "laboratory.motion_capture.measurement_under_way.0.v_x" in names
+    assert "laboratory.command_link.wrench_under_way.1.thrust" in names
     assert "laboratory.wind.fans.wind.x" in names
     assert not any(name.startswith(WATCHERS) for name in names)
 

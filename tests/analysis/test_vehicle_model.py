@@ -16,11 +16,12 @@ from drake_quad.analysis.vehicle_model import (
     linear_vehicle,
     to_state_space,
 )
-from drake_quad.vehicle.dynamics import quadrotor_derivative
-from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.signals import RotorSpeed, State, Wind
+from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import KINEMATICS
+from drake_quad.vehicle.stepping import VehicleState, quadrotor_slope
 
-DRAGGED = QuadrotorParameters(linear_drag=0.1, quadratic_drag=0.01, centre_of_mass=(0.003, -0.002))
+DRAGGED = QuadrotorParameters(linear_drag=0.1, quadratic_drag=0.01, centre_of_mass=CentreOfMass(0.003, -0.002))
 
 
 def hover_by_hand(c):
@@ -59,9 +60,9 @@ def test_a_moving_point_against_differences(kinematics):
     point = np.concatenate([trim.state, trim.rotor_speed, trim.rotor_speed, trim.wind])
 
     def rates(x):
-        return np.array(
-            quadrotor_derivative(list(x[:16]), list(x[16:20]), list(x[20:]), DRAGGED, KINEMATICS[kinematics])
-        )
+        state = VehicleState(State(*x[:12]), RotorSpeed(*x[12:16]))
+        inputs = RotorSpeed(*x[16:20]), Wind(*x[20:]), None
+        return np.hstack(quadrotor_slope(state, *inputs, DRAGGED, None, 0.0, KINEMATICS[kinematics]))
 
     steps = 1e-6 * np.maximum(1.0, np.abs(point))
     numeric = np.array([(rates(point + h * e) - rates(point - h * e)) / (2.0 * h) for h, e in zip(steps, np.eye(23))]).T
