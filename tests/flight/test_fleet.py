@@ -7,23 +7,33 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
-from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
-from drake_quad.flight import fly, read_metrics
+from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.planning import plan_route
-from drake_quad.flight.fleet import StudyFleet
-from drake_quad.assembly.tracking import put_samples
+from drake_quad.assembly.tracking import build_fleet_diagram, reset_fleet
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.control.axes import PerAxis
+from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
+from drake_quad.flight import StudyFleet, simulate_samples
+from drake_quad.flight.simulation import fly, read_metrics
+from drake_quad.framework.wiring import subsystem
+from drake_quad.scenario import Batch
 
-ROBUSTNESS = "diagrams/robustness.yaml"
-SHORT = ["duration=0.5"]
+
+@pytest.fixture(scope="module")
+def scenario(diagrams):
+    """Half a second of the study of robustness, with overrides and perhaps another of the paper's controllers."""
+
+    def load(*overrides, controller=None):
+        paper = diagrams / "controllers" / "paper.yaml"
+        layers = [] if controller is None else [f"{paper}:{controller}"]
+        return load_scenario(diagrams / "robustness.yaml", ["duration=0.5", *overrides], layers=layers)
+
+    return load
 
 
-def scenario(*overrides, layers=()):
-    return load_scenario(ROBUSTNESS, [*SHORT, *overrides], layers=layers)
-
-
-def flown(study, samples):
-    """The metrics of a fleet that is built for these samples, without putting anything into it."""
-    diagram = build_tracking_diagram(study, len(samples), samples=samples)
+def flown(study, batch):
+    """The metrics of a fleet that is built for a batch, and never reset."""
+    diagram = build_fleet_diagram(batch, plan_route(study))
     simulator = Simulator(diagram)
     fly(simulator, study.duration)
     return read_metrics(diagram, simulator.get_context())
@@ -43,23 +53,46 @@ NETWORK = [
     ("overrides", "controller"),
     [*(([], name) for name in CONTROLLERS), (NETWORK, "pd_t2fnn"), (SIGN, "pd_t1fnn")],
 )
-def test_other_samples_fly_as_in_a_fleet_of_their_own(overrides, controller):
+def test_other_samples_fly_as_in_a_fleet_of_their_own(scenario, overrides, controller):
     """Bit for bit, with every kind of system and every number that may differ, also when they come second."""
-    study = scenario(*overrides, layers=[f"diagrams/controllers/paper.yaml:{controller}"])
+    study = scenario(*overrides, controller=controller)
     fleet = StudyFleet(study, 3)
     for samples in ([7, 8, 9], [3, 1, 2], [7, 8, 9]):
-        for found, expected in zip(fleet.fly(samples), flown(study, samples), strict=True):
+        for found, expected in zip(fleet.fly(samples), flown(study, Batch.draw(study, samples)), strict=True):
             np.testing.assert_array_equal(found, expected)
 
 
-def test_a_context_with_other_samples_is_the_default_one_of_their_fleet():
-    """Every parameter, state and tape; also those that do not show in the metrics."""
+def test_what_is_made_to_vary_flies_as_in_a_fleet_of_its_own(scenario):
+    """Numbers that were not drawn: gains, an item of a list, a whole number of ticks."""
+    study = scenario("laboratory.command_link.delay_ticks={choice: [0, 2]}", controller="pd_t2fnn")
+    varying = {
+        "laboratory.command_link.delay_ticks": np.array([2.0, 0.0, 1.0]),
+        "control.position.k_p.0": np.array([0.8, 1.0, 1.2]),
+        "control.position.learning.gain": np.array([0.2, 0.5, 0.7]),
+        "vehicle.mass": np.array([0.68, 0.7, 0.72]),
+    }
+    fleet, drawn = StudyFleet(study, 3), Batch.draw(study, [5, 5, 2])
+    varied = drawn.with_varying(varying)
+    metrics = fleet.fly_batch(varied)
+    for found, expected in zip(metrics, flown(study, varied), strict=True):
+        np.testing.assert_array_equal(found, expected)
+    # Each as the scenario that is its own.
+    for i in range(3):
+        alone = simulate(varied.scenario_of(i)).metrics
+        np.testing.assert_allclose([float(value[i]) for value in metrics], alone, rtol=1e-9)
+    # And nothing of it is left.
+    for found, expected in zip(fleet.fly_batch(drawn), flown(study, drawn), strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def test_a_context_that_is_reset_is_the_default_one_of_the_fleet_of_its_batch(scenario):
+    """Every parameter, state and random number; also those that do not show in the metrics."""
     study = scenario(*NETWORK)
     plan = plan_route(study)
-    first, second = range(4), [9, 8, 7, 6]
-    diagrams = [build_tracking_diagram(study, 4, samples=samples, plan=plan) for samples in (first, second)]
+    first, second = Batch.draw(study, range(4)), Batch.draw(study, [9, 8, 7, 6])
+    diagrams = [build_fleet_diagram(batch, plan) for batch in (first, second)]
     contexts = [diagram.CreateDefaultContext() for diagram in diagrams]
-    put_samples(diagrams[0], contexts[0], study, second, plan)
+    reset_fleet(diagrams[0], contexts[0], second, plan)
     sizes = [
         (
             context.num_numeric_parameter_groups(),
@@ -76,13 +109,35 @@ def test_a_context_with_other_samples_is_the_default_one_of_their_fleet():
     for i in range(sizes[0][2]):
         found, expected = (context.get_discrete_state(i).CopyToVector() for context in contexts)
         np.testing.assert_array_equal(found, expected)
+    assert sizes[0][1] > 1
     for i in range(sizes[0][1]):
-        tapes = [context.get_abstract_parameter(i).get_value() for context in contexts]
-        for found, expected in zip(*tapes, strict=True):
+        streams = [context.get_abstract_parameter(i).get_value() for context in contexts]
+        for found, expected in zip(*streams, strict=True):
             np.testing.assert_array_equal(found.at(0.3), expected.at(0.3))
 
 
-def test_the_size_of_a_fleet_does_not_matter():
+def test_a_flown_context_is_reset_to_the_beginning(scenario):
+    """Time, states and what a user's system remembers: nothing of the flight before is left."""
+    study = scenario(*NETWORK)
+    plan, batch = plan_route(study), Batch.draw(study, range(2))
+    own = UserSystems(position_controller=stiff).made(2)
+    diagram = build_fleet_diagram(batch, plan, own=own)
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    simulator.AdvanceTo(0.3)
+    pd = subsystem(diagram, "control.position.pd")
+    of_pd = pd.GetMyMutableContextFromRoot(context)
+    pd.set_parameter(of_pd, "gains", PdGains(PerAxis(1.0, 1.0, 1.0), PerAxis(1.0, 1.0, 1.0)))
+    reset_fleet(diagram, context, batch, plan, own=own)
+    fresh = diagram.CreateDefaultContext()
+    assert context.get_time() == 0.0
+    for i in range(fresh.num_discrete_state_groups()):
+        found, expected = (each.get_discrete_state(i).CopyToVector() for each in (context, fresh))
+        np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(pd.get_parameter(of_pd, "gains").k_p.z, 6.0)
+
+
+def test_the_size_of_a_fleet_does_not_matter(scenario):
     study = scenario()
     whole = StudyFleet(study, 70).fly(range(70))
     for size in (1, 7, 64):
@@ -93,7 +148,7 @@ def test_the_size_of_a_fleet_does_not_matter():
                 np.testing.assert_allclose(found, expected[first : first + len(samples)], rtol=1e-9)
 
 
-def test_a_batch_without_an_error_that_others_have_is_flown_in_the_same_diagram():
+def test_a_batch_without_an_error_that_others_have_is_flown_in_the_same_diagram(scenario):
     """What a distribution can make zero, or as long as a delay can get, is there in every batch."""
     study = scenario(
         "laboratory.motion_capture.latency_frames={choice: [0, 2]}",
@@ -106,21 +161,21 @@ def test_a_batch_without_an_error_that_others_have_is_flown_in_the_same_diagram(
         np.testing.assert_allclose([float(value[0]) for value in fleet.fly([sample])], alone, rtol=1e-9)
 
 
-def test_a_fleet_flies_with_a_controller_of_the_user_s_own():
-    from drake_quad.control.position import ProportionalDerivative, build_position_controller
+def stiff(num_vehicles):
+    """A position controller of a user's."""
+    gains = PdGains(PerAxis(2.0, 2.0, 6.0), PerAxis(2.0, 2.0, 3.5))
+    return build_position_controller(ProportionalDerivative(num_vehicles=num_vehicles, numbers=gains))
 
-    def stiff(num_vehicles):
-        pd = ProportionalDerivative(num_vehicles=num_vehicles, k_p=(2.0, 2.0, 6.0), k_d=(2.0, 2.0, 3.5))
-        return build_position_controller(pd)
 
+def test_a_fleet_flies_with_a_controller_of_the_user_s_own(scenario):
     study = scenario()
-    fleet = StudyFleet(study, 2, position_controller=stiff)
+    fleet = StudyFleet(study, 2, own=UserSystems(position_controller=stiff))
     for sample in (0, 5):
         alone = simulate(study, sample=sample, position_controller=stiff(1)).metrics
         assert fleet.fly([sample]).rmse[0] == pytest.approx(alone.rmse, rel=1e-9)
 
 
-def test_too_many_samples_or_none_are_refused():
+def test_too_many_samples_or_none_are_refused(scenario):
     fleet = StudyFleet(scenario(), 2)
     for samples in ([], [0, 1, 2]):
         with pytest.raises(ValueError, match="cannot fly"):
@@ -128,13 +183,18 @@ def test_too_many_samples_or_none_are_refused():
 
 
 @pytest.mark.parametrize("override", ["route.radius={uniform: {min: 1.2, max: 1.4}}", "vehicle.time_step=0"])
-def test_what_would_make_samples_depend_on_each_other_is_refused(override):
+def test_what_would_make_samples_depend_on_each_other_is_refused(scenario, override):
     with pytest.raises(InputError, match=override.partition("=")[0]):
         StudyFleet(scenario(override), 2)
 
 
+def test_a_recorded_fleet_flies_one_route_too(scenario):
+    with pytest.raises(InputError, match="route.radius is a distribution"):
+        simulate_samples(scenario("route.radius={uniform: {min: 1.2, max: 1.4}}"), [0, 1])
+
+
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs Linux's /proc")
-def test_batch_after_batch_takes_no_more_memory():
+def test_batch_after_batch_takes_no_more_memory(scenario):
     """A diagram that was built for each, or a context, would be megabytes a time."""
 
     def resident():

@@ -1,22 +1,42 @@
 import csv
 import re
-from pathlib import Path
 
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
-from drake_quad.flight import fly
-from drake_quad.scenario import draw_sample
+from drake_quad.assembly.planning import plan_route
+from drake_quad.assembly.tracking import build_fleet_diagram
+from drake_quad.flight import simulate_samples
+from drake_quad.flight.simulation import fly
+from drake_quad.scenario import Batch, draw_sample
+from drake_quad.signals import SIGNALS
 from drake_quad.visualization.plots import PLOTS, save_plots
-
-ROOT = Path(__file__).parent.parent
 
 
 @pytest.fixture(scope="module")
-def flight():
-    return simulate(load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=3.0"]))
+def flight(diagrams):
+    return simulate(load_scenario(diagrams / "figure_eight.yaml", ["duration=3.0"]))
+
+
+def test_rows_of_a_signal_have_names(flight):
+    for name, values in flight.signals.items():
+        record = flight.record(name)
+        assert type(record) is SIGNALS[name]
+        for row, expected in zip(record, values.T, strict=True):
+            np.testing.assert_array_equal(row, expected)
+    state, reference = flight.record("state"), flight.record("reference")
+    distance = np.linalg.norm([reference.x - state.x, reference.y - state.y, reference.z - state.z], axis=0)
+    np.testing.assert_allclose(flight.euclidean_error, distance, rtol=1e-12)
+
+
+def test_rows_of_a_network_are_numbered(asymmetric):
+    """Those of the weights for each rule, those of the trace of the covariance for each axis."""
+    flight = simulate(asymmetric("pd_t2fnn", "duration=1.1"))
+    weights, traces = flight.record("weights"), flight.record("covariance_trace")
+    assert (len(weights), len(traces)) == (36, 3)
+    np.testing.assert_array_equal(weights[13], flight["weights"][:, 13])
 
 
 def test_saved_files_hold_the_flight(flight, tmp_path):
@@ -28,7 +48,11 @@ def test_saved_files_hold_the_flight(flight, tmp_path):
     with table.open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     assert len(rows) == len(flight.time) == 151
-    np.testing.assert_allclose([float(row["state.z (m)"]) for row in rows], flight["state"][:, 2], rtol=1e-8)
+    state, speeds = flight.record("state"), flight.record("rotor_speed")
+    np.testing.assert_allclose([float(row["state.z (m)"]) for row in rows], state.z, rtol=1e-8)
+    rotor_3 = [float(row["rotor_speed.rotor_3 (rad/s)"]) for row in rows]
+    np.testing.assert_allclose(rotor_3, speeds.rotor_3, rtol=1e-8)
+    assert b"\r" not in table.read_bytes() + metrics.read_bytes()
     assert load_scenario(scenario) == flight.scenario
     with metrics.open(encoding="utf-8") as file:
         (row,) = csv.DictReader(file)
@@ -67,8 +91,9 @@ def test_plots_label_every_axis_with_a_unit(flight, tmp_path):
 def test_path_plot_shows_the_flown_path_and_the_reference(flight):
     _, plane = PLOTS["path"](flight).axes
     drawn = {line.get_label(): line.get_xydata() for line in plane.get_lines()}
-    np.testing.assert_array_equal(drawn["flown"], flight["state"][:, :2])
-    np.testing.assert_array_equal(drawn["reference"], flight["reference"][:, :2])
+    for label, signal in (("flown", "state"), ("reference", "reference")):
+        record = flight.record(signal)
+        np.testing.assert_array_equal(drawn[label].T, [record.x, record.y])
 
 
 EVERYTHING = [
@@ -94,13 +119,13 @@ ALL_WIND = f"laboratory.wind=[{STEADY}, {FANS}, {DRYDEN}, {GUST}]"
 
 
 @pytest.fixture(scope="module")
-def everything():
-    return load_scenario(ROOT / "diagrams" / "laboratory.yaml:high_wind", [*EVERYTHING, ALL_WIND])
+def everything(diagrams):
+    return load_scenario(diagrams / "laboratory.yaml:high_wind", [*EVERYTHING, ALL_WIND])
 
 
 def final_positions(scenario, samples, seed):
     """(3, N) where the vehicles of a fleet are at the end."""
-    diagram = build_tracking_diagram(scenario.model_copy(update={"seed": seed}), len(samples), samples=samples)
+    diagram = build_fleet_diagram(Batch.draw(scenario, samples, seed=seed), plan_route(scenario))
     simulator = Simulator(diagram)
     fly(simulator, 6.0)
     return diagram.GetOutputPort("state").Eval(simulator.get_context()).reshape(12, -1)[:3]
@@ -121,6 +146,30 @@ def test_a_sample_flies_the_same_in_any_fleet_and_at_any_place(everything):
     for samples, place in (([7, 2], 0), (range(12), 7), ([40, 7, 1], 1)):
         found = final_positions(everything, samples, seed=3)[:, place]
         np.testing.assert_allclose(found, alone, rtol=0.0, atol=1e-9)
+
+
+def test_vehicles_that_all_fly_the_same_have_wind_and_noise_of_their_own(diagrams):
+    """Those of the scenario's sample, of the next one, and so on."""
+    scenario = load_scenario(diagrams / "outdoor.yaml", ["duration=1", "sample=3"])
+    diagram = build_tracking_diagram(scenario, 3)
+    alone = [simulate(scenario, sample=sample)["wind"][-1] for sample in (3, 4, 5)]
+    assert np.ptp(alone, axis=0).min() > 1e-3
+    # What is recorded at the last tick blew until then.
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(1.0)
+    wind = diagram.GetOutputPort("wind").Eval(simulator.get_context()).reshape(3, 3)
+    np.testing.assert_allclose(wind, np.transpose(alone), atol=1e-9)
+
+
+def test_a_recorded_fleet_is_its_flights(everything):
+    """With the scenario that each flew: its own numbers, and the number of its sample."""
+    flights = simulate_samples(everything, [40, 7], seed=3)
+    alone = simulate(everything, seed=3, sample=7)
+    assert [flight.scenario.sample for flight in flights] == [40, 7]
+    assert flights[1].scenario == alone.scenario
+    assert flights[0].scenario.vehicle.mass != alone.scenario.vehicle.mass
+    for name in alone.signals:
+        np.testing.assert_allclose(flights[1][name], alone[name], atol=1e-7, err_msg=name)
 
 
 def test_another_distribution_leaves_wind_and_noise_as_they_are(everything, diagrams):
@@ -185,17 +234,17 @@ def test_a_vehicle_that_diverged_is_still_drawn(diagrams, tmp_path):
 def test_the_controller_believes_the_nominal_numbers(diagrams):
     """A heavier vehicle hangs Δm g / (m k_P) lower: nobody has told the controller."""
     scenario = load_scenario(diagrams / "hover.yaml", ["route.duration=20", "vehicle.mass=0.75"])
-    height = simulate(scenario)["state"][-1, 2]
+    height = simulate(scenario).record("state").z[-1]
     believed = load_scenario(diagrams / "hover.yaml", ["route.duration=20", "nominal.mass=0.75"])
     assert believed.vehicle.mass == 0.75
-    assert simulate(believed)["state"][-1, 2] == pytest.approx(1.0, abs=1e-9)
+    assert simulate(believed).record("state").z[-1] == pytest.approx(1.0, abs=1e-9)
     # The commanded vertical thrust is 0.68 (9.81 + k_P e), and it must be 0.75 · 9.81.
     k_p = scenario.control.position.k_p[2]
     assert 1.0 - height == pytest.approx((0.75 / 0.68 - 1.0) * 9.81 / k_p, rel=0.01)
 
 
-def test_a_flight_shows_itself_in_a_line_and_says_what_signals_it_has():
-    flight = simulate(load_scenario("diagrams/hover.yaml", ["duration=1"]))
+def test_a_flight_shows_itself_in_a_line_and_says_what_signals_it_has(diagrams):
+    flight = simulate(load_scenario(diagrams / "hover.yaml", ["duration=1"]))
     assert re.fullmatch(r"<Flight of hover: 1\.00 s, RMSE \S+ m; reference, .*wind, crashed>", repr(flight))
     with pytest.raises(KeyError, match="weights is no signal of this flight, which has reference, "):
         flight["weights"]
