@@ -3,10 +3,10 @@
 import pytest
 
 from drake_quad import InputError, load_scenario
-from drake_quad.studies.comparison import fly_samples
 from drake_quad.replication import calibration
 from drake_quad.replication.calibration import HYPOTHESES, FreeNumber, calibrate, pd_gains
-from drake_quad.replication.printed import Cell, table_ii
+from drake_quad.replication.printed import Cell, printed_table
+from drake_quad.studies.comparison import fly_samples
 
 
 def load(cell, overrides=()):
@@ -16,13 +16,13 @@ def load(cell, overrides=()):
 @pytest.mark.parametrize("cell", [calibration.PD_CELL, calibration.NETWORK_CELL])
 def test_the_calibrated_cells_are_met(cell):
     """Within 2 %, and by far: the error without wind hardly differs between samples."""
-    assert fly_samples(load(cell), range(6)).rmse.mean() == pytest.approx(table_ii()[cell].rmse.mean, rel=0.003)
+    assert fly_samples(load(cell), range(6)).rmse.mean() == pytest.approx(printed_table()[cell].rmse.mean, rel=0.003)
 
 
 def test_a_fit_finds_the_declared_numbers(monkeypatch):
     """From limits close by, and without the predictions, which take most of the time."""
-    table = {cell: line for cell, line in table_ii().items() if cell.wind == "no_wind"}
-    monkeypatch.setattr(calibration, "table_ii", lambda: table)
+    table = {cell: line for cell, line in printed_table().items() if cell.wind == "no_wind"}
+    monkeypatch.setattr(calibration, "printed_table", lambda: table)
     first = HYPOTHESES["measurement"]
     near = first._replace(
         pd=first.pd._replace(low=1.19, high=1.215), network=first.network._replace(low=1.94, high=2.01)

@@ -8,27 +8,28 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from drake_quad.studies.statistics import Interval
-from drake_quad.studies.study import Study
-from drake_quad.replication.claims import all_claims, as_good, judge, percent, typical_over_best
-from drake_quad.replication.effort import effort_matches, printed_scatter, printed_shares, write_efforts
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.replication.claims import all_claims, as_good, judge, typical_over_best
+from drake_quad.replication.effort import effort_matches, printed_ratios, printed_scatter, write_efforts
+from drake_quad.replication.estimates import percent
 from drake_quad.replication.fair import fair_entries, write_fair
-from drake_quad.replication.measures import EFFORTS, LegErrors
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, table_ii
+from drake_quad.replication.measures import EFFORTS, LegMetrics
+from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.results import FAIR, Experiment, cells_of
 from drake_quad.replication.sweeps import (
     NOISE,
-    SHARES,
+    Q_VALUES,
     SLOPES,
     Sweep,
     load_sweep,
     noise_settings,
-    share_settings,
+    q_settings,
 )
-from drake_quad.replication.table_ii import table_entries, table_markdown, write_table
-from drake_quad.laboratory.metrics import Metrics
+from drake_quad.replication.table_ii import table_entries, table_markdown, write_entries
+from drake_quad.studies.statistics import Interval
+from drake_quad.studies.study import Study
 
-DOCS = Path(__file__).parent.parent.parent.parent / "docs" / "replication"
+DOCS = Path(__file__).parent.parent.parent / "docs" / "replication"
 SAMPLES = 6
 NETWORKS = ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide")
 NAMES = {"no_wind": "no wind", "low_wind": "low wind", "high_wind": "high wind"}
@@ -61,7 +62,7 @@ def found():
     recorded[Cell("no_wind", "pd_t2fnn")]["pd_fade"][1] = np.nan
     noise, shares = (
         Sweep(settings, np.arange(6), metrics_of(rng, (15, 6), crashes=0.03))
-        for settings in (noise_settings(), share_settings())
+        for settings in (noise_settings(), q_settings())
     )
     slope = {"slope": np.array(SLOPES)}
     slopes = {wind: Sweep(slope, np.arange(1, 4), metrics_of(rng, (len(SLOPES), 3), 0.5)) for wind in WINDS}
@@ -73,7 +74,7 @@ def found():
     }
     for sweep in maps.values():
         sweep.metrics.rmse[:3] *= 2.0
-    legs = Sweep(gains, np.arange(4), LegErrors(*(rng.uniform(0.5, 1.5, (6, 4)) for _ in range(3))))
+    legs = Sweep(gains, np.arange(4), LegMetrics(*(rng.uniform(0.5, 1.5, (6, 4)) for _ in range(3))))
     legs.metrics.straight[2, 0] = np.nan
     return Experiment(cells, recorded, noise, shares, slopes, maps, legs)
 
@@ -173,7 +174,7 @@ def test_type_2_beside_type_1(found):
         for name in ("pd_t2fnn", "pd_t2fnn_wide")
     }
     better = {}
-    for number, sweep, count in (("noise", found.noise, len(NOISE)), ("q", found.shares, len(SHARES))):
+    for number, sweep, count in (("noise", found.noise, len(NOISE)), ("q", found.q, len(Q_VALUES))):
         first = rows_at(sweep, number, "pd_t1fnn", count)
         both = (
             [interval(1.0 - row / of_1) for row, of_1 in zip(rows_at(sweep, number, name, count), first, strict=True)]
@@ -337,7 +338,7 @@ def test_controllers_are_compared_with_both_baselines_in_the_same_wind(found):
 
 
 def test_definitions_of_effort_beside_the_printed_ratios(found):
-    with (DOCS.parent.parent / "drake_quad/analysis/replication/table_ii.csv").open(encoding="utf-8") as file:
+    with (DOCS.parent.parent / "drake_quad/replication/table_ii.csv").open(encoding="utf-8") as file:
         printed = list(csv.DictReader(file))
     names = {"PD": "pd", "PD+T1FNN": "pd_t1fnn", "PD+T2FNN": "pd_t2fnn"}
     winds = {"none": "no_wind", "low": "low_wind", "high": "high_wind"}
@@ -355,7 +356,7 @@ def test_definitions_of_effort_beside_the_printed_ratios(found):
             wanted.append([float(row[column] or "nan") / float(pd[column] or "nan") for column in columns])
     wanted = np.array(wanted)
     kept = np.isfinite(wanted)
-    np.testing.assert_allclose(printed_shares(), [stats.gmean(column[np.isfinite(column)]) for column in wanted.T])
+    np.testing.assert_allclose(printed_ratios(), [stats.gmean(column[np.isfinite(column)]) for column in wanted.T])
     variance = np.mean([np.sum((runs - runs.mean()) ** 2) / 2.0 for runs in logs["x"] + logs["y"]])
     assert printed_scatter() == pytest.approx(np.exp(np.sqrt(variance / 3.0 + variance / 3.0)))
 
@@ -374,7 +375,7 @@ def test_definitions_of_effort_beside_the_printed_ratios(found):
         off = np.sqrt([np.mean(np.log(shares[kept, k] / wanted[kept]) ** 2) for k in range(4)])
         np.testing.assert_allclose(matches[name].distance, np.exp(interval(off)))
         means = [stats.gmean(shares[kept[:, axis], axis].ravel()) for axis in (0, 1)]
-        np.testing.assert_allclose(matches[name].shares, means)
+        np.testing.assert_allclose((matches[name].ratio_x, matches[name].ratio_y), means)
 
 
 def test_table_ii_beside_the_print(found, tmp_path):
@@ -395,14 +396,14 @@ def test_table_ii_beside_the_print(found, tmp_path):
         np.testing.assert_array_equal(entry.runs.runs, values[:3])
         np.testing.assert_allclose(entry.runs.mean, values[:3].mean())
         np.testing.assert_allclose(entry.mean, interval(values))
-        printed = table_ii().get(entry.cell)
+        printed = printed_table().get(entry.cell)
         if printed is None:
             assert np.isnan([*entry.printed.runs, entry.printed.mean, entry.off]).all()
         else:
             np.testing.assert_array_equal(entry.printed.runs, getattr(printed, entry.quantity).runs)
             np.testing.assert_allclose(entry.off, interval(values)[0] / getattr(printed, entry.quantity).mean - 1.0)
 
-    with write_table(tmp_path / "table_ii.csv", entries).open(encoding="utf-8") as file:
+    with write_entries(tmp_path / "table_ii.csv", entries).open(encoding="utf-8") as file:
         rows = list(csv.DictReader(file))
     for row, entry in zip(rows, entries, strict=True):
         assert (row["quantity"], row["wind"], row["controller"], row["crashed"]) == (
@@ -438,7 +439,7 @@ def test_files_of_the_fair_comparison_and_of_efforts_hold_what_is_found(found, t
         for row, match in zip(csv.DictReader(file), matches, strict=True):
             assert row["definition"] == EFFORTS[match.name].words
             written = [float(row[name]) for name in ("ratio_x", "ratio_y", "off_by_factor", "low", "high")]
-            np.testing.assert_allclose(written, [*match.shares, *match.distance], rtol=1e-8)
+            np.testing.assert_allclose(written, [match.ratio_x, match.ratio_y, *match.distance], rtol=1e-8)
 
 
 def even(cells=(), recorded=(), noise=(), shares=(), slope=1.0):
@@ -465,7 +466,7 @@ def even(cells=(), recorded=(), noise=(), shares=(), slope=1.0):
         }
         studies[cell] = Study(None, 27.0, np.arange(3), {}, metrics(3, **numbers))
     sweeps = []
-    for settings, numbers in ((noise_settings(), noise), (share_settings(), shares)):
+    for settings, numbers in ((noise_settings(), noise), (q_settings(), shares)):
         rmse = np.ones((15, 3))
         for (row, exponents), value in dict(numbers).items():
             rmse[3 * row + NETWORKS.index(exponents)] = value
@@ -477,7 +478,7 @@ def even(cells=(), recorded=(), noise=(), shares=(), slope=1.0):
     own[Cell("no_wind", "pd_t2fnn")] |= {name: np.full(3, value) for name, value in dict(recorded).items()}
     gains = {"k_p": np.array([1.0, 2.0]), "k_d": np.array([1.0, 1.0])}
     maps = {name: Sweep(gains, np.arange(3), metrics((2, 3))) for name in ("pd", "pd_t2fnn")}
-    legs = Sweep(gains, np.arange(4), LegErrors(*np.ones((3, 2, 4))))
+    legs = Sweep(gains, np.arange(4), LegMetrics(*np.ones((3, 2, 4))))
     return Experiment(studies, own, *sweeps, slopes, maps, legs)
 
 
@@ -549,7 +550,7 @@ def test_what_is_tuned_on_one_kind_of_leg_is_judged_on_other_samples(curved, swi
     rows[0, 0, :2] = rows[1, 1, :2] = 0.5
     rows[1, :, 2:], rows[2, :, 2:] = np.transpose([curved]), np.transpose([swing])
     experiment = even()
-    *_, legs, _ = all_claims(replace(experiment, legs=replace(experiment.legs, metrics=LegErrors(*rows))))
+    *_, legs, _ = all_claims(replace(experiment, legs=replace(experiment.legs, metrics=LegMetrics(*rows))))
     assert legs.verdict == verdict
 
 

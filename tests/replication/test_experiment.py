@@ -3,15 +3,14 @@
 import numpy as np
 import pytest
 
-from drake_quad import InputError, load_scenario, simulate
-from drake_quad.studies import run as run_module
-from drake_quad.studies.processes import Workers
+from drake_quad import load_scenario, simulate
+from drake_quad.assembly.planning import plan_route
+from drake_quad.flight import simulate_samples
 from drake_quad.replication.experiment import QUICK, Sizes, _fly_cell, _Jobs
 from drake_quad.replication.measures import CURVED, STRAIGHT
-from drake_quad.replication.sweeps import fly_legs, fly_settings, gain_settings, noise_settings, share_settings
-from drake_quad.flight import simulate_samples
-from drake_quad.assembly.planning import plan_route
-from drake_quad.scenario.numbers import with_rows
+from drake_quad.replication.sweeps import fly_legs, fly_settings, gain_settings, noise_settings, q_settings
+from drake_quad.studies import monte_carlo
+from drake_quad.studies.processes import Workers
 
 PAPER = "diagrams/paper.yaml"
 POSITION = "control.position"
@@ -47,7 +46,7 @@ def test_settings_of_a_fleet_are_those_of_scenarios():
 
 
 def test_exponents_of_one_are_the_network_of_type_1():
-    settings = {name: values[:1] for name, values in share_settings().items()}
+    settings = {name: values[:1] for name, values in q_settings().items()}
     assert (settings["a1"][0], settings["a2"][0]) == (1.0, 1.0)
     found = fly_settings(scenario("no_wind_pd_t2fnn"), settings, [0])
     assert found.rmse[0, 0] == pytest.approx(simulate(scenario("no_wind_pd_t1fnn"), sample=0).metrics.rmse, rel=1e-9)
@@ -72,12 +71,6 @@ def test_errors_leg_by_leg_make_up_the_whole():
     low, high = sorted((errors.straight[0, 0], errors.curved[0, 0]))
     assert low < rmse < high or rmse == pytest.approx(low, rel=0.1)
     assert errors.swing[0, 0] > 0.0
-
-
-def test_a_field_that_is_not_there_is_named():
-    for path in ("vehicle.weight", "control.position.k_p.x", "control.position.k_p.7"):
-        with pytest.raises(InputError, match=path):
-            with_rows(scenario("no_wind_pd"), path, np.ones(2))
 
 
 def test_as_much_is_flown_as_the_report_says():
@@ -108,6 +101,6 @@ def test_jobs_are_done_by_workers_and_their_failure_is_told():
 
 
 def test_a_cell_with_a_sample_that_cannot_be_flown_is_none(tmp_path, monkeypatch):
-    monkeypatch.setattr(run_module, "fly_batch", lambda job, samples: fail(f"sample {samples[0]}"))
+    monkeypatch.setattr(monte_carlo, "fly_batch", lambda job, samples: fail(f"sample {samples[0]}"))
     with pytest.raises(RuntimeError, match="sample 0 of hover could not be flown: ArithmeticError: sample 0 is cursed"):
         _fly_cell(load_scenario("diagrams/hover.yaml", ["duration=0.1"]), 2, tmp_path)

@@ -6,12 +6,12 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.replication.measures import EFFORTS, leg_errors, measures
 from drake_quad.flight import Flight
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.routes import Leg
+from drake_quad.replication.measures import EFFORTS, leg_metrics, measures
 
 # A straight line along X and back, at 1 m; the legs begin at 0, 4, 8 and 12 s of 16.
 PATH = minimum_snap([[0.0, 0, 1], [1, 0, 1], [2, 0, 1], [1, 0, 1], [0, 0, 1]], [0.0, 4.0, 8.0, 12.0, 16.0])
@@ -84,7 +84,7 @@ def test_efforts_are_what_their_words_say():
 
 def test_a_crash_leaves_no_numbers():
     assert all(math.isnan(value) for value in measures(flight(crash_time=3.0)).values())
-    assert np.isnan(leg_errors([flight(crash_time=3.0)])).all()
+    assert np.isnan(leg_metrics([flight(crash_time=3.0)])).all()
 
 
 def test_errors_and_swings_leg_by_leg():
@@ -95,7 +95,7 @@ def test_errors_and_swings_leg_by_leg():
     command[:, 0] = 0.01 * (np.arange(len(TIME)) % 2)
     command[:, 1] = -0.02 * (np.arange(len(TIME)) % 2)
     command[leg == 2] *= 5.0
-    straight, curved, swing = (values[0] for values in leg_errors([flight(state=state, acceleration_command=command)]))
+    straight, curved, swing = (values[0] for values in leg_metrics([flight(state=state, acceleration_command=command)]))
     first, last = (leg == 1).sum(), (leg == 3).sum()
     assert straight == pytest.approx(3.0 * math.sqrt((first * 0.09 + last * 0.16) / (first + last)))
     assert curved == pytest.approx(0.6)

@@ -5,11 +5,11 @@ import math
 import numpy as np
 import pytest
 
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, table_ii
+from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 
 
 def test_the_table_has_ten_cells_of_known_names():
-    table = table_ii()
+    table = printed_table()
     assert len(table) == 10
     assert {cell.wind for cell in table} == set(WINDS)
     assert {cell.controller for cell in table} == set(CONTROLLERS)
@@ -17,19 +17,19 @@ def test_the_table_has_ten_cells_of_known_names():
 
 def test_printed_means_are_those_of_the_runs_where_all_are_printed():
     """To the last printed digit, but for two that the paper has otherwise."""
-    for cell, line in table_ii().items():
+    for cell, line in printed_table().items():
         for runs in line:
             if not any(map(math.isnan, (*runs.runs, runs.mean))):
                 assert np.mean(runs.runs) == pytest.approx(runs.mean, abs=1.1e-3), cell
 
 
 def test_gaps_are_not_numbers():
-    assert math.isnan(table_ii()[Cell("high_wind", "pd_t2fnn")].rmse.mean)
-    assert table_ii()[Cell("no_wind", "pd")].rmse.mean == 0.972
+    assert math.isnan(printed_table()[Cell("high_wind", "pd_t2fnn")].rmse.mean)
+    assert printed_table()[Cell("no_wind", "pd")].rmse.mean == 0.972
 
 
 def test_the_first_line_is_as_it_is_printed():
-    line = table_ii()[Cell("no_wind", "pd")]
+    line = printed_table()[Cell("no_wind", "pd")]
     assert line.rmse == ((0.978, 0.957, 0.981), 0.972)
     assert line.effort_x == ((0.150, 0.233, 0.216), 0.199)
     assert line.effort_y == ((0.431, 0.284, 0.493), 0.403)

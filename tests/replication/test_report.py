@@ -9,15 +9,16 @@ import pytest
 from PIL import Image
 
 from drake_quad import load_scenario
-from drake_quad.studies.processes import Workers
+from drake_quad.files import read_table
 from drake_quad.replication.experiment import Sizes, fly_experiment
-from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, table_ii
+from drake_quad.replication.figures import paper_figures, save_small
+from drake_quad.replication.findings import findings_of, write_findings
+from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.report import FIGURES, report_html, report_markdown
 from drake_quad.replication.results import FAIR, read_experiment
-from drake_quad.replication.findings import read_tables, write_tables
-from drake_quad.replication.figures import paper_figures, save_small
+from drake_quad.studies.processes import Workers
 
-ROOT = Path(__file__).parent.parent.parent.parent
+ROOT = Path(__file__).parent.parent.parent
 DOCS = ROOT / "docs" / "replication"
 SIZES = Sizes(cells=3, recorded=2, sweep=2, grid=3, map=2, legs=4)
 
@@ -41,8 +42,8 @@ def run(tmp_path_factory):
 def report(run):
     folder, *_ = run
     found = read_experiment(folder)
-    tables = read_tables(folder, found)
-    write_tables(folder, tables)
+    tables = findings_of(found, read_table(folder / "calibration.csv"))
+    write_findings(folder, tables)
     return report_markdown(found, tables)
 
 
@@ -160,8 +161,8 @@ def test_the_committed_table_is_calibrated_and_prints_what_the_paper_prints():
         Cell(row["wind"], row["controller"]): row for row in rows_of(DOCS / "table_ii.csv") if row["quantity"] == "rmse"
     }
     for cell in (Cell("no_wind", "pd"), Cell("no_wind", "pd_t2fnn")):
-        assert float(rows[cell]["mean"]) == pytest.approx(table_ii()[cell].rmse.mean, rel=0.02)
-    for cell, line in table_ii().items():
+        assert float(rows[cell]["mean"]) == pytest.approx(printed_table()[cell].rmse.mean, rel=0.02)
+    for cell, line in printed_table().items():
         assert rows[cell]["printed_mean"] == ("" if np.isnan(line.rmse.mean) else repr(line.rmse.mean))
 
 

@@ -17,7 +17,7 @@ import pytest
 from drake_quad import load_scenario, read_study, run_monte_carlo
 
 pytest.importorskip("distributed", reason="needs dask[distributed], the extra `cluster`")
-ROOT = Path(__file__).parents[3]
+ROOT = Path(__file__).parents[2]
 OVERRIDES = ["duration=0.3"]
 
 

@@ -7,6 +7,7 @@ import pytest
 from scipy import stats
 
 from drake_quad import load_scenario
+from drake_quad.laboratory.metrics import Metrics
 from drake_quad.studies import Study
 from drake_quad.studies.statistics import (
     compare,
@@ -21,7 +22,6 @@ from drake_quad.studies.statistics import (
     with_crashes,
     worst,
 )
-from drake_quad.laboratory.metrics import Metrics
 
 
 def study(rmse, crash_time=None, samples=None, **parameters):
