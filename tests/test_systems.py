@@ -1,133 +1,62 @@
-"""Every system: its port block tells the truth, and a copy is like the original."""
+"""Every system: its port block tells the truth, a copy is like the original, and a context is reset to any numbers."""
 
+import gc
+import importlib
+import importlib.metadata
 import inspect
 import math
+import pkgutil
 import re
+import weakref
 
+import numpy as np
 import pytest
-from pydrake.autodiffutils import AutoDiffXd
-from pydrake.common import RandomDistribution
+from all_systems import FLEET_SYSTEMS, SYSTEMS
+from pydrake.autodiffutils import AutoDiffXd, ExtractValue
 
+import drake_quad
 from drake_quad.control.attitude import AttitudeController
-from drake_quad.control.cascade import build_cascade
-from drake_quad.control.fuzzy.inference import Antecedents
-from drake_quad.control.fuzzy.laws import CovarianceLaw
-from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
+from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning
 from drake_quad.control.integral import IntegralCorrection
-from drake_quad.control.position import ProportionalDerivative, build_position_controller
-from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring
+from drake_quad.control.position import ProportionalDerivative
+from drake_quad.control.thrust_vectoring import ThrustVectoring
+from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.laboratory.command_link import CommandLink
 from drake_quad.laboratory.flight_monitor import FlightMonitor
-from drake_quad.laboratory.laboratory import build_laboratory
-from drake_quad.laboratory.motion_capture import CameraErrors, IdealMotionCapture, MotionCapture
-from drake_quad.randomness.noise import Samples, Stream, Tape, TapePlayer
-from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence
-from drake_quad.laboratory.wind.fans import Fans, Jet
-from drake_quad.laboratory.wind.gust import Gust, GustParameters
-from drake_quad.laboratory.wind.wind import build_held_wind, build_wind
-from drake_quad.randomness.streams import Kind
-from drake_quad.reference.plan import Plan
-from drake_quad.reference.source import SameForAll, build_reference
+from drake_quad.laboratory.motion_capture import MotionCapture
+from drake_quad.laboratory.wind.dryden import DrydenTurbulence
+from drake_quad.laboratory.wind.fans import Fans
+from drake_quad.laboratory.wind.gust import Gust
+from drake_quad.laboratory.wind.wind import SteadyWind
+from drake_quad.randomness.noise import NoiseSource
+from drake_quad.reference.source import Broadcast
 from drake_quad.vehicle.allocation import Allocation
-from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.quadrotor import Quadrotor
 
-GAINS = {"k_p": (1.0, 2.0, 3.0), "k_d": (1.0, 2.0, 3.0)}
-VECTORING = {"mass": 0.68, "gravity": 9.81, "limits": ThrustLimits(0.7, 2.0, 12.0)}
+
+def name_of(value):
+    return getattr(value, "__name__", "")
 
 
-def cascade():
-    return build_cascade(
-        position=build_position_controller(ProportionalDerivative(**GAINS)),
-        thrust_vectoring=ThrustVectoring(**VECTORING),
-        attitude=AttitudeController(**GAINS, inertia=(1.0, 1.0, 1.0)),
-        feed_forward="snap",
-    )
+systems = pytest.mark.parametrize(("documented", "make"), SYSTEMS, ids=name_of)
+examples = pytest.mark.parametrize("example", FLEET_SYSTEMS, ids=lambda example: name_of(example.system))
 
 
-SAMPLES = Samples(0, (5, 6))
-TURBULENCE = Turbulence.at_low_altitude(height=10.0, wind_at_20_feet=15.0, airspeed=5.0)
-JET = Jet((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), exit_speed=6.0, diameter=0.7, turbulence=0.2)
+def fleet_systems_of_the_package():
+    """All classes that `fleet_system` made, in all modules."""
+    modules = pkgutil.walk_packages(drake_quad.__path__, "drake_quad.")
+    found = [
+        value
+        for module in modules
+        for value in vars(importlib.import_module(module.name)).values()
+        if inspect.isclass(value) and issubclass(value, FleetSystem) and hasattr(value, "template")
+    ]
+    return set(found)
 
 
-def motion_capture():
-    errors = CameraErrors(1e-3, 4e-3, dropout_rate=0.1, misalignment=(0.1, 0.2, 0.3))
-    return MotionCapture(num_vehicles=2, errors=errors, derivative_bandwidth=100.0, latency_frames=2)
-
-
-def network():
-    return build_fuzzy_network(
-        rules=FuzzyRules(num_vehicles=2), learning=WeightLearning(num_vehicles=2, initial_weight=0.5)
-    )
-
-
-def sources():
-    return {"dryden_0": DrydenTurbulence(num_vehicles=2, turbulence=TURBULENCE), "fans": fans()}
-
-
-def wind():
-    return build_wind(sources(), num_vehicles=2)
-
-
-def fans():
-    return Fans(num_vehicles=2, jets=[JET, JET])
-
-
-def fans_without_turbulence():
-    return Fans(jets=[JET._replace(turbulence=0.0)])
-
-
-def tape_player():
-    stream = Stream("here", Kind.WIND, rows=3, distribution=RandomDistribution.kGaussian)
-    return TapePlayer(num_vehicles=2, tapes=[Tape(SAMPLES, [stream], period=0.01)])
-
-
-def laboratory():
-    return build_laboratory(
-        vehicle=Quadrotor(num_vehicles=2),
-        allocation=Allocation(num_vehicles=2),
-        motion_capture=motion_capture(),
-        command_link=CommandLink(num_vehicles=2, delay_ticks=2, loss_rate=0.1),
-        wind=sources(),
-        samples=SAMPLES,
-    )
-
-
-SYSTEMS = [
-    (Allocation, Allocation),
-    (AttitudeController, lambda: AttitudeController(**GAINS, inertia=(1.0, 1.0, 1.0))),
-    (CommandLink, lambda: CommandLink(num_vehicles=2, delay_ticks=3, loss_rate=0.1, initial=(1.0, 0.0, 0.0, 0.0))),
-    (DrydenTurbulence, lambda: DrydenTurbulence(num_vehicles=2, turbulence=TURBULENCE)),
-    (Fans, fans),
-    (FlightMonitor, FlightMonitor),
-    (FuzzyRules, lambda: FuzzyRules(num_vehicles=2, antecedents=Antecedents(1.4, 0.6, 0.3))),
-    (Gust, lambda: Gust(gust=GustParameters((1.0, 2.0, 3.0), 1.0, 2.0))),
-    (IntegralCorrection, lambda: IntegralCorrection(num_vehicles=2, k_i=(1.0, 2.0, 3.0), limit=2.0)),
-    (IdealMotionCapture, IdealMotionCapture),
-    (MotionCapture, motion_capture),
-    (ProportionalDerivative, lambda: ProportionalDerivative(**GAINS, feed_forward=True)),
-    (Quadrotor, lambda: Quadrotor(faults=RotorFaults(0.01, 5.0, (1.0, 0.0, 1.0, 1.0)))),
-    (Quadrotor, lambda: Quadrotor(num_vehicles=2, initial_position=(1.0, 2.0, 3.0))),
-    (Quadrotor, lambda: Quadrotor(time_step=0.0, kinematics="small_angle")),
-    (SameForAll, lambda: SameForAll(num_vehicles=3, num_rows=2)),
-    (TapePlayer, tape_player),
-    (ThrustVectoring, lambda: ThrustVectoring(**VECTORING)),
-    (
-        WeightLearning,
-        lambda: WeightLearning(num_vehicles=2, axes=("x", "z"), law=CovarianceLaw(1.0, 20.0), num_rules=4),
-    ),
-    (build_cascade, cascade),
-    (build_fuzzy_network, network),
-    (build_held_wind, lambda: build_held_wind(fans_without_turbulence(), period=0.01)),
-    (build_laboratory, laboratory),
-    (
-        build_position_controller,
-        lambda: build_position_controller(ProportionalDerivative(**GAINS, feed_forward=True)),
-    ),
-    (build_wind, wind),
-    (build_reference, lambda: build_reference(Plan.hover([0.0, 0.0, 1.0], duration=1.0), num_vehicles=2)),
-]
-systems = pytest.mark.parametrize(("documented", "make"), SYSTEMS, ids=lambda value: getattr(value, "__name__", ""))
+def test_the_table_has_every_system():
+    assert {example.system for example in FLEET_SYSTEMS} == fleet_systems_of_the_package()
+    assert {example.system for example in FLEET_SYSTEMS if example.whole} == fleet_systems_of_the_package()
 
 
 def documented_ports(docstring):
@@ -140,84 +69,212 @@ def documented_ports(docstring):
     return ports
 
 
+def ports_of(system):
+    return {
+        "input": [system.get_input_port(i).get_name() for i in range(system.num_input_ports())],
+        "output": [system.get_output_port(i).get_name() for i in range(system.num_output_ports())],
+    }
+
+
 @systems
 def test_the_port_block_names_the_ports(documented, make):
-    system = make()
-    ports = documented_ports(documented.__doc__)
-    assert ports["input"] == [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
-    assert ports["output"] == [system.get_output_port(i).get_name() for i in range(system.num_output_ports())]
+    assert documented_ports(documented.__doc__) == ports_of(make())
+
+
+def elements_of(context):
+    """The elements of all numeric parameters and states of a context."""
+    return [
+        *(context.get_numeric_parameter(i).CopyToVector() for i in range(context.num_numeric_parameter_groups())),
+        *(context.get_discrete_state(i).CopyToVector() for i in range(context.num_discrete_state_groups())),
+        context.get_continuous_state_vector().CopyToVector(),
+    ]
+
+
+def abstract_numbers_of(context):
+    """What the random numbers in the abstract parameters of a context are at some time."""
+    groups = (context.get_abstract_parameter(i).get_value() for i in range(context.num_abstract_parameters()))
+    return [stream.at(0.3) for streams in groups for stream in streams]
 
 
 @systems
 def test_converts_to_autodiff_with_the_same_ports_and_defaults(documented, make):
     system = make()
     converted = system.ToScalarType[AutoDiffXd]()
-    assert converted.num_input_ports() == system.num_input_ports()
+    assert ports_of(converted) == ports_of(system)
     for i in range(system.num_output_ports()):
         assert converted.get_output_port(i).size() == system.get_output_port(i).size()
     context, converted_context = system.CreateDefaultContext(), converted.CreateDefaultContext()
-    assert converted_context.num_total_states() == context.num_total_states()
+    for found, expected in zip(elements_of(converted_context), elements_of(context), strict=True):
+        np.testing.assert_array_equal(ExtractValue(found).ravel() if len(found) else found, expected)
+    for found, expected in zip(abstract_numbers_of(converted_context), abstract_numbers_of(context), strict=True):
+        np.testing.assert_array_equal(found, expected)
+
+
+def spoil(context):
+    """Writes something else into all numeric parameters and states of a context."""
+
+    def other(vector):
+        return np.array([type(element)(-7.0) for element in vector.CopyToVector()])
+
+    for i in range(context.num_numeric_parameter_groups()):
+        vector = context.get_mutable_numeric_parameter(i)
+        vector.SetFromVector(other(vector))
     for i in range(context.num_discrete_state_groups()):
-        values = [value.value() for value in converted_context.get_discrete_state(i).CopyToVector()]
-        assert values == list(context.get_discrete_state(i).CopyToVector())
+        context.SetDiscreteState(i, other(context.get_discrete_state(i)))
+    if context.num_continuous_states():
+        context.SetContinuousState(other(context.get_continuous_state_vector()))
+
+
+@examples
+def test_a_context_that_is_reset_is_the_default_one_of_a_system_of_those_numbers(example):
+    """Whatever was in it before; every parameter and state, every row and every vehicle."""
+    numbers = example.other_numbers
+    system, other = example.make(), example.made_of(numbers)
+    context, expected = system.CreateDefaultContext(), other.CreateDefaultContext()
+    spoil(context)
+    context.SetTime(3.0)
+    system.reset(context, numbers)
+    for found, wanted in zip(elements_of(context), elements_of(expected), strict=True):
+        np.testing.assert_array_equal(found, wanted)
+    for found, wanted in zip(abstract_numbers_of(context), abstract_numbers_of(expected), strict=True):
+        np.testing.assert_array_equal(found, wanted)
+    # The system itself is as it was.
+    for found, wanted in zip(
+        elements_of(system.CreateDefaultContext()), elements_of(example.make().CreateDefaultContext()), strict=True
+    ):
+        np.testing.assert_array_equal(found, wanted)
+
+
+@examples
+def test_the_numbers_of_the_examples_show_in_every_parameter(example):
+    """Or the test of reset might not see one that it forgets."""
+    both = example.numbers, example.other_numbers
+    contexts = [example.made_of(numbers).CreateDefaultContext() for numbers in both]
+    assert (contexts[0].num_numeric_parameter_groups() > 0) == bool(
+        example.system is not NoiseSource and example.numbers
+    )
+    for i in range(contexts[0].num_numeric_parameter_groups()):
+        first, second = (context.get_numeric_parameter(i).CopyToVector() for context in contexts)
+        assert (first != second).all()
+    for first, second in zip(*map(abstract_numbers_of, contexts), strict=True):
+        assert (first != second).all()
+
+
+@examples
+def test_a_differentiable_context_is_reset_too(example):
+    system = example.make().ToScalarType[AutoDiffXd]()
+    context, expected = system.CreateDefaultContext(), example.made_of(example.other_numbers).CreateDefaultContext()
+    spoil(context)
+    system.reset(context, example.other_numbers)
+    for found, wanted in zip(elements_of(context), elements_of(expected), strict=True):
+        np.testing.assert_array_equal(ExtractValue(found).ravel() if len(found) else found, wanted)
+
+
+@examples
+def test_parameters_and_states_come_back_as_they_are_written(example):
+    """Records by their names, of a number for one vehicle and of an array for a fleet."""
+    system, other = example.make(), example.made_of(example.other_numbers)
+    context, source = system.CreateDefaultContext(), other.CreateDefaultContext()
+    assert len(system.parameters) == context.num_numeric_parameter_groups()
+    for name in system.parameters:
+        record = other.get_parameter(source, name)
+        system.set_parameter(context, name, record)
+        assert type(record) is type(system.get_parameter(context, name))
+    for name in system.states:
+        system.set_state(context, name, other.get_state(source, name))
+    for found, wanted in zip(elements_of(context), elements_of(source), strict=True):
+        np.testing.assert_array_equal(found, wanted)
+
+
+DRAKE = tuple(map(int, importlib.metadata.version("drake").split(".")[:2]))
+
+
+def parts_of(system):
+    """A system and all systems in it."""
+    inside = system.GetSystems() if hasattr(system, "GetSystems") else []
+    return [system, *(part for each in inside for part in parts_of(each))]
+
+
+@pytest.mark.skipif(DRAKE < (1, 56), reason="callbacks keep their systems alive in earlier versions of Drake")
+@systems
+def test_a_system_that_is_dropped_is_gone(documented, make):
+    """With its context, its copy for AutoDiffXd and, of a diagram, all that is in it."""
+    system = make()
+    context = system.CreateDefaultContext()
+    converted = system.ToScalarType[AutoDiffXd]()
+    alive = [weakref.ref(part) for each in (system, converted) for part in parts_of(each)]
+    del system, context, converted
+    gc.collect()
+    left = [reference() for reference in alive]
+    assert [type(part).__name__ for part in left if part is not None] == []
 
 
 DEFAULTS = {
-    Allocation: {"rotors": (4.13e-5, 8.5e-7, 0.17, 60.0, 300.0)},
+    Allocation: {"numbers": (4.13e-5, 8.5e-7, 0.17, 60.0, 300.0)},
     AttitudeController: {},
-    CommandLink: {"period": 0.02, "delay_ticks": 0, "longest_delay": None, "loss_rate": 0.0, "initial": (0.0,) * 4},
-    DrydenTurbulence: {"period": 0.01, "heading": 0.0},
+    Broadcast: {"num_rows": 1},
+    CommandLink: {
+        "period": 0.02,
+        "longest_delay": 0,
+        "loses_packets": False,
+        "numbers": (0.0, 0.0, (0.0, 0.0, 0.0, 0.0)),
+    },
+    DrydenTurbulence: {"period": 0.01},
     Fans: {"period": 0.01},
     FlightMonitor: {"period": 0.02, "limits": (math.radians(80.0), 5.0, -0.5), "window": (0.0, math.inf)},
     FuzzyRules: {
         "axes": ("x", "y"),
-        "antecedents": (1.2, 0.8, 0.5, *[(1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0))] * 2),
+        "numbers": (1.2, 0.8, 0.5, *[(1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0))] * 2),
     },
     Gust: {"period": 0.01},
     IntegralCorrection: {"period": 0.02},
-    IdealMotionCapture: {"period": 0.01},
     MotionCapture: {
         "period": 0.01,
-        "errors": (0.0, 0.0, 0.0, (0.0, 0.0, 0.0)),
-        "derivative_bandwidth": None,
-        "latency_frames": 0,
-        "longest_latency": None,
+        "noisy": False,
+        "loses_frames": False,
+        "misaligned": False,
+        "filtered": False,
+        "longest_latency": 0,
+        "numbers": (0.0, 0.0, 0.0, (0.0, 0.0, 0.0), 0.0, 0.0),
     },
-    ProportionalDerivative: {"derivative": "tracking_error", "feed_forward": False},
+    NoiseSource: {},
+    ProportionalDerivative: {"derivative": "tracking_error", "feeds_forward": False},
     Quadrotor: {
         "time_step": 0.01,
         "kinematics": "exact",
-        "parameters": (
-            *(0.68, (0.007, 0.007, 0.012), 6.5e-5, (4.13e-5,) * 4, 8.5e-7, 0.17, 9.81, 0.0, 0.0),
-            *(0.05, 60.0, 300.0, (0.0, 0.0)),
+        "faulty": False,
+        "numbers": (
+            (
+                *(0.68, (0.007, 0.007, 0.012), 6.5e-5, (4.13e-5,) * 4, 8.5e-7, 0.17, 9.81, 0.0, 0.0),
+                *(0.05, 60.0, 300.0, (0.0, 0.0)),
+            ),
+            (0.0, math.inf, (1.0, 1.0, 1.0, 1.0)),
+            (0.0, 0.0, 0.0, 0.0),
         ),
-        "faults": None,
-        "initial_position": (0.0, 0.0, 0.0),
-        "initial_yaw": 0.0,
     },
-    SameForAll: {"num_rows": 1},
-    TapePlayer: {},
+    SteadyWind: {},
     ThrustVectoring: {},
     WeightLearning: {
         "period": 0.02,
         "axes": ("x", "y"),
         "num_rules": 9,
-        "slope": 1.0,
-        "law": (1.0, 1.0, 1.0),
-        "limits": (math.inf, 0.0, 0.0),
-        "initial_weight": 0.0,
         "reset_times": (),
+        "numbers": (1.0, (1.0, 1.0, 1.0), (math.inf, 0.0, 0.0), 0.0),
     },
 }
 
 
-@pytest.mark.parametrize("system", DEFAULTS, ids=lambda system: system.__name__)
+@pytest.mark.parametrize("system", DEFAULTS, ids=name_of)
 def test_a_system_that_is_told_nothing_else_is_one_vehicle_s_at_the_periods_of_the_loop(system):
     """The vehicle's and the wind's is 10 ms, as is that of the cameras; commands and what learns have 20 ms."""
-    parameters = inspect.signature(system.declared_by.declare).parameters.values()
+    parameters = inspect.signature(system.declare).parameters.values()
     defaults = {each.name: each.default for each in parameters if each.default is not inspect.Parameter.empty}
-    assert defaults == {"num_vehicles": 1, **DEFAULTS[system]}
+    assert defaults == DEFAULTS[system]
+    example = next(example for example in FLEET_SYSTEMS if example.system is system)
+    needed = {each.name for each in parameters} - {"self", *defaults}
+    numbers = example.numbers._replace(numbers=(5,)) if system is NoiseSource else example.numbers
+    assert system(**{name: {"numbers": numbers, **example.structure}[name] for name in needed}).num_vehicles == 1
 
 
 def test_every_system_s_defaults_are_known():
-    assert {documented for documented, _ in SYSTEMS if inspect.isclass(documented)} == DEFAULTS.keys()
+    assert DEFAULTS.keys() == fleet_systems_of_the_package()

@@ -71,6 +71,7 @@ def build_wind(sources: Mapping[str, Any], *, streams: Mapping[str, list[Stream]
             else:
                 builder.ExportInput(source.GetInputPort("state"), "state")
             placed = True
+    for name, source in sources.items():
         for stream in streams.get(name, []):
             builder.ExportInput(source.GetInputPort(stream.name.removeprefix(f"{name}.")), stream.name)
     ports = [source.get_output_port() for source in sources.values()]

@@ -1,0 +1,218 @@
+"""The one table of all systems: examples of each FleetSystem, and of each diagram that a function builds."""
+
+from collections.abc import Callable, Mapping
+from types import MappingProxyType
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.common import RandomDistribution
+
+from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
+from drake_quad.control.axes import PerAngle, PerAxis
+from drake_quad.control.cascade import build_cascade
+from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
+from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
+from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning, build_fuzzy_network
+from drake_quad.control.integral import IntegralCorrection, IntegralGains
+from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
+from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.records import layout_of
+from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
+from drake_quad.laboratory.flight_monitor import FlightMonitor
+from drake_quad.laboratory.laboratory import build_laboratory
+from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture
+from drake_quad.laboratory.wind.dryden import DrydenTurbulence, PerDirection, Turbulence, TurbulenceNumbers
+from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
+from drake_quad.laboratory.wind.gust import Gust, GustNumbers
+from drake_quad.laboratory.wind.wind import SteadyWind, build_held_wind, build_wind
+from drake_quad.randomness.noise import NoiseSource, Samples, Stream, random_streams
+from drake_quad.randomness.streams import Kind
+from drake_quad.reference.plan import Plan
+from drake_quad.reference.source import Broadcast, build_reference
+from drake_quad.signals import Attitude, State, Wind, Wrench
+from drake_quad.vehicle.allocation import Allocation, RotorModel
+from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
+from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters, ThrustFactors
+from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
+
+
+class Example(NamedTuple):
+    """A FleetSystem.
+
+    Attributes:
+        system: its class.
+        numbers: none of which is zero or infinite, nor like another; None if it has no numbers.
+        structure: of the constructor.
+        num_vehicles: N.
+        whole: whether it has all of the ports that its class may have.
+    """
+
+    system: Any
+    numbers: Any = None
+    structure: Mapping[str, Any] = MappingProxyType({})
+    num_vehicles: int = 1
+    whole: bool = True
+
+    def make(self) -> Any:
+        return self.made_of(self.numbers)
+
+    def made_of(self, numbers: Any) -> Any:
+        """The system with other numbers."""
+        given = {} if numbers is None else {"numbers": numbers}
+        return self.system(num_vehicles=self.num_vehicles, **self.structure, **given)
+
+    @property
+    def other_numbers(self) -> Any:
+        """Numbers of which each differs from that of the example, and from vehicle to vehicle."""
+        if self.numbers is None:
+            return None
+        if isinstance(self.numbers, Samples):
+            return Samples(self.numbers.seed + 1, [sample + 10 for sample in self.numbers.numbers])
+        layout = layout_of(type(self.numbers), self.numbers)
+        growth = 1.1 + 0.05 * np.arange(self.num_vehicles)
+        # Every row grows by a factor of its own: quotients of two of them must differ, too.
+        rows = [(growth + 0.01 * i) * row for i, row in enumerate(layout.flatten(self.numbers))]
+        return layout.build([float(row[0]) for row in rows] if self.num_vehicles == 1 else rows)
+
+
+GAINS = PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.2, 3.2))
+ATTITUDE = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), 0.0065, 0.0085, 0.0126)
+VECTORING = VectoringNumbers(0.68, 9.81, ThrustLimits(0.7, 2.0, 12.0))
+VEHICLE = QuadrotorNumbers(
+    QuadrotorParameters(
+        mass=0.74,
+        inertia=Inertia(0.0071, 0.0079, 0.0131),
+        rotor_inertia=9.0e-5,
+        thrust_factor=ThrustFactors(4.15e-5, 4.02e-5, 4.17e-5, 4.12e-5),
+        drag_factor=1.0e-6,
+        arm_length=0.165,
+        gravity=9.8,
+        linear_drag=0.12,
+        quadratic_drag=0.02,
+        rotor_time_constant=0.04,
+        min_rotor_speed=70.0,
+        max_rotor_speed=290.0,
+        centre_of_mass=CentreOfMass(-0.003, 0.008),
+    ),
+    RotorFaults(0.01, 5.0, SpeedFactors(0.9, 0.8, 0.7, 0.6)),
+    Place(1.0, 2.0, 3.0, 0.4),
+)
+TURBULENCE = TurbulenceNumbers(Turbulence(PerDirection(1.1, 0.9, 0.7), PerDirection(20.0, 22.0, 3.0), 5.0), 0.7)
+JETS = (
+    Jet(Outlet(0.5, -2.0, 1.0), Direction(0.6, 0.64, 0.48), 6.0, 0.7, 0.2),
+    Jet(Outlet(-1.5, 2.5, 0.8), Direction(-0.6, -0.48, 0.64), 5.0, 0.8, 0.25),
+)
+GUST = GustNumbers(Wind(1.0, 2.0, 3.0), 1.1, 2.2, 3.3)
+CAMERAS = CameraNumbers(1e-3, 4e-3, 0.1, Attitude(0.1, 0.2, 0.3), 100.0, 2.0)
+LINK = LinkNumbers(2.0, 0.1, Wrench(6.0, 0.1, 0.2, 0.3))
+SETS = Antecedents(
+    1.4, 0.6, 0.3, FuzzySets(1.8, (-1.0, 0.1, 1.2), (1.1, 0.9, 1.3)), FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4))
+)
+LIMITS = Limits(0.9, 0.01, 0.02)
+SAMPLES = Samples(3, (5, 6))
+STREAMS = (
+    Stream("here", Kind.WIND, 3, RandomDistribution.kGaussian, 0.01),
+    Stream("there", Kind.NOISE, 1, RandomDistribution.kUniform, 0.02),
+)
+ALL_ERRORS = {"noisy": True, "loses_frames": True, "misaligned": True, "filtered": True, "longest_latency": 2}
+LOSSY = {"longest_delay": 3, "loses_packets": True}
+
+FLEET_SYSTEMS = [
+    Example(Allocation, RotorModel(4.1e-5, 8.6e-7, 0.165, 61.0, 299.0)),
+    Example(AttitudeController, ATTITUDE),
+    Example(Broadcast, structure={"num_rows": 2}, num_vehicles=3),
+    Example(CommandLink, LINK, LOSSY, num_vehicles=2),
+    Example(CommandLink, LINK, whole=False),
+    Example(DrydenTurbulence, TURBULENCE, num_vehicles=2),
+    Example(Fans, JETS, num_vehicles=2),
+    Example(Fans, JETS),
+    Example(FlightMonitor),
+    Example(FlightMonitor, num_vehicles=3),
+    Example(FuzzyRules, SETS, num_vehicles=2),
+    Example(Gust, GUST),
+    Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), num_vehicles=2),
+    Example(MotionCapture, CAMERAS, ALL_ERRORS, num_vehicles=2),
+    Example(MotionCapture, CAMERAS, ALL_ERRORS),
+    Example(MotionCapture, CAMERAS, whole=False),
+    Example(NoiseSource, SAMPLES, {"streams": STREAMS}, num_vehicles=2),
+    Example(ProportionalDerivative, GAINS, {"feeds_forward": True}),
+    Example(Quadrotor, VEHICLE, {"faulty": True}),
+    Example(Quadrotor, VEHICLE, num_vehicles=2),
+    Example(Quadrotor, VEHICLE, {"time_step": 0.0, "kinematics": "small_angle", "faulty": True}, num_vehicles=2),
+    Example(SteadyWind, Wind(0.7, -0.5, 0.3), num_vehicles=2),
+    Example(ThrustVectoring, VECTORING),
+    Example(
+        WeightLearning,
+        LearningNumbers(1.4, CovarianceLaw(0.8, 5.0, 0.997), LIMITS, 0.05),
+        {"axes": ("x", "z"), "num_rules": 4, "reset_times": (1.0, 2.0)},
+        num_vehicles=2,
+    ),
+    Example(WeightLearning, LearningNumbers(1.4, GradientLaw(0.4), LIMITS, 0.05), whole=False),
+    Example(WeightLearning, LearningNumbers(1.4, SignLaw(0.4, 0.2), LIMITS, 0.05), num_vehicles=2, whole=False),
+]
+
+
+def _cascade() -> Any:
+    return build_cascade(
+        position=build_position_controller(ProportionalDerivative(numbers=GAINS)),
+        thrust_vectoring=ThrustVectoring(numbers=VECTORING),
+        attitude=AttitudeController(numbers=ATTITUDE),
+        feed_forward="snap",
+    )
+
+
+def _network() -> Any:
+    learning = LearningNumbers(initial_weight=0.5)
+    return build_fuzzy_network(
+        rules=FuzzyRules(num_vehicles=2), learning=WeightLearning(num_vehicles=2, numbers=learning)
+    )
+
+
+def _sources() -> dict[str, Any]:
+    return {
+        "dryden_0": DrydenTurbulence(num_vehicles=2, numbers=TURBULENCE),
+        "fans": Fans(num_vehicles=2, numbers=JETS),
+    }
+
+
+def _wind() -> Any:
+    sources = _sources()
+    return build_wind(sources, streams=random_streams(sources, Kind.WIND), num_vehicles=2)
+
+
+def _laboratory() -> Any:
+    return build_laboratory(
+        vehicle=Quadrotor(num_vehicles=2),
+        allocation=Allocation(num_vehicles=2),
+        motion_capture=MotionCapture(num_vehicles=2, **ALL_ERRORS, numbers=CAMERAS),
+        command_link=CommandLink(num_vehicles=2, **LOSSY, numbers=LINK),
+        wind=_sources(),
+        samples=SAMPLES,
+    )
+
+
+def _along(state: State) -> Wind:
+    return Wind(0.1 * state.x, 0.2 * state.y, 0.3 * state.z)
+
+
+@fleet_system(float, AutoDiffXd)
+class Along(FleetSystem):
+    """A wind that is a function of the place, as a user might write it."""
+
+    def declare(self) -> None:
+        self.output("wind", _along, self.input("state"))
+
+
+DIAGRAMS: list[tuple[Callable[..., Any], Callable[[], Any]]] = [
+    (build_cascade, _cascade),
+    (build_fuzzy_network, _network),
+    (build_held_wind, lambda: build_held_wind(Along(), period=0.01)),
+    (build_laboratory, _laboratory),
+    (build_position_controller, lambda: build_position_controller(ProportionalDerivative(numbers=GAINS))),
+    (build_wind, _wind),
+    (build_reference, lambda: build_reference(Plan.hover([0.0, 0.0, 1.0], duration=1.0), num_vehicles=2)),
+]
+
+SYSTEMS = [(each.system, each.make) for each in FLEET_SYSTEMS if each.whole] + DIAGRAMS
+"""What has a port block, and an example with all of its ports."""
