@@ -195,12 +195,22 @@ def parts_of(system):
     return [system, *(part for each in inside for part in parts_of(each))]
 
 
+def use(system, context):
+    """Evaluates all outputs of a system, for inputs of some number."""
+    for i in range(system.num_input_ports()):
+        port = system.get_input_port(i)
+        port.FixValue(context, [0.5] * port.size())
+    for i in range(system.num_output_ports()):
+        assert not np.isnan(system.get_output_port(i).Eval(context)).any()
+
+
 @pytest.mark.skipif(DRAKE < (1, 56), reason="callbacks keep their systems alive in earlier versions of Drake")
 @systems
 def test_a_system_that_is_dropped_is_gone(documented, make):
-    """With its context, its copy for AutoDiffXd and, of a diagram, all that is in it."""
+    """With its context, what it has computed, its copy for AutoDiffXd and, of a diagram, all that is in it."""
     system = make()
     context = system.CreateDefaultContext()
+    use(system, context)
     converted = system.ToScalarType[AutoDiffXd]()
     alive = [weakref.ref(part) for each in (system, converted) for part in parts_of(each)]
     del system, context, converted
