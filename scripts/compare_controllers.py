@@ -11,8 +11,8 @@ import numpy as np
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.files import output_folder, write_table
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.studies.comparison import fly_samples, share_of
-from drake_quad.studies.statistics import of_survivors
+from drake_quad.studies.comparison import fly_samples
+from drake_quad.studies.statistics import compare, of_survivors
 from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.style import save_figures
 
@@ -93,7 +93,6 @@ def print_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> None:
     for place, found in flights.items():
         first = next(iter(found.values()))
         for name, metrics in found.items():
-            share = share_of(metrics, first)
             rows.append(
                 (
                     place,
@@ -102,7 +101,7 @@ def print_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> None:
                     f"{spread(100.0 * of_survivors(metrics, 'peak_error'), 0)} cm",
                     f"{spread(of_survivors(metrics, 'effort_x'), 3)}",
                     f"{spread(of_survivors(metrics, 'effort_y'), 3)}",
-                    f"{100.0 * np.nanmean(share):.0f} %" if np.isfinite(share).any() else "–",
+                    compare(metrics, first).share.percent(),
                     f"{int(metrics.crashed.sum())} crashed" if metrics.crashed.any() else "",
                 )
             )

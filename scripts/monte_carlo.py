@@ -22,15 +22,14 @@ from command_line import (
 import numpy as np
 
 from drake_quad import InputError, Scenario
-from drake_quad.laboratory.metrics import UNITS, Metrics
+from drake_quad.laboratory.metrics import UNITS
 from drake_quad.scenario import distributions_in
 from drake_quad.studies import Study, run_monte_carlo
 from drake_quad.studies.cluster import dask_crew
 from drake_quad.studies.crew import Crew
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.statistics import (
-    Interval,
-    compare,
+    compare_studies,
     crash_probability,
     mean_interval,
     of_survivors,
@@ -168,7 +167,7 @@ def print_study(name: str, study: Study, folder: Path) -> None:
     beyond = "crash" if metrics.crashed.any() else "–"
     print(
         f"{name}: {count:,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each;"
-        f" {int(metrics.crashed.sum()):,} crashed, {percent(crashes)}"
+        f" {int(metrics.crashed.sum()):,} crashed, {crashes.percent()}"
     )
     rows = []
     for metric, unit, size, digits in _SHOWN:
@@ -178,9 +177,9 @@ def print_study(name: str, study: Study, folder: Path) -> None:
         rows.append(
             (
                 metric,
-                bounded(mean_interval(values), size, digits),
+                mean_interval(values).text(f".{digits}f", size=size),
                 f"{spread:.{digits}f}" if math.isfinite(spread) else "–",
-                *(bounded(quantile, size, digits, beyond) for quantile in quantiles),
+                *(quantile.text(f".{digits}f", size=size, infinite=beyond) for quantile in quantiles),
                 unit,
             )
         )
@@ -189,7 +188,7 @@ def print_study(name: str, study: Study, folder: Path) -> None:
         print("the worst:")
     for sample in worst(study):
         place = int(np.searchsorted(study.samples, sample))
-        own = Metrics(*(values[place] for values in np.asarray(metrics)))
+        own = metrics.taken(place)
         error = f"crashed at {own.crash_time:.2f} s" if own.crashed else f"{100.0 * own.rmse:.1f} cm"
         print(f"  {error:<18}  python scripts/simulate.py {folder / 'scenario.yaml'} --sample {sample}")
 
@@ -199,14 +198,13 @@ def print_comparison(studies: Mapping[str, Study], metric: str) -> None:
     (first, baseline), *others = studies.items()
     rows = []
     for name, study in others:
-        found = compare(study, baseline, metric)
+        found = compare_studies(study, baseline, metric)
         rows.append(
             (
                 name,
-                f"{number(found.difference.value, '+.4g')} [{number(found.difference.low, '+.4g')},"
-                f" {number(found.difference.high, '+.4g')}]",
-                percent(found.share),
-                percent(found.better),
+                found.difference.text("+.4g"),
+                found.share.percent(),
+                found.better.percent(),
                 f"{found.num_pairs:,}",
                 f"{found.crashed:,} : {found.baseline_crashed:,}",
                 f"p = {found.crash_significance:.2g}",
@@ -235,25 +233,6 @@ def failure(studies: Mapping[str, Study], folders: Mapping[str, Path]) -> str:
         f"{len(failures):,} samples could not be flown (sample {sample} of {name}: {reason});"
         f" all of them are in {folders[name] / 'failed.csv'}, and --resume tries them again"
     )
-
-
-def number(value: float, form: str, beyond: str = "–") -> str:
-    """A number as a text: a dash for NaN and minus infinity, and other words for infinity."""
-    if math.isfinite(value):
-        return f"{value:{form}}"
-    return beyond if value > 0.0 else "–"
-
-
-def bounded(estimate: Interval, size: float, digits: int, beyond: str = "–") -> str:
-    """An estimate and its interval, in a unit of a size in SI units."""
-    value, low, high = (number(each / size, f".{digits}f", beyond) for each in estimate)
-    return f"{value} [{low}, {high}]"
-
-
-def percent(share: Interval) -> str:
-    """A share and its interval, in per cent."""
-    value, low, high = (number(100.0 * each, ".3g") for each in share)
-    return f"{value} % [{low}, {high}]"
 
 
 if __name__ == "__main__":

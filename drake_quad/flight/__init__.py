@@ -2,6 +2,6 @@
 
 from drake_quad.flight.fleet import StudyFleet
 from drake_quad.flight.flight import Flight
-from drake_quad.flight.simulation import simulate, simulate_samples
+from drake_quad.flight.simulation import simulate, simulate_batch, simulate_samples
 
-__all__ = ["Flight", "StudyFleet", "simulate", "simulate_samples"]
+__all__ = ["Flight", "StudyFleet", "simulate", "simulate_batch", "simulate_samples"]

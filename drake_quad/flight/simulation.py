@@ -90,8 +90,6 @@ def simulate_samples(
 ) -> list[Flight]:
     """Flies samples of a study side by side and records every signal of each, as `simulate` does of one.
 
-    Every signal of every vehicle is kept: a few megabytes a flight of half a minute.
-
     Args:
         scenario: of the study.
         samples: their numbers in it.
@@ -101,11 +99,23 @@ def simulate_samples(
     Raises:
         InputError: the route holds a distribution, or the rotors cannot fly it.
     """
-    batch = Batch.draw(scenario, samples, seed=seed)
-    plan = plan or plan_route(scenario)
+    return simulate_batch(Batch.draw(scenario, samples, seed=seed), plan=plan)
+
+
+def simulate_batch(batch: Batch, *, plan: Plan | None = None) -> list[Flight]:
+    """Flies a batch and records every signal of each vehicle: a few megabytes a flight of half a minute.
+
+    Args:
+        batch: to fly.
+        plan: flown instead of that of the scenario's route.
+
+    Raises:
+        InputError: the route holds a distribution, or the rotors cannot fly it.
+    """
+    plan = plan or plan_route(batch.scenario)
     diagram = build_fleet_diagram(batch, plan, record=True)
     simulator = Simulator(diagram)
-    fly(simulator, flight_duration(scenario, plan))
+    fly(simulator, flight_duration(batch.scenario, plan))
     return _flights(batch, plan, diagram, simulator.get_context())
 
 

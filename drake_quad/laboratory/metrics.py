@@ -93,6 +93,10 @@ class Metrics(NamedTuple):
         """Whether the vehicle crashed."""
         return self.crash_time < math.inf
 
+    def taken(self, places: Any) -> "Metrics":
+        """The metrics of some vehicles, given their places or a mask."""
+        return Metrics._make(values[places] for values in self)
+
 
 UNITS = {name: get_args(hint)[1].unit for name, hint in get_type_hints(Metrics, include_extras=True).items()}
 """The unit of each metric."""

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import numpy as np
 
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder, write_table, write_whole
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate, knots
 
@@ -45,18 +45,12 @@ def save_plan(plan: Plan, folder: Path | str, *, name: str, period: float = 0.02
     times = np.append(np.arange(start, end - 1e-9, max(period, (end - start) / _MOST_SAMPLES)), end)
     table = [times, *(row for order in range(5) for row in evaluate(plan.path, times, order))]
     table += [evaluate(plan.yaw, times, order)[0] for order in range(2)]
-    header = ",".join(_COLUMNS)
 
     def write_yaml(path: Path) -> None:
         path.write_text(_as_yaml(plan, name), encoding="utf-8")
 
     return [
-        write_whole(
-            target / "trajectory.csv",
-            lambda path: np.savetxt(
-                path, np.column_stack(table), fmt="%.9g", delimiter=",", header=header, comments="", encoding="utf-8"
-            ),
-        ),
+        write_table(target / "trajectory.csv", dict(zip(_COLUMNS, table, strict=True)), digits=9),
         write_whole(target / "trajectory.yaml", write_yaml),
     ]
 

@@ -1,6 +1,6 @@
 """The claims of the paper: its evidence, ours, and a verdict that follows from the intervals."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Literal, NamedTuple
 
@@ -8,22 +8,10 @@ import numpy as np
 from scipy import stats
 
 from drake_quad.files import write_table
-from drake_quad.replication.estimates import (
-    extremes,
-    increase,
-    is_above,
-    metres,
-    millimetres,
-    negative,
-    percent,
-    percent_range,
-    ratio,
-    reduction,
-)
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.results import MAPPED, Experiment
 from drake_quad.replication.sweeps import EXPONENTS, NOISE, Q_VALUES, SLOPES, Sweep
-from drake_quad.studies.statistics import Comparison, Interval, compare, mean_interval
+from drake_quad.studies.statistics import Comparison, Interval, compare_studies, mean_interval
 
 Verdict = Literal["holds", "holds in part", "does not hold", "cannot be decided"]
 _NETWORKS = ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide")
@@ -80,12 +68,12 @@ def write_claims(path: Path, claims: Sequence[Claim]) -> Path:
 
 def beside_pd(found: Experiment, wind: str, controller: str, metric: str = "rmse") -> Comparison:
     """Compares a controller with the PD in the same wind."""
-    return compare(found.cells[Cell(wind, controller)], found.cells[Cell(wind, "pd")], metric)
+    return compare_studies(found.cells[Cell(wind, controller)], found.cells[Cell(wind, "pd")], metric)
 
 
 def cut_beside_pd(found: Experiment, wind: str, controller: str, metric: str = "rmse") -> Interval:
     """The share by which a metric is smaller under a controller than under the PD."""
-    return reduction(beside_pd(found, wind, controller, metric).share)
+    return -beside_pd(found, wind, controller, metric).share.plus(-1.0)
 
 
 def half_the_error(found: Experiment) -> Claim:
@@ -93,7 +81,7 @@ def half_the_error(found: Experiment) -> Claim:
     cuts = {(wind, controller): cut_beside_pd(found, wind, controller) for wind in WINDS for controller in _TYPE_2}
     over_slope = {wind: [_cut_at(found, wind, slope) for slope in SLOPES] for wind in WINDS}
     best = max((cut for cuts in over_slope.values() for cut in cuts), key=lambda cut: cut.value)
-    slopes = "; ".join(f"{WINDS[wind]} {percent_range(each)}" for wind, each in over_slope.items())
+    slopes = "; ".join(f"{WINDS[wind]} {_range(each)}" for wind, each in over_slope.items())
     printed = [
         1.0 - line.rmse.mean / printed_table()[Cell(cell.wind, "pd")].rmse.mean
         for cell, line in printed_table().items()
@@ -102,8 +90,8 @@ def half_the_error(found: Experiment) -> Claim:
     return Claim(
         "PD+T2FNN is 50 % better than PD",
         f"Table II: {_span(printed, 100.0, '.0f')} %",
-        f"{percent_range(cuts.values())} over winds and widths; λ, which is fitted, makes it {percent(best)} at best",
-        judge([is_above(cut, 0.5) for cut in cuts.values()], is_above(best, 0.5)),
+        f"{_range(cuts.values())} over winds and widths; λ, which is fitted, makes it {best.percent()} at best",
+        judge([cut.is_above(0.5) for cut in cuts.values()], best.is_above(0.5)),
         "holds if all are above 50 %, in part if some are, also with another λ",
         f"{_listed(cuts)}; over λ from {SLOPES[0]:g} to {SLOPES[-1]:g} 1/s, {slopes}",
     )
@@ -117,7 +105,7 @@ def reduction_without_wind(found: Experiment) -> Claim:
     return Claim(
         "without wind the error is about 43 % smaller",
         f"Table II: {pd:.3f} and {network:.3f} m, {100.0 * (1.0 - network / pd):.0f} %",
-        f"{percent(cut)}, fitted; not fitted: {_listed(other)}",
+        f"{cut.percent()}, fitted; not fitted: {_listed(other)}",
         "cannot be decided",
         "the numbers were fitted to these two cells",
     )
@@ -128,8 +116,8 @@ def type_2_beats_type_1(found: Experiment) -> Claim:
     gains = {}
     for wind in WINDS:
         for controller in _TYPE_2:
-            share = compare(found.cells[Cell(wind, controller)], found.cells[Cell(wind, "pd_t1fnn")]).share
-            gains[wind, controller] = reduction(share)
+            share = compare_studies(found.cells[Cell(wind, controller)], found.cells[Cell(wind, "pd_t1fnn")]).share
+            gains[wind, controller] = -share.plus(-1.0)
     windy = {(wind, name): gain for (wind, name), gain in gains.items() if wind != "no_wind"}
     printed = [
         1.0 - printed_table()[Cell(wind, name)].rmse.mean / printed_table()[Cell(wind, "pd_t1fnn")].rmse.mean
@@ -144,10 +132,10 @@ def type_2_beats_type_1(found: Experiment) -> Claim:
         "type 2 beats type 1 by 2 to 7 %",
         f"Table II in wind: {_span(printed, 100.0, '.0f')} %, of three runs each, which is not significant"
         f" (in low wind {_welch('pd_t1fnn', 'pd_t2fnn')})",
-        f"in wind {percent_range(windy.values())}; the better width, without wind, with noise from 0 to 20 mm"
-        f" {percent_range(over_noise)}, with q from 0.25 to 0.75 {percent_range(mixed)}; {percent(only_upper)} with"
+        f"in wind {_range(windy.values())}; the better width, without wind, with noise from 0 to 20 mm"
+        f" {_range(over_noise)}, with q from 0.25 to 0.75 {_range(mixed)}; {only_upper.percent()} with"
         " q = 0, where only the upper memberships are left",
-        judge([is_above(gain, 0.02) for gain in windy.values()], is_above(best, 0.02)),
+        judge([gain.is_above(0.02) for gain in windy.values()], best.is_above(0.02)),
         "holds if all in wind are above 2 %, in part if some are, also with other noise or a q within 0 and 1",
         _listed(gains),
         "advantage",
@@ -163,14 +151,14 @@ def wider_under_noise(found: Experiment) -> Claim:
         gains.append(_mean(by_sample[-1]))
     trend = _mean(by_sample[-1] - by_sample[0])
     printed = [printed_table()[Cell("low_wind", name)].rmse.mean for name in _TYPE_2]
-    text = ", ".join(f"{1e3 * level:g} mm {percent(negative(gain))}" for level, gain in zip(NOISE, gains, strict=True))
+    text = ", ".join(f"{1e3 * level:g} mm {(-gain).percent()}" for level, gain in zip(NOISE, gains, strict=True))
     return Claim(
         "more noise favours wider membership functions",
         f"Table II in low wind: {printed[0]:.3f} and {printed[1]:.3f} m, which is not significant ({_welch(*_TYPE_2)});"
         " noise is not varied",
-        f"the error with wider sets is larger by {percent(negative(gains[0]))} without position noise and by"
-        f" {percent(negative(gains[-1]))} with 20 mm: they gain {percent(trend)}",
-        judge([is_above(gains[-1], 0.0), is_above(trend, 0.0)]),
+        f"the error with wider sets is larger by {(-gains[0]).percent()} without position noise and by"
+        f" {(-gains[-1]).percent()} with 20 mm: they gain {trend.percent()}",
+        judge([gains[-1].is_above(0.0), trend.is_above(0.0)]),
         "holds if the wider sets gain with noise and are better at 20 mm, in part if one of the two",
         f"larger by, at {text}; noise that adds the same to both errors makes a difference smaller, too",
     )
@@ -185,8 +173,8 @@ def peak_without_wind(found: Experiment) -> Claim:
     return Claim(
         "without wind the peak error falls from 1.3 to 0.8 m",
         "Fig. 9: about 1.3 and 0.8 m, 38 %",
-        f"{metres(pd)} and {metres(network)}, {percent(cut)} less",
-        judge([is_above(cut, 0.38)], is_above(cut, 0.0)),
+        f"{pd.metres()} and {network.metres()}, {cut.percent()} less",
+        judge([cut.is_above(0.38)], cut.is_above(0.0)),
         "holds if the peak falls by 38 %, in part if it falls at all",
     )
 
@@ -194,21 +182,21 @@ def peak_without_wind(found: Experiment) -> Claim:
 def smaller_peaks_in_wind(found: Experiment) -> Claim:
     """Type 2 has smaller peaks than type 1 in wind."""
     differences = {
-        (wind, name): compare(
+        (wind, name): compare_studies(
             found.cells[Cell(wind, name)], found.cells[Cell(wind, "pd_t1fnn")], "peak_error"
         ).difference
         for wind in ("low_wind", "high_wind")
         for name in _TYPE_2
     }
     text = "; ".join(
-        f"{WINDS[wind]}, {CONTROLLERS[name]} {millimetres(each)}" for (wind, name), each in differences.items()
+        f"{WINDS[wind]}, {CONTROLLERS[name]} {each.millimetres()}" for (wind, name), each in differences.items()
     )
-    low, high = extremes(differences.values())
+    low, high = _ends(differences.values())
     return Claim(
         "in wind type 2 has smaller error peaks than type 1",
         "Figs 10 and 11, one run each",
-        f"peaks beside those of type 1: {millimetres(low)} to {millimetres(high)}",
-        judge([is_above(negative(each), 0.0) for each in differences.values()]),
+        f"peaks beside those of type 1: {low.millimetres()} to {high.millimetres()}",
+        judge([(-each).is_above(0.0) for each in differences.values()]),
         "holds if all are below zero, in part if some are",
         text,
     )
@@ -228,9 +216,9 @@ def pd_tends_to_zero(found: Experiment) -> Claim:
     return Claim(
         "the PD's output tends to zero as the network takes over, and comes back at each change of segment",
         "Figs 12 and 13, one run",
-        f"without wind the PD's output in the last quarter of a flight is {percent(fade)} of that in the quarter after"
-        f" the rise, and in the 1 s after a change of segment {percent(back)} of that in the 1 s before",
-        judge([is_above(negative(fade), -0.5), is_above(back, 1.0)]),
+        f"without wind the PD's output in the last quarter of a flight is {fade.percent()} of that in the quarter after"
+        f" the rise, and in the 1 s after a change of segment {back.percent()} of that in the 1 s before",
+        judge([(-fade).is_above(-0.5), back.is_above(1.0)]),
         "holds if less than half is left and more comes back, in part if one of the two",
         f"left is, {_listed(fades)}; after a change, {_listed(returns)}",
     )
@@ -244,17 +232,17 @@ def least_effort(found: Experiment) -> Claim:
         for name in _NETWORKS
         for axis in "xy"
     }
-    low, high = extremes(shares.values())
+    low, high = _ends(shares.values())
     printed = [share for shares in printed_effort_ratios().values() for share in shares if np.isfinite(share)]
     text = "; ".join(
-        f"{WINDS[wind]}, {CONTROLLERS[name]} on {axis.upper()} {ratio(each)}"
+        f"{WINDS[wind]}, {CONTROLLERS[name]} on {axis.upper()} {each.ratio()}"
         for (wind, name, axis), each in shares.items()
     )
     return Claim(
         "the PD costs the least effort",
         f"Table II: the networks {_span(printed, 1.0, '.1f')} times as much",
-        f"{ratio(low)} to {ratio(high)} times the PD's effort",
-        judge([is_above(each, 1.0) for each in shares.values()]),
+        f"{low.ratio()} to {high.ratio()} times the PD's effort",
+        judge([each.is_above(1.0) for each in shares.values()]),
         "holds if all are above 1, in part if some are",
         text,
     )
@@ -265,16 +253,16 @@ def insensitive_to_wind(found: Experiment) -> Claim:
     rises = {}
     for name in CONTROLLERS:
         for wind in ("low_wind", "high_wind"):
-            share = compare(found.cells[Cell(wind, name)], found.cells[Cell("no_wind", name)]).share
-            rises[wind, name] = increase(share)
+            share = compare_studies(found.cells[Cell(wind, name)], found.cells[Cell("no_wind", name)]).share
+            rises[wind, name] = share.plus(-1.0)
     return Claim(
         "the controllers are insensitive to wind",
         "Table II, from no wind to high: "
         + "; ".join(f"{CONTROLLERS[name]} {_levels(name)} m" for name in ("pd", "pd_t2fnn")),
-        f"errors rise by {percent_range(rises.values())}",
+        f"errors rise by {_range(rises.values())}",
         judge(
-            [is_above(negative(each), -0.02) for each in rises.values()],
-            *(is_above(negative(each), -0.1) for each in rises.values()),
+            [(-each).is_above(-0.02) for each in rises.values()],
+            *((-each).is_above(-0.1) for each in rises.values()),
         ),
         "holds if no error rises by 2 %, in part if some rise by less than 10 %",
         _listed(rises),
@@ -296,9 +284,9 @@ def straight_against_curved(found: Experiment) -> Claim:
     return Claim(
         "an aggressive PD tuned on straight lines is worse on curves, one tuned on curves oscillates on straight lines",
         "words, no numbers",
-        f"best on straight lines are {gains[0]}, on curves {gains[1]}; on other samples the first are {percent(worse)}"
-        f" worse on curves, and on straight lines the command of the second moves {ratio(livelier)} times as much",
-        judge([is_above(worse, 0.0), is_above(livelier, 1.0)]),
+        f"best on straight lines are {gains[0]}, on curves {gains[1]}; on other samples the first are {worse.percent()}"
+        f" worse on curves, and on straight lines the command of the second moves {livelier.ratio()} times as much",
+        judge([worse.is_above(0.0), livelier.is_above(1.0)]),
         "holds if the first are worse on curves and the second move more on straight lines, in part if one of the two",
     )
 
@@ -312,14 +300,14 @@ def circle_of_gains(found: Experiment) -> Claim:
     return Claim(
         "with the network any PD gains that stabilise will do: a circle around the optimal point",
         "words, no numbers",
-        f"within 20 % of the best error are {percent(pd)} of the gains that stabilise the PD, and {percent(network)} of"
-        f" those that stabilise it with the network; half of these gains have more than {ratio(typical[0])} times the"
-        f" best error, and {ratio(typical[1])} times with the network; the best errors are {metres(best[0])} and"
-        f" {metres(best[1])}",
-        judge([is_above(more, 0.0), is_above(network, 0.5)]),
+        f"within 20 % of the best error are {pd.percent()} of the gains that stabilise the PD, and {network.percent()}"
+        f" of those that stabilise it with the network; half of these gains have more than {typical[0].ratio()} times the"
+        f" best error, and {typical[1].ratio()} times with the network; the best errors are {best[0].metres()} and"
+        f" {best[1].metres()}",
+        judge([more.is_above(0.0), network.is_above(0.5)]),
         "holds if the share grows and is more than half, in part if one of the two",
         f"{_box(found.maps['pd'])}; a sample crashes with {_crashing(found.maps['pd'])} of them, and with"
-        f" {_crashing(found.maps['pd_t2fnn'])} with the network; the share is {percent(more)} larger with it",
+        f" {_crashing(found.maps['pd_t2fnn'])} with the network; the share is {more.percent()} larger with it",
         "gains",
     )
 
@@ -448,4 +436,16 @@ def _span(values: Sequence[float] | np.ndarray, size: float, form: str) -> str:
 
 def _listed(shares: Mapping[tuple[str, str], Interval]) -> str:
     """Shares by wind and controller, in words."""
-    return "; ".join(f"{WINDS[wind]}, {CONTROLLERS[name]} {percent(each)}" for (wind, name), each in shares.items())
+    return "; ".join(f"{WINDS[wind]}, {CONTROLLERS[name]} {each.percent()}" for (wind, name), each in shares.items())
+
+
+def _ends(estimates: Iterable[Interval]) -> tuple[Interval, Interval]:
+    """The smallest and the largest of some estimates."""
+    ordered = sorted(estimates)
+    return ordered[0], ordered[-1]
+
+
+def _range(shares: Iterable[Interval]) -> str:
+    """The smallest and the largest of some shares, in words."""
+    low, high = _ends(shares)
+    return f"{low.percent()} to {high.percent()}"

@@ -7,7 +7,7 @@ from typing import NamedTuple
 from drake_quad.files import write_table
 from drake_quad.replication.printed import CONTROLLERS, Cell
 from drake_quad.replication.results import FAIR, Experiment, cells_of
-from drake_quad.studies.statistics import Interval, compare, mean_interval, of_survivors
+from drake_quad.studies.statistics import Interval, compare_studies, mean_interval, of_survivors
 
 COMPARED = {"pd": CONTROLLERS["pd"], "pd_t2fnn": CONTROLLERS["pd_t2fnn"], **FAIR}
 
@@ -42,7 +42,7 @@ def fair_entries(found: Experiment) -> list[FairEntry]:
         means = [
             mean_interval(of_survivors(study.metrics, name)) for name in ("rmse", "peak_error", "effort_x", "effort_y")
         ]
-        beside = [compare(study, found.cells[Cell(cell.wind, name)]).share for name in ("pd", "pd_t2fnn")]
+        beside = [compare_studies(study, found.cells[Cell(cell.wind, name)]).share for name in ("pd", "pd_t2fnn")]
         entries.append(FairEntry(cell, *means, *beside))
     return entries
 

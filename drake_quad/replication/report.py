@@ -15,14 +15,13 @@ from drake_quad.replication.assumptions import assumptions
 from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL
 from drake_quad.replication.claims import Claim
 from drake_quad.replication.effort import EffortMatch, printed_ratios, printed_scatter
-from drake_quad.replication.estimates import bounded, metres, percent, ratio
 from drake_quad.replication.fair import COMPARED, FairEntry
 from drake_quad.replication.findings import Findings
 from drake_quad.replication.measures import EFFORTS, OUR_EFFORT
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.results import Experiment
 from drake_quad.replication.table_ii import QUANTITIES, Entry, table_markdown
-from drake_quad.studies.statistics import Interval, compare, mean_interval
+from drake_quad.studies.statistics import Interval, compare_studies, mean_interval
 
 FIGURES = {
     "table_ii": "RMSE of Table II: printed runs and their mean, and ours. The intervals of our means are narrower than"
@@ -94,8 +93,8 @@ def _of_experiment(found: Experiment) -> dict[str, str]:
         "legs": str(len(plan_route(low_wind).legs)),
         "duration": f"{found.cells[PD_CELL].duration:.1f}",
         "assumptions": _table(("not said", "taken", "because"), assumptions(low_wind)),
-        "path_pd": metres(path["pd"]),
-        "path_network": metres(path["pd_t2fnn"]),
+        "path_pd": path["pd"].metres(),
+        "path_network": path["pd_t2fnn"].metres(),
         "varied": f"{sum(crashed.size for crashed in varied):,}",
         "varied_crashed": f"{sum(int(crashed.sum()) for crashed in varied):,}",
         "sweep": str(len(found.noise.samples)),
@@ -176,9 +175,9 @@ def _of_fair(found: Experiment, entries: Sequence[FairEntry]) -> dict[str, str]:
         (
             WINDS[entry.cell.wind],
             COMPARED[entry.cell.controller],
-            *(bounded(mean, 3) for mean in (entry.rmse, entry.peak_error, entry.effort_x, entry.effort_y)),
-            "1" if entry.cell.controller == "pd" else ratio(entry.over_pd),
-            "1" if entry.cell.controller == "pd_t2fnn" else ratio(entry.over_network),
+            *(mean.text(".3f") for mean in (entry.rmse, entry.peak_error, entry.effort_x, entry.effort_y)),
+            "1" if entry.cell.controller == "pd" else entry.over_pd.ratio(),
+            "1" if entry.cell.controller == "pd_t2fnn" else entry.over_network.ratio(),
         )
         for entry in entries
     ]
@@ -194,7 +193,7 @@ def _of_fair(found: Experiment, entries: Sequence[FairEntry]) -> dict[str, str]:
     )
     over_network = {entry.cell: entry.over_network for entry in entries}
     helped = {
-        wind: compare(
+        wind: compare_studies(
             found.cells[Cell(wind, "pd_feed_forward_t2fnn")], found.cells[Cell(wind, "pd_feed_forward")]
         ).share
         for wind in WINDS
@@ -214,7 +213,7 @@ def _of_effort(matches: Sequence[EffortMatch]) -> dict[str, str]:
     rows = [("*printed*", f"{x:.2f}", f"{y:.2f}", "")]
     for match in matches:
         words = EFFORTS[match.name].words + (" (ours)" if match.name == OUR_EFFORT else "")
-        rows.append((words, f"{match.ratio_x:.2f}", f"{match.ratio_y:.2f}", ratio(match.distance)))
+        rows.append((words, f"{match.ratio_x:.2f}", f"{match.ratio_y:.2f}", match.distance.ratio()))
     return {
         "effort": _table(("definition", "ratio on X", "ratio on Y", "off by a factor of"), rows),
         "scatter": f"{printed_scatter():.2f}",
@@ -239,7 +238,7 @@ def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
 
 
 def _by_wind(shares: Mapping[str, Interval]) -> str:
-    return ", ".join(f"{percent(share)} ({WINDS[wind]})" for wind, share in shares.items())
+    return ", ".join(f"{share.percent()} ({WINDS[wind]})" for wind, share in shares.items())
 
 
 def _number(value: float) -> str:

@@ -6,13 +6,9 @@ from pathlib import Path
 from typing import Generic, TypeVar
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
 
-from drake_quad.assembly.planning import flight_duration, plan_route
-from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.files import read_table, write_table
-from drake_quad.flight import Flight, StudyFleet
-from drake_quad.flight.simulation import _flights, fly
+from drake_quad.flight import StudyFleet, simulate_batch
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.measures import LegMetrics, leg_metrics
 from drake_quad.scenario import Batch, Scenario
@@ -136,7 +132,7 @@ def fly_settings(scenario: Scenario, settings: Mapping[str, np.ndarray], samples
 
 def fly_legs(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> LegMetrics:
     """Flies samples of a scenario with each setting, in one recorded fleet, and returns (settings, samples) metrics."""
-    flights = fly_recorded(settings_batch(scenario, settings, samples))
+    flights = simulate_batch(settings_batch(scenario, settings, samples))
     return LegMetrics(*np.reshape(leg_metrics(flights), (-1, num_settings(settings), len(samples))))
 
 
@@ -144,12 +140,3 @@ def settings_batch(scenario: Scenario, settings: Mapping[str, np.ndarray], sampl
     """The batch of a scenario in which each setting is flown on all samples, one setting after another."""
     varying = {path: np.repeat(values, len(samples)) for name, values in settings.items() for path in _PATHS[name]}
     return Batch.draw(scenario, [*samples] * num_settings(settings)).with_varying(varying)
-
-
-def fly_recorded(batch: Batch) -> list[Flight]:
-    """Flies a batch and records every signal of each vehicle."""
-    plan = plan_route(batch.scenario)
-    diagram = build_fleet_diagram(batch, plan, record=True)
-    simulator = Simulator(diagram)
-    fly(simulator, flight_duration(batch.scenario, plan))
-    return _flights(batch, plan, diagram, simulator.get_context())

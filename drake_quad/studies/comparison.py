@@ -2,8 +2,6 @@
 
 from collections.abc import Callable, Sequence
 
-import numpy as np
-
 from drake_quad.flight import StudyFleet
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario import Scenario
@@ -26,9 +24,3 @@ def fly_samples(
         InputError: the route holds a distribution, or the rotors cannot fly it.
     """
     return StudyFleet(scenario, len(samples)).fly(samples, progress=progress)
-
-
-def share_of(metrics: Metrics, baseline: Metrics) -> np.ndarray:
-    """(N,) RMSE over that of the same samples under another controller; NaN where either crashed, or where it is 0."""
-    comparable = ~(metrics.crashed | baseline.crashed) & (baseline.rmse > 0.0)
-    return np.divide(metrics.rmse, baseline.rmse, out=np.full_like(metrics.rmse, np.nan), where=comparable)

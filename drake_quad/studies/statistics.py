@@ -11,23 +11,10 @@ import numpy as np
 from scipy import stats
 
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.studies.interval import Interval
 from drake_quad.studies.study import Study
 
 CONFIDENCE = 0.95
-
-
-class Interval(NamedTuple):
-    """An estimate and its confidence interval; NaN or infinite where the samples do not bound it.
-
-    Attributes:
-        value: estimated.
-        low: lower end.
-        high: upper end.
-    """
-
-    value: float
-    low: float
-    high: float
 
 
 def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
@@ -176,20 +163,21 @@ class Comparison(NamedTuple):
     crash_significance: float
 
 
-def compare(study: Study, baseline: Study, name: str = "rmse") -> Comparison:
-    """Compares two studies, sample by sample, by a metric of which less is better.
+def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparison:
+    """Compares two controllers by a metric of which less is better.
 
     Args:
-        study: of one controller.
-        baseline: of another, over the same samples of the same seed.
+        metrics: (n,) of one controller.
+        baseline: (n,) of another, on the same samples.
         name: of the metric.
     """
-    _, ours, others = np.intersect1d(study.samples, baseline.samples, return_indices=True)
-    value, reference = getattr(study.metrics, name)[ours], getattr(baseline.metrics, name)[others]
-    crashed, baseline_crashed = study.metrics.crashed[ours], baseline.metrics.crashed[others]
-    both = ~(crashed | baseline_crashed | np.isnan(value) | np.isnan(reference))
+    value, reference = getattr(metrics, name), getattr(baseline, name)
+    both = ~(metrics.crashed | baseline.crashed | np.isnan(value) | np.isnan(reference))
     value, reference = value[both], reference[both]
-    only, baseline_only = int(np.sum(crashed & ~baseline_crashed)), int(np.sum(baseline_crashed & ~crashed))
+    only, baseline_only = (
+        int(np.sum(crashed & ~other))
+        for crashed, other in ((metrics.crashed, baseline.crashed), (baseline.crashed, metrics.crashed))
+    )
     return Comparison(
         len(value),
         mean_interval(value - reference),
@@ -199,6 +187,12 @@ def compare(study: Study, baseline: Study, name: str = "rmse") -> Comparison:
         baseline_only,
         float(stats.binomtest(only, only + baseline_only).pvalue) if only + baseline_only else 1.0,
     )
+
+
+def compare_studies(study: Study, baseline: Study, name: str = "rmse") -> Comparison:
+    """Compares two studies of the same seed, on the samples that both have; see `compare`."""
+    _, ours, others = np.intersect1d(study.samples, baseline.samples, return_indices=True)
+    return compare(study.metrics.taken(ours), baseline.metrics.taken(others), name)
 
 
 def worst(study: Study, count: int = 5, name: str = "rmse") -> list[int]:

@@ -11,7 +11,6 @@ from scipy import stats
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.claims import all_claims, as_good, judge, typical_over_best
 from drake_quad.replication.effort import effort_matches, printed_ratios, printed_scatter, write_efforts
-from drake_quad.replication.estimates import percent
 from drake_quad.replication.fair import fair_entries, write_fair
 from drake_quad.replication.measures import EFFORTS, LegMetrics
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
@@ -318,9 +317,9 @@ def test_verdicts_follow_from_conditions(needed, enough, verdict):
 
 
 def test_a_share_has_the_digits_in_which_its_ends_differ():
-    assert percent(Interval(0.12345, 0.12, 0.13)) == "12.3 % [12.0, 13.0]"
-    assert percent(Interval(0.12345, 0.1231, 0.1239)) == "12.35 % [12.31, 12.39]"
-    assert percent(Interval(0.5, np.nan, np.nan)) == "50.0 % [nan, nan]"
+    assert Interval(0.12345, 0.12, 0.13).percent() == "12.3 % [12.0, 13.0]"
+    assert Interval(0.12345, 0.1231, 0.1239).percent() == "12.35 % [12.31, 12.39]"
+    assert Interval(0.5, np.nan, np.nan).percent() == "50.0 %"
 
 
 def test_controllers_are_compared_with_both_baselines_in_the_same_wind(found):

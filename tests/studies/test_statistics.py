@@ -10,7 +10,7 @@ from drake_quad import load_scenario
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.studies import Study
 from drake_quad.studies.statistics import (
-    compare,
+    compare_studies,
     crash_probability,
     influences,
     mean_interval,
@@ -136,7 +136,7 @@ def test_a_comparison_pairs_samples():
     common = rng.normal(10.0, 1.0, 200)
     baseline = study(common)
     better = study((common - 0.3 + rng.normal(0.0, 0.1, 200))[::-1], samples=np.arange(200)[::-1])
-    found = compare(better, baseline)
+    found = compare_studies(better, baseline)
     assert found.difference.low < -0.3 < found.difference.high
     assert found.difference.high - found.difference.low < 0.04
     assert found.share.value == pytest.approx(0.97, abs=0.005)
@@ -148,10 +148,10 @@ def test_a_comparison_counts_crashes_apart():
     nan, inf = math.nan, math.inf
     ours = study([1.0, 2.0, 3.0, 4.0, nan], [inf, 3.0, inf, 2.0, inf])
     baseline = study([2.0, 2.0, 2.0, 2.0, 2.0], [inf, inf, 1.0, inf, inf])
-    found = compare(ours, baseline)
+    found = compare_studies(ours, baseline)
     assert (found.num_pairs, found.crashed, found.baseline_crashed) == (1, 2, 1)
     assert found.crash_significance == stats.binomtest(2, 3).pvalue
-    assert compare(baseline, baseline).crash_significance == 1.0
+    assert compare_studies(baseline, baseline).crash_significance == 1.0
 
 
 def test_the_worst_are_those_that_crash_soonest_then_the_largest_errors():
