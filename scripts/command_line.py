@@ -14,7 +14,7 @@ from interruption import SENTENCE, raise_interruptions
 from tqdm import tqdm
 
 from drake_quad import InputError, Scenario, load_scenario
-from drake_quad.scenario import Journey, Override, load_journey
+from drake_quad.scenario import Mission, Override, load_mission
 from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector
 
@@ -102,9 +102,9 @@ def controlled_scenarios(arguments: argparse.Namespace) -> dict[str, Scenario]:
     return found
 
 
-def journey_of(arguments: argparse.Namespace) -> Journey:
+def mission_of(arguments: argparse.Namespace) -> Mission:
     """Loads the route and the nominal vehicle that the arguments name, with their overrides."""
-    return load_journey(arguments.scenario, overrides_of(arguments.set))
+    return load_mission(arguments.scenario, overrides_of(arguments.set))
 
 
 @contextmanager

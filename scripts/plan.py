@@ -2,7 +2,7 @@
 
 import itertools
 
-from command_line import add_vector, folder_of, journey_of, parser, print_files, print_table, run
+from command_line import add_vector, folder_of, mission_of, parser, print_files, print_table, run
 
 import numpy as np
 
@@ -15,7 +15,7 @@ from drake_quad.reference.path_problem import Limits, PathProblem
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.trajectory_files import save_plan
-from drake_quad.scenario import Journey
+from drake_quad.scenario import Mission
 from drake_quad.scenario.routes import CircleRoute, FigureEightRoute, WaypointRoute
 from drake_quad.visualization.plan_plots import plot_plan
 from drake_quad.visualization.style import save_figures
@@ -30,31 +30,31 @@ def main() -> None:
     )
     add_vector(options)
     arguments = options.parse_args()
-    journey = journey_of(arguments)
-    plan = plan_route(journey)
-    folder = output_folder(folder_of(arguments, journey.name))
-    route = journey.route
+    mission = mission_of(arguments)
+    plan = plan_route(mission)
+    folder = output_folder(folder_of(arguments, mission.name))
+    route = mission.route
     problem = route.problem() if isinstance(route, WaypointRoute) else None
     limits = route.limits() if isinstance(route, WaypointRoute | FigureEightRoute | CircleRoute) else Limits()
     figure = plot_plan(
         plan,
-        nominal_parameters(journey),
+        nominal_parameters(mission),
         limits=limits,
         places=problem.places if problem else (),
         corridors=problem.corridors if problem else (),
     )
     files = [
-        *save_plan(plan, folder, name=journey.name),
+        *save_plan(plan, folder, name=mission.name),
         *save_figures({"plan": figure}, folder, vector=arguments.vector),
     ]
-    print_table(summary(journey, plan, limits, problem))
+    print_table(summary(mission, plan, limits, problem))
     print("binds:", binding_summary(bindings(plan.path, limits, problem.corridors if problem else ())))
     print_files(files)
 
 
-def summary(journey: Journey, plan: Plan, limits: Limits, problem: PathProblem | None) -> list[tuple[str, str, str]]:
+def summary(mission: Mission, plan: Plan, limits: Limits, problem: PathProblem | None) -> list[tuple[str, str, str]]:
     """The properties of a plan, as rows of name, value and unit."""
-    path, parameters = plan.path, nominal_parameters(journey)
+    path, parameters = plan.path, nominal_parameters(mission)
     times = sample_times(path)
     length = np.linalg.norm(np.diff(evaluate(path, times), axis=1), axis=0).sum()
     rotors = np.array(plan_demand(plan, parameters, times).rotor_speed)

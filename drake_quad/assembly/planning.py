@@ -14,7 +14,7 @@ from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermi
 from drake_quad.reference.routes import Route, circle, figure_eight
 from drake_quad.reference.time_allocation import stretch_factor, trapezoid_times
 from drake_quad.reference.yaw import constant_yaw, yaw_along, yaw_through
-from drake_quad.scenario import Journey, Scenario, distributions_in, routes
+from drake_quad.scenario import Mission, Scenario, distributions_in, routes
 from drake_quad.scenario.limits import LONGEST, MOST_TICKS
 from drake_quad.scenario.routes import CircleRoute, FigureEightRoute, HoverRoute, TrajectoryRoute, WaypointRoute
 from drake_quad.signals import Jerk, Reference, Snap
@@ -22,22 +22,22 @@ from drake_quad.vehicle.inverse_dynamics import RotorDemand, rotor_demand
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters, ThrustFactors
 
 
-def nominal_parameters(journey: Journey) -> QuadrotorParameters:
+def nominal_parameters(mission: Mission) -> QuadrotorParameters:
     """What is believed of the vehicle: no drag, four rotors alike, the centre of mass in their middle."""
-    nominal = journey.nominal
+    nominal = mission.nominal
     fields = {name: getattr(nominal, name) for name in type(nominal).model_fields}
     alike = ThrustFactors(*(nominal.thrust_factor,) * 4)
     return QuadrotorParameters(**{**fields, "inertia": Inertia(*nominal.inertia), "thrust_factor": alike})
 
 
-def plan_route(journey: Journey) -> Plan:
+def plan_route(mission: Mission) -> Plan:
     """The plan for the route of a scenario, for the nominal vehicle.
 
     Raises:
         InputError: the route holds a distribution, or no path or no rotors can keep to what it asks.
     """
-    refuse_distributions(path for path in distributions_in(journey) if path.startswith("route."))
-    route = journey.route
+    refuse_distributions(path for path in distributions_in(mission) if path.startswith("route."))
+    route = mission.route
     match route:
         case HoverRoute():
             plan = Plan.hover(route.position, duration=route.duration, yaw=route.yaw)
@@ -64,7 +64,7 @@ def plan_route(journey: Journey) -> Plan:
             plan = _within_limits(route, laps, cruise_speed=math.sqrt(route.top_acceleration * route.radius))
     if not plan.duration <= LONGEST:
         raise InputError(f"within its limits the route would take {plan.duration:g} s, more than {LONGEST:g} s")
-    _check_rotors(plan, nominal_parameters(journey))
+    _check_rotors(plan, nominal_parameters(mission))
     return plan
 
 

@@ -301,8 +301,8 @@ def circle_of_gains(found: Experiment) -> Claim:
         "with the network any PD gains that stabilise will do: a circle around the optimal point",
         "words, no numbers",
         f"within 20 % of the best error are {pd.percent()} of the gains that stabilise the PD, and {network.percent()}"
-        f" of those that stabilise it with the network; half of these gains have more than {typical[0].ratio()} times the"
-        f" best error, and {typical[1].ratio()} times with the network; the best errors are {best[0].metres()} and"
+        f" of those that stabilise it with the network; half of these gains have more than {typical[0].ratio()} times"
+        f" the best error, and {typical[1].ratio()} times with the network; the best errors are {best[0].metres()} and"
         f" {best[1].metres()}",
         judge([more.is_above(0.0), network.is_above(0.5)]),
         "holds if the share grows and is more than half, in part if one of the two",

@@ -1,19 +1,19 @@
 """The scenario language: a closed loop described in YAML."""
 
 from drake_quad.scenario.batch import Batch, draw_sample
-from drake_quad.scenario.loading import Override, load_journey, load_scenario
-from drake_quad.scenario.models import Journey, Scenario
+from drake_quad.scenario.loading import Override, load_mission, load_scenario
+from drake_quad.scenario.models import Mission, Scenario
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.scenario.saving import save_scenario
 
 __all__ = [
     "Batch",
-    "Journey",
+    "Mission",
     "Override",
     "Scenario",
     "distributions_in",
     "draw_sample",
-    "load_journey",
+    "load_mission",
     "load_scenario",
     "save_scenario",
 ]

@@ -3,11 +3,11 @@
 import re
 from typing import Any
 
-from drake_quad.scenario.models import Journey
+from drake_quad.scenario.models import Mission
 from drake_quad.scenario.paths import parts_of
 
 
-def description_at(scenario: Journey, path: str) -> str:
+def description_at(scenario: Mission, path: str) -> str:
     """The description of a field, with its unit.
 
     Args:
@@ -23,7 +23,7 @@ def description_at(scenario: Journey, path: str) -> str:
     return text
 
 
-def unit_at(scenario: Journey, path: str) -> str:
+def unit_at(scenario: Mission, path: str) -> str:
     """The unit of a field: what stands in parentheses in its description, not after "eq"; "" if there is none."""
     found = re.findall(r"(?<!eq )\(([^()]*)\)", description_at(scenario, path))
     return found[0] if found else ""

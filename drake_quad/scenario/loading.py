@@ -13,13 +13,13 @@ from drake_quad.scenario.distributions import DISTRIBUTIONS
 from drake_quad.scenario.library import Library, merged
 from drake_quad.scenario.limits import MOST_LEVELS
 from drake_quad.scenario.marked_tree import Mark, Tree
-from drake_quad.scenario.models import Journey, Scenario
+from drake_quad.scenario.models import Mission, Scenario
 from drake_quad.scenario.paths import joined
 
 _TAGS = ("number", *DISTRIBUTIONS)
 # Characters of an override, or of the path of a field, that a message shows; the longest path has seventy.
 _MOST_OF_A_PATH = 80
-_Loaded = TypeVar("_Loaded", bound=Journey)
+_Loaded = TypeVar("_Loaded", bound=Mission)
 
 
 class Override(NamedTuple):
@@ -57,7 +57,7 @@ def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequen
     return _validated(Scenario, _loaded(spec, overrides, layers))
 
 
-def load_journey(spec: str | Path, overrides: Overrides = ()) -> Journey:
+def load_mission(spec: str | Path, overrides: Overrides = ()) -> Mission:
     """Loads what flies where, from a scenario of which nothing else need be there, or from a table of waypoints.
 
     Args:
@@ -67,16 +67,16 @@ def load_journey(spec: str | Path, overrides: Overrides = ()) -> Journey:
     Raises:
         InputError: as `load_scenario`, or an override is of something else in a scenario.
     """
-    others = Scenario.model_fields.keys() - Journey.model_fields.keys()
+    others = Scenario.model_fields.keys() - Mission.model_fields.keys()
     for assignment, source in map(Override.of, overrides):
         field = assignment.partition("=")[0].partition(".")[0].strip()
         if field in others:
-            allowed = ", ".join(Journey.model_fields)
+            allowed = ", ".join(Mission.model_fields)
             raise InputError(
                 f"{shortened(source, _MOST_OF_A_PATH)}: a plan does not depend on {field}, only on {allowed}"
             )
     tree = _loaded(spec, overrides)
-    return _validated(Journey, Tree({key: value for key, value in tree.value.items() if key not in others}, tree.mark))
+    return _validated(Mission, Tree({key: value for key, value in tree.value.items() if key not in others}, tree.mark))
 
 
 def _loaded(spec: str | Path, overrides: Overrides, layers: Sequence[str | Path] = ()) -> Tree:

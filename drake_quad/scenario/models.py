@@ -209,7 +209,7 @@ class Crash(Model):
     height: Real = Field(default=-0.5, description="least height (m)")
 
 
-class Journey(Model):
+class Mission(Model):
     """What flies where: all that a plan depends on."""
 
     name: str = Field(
@@ -222,7 +222,7 @@ class Journey(Model):
     nominal: Nominal = Nominal()
 
 
-class Scenario(Journey):
+class Scenario(Mission):
     """A closed loop: what flies where, under which control, for how long."""
 
     vehicle: Vehicle = Vehicle()

@@ -8,12 +8,12 @@ from drake_quad.assembly.planning import plan_route
 from drake_quad.errors import InputError
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.trajectory_files import save_plan
-from drake_quad.scenario import load_journey
+from drake_quad.scenario import load_mission
 
 
 @pytest.fixture
 def slalom(diagrams):
-    return lambda *overrides: load_journey(diagrams / "slalom.yaml", overrides)
+    return lambda *overrides: load_mission(diagrams / "slalom.yaml", overrides)
 
 
 def samples(plan):
@@ -21,9 +21,9 @@ def samples(plan):
 
 
 def test_the_slalom_keeps_to_all_that_it_asks(slalom):
-    journey = slalom()
-    plan = plan_route(journey)
-    problem = journey.route.problem()
+    mission = slalom()
+    plan = plan_route(mission)
+    problem = mission.route.problem()
     assert peak_norm(plan.path, 1) <= 2.0 * (1.0 + 1e-6)
     assert peak_norm(plan.path, 2) <= 1.5 * (1.0 + 1e-6)
     for place, position in zip(problem.places, evaluate(plan.path, plan.path.times).T, strict=True):
@@ -60,7 +60,7 @@ def test_a_saved_plan_is_flown_as_the_plan_itself(slalom, diagrams, tmp_path):
     save_plan(plan, tmp_path, name="slalom")
     path = tmp_path / "loop.yaml"
     path.write_text(f"loop:\n  extends: [{diagrams / 'figure_eight.yaml'}, trajectory.yaml:slalom]\n")
-    again = plan_route(load_journey(path))
+    again = plan_route(load_mission(path))
     for order in range(5):
         wanted = evaluate(plan.path, samples(plan), order)
         np.testing.assert_allclose(evaluate(again.path, samples(plan), order), wanted, atol=1e-9 * np.abs(wanted).max())

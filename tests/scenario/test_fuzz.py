@@ -20,7 +20,7 @@ from hypothesis import strategies as st
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.planning import plan_route
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.scenario import load_journey
+from drake_quad.scenario import load_mission
 
 DIAGRAMS = Path(__file__).parents[2] / "diagrams"
 CASES = os.environ.get("FUZZ_CASES")
@@ -369,10 +369,10 @@ def tables(draw):
 def test_a_mutated_table_is_planned_or_refused_in_a_sentence(folder, text, name):
     Path(f"{name}.csv").write_bytes(text.encode("utf-8", errors="surrogatepass"))
     options = [] if "time" in text else ["route.times=heuristic"]
-    journey = loaded(lambda: load_journey(f"{name}.csv", options), rf"{name}\.csv(:\d+)?: ", "override ")
-    if journey is not None:
+    mission = loaded(lambda: load_mission(f"{name}.csv", options), rf"{name}\.csv(:\d+)?: ", "override ")
+    if mission is not None:
         try:
-            plan = plan_route(journey)
+            plan = plan_route(mission)
         except InputError as error:
             assert_a_sentence(error, "")
         else:

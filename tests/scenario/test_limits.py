@@ -9,7 +9,7 @@ from ruamel.yaml.composer import Composer
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.planning import flight_duration, plan_route
-from drake_quad.scenario import Override, library, limits, load_journey
+from drake_quad.scenario import Override, library, limits, load_mission
 
 BODY = """\
   route: {kind: hover}
@@ -97,7 +97,7 @@ def test_a_file_that_is_too_large_is_not_parsed(write, monkeypatch, text):
 def test_a_table_that_is_too_large_is_not_parsed(write, monkeypatch):
     path = write("0.001,0.002,1\n" * 100_000, "course.csv")
     monkeypatch.setattr(library, "parse_waypoint_table", None)
-    assert "course.csv: is too large" in refusal(load_journey, path)
+    assert "course.csv: is too large" in refusal(load_mission, path)
 
 
 def test_bytes_count_in_all_files_and_overrides_together(write):
@@ -199,15 +199,15 @@ def test_what_never_ends_is_not_read(tmp_path):
     os.mkfifo(tmp_path / "pipe.yaml")
     assert "pipe.yaml: cannot be read: it is not a file" in refusal(load_scenario, tmp_path / "pipe.yaml")
     (tmp_path / "endless.csv").symlink_to("/dev/zero")
-    assert "endless.csv: cannot be read: it is not a file" in refusal(load_journey, tmp_path / "endless.csv")
+    assert "endless.csv: cannot be read: it is not a file" in refusal(load_mission, tmp_path / "endless.csv")
 
 
 def test_a_route_may_have_so_many_waypoints_and_no_more(write):
     rows = [f"{i},0,1\n" for i in range(limits.MOST_WAYPOINTS)]
-    assert len(load_journey(write("x,y,z\n" + "".join(rows), "course.csv")).route.waypoints) == limits.MOST_WAYPOINTS
+    assert len(load_mission(write("x,y,z\n" + "".join(rows), "course.csv")).route.waypoints) == limits.MOST_WAYPOINTS
     for header in ("x,y,z\n", ""):
         path = write(header + "".join([*rows, "0,0,1\n", "x,x,x\n"]), "course.csv")
-        assert "1,000" in refusal(load_journey, path)
+        assert "1,000" in refusal(load_mission, path)
     points = "[[0, 0, 1], " + "[1, 0, 1], " * limits.MOST_WAYPOINTS + "]"
     text = SMALL.replace("{kind: hover}", f"{{kind: waypoints, waypoints: {points}}}")
     assert "must have at most 1000 items, not 1001" in refusal(load_scenario, write(text))
@@ -237,10 +237,10 @@ def test_errors_call_an_override_what_its_giver_calls_it(write):
     path = write(SMALL)
     assert refusal(load_scenario, path, ["seed=-1"]).startswith("override seed=-1: seed is -1, but must be")
     assert refusal(load_scenario, path, [Override("seed=-1", "--seed -1")]).startswith("--seed -1: seed is -1, but")
-    assert refusal(load_journey, path, ["seed=1"]) == (
+    assert refusal(load_mission, path, ["seed=1"]) == (
         "override seed=1: a plan does not depend on seed, only on name, route, nominal"
     )
-    assert refusal(load_journey, path, [Override("seed=1", "--set seed=1")]).startswith("--set seed=1: a plan does")
+    assert refusal(load_mission, path, [Override("seed=1", "--set seed=1")]).startswith("--set seed=1: a plan does")
 
 
 def test_what_is_missing_or_misnamed_in_a_file_is_no_fault_of_an_override(write):
@@ -248,7 +248,7 @@ def test_what_is_missing_or_misnamed_in_a_file_is_no_fault_of_an_override(write)
         f"{write('a: {route: {kind: hover}}')}:1: control is missing; scripts/plan.py plans a route alone"
     )
     path = write("0,0,1\n1,0,1\n", "-.csv")
-    assert "-.csv:1: name is '-', but must match" in refusal(load_journey, path, ["route.top_speed=1"])
+    assert "-.csv:1: name is '-', but must match" in refusal(load_mission, path, ["route.top_speed=1"])
 
 
 @pytest.mark.parametrize(

@@ -1,7 +1,7 @@
 import pytest
 
 from drake_quad.errors import InputError
-from drake_quad.scenario import load_journey
+from drake_quad.scenario import load_mission
 
 
 @pytest.fixture
@@ -14,48 +14,48 @@ def write(tmp_path):
     return write
 
 
-def points(journey):
-    return [waypoint.point for waypoint in journey.route.waypoints]
+def points(mission):
+    return [waypoint.point for waypoint in mission.route.waypoints]
 
 
 def test_three_columns_need_no_names(write):
-    journey = load_journey(write("0,0,1\n\n# a comment\n 1.5 , -2 ,1e0\n"))
-    assert journey.name == "course"
-    assert points(journey) == [(0.0, 0.0, 1.0), (1.5, -2.0, 1.0)]
-    assert journey.route.times.kind == "shortest"
+    mission = load_mission(write("0,0,1\n\n# a comment\n 1.5 , -2 ,1e0\n"))
+    assert mission.name == "course"
+    assert points(mission) == [(0.0, 0.0, 1.0), (1.5, -2.0, 1.0)]
+    assert mission.route.times.kind == "shortest"
 
 
 def test_columns_may_come_in_any_order_with_times_and_yaws(write):
     text = "\ufeffyaw, Z,y,x,time\n,1,2,3,0\n0.5,4,5,6,7\n"
-    journey = load_journey(write(text, "a course.csv"), ["route.top_speed=3"])
-    assert journey.name == "a_course"
-    assert points(journey) == [(3.0, 2.0, 1.0), (6.0, 5.0, 4.0)]
-    assert journey.route.times.times == (0.0, 7.0)
-    assert [waypoint.yaw for waypoint in journey.route.waypoints] == [None, 0.5]
-    assert journey.route.heading == "waypoints"
-    assert journey.route.top_speed == 3.0
+    mission = load_mission(write(text, "a course.csv"), ["route.top_speed=3"])
+    assert mission.name == "a_course"
+    assert points(mission) == [(3.0, 2.0, 1.0), (6.0, 5.0, 4.0)]
+    assert mission.route.times.times == (0.0, 7.0)
+    assert [waypoint.yaw for waypoint in mission.route.waypoints] == [None, 0.5]
+    assert mission.route.heading == "waypoints"
+    assert mission.route.top_speed == 3.0
 
 
 def test_an_override_reaches_into_lists(write):
     path = write("0,0,1\n1,0,1\n2,0,1\n")
-    journey = load_journey(path, ["route.waypoints.1=[5, 5, 5]", "route.waypoints.2.0=7"])
-    assert points(journey) == [(0.0, 0.0, 1.0), (5.0, 5.0, 5.0), (7.0, 0.0, 1.0)]
+    mission = load_mission(path, ["route.waypoints.1=[5, 5, 5]", "route.waypoints.2.0=7"])
+    assert points(mission) == [(0.0, 0.0, 1.0), (5.0, 5.0, 5.0), (7.0, 0.0, 1.0)]
     for override in ("route.waypoints.3=[5, 5, 5]", "route.waypoints.x=1"):
         with pytest.raises(InputError, match=f"override {override.partition('=')[0]}.*: route.waypoints is"):
-            load_journey(path, [override])
+            load_mission(path, [override])
     with pytest.raises(InputError, match="must be field.path=value"):
-        load_journey(path, ["route.top_speed="])
+        load_mission(path, ["route.top_speed="])
 
 
 def test_times_may_be_one_word(write):
-    journey = load_journey(write("0,0,1\n1,0,1\n"), ["route.times=heuristic"])
-    assert journey.route.times.kind == "heuristic"
+    mission = load_mission(write("0,0,1\n1,0,1\n"), ["route.times=heuristic"])
+    assert mission.route.times.kind == "heuristic"
 
 
 def test_a_scenario_can_extend_a_table(write, diagrams):
     write("0,0,1\n1,0,1\n")
     path = write(f"a:\n  extends: [{diagrams / 'hover.yaml'}, course.csv]\n", "a.yaml")
-    assert points(load_journey(path)) == [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0)]
+    assert points(load_mission(path)) == [(0.0, 0.0, 1.0), (1.0, 0.0, 1.0)]
 
 
 @pytest.mark.parametrize(
@@ -78,13 +78,13 @@ def test_a_scenario_can_extend_a_table(write, diagrams):
 )
 def test_wrong_tables_are_explained(write, text, words):
     with pytest.raises(InputError, match=words):
-        load_journey(write(text))
+        load_mission(write(text))
 
 
 def test_what_is_not_text_is_explained(tmp_path):
     path = tmp_path / "course.csv"
     path.write_bytes(b"0,0,1\n\xff\xfe,0,1\n")
     with pytest.raises(InputError, match="is not UTF-8 text"):
-        load_journey(path)
+        load_mission(path)
     with pytest.raises(InputError, match="cannot be read: no such file"):
-        load_journey(tmp_path / "none.csv")
+        load_mission(tmp_path / "none.csv")
