@@ -194,6 +194,19 @@ def test_misaligned_markers_turn_with_the_body(attitude):
     np.testing.assert_allclose(found.matrix(), turned.matrix(), atol=1e-14)
 
 
+def test_cameras_see_the_attitude_of_the_markers_where_the_body_is():
+    """Of each vehicle its own; with the body's velocity and body rates."""
+    rolls = np.array([0.05, -0.1])
+    numbers = CameraNumbers(misalignment=Attitude(rolls, -0.08, 0.2))
+    state = np.tile([1.0, 2.0, 3.0, 0.1, -0.2, 0.3, 0.4, -0.5, 0.6, -0.7, 0.8, -0.9], (2, 1)).T
+    camera = MotionCapture(num_vehicles=2, misaligned=True, numbers=numbers)
+    _, frames = seen(PiecewisePolynomial(state.reshape(-1, 1)), camera, duration=0.05, n=2)
+    for i, roll in enumerate(rolls):
+        turned = RollPitchYaw(0.1, -0.2, 0.3).ToRotationMatrix() @ RollPitchYaw(roll, -0.08, 0.2).ToRotationMatrix()
+        expected = np.concatenate([state[:3, i], RollPitchYaw(turned).vector(), state[6:, i]])
+        np.testing.assert_allclose(frames[:, i, -1], expected, atol=1e-14)
+
+
 def test_each_row_of_the_pose_has_a_noise_of_its_own():
     noise = Pose(1.0, -2.0, 3.0, -4.0, 5.0, -6.0)
     state = State(1.0, 2.0, 3.0, 0.01, 0.02, 0.03, *[9.0] * 6)
