@@ -108,7 +108,7 @@ def _vehicle(vehicle: models.Vehicle, fleet: Any, plan: Plan, duration: float) -
     structure = {
         "time_step": vehicle.time_step,
         "kinematics": vehicle.attitude_kinematics,
-        "faulty": vehicle.rotor_failure is not None or can_differ_from_zero(vehicle.battery_sag),
+        "faulty": vehicle.rotor_failure is not None or _can_differ(vehicle.battery_sag, fleet.battery_sag),
     }
     x, y, z = plan.waypoints[0]
     numbers = QuadrotorNumbers(
@@ -145,11 +145,12 @@ def _check_step(fleet: Any) -> None:
 def _motion_capture(cameras: models.MotionCapture, fleet: Any) -> Recipe:
     structure = {
         "period": cameras.period,
-        "noisy": can_differ_from_zero(cameras.position_noise) or can_differ_from_zero(cameras.attitude_noise),
-        "loses_frames": can_differ_from_zero(cameras.dropout_rate),
-        "misaligned": any(map(can_differ_from_zero, cameras.misalignment)),
-        "filtered": cameras.derivative_bandwidth is not None,
-        "longest_latency": _longest(cameras.latency_frames),
+        "noisy": _can_differ(cameras.position_noise, fleet.position_noise)
+        or _can_differ(cameras.attitude_noise, fleet.attitude_noise),
+        "loses_frames": _can_differ(cameras.dropout_rate, fleet.dropout_rate),
+        "misaligned": any(map(_can_differ, cameras.misalignment, fleet.misalignment)),
+        "filtered": fleet.derivative_bandwidth is not None,
+        "longest_latency": _longest(cameras.latency_frames, fleet.latency_frames),
     }
     numbers = CameraNumbers(
         position_noise=fleet.position_noise,
@@ -166,17 +167,22 @@ def _command_link(scenario: Scenario, fleet: Any) -> Recipe:
     link, believed = scenario.laboratory.command_link, nominal_parameters(scenario)
     structure = {
         "period": link.period,
-        "longest_delay": _longest(link.delay_ticks),
-        "loses_packets": can_differ_from_zero(link.loss_rate),
+        "longest_delay": _longest(link.delay_ticks, fleet.delay_ticks),
+        "loses_packets": _can_differ(link.loss_rate, fleet.loss_rate),
     }
     hover = Wrench(believed.mass * believed.gravity, 0.0, 0.0, 0.0)
     return Recipe(CommandLink, structure, LinkNumbers(fleet.delay_ticks, fleet.loss_rate, hover))
 
 
-def _longest(delay: Any) -> int:
-    """The most ticks that a delay can take."""
-    _, longest = extremes(delay)
-    return int(longest or 0.0)
+def _can_differ(written: Any, flown: Any) -> bool:
+    """Can a number differ from zero, as a scenario has it or as a fleet flies it?"""
+    return can_differ_from_zero(written) or bool(np.any(np.not_equal(flown, 0.0)))
+
+
+def _longest(written: Any, flown: Any) -> int:
+    """The most ticks that a delay can take, as a scenario has it or as a fleet flies it."""
+    _, longest = extremes(written)
+    return int(max(longest or 0.0, np.max(flown)))
 
 
 def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
@@ -186,7 +192,7 @@ def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
     sources = fleet.laboratory.wind
     steady = [source for source in scenario.laboratory.wind if isinstance(source, wind.SteadyWind)]
     mean = _total([_velocity(source) for source in sources if source.kind == "steady"])
-    if any(_blows(source) for source in steady):
+    if any(_blows(source) for source in steady) or any(np.any(np.not_equal(part, 0.0)) for part in mean):
         recipes["steady"] = Recipe(SteadyWind, {}, mean)
     for source in sources:
         name = f"{source.kind}_{sum(other.startswith(source.kind) for other in recipes)}"

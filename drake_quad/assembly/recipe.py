@@ -69,6 +69,11 @@ class Recipe(NamedTuple):
             diagram: that has the system.
             path: of the system in the diagram.
             context: of a diagram around it.
+
+        Raises:
+            ValueError: the system has been built for other ports or events than the numbers need.
         """
         system = subsystem(diagram, path)
+        if system.structure != self.structure:
+            raise ValueError(f"{path} was built with {system.structure}, but these numbers need {self.structure}")
         system.reset(system.GetMyMutableContextFromRoot(context), self.numbers)

@@ -85,6 +85,33 @@ def test_what_is_made_to_vary_flies_as_in_a_fleet_of_its_own(scenario):
         np.testing.assert_array_equal(found, expected)
 
 
+BEYOND = {
+    "laboratory.command_link.delay_ticks": [0.0, 1.0, 3.0],
+    "laboratory.command_link.loss_rate": [0.0, 0.2, 0.4],
+    "laboratory.motion_capture.latency_frames": [0.0, 2.0, 3.0],
+    "laboratory.motion_capture.position_noise": [0.0, 0.01, 0.02],
+    "laboratory.motion_capture.dropout_rate": [0.0, 0.2, 0.4],
+    "laboratory.motion_capture.misalignment.1": [0.0, 0.02, -0.02],
+    "laboratory.motion_capture.derivative_bandwidth": [20.0, 40.0, 60.0],
+    "laboratory.wind.0.velocity.1": [0.0, 1.0, -1.0],
+    "vehicle.battery_sag": [0.0, 0.1, 0.2],
+}
+
+
+@pytest.mark.parametrize("path", BEYOND)
+def test_what_the_scenario_has_none_of_can_be_made_to_vary_where_the_diagram_is_built_for_it(diagrams, path):
+    """And is refused in a diagram that was built without it: nothing is left out in silence."""
+    calm = "laboratory.wind=[{kind: steady, velocity: [0.0, 0.0, 0.0]}]"
+    ideal = load_scenario(diagrams / "figure_eight.yaml", ["duration=2", "vehicle.linear_drag=0.2", calm])
+    varied = Batch.draw(ideal, [0, 0, 0]).with_varying({path: np.array(BEYOND[path])})
+    metrics = flown(ideal, varied)
+    alone = [simulate(varied.scenario_of(i)).metrics.rmse for i in range(3)]
+    assert len(set(alone)) == 3
+    np.testing.assert_allclose(metrics.rmse, alone, rtol=1e-9)
+    with pytest.raises((ValueError, RuntimeError), match="was built with|steady"):
+        StudyFleet(ideal, 3).fly_batch(varied)
+
+
 def test_a_context_that_is_reset_is_the_default_one_of_the_fleet_of_its_batch(scenario):
     """Every parameter, state and random number; also those that do not show in the metrics."""
     study = scenario(*NETWORK)
