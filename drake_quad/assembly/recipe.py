@@ -28,10 +28,6 @@ class FleetScenario:
     def __getattr__(self, name: str) -> Any:
         return _inside(getattr(self._value, name), joined(self._path, name).lstrip("."), self._varying)
 
-    def as_dict(self) -> dict[str, Any]:
-        """The fields by name."""
-        return {name: getattr(self, name) for name in type(self._value).model_fields}
-
 
 def _inside(value: Any, path: str, varying: Mapping[str, np.ndarray]) -> Any:
     if path in varying:

@@ -1,0 +1,65 @@
+"""What a fleet sees of a batch, and recipes for systems."""
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+
+from drake_quad.assembly.recipe import FleetScenario, Recipe
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
+from drake_quad.scenario import Batch
+
+
+def test_a_fleet_sees_arrays_where_numbers_vary_and_the_scenario_elsewhere(asymmetric):
+    """Also in lists, and in lists of parts."""
+    scenario = asymmetric("pid", "vehicle.mass={uniform: {min: 0.6, max: 0.8}}")
+    varying = {"laboratory.wind.1.velocity.2": np.array([1.0, 2.0]), "vehicle.inertia.1": np.array([3.0, 4.0])}
+    batch = Batch.draw(scenario, [7, 2]).with_varying(varying)
+    fleet = FleetScenario(batch)
+    np.testing.assert_array_equal(fleet.vehicle.mass, batch.varying["vehicle.mass"])
+    assert fleet.vehicle.inertia == (0.0071, pytest.approx([3.0, 4.0]), 0.0131)
+    assert fleet.laboratory.wind[1].velocity == (-1.5, 1.2, pytest.approx([1.0, 2.0]))
+    assert fleet.laboratory.wind[0].velocity == scenario.laboratory.wind[0].velocity
+    assert fleet.laboratory.wind[1].kind == "gust"
+    assert fleet.control.position.k_p == scenario.control.position.k_p
+    with pytest.raises(AttributeError):
+        _ = fleet.vehicle.wings
+
+
+def linked(recipe):
+    """A diagram in a diagram, with a system of a recipe."""
+    inner, outer = DiagramBuilder(), DiagramBuilder()
+    inner.AddNamedSystem("link", recipe.build(2))
+    inner.ExportInput(inner.GetSubsystemByName("link").GetInputPort("wrench"), "wrench")
+    outer.AddNamedSystem("laboratory", inner.Build())
+    return outer.Build()
+
+
+def test_a_recipe_builds_a_system_and_resets_it_wherever_it_is():
+    structure = {"period": 0.04, "longest_delay": 2}
+    first = Recipe(CommandLink, structure, LinkNumbers(delay_ticks=np.array([2.0, 0.0])))
+    diagram = linked(first)
+    link = diagram.GetSubsystemByName("laboratory").GetSubsystemByName("link")
+    context = diagram.CreateDefaultContext()
+
+    def delays():
+        return link.get_parameter(link.GetMyContextFromRoot(context), "link").delay_ticks
+
+    np.testing.assert_array_equal(delays(), [2.0, 0.0])
+    first._replace(numbers=LinkNumbers(delay_ticks=1.0)).reset(diagram, "laboratory.link", context)
+    np.testing.assert_array_equal(delays(), [1.0, 1.0])
+
+
+def test_a_recipe_for_other_ports_or_events_resets_nothing():
+    recipe = Recipe(CommandLink, {"period": 0.04, "longest_delay": 2}, LinkNumbers())
+    diagram = linked(recipe)
+    longer = recipe._replace(structure={"period": 0.04, "longest_delay": 3})
+    with pytest.raises(ValueError, match=r"laboratory.link was built with .*2.*, but these numbers need .*3"):
+        longer.reset(diagram, "laboratory.link", diagram.CreateDefaultContext())
+
+
+def test_functions_of_a_user_make_systems_for_as_many_vehicles():
+    makers = UserSystems(control=lambda n: f"control of {n}", wind=lambda n: f"wind of {n}")
+    assert [*makers.given] == ["control", "wind"]
+    assert makers.made(3) == UserSystems(None, "control of 3", "wind of 3")
+    assert UserSystems().made(3) == UserSystems()
