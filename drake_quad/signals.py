@@ -236,11 +236,13 @@ def quantities(name: str, num_rows: int) -> list[Quantity]:
     """The quantities of the rows of a signal of one vehicle."""
     kind = SIGNALS[name]
     if not hasattr(kind, "_fields"):
-        return [_quantity(get_args(kind)[0])] * num_rows
+        row, *_ = get_args(kind)
+        return [_quantity(row)] * num_rows
     hints = get_type_hints(kind, include_extras=True)
     return [_quantity(hints[field]) for field in kind._fields]
 
 
 def _quantity(row: Any) -> Quantity:
-    quantity: Quantity = get_args(row)[1]
-    return quantity
+    _, quantity = get_args(row)
+    found: Quantity = quantity
+    return found

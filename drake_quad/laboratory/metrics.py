@@ -98,7 +98,8 @@ class Metrics(NamedTuple):
         return Metrics._make(values[places] for values in self)
 
 
-UNITS = {name: get_args(hint)[1].unit for name, hint in get_type_hints(Metrics, include_extras=True).items()}
+_HINTS = get_type_hints(Metrics, include_extras=True)
+UNITS = {name: quantity.unit for name, (_, quantity) in zip(_HINTS, map(get_args, _HINTS.values()), strict=True)}
 """The unit of each metric."""
 
 

@@ -10,8 +10,6 @@ from importlib.metadata import version
 from pathlib import Path
 from typing import Any
 
-import drake_quad
-
 _PACKAGES = ("drake_quad", "drake", "numpy", "scipy", "llvmlite")
 
 
@@ -26,7 +24,7 @@ def provenance() -> dict[str, str]:
 
 @functools.cache
 def _digest_of_package() -> str:
-    folder = Path(str(drake_quad.__file__)).parent
+    folder = Path(__file__).parent.parent
     return _digest(sorted(folder.rglob("*.py")), folder)
 
 

@@ -74,13 +74,13 @@ def build_wind(sources: Mapping[str, Any], *, streams: Mapping[str, list[Stream]
     for name, source in sources.items():
         for stream in streams.get(name, []):
             builder.ExportInput(source.GetInputPort(stream.name.removeprefix(f"{name}.")), stream.name)
-    ports = [source.get_output_port() for source in sources.values()]
-    if len(ports) > 1:
-        total = builder.AddNamedSystem("total", Adder(len(ports), 3 * num_vehicles))
-        for i, port in enumerate(ports):
-            builder.Connect(port, total.get_input_port(i))
-        ports = [total.get_output_port()]
-    builder.ExportOutput(ports[0], "wind")
+    port, *others = (source.get_output_port() for source in sources.values())
+    if others:
+        total = builder.AddNamedSystem("total", Adder(1 + len(others), 3 * num_vehicles))
+        for i, summand in enumerate((port, *others)):
+            builder.Connect(summand, total.get_input_port(i))
+        port = total.get_output_port()
+    builder.ExportOutput(port, "wind")
     wind = builder.Build()
     wind.set_name("wind")
     return wind

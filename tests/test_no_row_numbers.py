@@ -1,0 +1,76 @@
+"""Rows have names: nothing counts the rows of a signal, of a record of parameters or of sums."""
+
+import ast
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+from drake_quad.signals import SIGNALS
+
+# Where formulas, laws and metrics stand: there is no integer index here at all.
+FORMULAS = ("vehicle", "control", "laboratory", "signals.py", "flatness.py")
+
+
+def files(root: Path, *places: str) -> list[Path]:
+    folders = [root / "drake_quad" / place for place in places]
+    return [file for folder in folders for file in ([folder] if folder.is_file() else sorted(folder.rglob("*.py")))]
+
+
+def integer_indices(tree: ast.AST) -> Iterator[ast.Subscript]:
+    """The places where something is taken by its number, or by a range of numbers."""
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Subscript):
+            numbers = (part.value for part in ast.walk(node.slice) if isinstance(part, ast.Constant))
+            if any(isinstance(number, int) and not isinstance(number, bool) for number in numbers):
+                yield node
+
+
+def is_signal(node: ast.AST) -> bool:
+    """Is it a signal of a flight, as in `flight["state"]`, or a record of one, or metrics?"""
+    if isinstance(node, ast.Subscript) and isinstance(node.slice, ast.Constant):
+        return node.slice.value in SIGNALS
+    if isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute):
+        return node.func.attr in ("record", "get_state", "get_parameter")
+    return isinstance(node, ast.Attribute) and node.attr in ("metrics", *SIGNALS)
+
+
+def test_formulas_laws_and_metrics_take_rows_by_their_names(root):
+    found = [
+        f"{file}:{node.lineno}: {ast.unparse(node)}"
+        for file in files(root, *FORMULAS)
+        for node in integer_indices(ast.parse(file.read_text(encoding="utf-8")))
+    ]
+    assert found == []
+
+
+def test_what_reads_flights_takes_rows_by_their_names(root):
+    found = [
+        f"{file}:{node.lineno}: {ast.unparse(node)}"
+        for file in [*files(root, "."), *sorted((root / "scripts").glob("*.py"))]
+        for node in integer_indices(ast.parse(file.read_text(encoding="utf-8")))
+        if is_signal(node.value)
+    ]
+    assert found == []
+
+
+@pytest.mark.parametrize(
+    ("text", "counts"),
+    [
+        ("reference[10]", 1),
+        ("state[3:6]", 1),
+        ("law[2, c]", 1),
+        ("rows[-1]", 1),
+        ("rows[i]", 0),
+        ("flight['state']", 0),
+        ("tuple[Row, ...]", 0),
+    ],
+)
+def test_an_integer_index_is_found(text, counts):
+    assert len([*integer_indices(ast.parse(text))]) == counts
+
+
+@pytest.mark.parametrize("text", ["flight['state'][:, 0:3]", "flight.record('state')[2]", "study.metrics[0]"])
+def test_a_count_of_a_flight_s_rows_is_found(text):
+    (node,) = integer_indices(ast.parse(text))
+    assert is_signal(node.value)
