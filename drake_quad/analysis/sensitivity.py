@@ -92,7 +92,8 @@ def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: i
         fly(simulator, flight_duration(scenario, plan))
         metrics = read_metrics(converted, context)
     found = {name: getattr(metrics, name)[0] for name in DIFFERENTIABLE}
-    crash_time = metrics.crash_time[0].value()
+    (crash,) = metrics.crash_time
+    crash_time = crash.value()
     if np.isnan(found["rmse"].value()):
         raise InputError(f"crashed at {crash_time:.2f} s, before a tick counted for the metrics")
     return Sensitivities(
