@@ -9,12 +9,15 @@ import sys
 from pathlib import Path
 
 import pytest
-from test_systems import SYSTEMS
+from all_systems import FLEET_SYSTEMS, SYSTEMS
 
 from drake_quad import load_scenario
+from drake_quad.framework.records import layout_of
+from drake_quad.signals import SIGNALS
 
 ROOT = Path(__file__).parent.parent
-PAGES = [ROOT / "README.md", *sorted((ROOT / "docs").glob("*.md"))]
+DOCS = sorted((ROOT / "docs").glob("*.md"))
+PAGES = [ROOT / "README.md", *DOCS]
 # Makes the commands of the pages short; a later option stands in for an earlier one.
 SHORT = {
     "simulate.py": ["--set", "duration=1"],
@@ -103,10 +106,10 @@ def test_every_command_is_understood(command, elsewhere, monkeypatch):
         assert Path(file).exists()
 
 
-@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"], ids=lambda page: page.stem)
 def test_every_path_and_link_leads_somewhere(page):
     text = page.read_text(encoding="utf-8")
-    for path in re.findall(r"`((?:drake_quad|diagrams|scripts|docs)/[\w./-]*)`", text):
+    for path in re.findall(r"`((?:drake_quad|diagrams|scripts|docs|tests)/[\w./-]*)`", text):
         assert (ROOT / path).exists(), path
     for link in re.findall(r"\]\(([^)\s]+)\)|(?:src|href)=\"([^\"]+)\"", text):
         target = "".join(link)
@@ -117,23 +120,65 @@ def test_every_path_and_link_leads_somewhere(page):
 
 def test_every_page_is_reached_from_the_readme():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    for page in PAGES[1:]:
-        assert f"(docs/{page.name})" in readme, page.name
+    for page in DOCS:
+        # The index is the first page of the site.
+        assert page.stem == "index" or f"(docs/{page.name})" in readme, page.name
+
+
+def test_every_page_is_reached_from_the_index():
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    assert {page.stem for page in DOCS} - {"index"} <= set(index.split())
+
+
+def row_of(system):
+    """The cells of the row of a system on the page of systems, as pairs of a name and its number of rows, if it says."""
+    page = (ROOT / "docs" / "systems.md").read_text(encoding="utf-8")
+    cells = re.search(rf"^\| `{system.__name__}` \|(.*)\|(.*)\|(.*)\|(.*)\|$", page, re.MULTILINE).groups()
+    return [re.findall(r"`([\w.]+)`(?: (\d+))?", cell) for cell in cells]
 
 
 @pytest.mark.parametrize(("documented", "make"), SYSTEMS, ids=lambda value: getattr(value, "__name__", ""))
 def test_the_page_of_systems_has_the_ports_of_each(documented, make):
-    page = (ROOT / "docs" / "systems.md").read_text(encoding="utf-8")
-    inputs, outputs = re.search(rf"^\| `{documented.__name__}` \|(.*)\|(.*)\|.*\|$", page, re.MULTILINE).groups()
+    inputs, outputs, _, _ = row_of(documented)
     system, widths = make(), set()
-    for cell, ports in (
+    for said, ports in (
         (inputs, [system.get_input_port(i) for i in range(system.num_input_ports())]),
         (outputs, [system.get_output_port(i) for i in range(system.num_output_ports())]),
     ):
-        said = re.findall(r"`([\w.]+)`(?: (\d+))?", cell)
         assert [name for name, _ in said] == [port.get_name() for port in ports]
         widths |= {port.size() / int(rows) for (_, rows), port in zip(said, ports, strict=True) if rows}
     assert widths <= {float(getattr(system, "num_vehicles", max(widths, default=1.0)))}
+
+
+@pytest.mark.parametrize("system", dict.fromkeys(each.system for each in FLEET_SYSTEMS), ids=lambda each: each.__name__)
+def test_the_page_of_systems_has_the_parameters_and_states_of_each(system):
+    """All that any of the examples has; which of them depends on the structure."""
+    _, _, parameters, states = row_of(system)
+    made = [example.make() for example in FLEET_SYSTEMS if example.system is system]
+    for said, groups in (
+        (parameters, [each.parameters for each in made]),
+        (states, [each.states for each in made]),
+    ):
+        assert {name for name, _ in said} == {name for group in groups for name in group}
+        for name, rows in said:
+            sizes = {group[name].layout.num_rows for group in groups if name in group}
+            assert not rows or sizes == {int(rows)}, name
+
+
+def test_the_page_of_systems_has_the_signals():
+    page = (ROOT / "docs" / "systems.md").read_text(encoding="utf-8")
+    table = page.partition("## Signals")[2].partition("\n\n| signal |")[2].partition("\n\n")[0]
+    said = {
+        name: (rows, fields)
+        for names, rows, fields in re.findall(r"^\| (`.*?) \| (.*?) \| (.*) \|$", table, re.MULTILINE)
+        for name in re.findall(r"`(\w+)`", names)
+    }
+    # What passes between the parts of one diagram.
+    assert SIGNALS.keys() - said.keys() == {"feed_forward", "thrust", "torque", "firing"}
+    for name, (rows, fields) in said.items():
+        if rows.isdigit():
+            assert layout_of(SIGNALS[name]).num_rows == int(rows)
+            assert set(re.findall(r"`(\w+)`", fields)) <= set(SIGNALS[name]._fields), name
 
 
 def test_the_page_of_systems_has_them_all():
