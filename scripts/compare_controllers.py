@@ -101,7 +101,7 @@ def print_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> None:
                     f"{spread(100.0 * of_survivors(metrics, 'peak_error'), 0)} cm",
                     f"{spread(of_survivors(metrics, 'effort_x'), 3)}",
                     f"{spread(of_survivors(metrics, 'effort_y'), 3)}",
-                    compare(metrics, first).share.percent(),
+                    "100 %" if metrics is first else compare(metrics, first).share.percent(),
                     f"{int(metrics.crashed.sum())} crashed" if metrics.crashed.any() else "",
                 )
             )

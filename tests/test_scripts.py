@@ -337,7 +337,7 @@ def test_monte_carlo_prints_what_the_samples_did(run, tmp_path):
     result = monte_carlo(run, tmp_path, "--seed", 3)
     assert (result.returncode, result.stderr) == (0, "")
     lines = result.stdout.splitlines()
-    assert lines[0].startswith("robustness: 6 samples of seed 3, 0.40 s each; 0 crashed, 0 % [0, 45.9]")
+    assert lines[0].startswith("robustness: 6 samples of seed 3, 0.40 s each; 0 crashed, 0.0 % [0.0, 45.9]")
     assert re.fullmatch(r"[\d,]+ vehicle-seconds per second", lines[-1])
     files = {path.name for path in tmp_path.iterdir()}
     assert {"results.csv", "scenario.yaml", "study.yaml", "distribution.png", "influences.png"} <= files
@@ -440,7 +440,7 @@ def test_calibrate_paper_refuses_too_few_samples(run, tmp_path):
 def test_a_study_in_which_everything_crashes_is_told_too(run, tmp_path):
     result = monte_carlo(run, tmp_path, "--set", "crash.position_error=0.001")
     assert (result.returncode, result.stderr) == (0, "")
-    assert "6 crashed, 100 % [54.1, 100]" in result.stdout
+    assert "6 crashed, 100.0 % [54.1, 100.0]" in result.stdout
     assert "nan" not in result.stdout
     assert "crashed at 0.1" in result.stdout
 
