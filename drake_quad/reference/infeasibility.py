@@ -6,6 +6,7 @@ import numpy as np
 
 from drake_quad.reference.minimum_snap_program import (
     NO_PATH,
+    WALL_MARGIN,
     MinimumSnapProgram,
     Slack,
     path_within,
@@ -89,9 +90,10 @@ def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
     except NO_PATH:
         return "no path was found that keeps to the corridors and to what is given at the waypoints at these times"
     worst = min(turns(path, problem.corridors), key=lambda turn: turn.room)
+    wider = WALL_MARGIN * worst.size - worst.room
     return (
         f"the corridor of segment {worst.segment} cannot be kept at these times with what is given at the waypoints: "
-        f"it would have to be {_rounded_up(-worst.room):g} m wider"
+        f"it would have to be {_rounded_up(wider):g} m wider"
     )
 
 

@@ -81,10 +81,10 @@ def _none_too_short(problem: PathProblem, durations: np.ndarray) -> np.ndarray:
 
 
 def _fitted(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray], np.ndarray]) -> PolynomialPath:
-    """The path by a rule for the durations, whatever its peaks; twice, if places leave it a choice of points."""
+    """The path by a rule for the durations, whatever its peaks; twice, as places may leave it a choice of points."""
     unlimited = problem.without_limits()
     points = problem.representatives()
-    for _ in range(1 if problem.passes_points else 2):
+    for _ in range(2):
         path = path_or_reason(unlimited, rule(problem, points))
         points = path.waypoints
     return path
@@ -132,10 +132,10 @@ def _shortened(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> P
 
     if problem.passes_points:
         return min(path, shortened(start, np.inf), key=_DURATION)
-    return min(path, _improved(start, shortened, _DURATION), key=_DURATION)
+    return min(path, improved(start, shortened, _DURATION), key=_DURATION)
 
 
-def _improved(
+def improved(
     path: PolynomialPath,
     change: Callable[[PolynomialPath, float], PolynomialPath],
     cost: Callable[[PolynomialPath], float],
@@ -213,7 +213,7 @@ def _smoothest(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
             least_snap_durations(points, path.durations, problem.derivatives, contacts=contacts, reach=reach),
         )
 
-    return _improved(path_within(problem, durations), smoothed, lambda path: float(snap_cost(path).sum()))
+    return improved(path_within(problem, durations), smoothed, lambda path: float(snap_cost(path).sum()))
 
 
 def least_snap_path(problem: PathProblem, total: float) -> PolynomialPath:
