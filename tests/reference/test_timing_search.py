@@ -27,9 +27,7 @@ def problem(points, velocity=None, **more):
     derivatives = rest_at_ends(len(points), len(points[0]))
     if velocity is not None:
         derivatives[1, 0] = velocity
-    return PathProblem(
-        [Box.point(point) for point in points], derivatives=derivatives, **{"limits": LIMITS, **more}
-    )
+    return PathProblem([Box.point(point) for point in points], derivatives=derivatives, **{"limits": LIMITS, **more})
 
 
 def stretched(points, durations, limits=LIMITS):
@@ -162,7 +160,9 @@ def test_why_there_is_no_path_of_least_snap_is_explained():
     ):
         least_snap_path(problem(points, [1.5, 0.0]), 6.0)
     halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [8.0, 1.0])]
-    with pytest.raises(InputError, match=r"^the corridor of segment \d cannot be kept at these times with what is given"):
+    with pytest.raises(
+        InputError, match=r"^the corridor of segment \d cannot be kept at these times with what is given"
+    ):
         least_snap_path(problem(points, [-1.5, 0.0], corridors=halls), 12.0)
 
 
