@@ -5,7 +5,6 @@ from drake_quad.errors import InputError
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
 from drake_quad.reference.minimum_snap_program import NO_PATH, InfeasibleError, path_within
 from drake_quad.reference.path_problem import Box, Limits, PathProblem
-from drake_quad.reference.polynomial_path import peak_norm
 from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor, trapezoid_times
 from drake_quad.reference.time_optimization import least_snap_durations
 from drake_quad.reference.timing_search import (
