@@ -30,6 +30,14 @@ def changes(line, before=""):
         ("raise InputError(f'{1 + x} is too much', 3)", {"pass"}),
         ("SIZE = 10", {"SIZE = 11"}),
         ("x = zip(a, b, strict=True)", {"x = zip(b, a, strict=True)"}),
+        (
+            "x = solve(a, b, lower=True, check_finite=False)",
+            {
+                "x = solve(b, a, lower=True, check_finite=False)",
+                "x = solve(a, b, lower=False, check_finite=False)",
+                "x = solve(a, b, lower=False, check_finite=True)",
+            },
+        ),
         ("flag: bool = True", {"flag: bool = False"}),
     ],
 )
