@@ -53,6 +53,7 @@ def heuristic_path(problem: PathProblem) -> PolynomialPath:
     Args:
         problem: with a limit, without given motion and without repeats.
     """
+    # Stops come first: these times tell where nothing has to move.
     candidates = [_stretched(_fitted(problem, rule), problem.limits) for rule in (_stops_everywhere, _ride)]
     return min(candidates, key=_DURATION)
 
@@ -64,13 +65,9 @@ def _stops_everywhere(problem: PathProblem, points: np.ndarray) -> np.ndarray:
 
 
 def _ride(problem: PathProblem, points: np.ndarray) -> np.ndarray:
-    """(segments,) durations of a ride through points along the chords, likewise."""
-    if (points == points[0]).all():
-        return np.ones(problem.segments)
-    limits = problem.limits if problem.limits.by_order else _ANY_LIMITS
-    return _none_too_short(
-        problem, np.diff(trapezoid_times(points, speed=limits.speed, acceleration=limits.acceleration))
-    )
+    """(segments,) durations of a ride through points along the chords at the limits, likewise."""
+    times = trapezoid_times(points, speed=problem.limits.speed, acceleration=problem.limits.acceleration)
+    return _none_too_short(problem, np.diff(times))
 
 
 def _none_too_short(problem: PathProblem, durations: np.ndarray) -> np.ndarray:
