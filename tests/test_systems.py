@@ -4,9 +4,11 @@ import inspect
 import math
 import re
 
+import numpy as np
 import pytest
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common import RandomDistribution
+from pydrake.systems.framework import Diagram
 
 from drake_quad.control.attitude import AttitudeController
 from drake_quad.control.cascade import build_cascade
@@ -146,6 +148,47 @@ def test_the_port_block_names_the_ports(documented, make):
     ports = documented_ports(documented.__doc__)
     assert ports["input"] == [system.get_input_port(i).get_name() for i in range(system.num_input_ports())]
     assert ports["output"] == [system.get_output_port(i).get_name() for i in range(system.num_output_ports())]
+
+
+@systems
+def test_a_diagram_has_the_name_in_its_port_block(documented, make):
+    system = make()
+    if isinstance(system, Diagram):
+        assert system.get_name() == re.search(r"name: (\w+)", documented.__doc__)[1]
+
+
+@systems
+def test_with_derivatives_the_values_are_the_same(documented, make):
+    """All outputs, and the state after a tick, with numbers at the inputs that are not at rest."""
+    system = make()
+    converted = system.ToScalarType[AutoDiffXd]()
+    contexts = system.CreateDefaultContext(), converted.CreateDefaultContext()
+    rng = np.random.default_rng(0)
+    for i in range(system.num_input_ports()):
+        numbers = rng.uniform(0.1, 0.9, system.get_input_port(i).size())
+        for each, context in zip((system, converted), contexts, strict=True):
+            each.get_input_port(i).FixValue(context, numbers)
+    for context in contexts:
+        context.SetTime(1.2)
+    if not isinstance(system, Diagram) and system.GetUniquePeriodicDiscreteUpdateAttribute():
+        groups = range(contexts[0].num_discrete_state_groups())
+        before = [contexts[0].get_discrete_state(group).CopyToVector() for group in groups]
+        after = [
+            each.EvalUniquePeriodicDiscreteUpdate(context)
+            for each, context in zip((system, converted), contexts, strict=True)
+        ]
+        for group in groups:
+            same_values(after[1].get_vector(group).CopyToVector(), after[0].get_vector(group).CopyToVector())
+        changed = [(after[0].get_vector(group).CopyToVector() != before[group]).any() for group in groups]
+        assert any(changed)
+    for i in range(system.num_output_ports()):
+        outputs = [each.get_output_port(i).Eval(context) for each, context in zip((system, converted), contexts)]
+        same_values(outputs[1], outputs[0])
+
+
+def same_values(with_derivatives, numbers):
+    values = [getattr(value, "value", lambda value=value: value)() for value in with_derivatives]
+    np.testing.assert_allclose(values, numbers, rtol=1e-12, atol=1e-12)
 
 
 @systems

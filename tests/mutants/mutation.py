@@ -113,10 +113,18 @@ def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool
         for field, value in ast.iter_fields(node):
             if field in _SKIPPED_FIELDS or (isinstance(node, ast.ClassDef) and field == "keywords"):
                 continue
+            if _is_the_rest_of_a_shape(node, parent):
+                continue
             inside = declared and not (isinstance(node, ast.FunctionDef) and field == "body")
             for child in value if isinstance(value, list) else [value]:
                 if isinstance(child, ast.AST):
                     pending.append((child, node, lines, inside))
+
+
+def _is_the_rest_of_a_shape(node: ast.AST, parent: ast.AST) -> bool:
+    """Is it -1 in a call of reshape, for which NumPy takes any other negative number, too?"""
+    called = isinstance(parent, ast.Call) and isinstance(parent.func, ast.Attribute) and parent.func.attr == "reshape"
+    return called and isinstance(node, ast.UnaryOp)
 
 
 def _is_declaration_of_names(node: ast.AST) -> bool:

@@ -38,6 +38,8 @@ def changes(line, before=""):
                 "x = solve(a, b, lower=False, check_finite=True)",
             },
         ),
+        ("x = y.reshape(3, -1)", {"x = y.reshape(4, -1)", "x = y.reshape(3, 1)"}),
+        ("x = y[-1]", {"x = y[1]", "x = y[-2]"}),
         ("flag: bool = True", {"flag: bool = False"}),
     ],
 )
