@@ -99,6 +99,7 @@ SYSTEMS = [
     (Allocation, Allocation),
     (AttitudeController, lambda: AttitudeController(**GAINS, inertia=(1.0, 1.0, 1.0))),
     (CommandLink, lambda: CommandLink(num_vehicles=2, delay_ticks=3, loss_rate=0.1, initial=(1.0, 0.0, 0.0, 0.0))),
+    (CommandLink, lambda: CommandLink(num_vehicles=2, delay_ticks=np.array([3.0, 1.0]))),
     (DrydenTurbulence, lambda: DrydenTurbulence(num_vehicles=2, turbulence=TURBULENCE)),
     (Fans, fans),
     (FlightMonitor, FlightMonitor),
@@ -159,7 +160,7 @@ def test_a_diagram_has_the_name_in_its_port_block(documented, make):
 
 @systems
 def test_with_derivatives_the_values_are_the_same(documented, make):
-    """All outputs, and the state after a tick, with numbers at the inputs that are not at rest."""
+    """All outputs, and the state after a tick, with any numbers at the inputs and as the state before."""
     system = make()
     converted = system.ToScalarType[AutoDiffXd]()
     contexts = system.CreateDefaultContext(), converted.CreateDefaultContext()
@@ -172,7 +173,10 @@ def test_with_derivatives_the_values_are_the_same(documented, make):
         context.SetTime(1.2)
     if not isinstance(system, Diagram) and system.GetUniquePeriodicDiscreteUpdateAttribute():
         groups = range(contexts[0].num_discrete_state_groups())
-        before = [contexts[0].get_discrete_state(group).CopyToVector() for group in groups]
+        before = [rng.uniform(0.1, 0.9, contexts[0].get_discrete_state(group).size()) for group in groups]
+        for context in contexts:
+            for group, numbers in zip(groups, before, strict=True):
+                context.SetDiscreteState(group, numbers)
         after = [
             each.EvalUniquePeriodicDiscreteUpdate(context)
             for each, context in zip((system, converted), contexts, strict=True)
