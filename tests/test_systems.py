@@ -99,7 +99,7 @@ SYSTEMS = [
     (Allocation, Allocation),
     (AttitudeController, lambda: AttitudeController(**GAINS, inertia=(1.0, 1.0, 1.0))),
     (CommandLink, lambda: CommandLink(num_vehicles=2, delay_ticks=3, loss_rate=0.1, initial=(1.0, 0.0, 0.0, 0.0))),
-    (CommandLink, lambda: CommandLink(num_vehicles=2, delay_ticks=np.array([3.0, 1.0]))),
+    (CommandLink, lambda: CommandLink(num_vehicles=2, delay_ticks=np.array([3.0, 1.0]), loss_rate=0.1)),
     (DrydenTurbulence, lambda: DrydenTurbulence(num_vehicles=2, turbulence=TURBULENCE)),
     (Fans, fans),
     (FlightMonitor, FlightMonitor),
