@@ -9,6 +9,7 @@ from scipy.interpolate import make_interp_spline
 
 from drake_quad.errors import InputError
 from drake_quad.reference.minimum_snap import (
+    BOUNDARY_FORM,
     Contact,
     MinimumSnap,
     minimum_snap,
@@ -180,6 +181,12 @@ def test_bad_waypoints_are_explained(waypoints, times, words):
 def test_bad_derivatives_are_explained(derivatives, words):
     with pytest.raises(InputError, match=words):
         minimum_snap([[0.0, 0.0], [1.0, 1.0]], [0.0, 1.0], derivatives)
+
+
+def test_the_form_has_whole_numbers_and_no_cost_for_standing_still():
+    np.testing.assert_array_equal(BOUNDARY_FORM % 1.0, 0.0)
+    np.testing.assert_array_equal(BOUNDARY_FORM @ [1, 0, 0, 0, 1, 0, 0, 0], 0.0)
+    assert BOUNDARY_FORM[0, 0] == 100_800.0
 
 
 def test_a_waypoint_counts_time_in_durations_of_its_shorter_segment():

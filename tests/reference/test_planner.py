@@ -175,6 +175,14 @@ def test_repeats_keep_what_is_given_there():
         merged(problem(SQUARE[[0, 1, 1, 2]], derivatives=moving))
 
 
+def test_times_may_begin_anywhere_and_span_a_day():
+    times = np.array([0.0, 20.0, 50.0, 80.0, 86_400.0])
+    wanted = plan_path(problem(), GivenTimes(tuple(times)))
+    later = plan_path(problem(), GivenTimes(tuple(1e5 + times)))
+    np.testing.assert_array_equal(later.times, 1e5 + times)
+    np.testing.assert_allclose(later.coefficients, wanted.coefficients, atol=1e-9 * np.abs(wanted.coefficients).max())
+
+
 def test_what_follows_a_stay_is_as_free_as_if_the_flight_began_there():
     points = SQUARE[[0, 0, 1, 2]]
     stayed = plan_path(problem(points), GivenTimes((0.0, 3.0, 7.0, 12.0)))
