@@ -97,6 +97,13 @@ def test_in_corridors_two_searches_find_what_one_alone_does_not(points, room, du
     assert stretch_factor(found, LIMITS) <= 1.0 + 1e-6
 
 
+def test_where_little_is_gained_on_stops_another_search_is_made():
+    """Nelder-Mead over the durations found 10.291 s, from two starts; one search alone ends at 10.335 s."""
+    points = np.array([[0.0, 0.0], [-0.04, -0.01], [0.71, 0.18], [0.74, 0.04], [-2.88, 3.49], [-2.85, 3.46]])
+    assert 0.95 * rest_to_rest_durations(points, LIMITS).sum() < 1.001 * 10.291
+    assert shortest_path(problem(points)).duration <= 1.001 * 10.291
+
+
 @pytest.mark.parametrize("points", [ALONG, THERE_AND_BACK])
 def test_the_shortest_attains_a_limit_and_is_shorter_than_the_heuristic(points):
     best = shortest_path(problem(points))
@@ -106,12 +113,15 @@ def test_the_shortest_attains_a_limit_and_is_shorter_than_the_heuristic(points):
 
 def test_a_given_velocity_is_passed_in_the_first_total_that_will_do():
     """Of 0.7, 0.85, 1, 1.25, 1.6 and 2.5 times that of stopping everywhere, at the times of least snap."""
-    for points, velocity, factor in (
-        ([[0, 0], [4, 0], [8, 0]], [1.5, 0.0], 0.85),
-        ([[0, 0], [1, 0], [1, 1]], [1.0, 0.0], 1.25),
-        ([[0, 0], [2, 0], [4, 0]], [-1.0, 0.0], 2.5),
+    for step, velocity, factor in (
+        (4, 1.8, 0.7),
+        (4, 0.8, 0.85),
+        (4, 0.3, 1.0),
+        (4, -0.3, 1.25),
+        (4, -0.8, 1.6),
+        (1, -1, 2.5),
     ):
-        asked = problem(np.array(points, dtype=float), velocity)
+        asked = problem(step * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [velocity, 0.0])
         stops = rest_to_rest_durations(asked.representatives(), LIMITS)
         found = path_through_given_motion(asked, shorten=False)
         assert found.duration == pytest.approx(factor * stops.sum(), rel=1e-9)
