@@ -112,7 +112,10 @@ def shortest_path(problem: PathProblem) -> PolynomialPath:
 
 
 def _shortened(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> PolynomialPath:
-    """The path with times that make it shorter, searched for from its own or from those of least snap."""
+    """The path with times that make it shorter, searched for from its own or from those of least snap.
+
+    From its own it is never longer than the path.
+    """
     unlimited = problem.without_limits()
     start = _stretched(_smoothest(unlimited, path.durations), problem.limits) if smooth else path
 
@@ -129,7 +132,7 @@ def _shortened(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> P
 
     if problem.passes_points:
         return min(path, shortened(start, np.inf), key=_DURATION)
-    return min(path, improved(start, shortened, _DURATION), key=_DURATION)
+    return improved(start, shortened, _DURATION)
 
 
 def improved(
