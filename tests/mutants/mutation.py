@@ -5,8 +5,8 @@ stands for a cosine, and neighbours change places (arguments, elements of a tupl
 
 Left out is what a test cannot notice or cannot but notice: texts, messages, annotations, decorators, imports, lists of
 names; `<` for `<=` between numbers that are not whole; arguments by keyword that are left out, as most must be given;
-`strict` of zip; whether SciPy looks at its input first, or works in place; one more where a constant of the module says
-how often something is tried, or how much is done at once.
+`strict` of zip; whether SciPy looks at its input first, or works in place; one more sample of linspace, or one more
+where a constant of the module says how often something is tried, or how much is done at once.
 """
 
 import ast
@@ -215,9 +215,11 @@ def _swapped(nodes: list[ast.expr]) -> Iterator[list[ast.expr]]:
 
 
 def _is_a_guard_or_a_count(parent: ast.AST) -> bool:
-    """Is a whole number in it a guard of zip or SciPy, or a private constant: how often, how many at once?"""
+    """Is a whole number in it a guard of zip or SciPy, or how many: of samples, or as a private constant says?"""
     if isinstance(parent, ast.keyword):
         return parent.arg in ("strict", "check_finite", "overwrite_b")
+    if isinstance(parent, ast.Call):
+        return isinstance(parent.func, ast.Attribute) and parent.func.attr == "linspace"
     return isinstance(parent, ast.Assign) and getattr(parent.targets[0], "id", "").startswith("_")
 
 

@@ -38,6 +38,15 @@ def changes(line, before=""):
                 "x = solve(a, b, lower=False, check_finite=True)",
             },
         ),
+        (
+            "x = np.linspace(0.0, 1.0, 49)",
+            {
+                "x = np.linspace(1.0, 0.0, 49)",
+                "x = np.linspace(0.0, 49, 1.0)",
+                "x = np.linspace(1.0, 1.0, 49)",
+                "x = np.linspace(0.0, 2.0, 49)",
+            },
+        ),
         ("x = y.reshape(3, -1)", {"x = y.reshape(4, -1)", "x = y.reshape(3, 1)"}),
         ("x = y[-1]", {"x = y[1]", "x = y[-2]"}),
         ("flag: bool = True", {"flag: bool = False"}),

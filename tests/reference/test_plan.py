@@ -36,6 +36,7 @@ def test_it_hovers_before_and_after():
 
 def test_every_vehicle_of_a_fleet_gets_the_same():
     one, fleet = build_reference(PLAN), build_reference(PLAN, num_vehicles=4)
+    assert [system.get_name() for system in one.GetSystems()] == ["trajectory", "parts"]
     contexts = one.CreateDefaultContext(), fleet.CreateDefaultContext()
     for context in contexts:
         context.SetTime(1.7)

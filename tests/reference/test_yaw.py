@@ -59,6 +59,13 @@ def test_where_none_is_given_it_is_free_and_stays_at_the_ends():
     assert evaluate(profile, [2.0])[0, 0] == pytest.approx(1.0)
 
 
+def test_a_single_yaw_is_kept_all_the_time():
+    for yaws in ([0.4, math.nan, math.nan], [math.nan, 0.4, math.nan], [math.nan, math.nan, 0.4]):
+        profile = yaw_through([1.0, 2.0, 4.0], yaws)
+        np.testing.assert_array_equal(profile.times[[0, -1]], [1.0, 4.0])
+        np.testing.assert_array_equal(evaluate(profile, np.linspace(1.0, 4.0, 7))[0], 0.4)
+
+
 def test_wrong_yaws_are_explained():
     with pytest.raises(InputError, match="needs a yaw at one"):
         yaw_through([0.0, 1.0], [math.nan, math.nan])
