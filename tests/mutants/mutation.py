@@ -64,6 +64,9 @@ _TRANSFORMS = {"abs", "sqrt", "wrapped", "floor", "ceil", "round", "rint", "clip
 # Their arguments may change places.
 _SYMMETRIC = {*_CLAMPS, "hypot", "judge", "isinstance", "getattr", "setattr", "cast", "partial", "TypeVar", "NewType"}
 
+# Arguments that say how carefully zip or SciPy works, not what comes out.
+_GUARDS = {"strict", "check_finite", "overwrite_b"}
+
 _SKIPPED_FIELDS = {"annotation", "returns", "decorator_list", "bases", "type_params", "type"}
 _SKIPPED = (ast.Import, ast.ImportFrom, ast.JoinedStr, ast.Raise, ast.Assert)
 _OPEN = (ast.BinOp, ast.UnaryOp, ast.BoolOp, ast.Compare, ast.IfExp, ast.Lambda)
@@ -202,9 +205,11 @@ def _changes_of_call(
         return
     for swapped in _swapped(arguments):
         yield "order", ast.Call(function, swapped, keywords)
-    for values in _swapped([keyword.value for keyword in keywords]):
-        exchanged = [ast.keyword(keyword.arg, value) for keyword, value in zip(keywords, values, strict=True)]
-        yield "order", ast.Call(function, arguments, exchanged)
+    telling = [keyword for keyword in keywords if keyword.arg not in _GUARDS]
+    others = [keyword for keyword in keywords if keyword.arg in _GUARDS]
+    for values in _swapped([keyword.value for keyword in telling]):
+        exchanged = [ast.keyword(keyword.arg, value) for keyword, value in zip(telling, values, strict=True)]
+        yield "order", ast.Call(function, arguments, exchanged + others)
 
 
 def _swapped(nodes: list[ast.expr]) -> Iterator[list[ast.expr]]:
@@ -217,7 +222,7 @@ def _swapped(nodes: list[ast.expr]) -> Iterator[list[ast.expr]]:
 def _is_a_guard_or_a_count(parent: ast.AST) -> bool:
     """Is a whole number in it a guard of zip or SciPy, or how many: of samples, or as a private constant says?"""
     if isinstance(parent, ast.keyword):
-        return parent.arg in ("strict", "check_finite", "overwrite_b")
+        return parent.arg in _GUARDS
     if isinstance(parent, ast.Call):
         return isinstance(parent.func, ast.Attribute) and parent.func.attr == "linspace"
     return isinstance(parent, ast.Assign) and getattr(parent.targets[0], "id", "").startswith("_")

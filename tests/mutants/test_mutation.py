@@ -35,7 +35,6 @@ def changes(line, before=""):
             {
                 "x = solve(b, a, lower=True, check_finite=False)",
                 "x = solve(a, b, lower=False, check_finite=False)",
-                "x = solve(a, b, lower=False, check_finite=True)",
             },
         ),
         (
