@@ -42,12 +42,12 @@ def explain(problem: PathProblem, durations: np.ndarray) -> str:
 
 def _broken_limit(problem: PathProblem, path: PolynomialPath, how: str) -> str:
     """Names the limit and the segment that a path breaks most, and how much it needs there."""
-    worst = (0.0, 1, 0, 0.0)
+    found = []
     for order, limit in problem.limits.by_order.items():
         peaks = norm_peaks(path, order)
         i = int(np.argmax(peaks.norm))
-        worst = max(worst, (peaks.norm[i] / limit, order, int(peaks.segment[i]), float(peaks.norm[i])))
-    _, order, segment, value = worst
+        found.append((peaks.norm[i] / limit, order, int(peaks.segment[i]), float(peaks.norm[i])))
+    _, order, segment, value = max(found)
     name, unit = _QUANTITIES[order]
     return (
         f"the {name} limit of {problem.limits.by_order[order]:g} {unit} cannot be kept on segment {segment}: "

@@ -193,6 +193,16 @@ def test_one_limit_that_is_broken_is_enough(order):
     assert peak_norm(path, order) == pytest.approx(bounds[order], rel=1e-3)
 
 
+def test_a_box_is_passed_at_the_face_that_is_nearest():
+    ends, durations = points([[0.0, 0.0], [4.0, 0.0]]), np.array([2.0, 3.0])
+    for low, high, face in ((0.75, 2.0, 0.75), (-2.0, -0.75, -0.75)):
+        across = path_within(PathProblem([ends[0], Box([1.0, low], [3.0, high]), ends[1]]), durations)
+        assert across.waypoints[1, 1] == pytest.approx(face, abs=1e-6)
+    for low, high, face in ((2.5, 3.0, 2.5), (0.5, 1.0, 1.0)):
+        along = path_within(PathProblem([ends[0], Box([low, 1.0], [high, 2.0]), ends[1]]), durations)
+        np.testing.assert_allclose(along.waypoints[1], [face, 1.0], atol=1e-6)
+
+
 def test_a_path_begins_where_a_sphere_lets_it():
     places = [Sphere([0.0, 0.0], 0.5), Box.point([4.0, 3.0])]
     np.testing.assert_allclose(path_within(PathProblem(places), np.array([2.0])).waypoints[0], [0.4, 0.3], atol=1e-6)
