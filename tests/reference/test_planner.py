@@ -183,6 +183,11 @@ def test_times_may_begin_anywhere_and_span_a_day():
     np.testing.assert_allclose(later.coefficients, wanted.coefficients, atol=1e-9 * np.abs(wanted.coefficients).max())
 
 
+@pytest.mark.parametrize("total", [1e-3, 86_400.0])
+def test_the_total_of_least_snap_may_be_a_millisecond_or_a_day(total):
+    assert plan_path(problem(limits=Limits()), LeastSnap(total)).duration == pytest.approx(total, rel=1e-9)
+
+
 def test_what_follows_a_stay_is_as_free_as_if_the_flight_began_there():
     points = SQUARE[[0, 0, 1, 2]]
     stayed = plan_path(problem(points), GivenTimes((0.0, 3.0, 7.0, 12.0)))
