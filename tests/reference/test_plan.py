@@ -59,6 +59,7 @@ def test_legs_and_yaw_at_the_beginning():
     assert plan.leg_times == [0.5, 1.5]
     assert plan.initial_yaw == 0.3
     assert plan.duration == 2.5
+    np.testing.assert_array_equal(plan.yaw.times, [0.5, 3.0])
     assert (PLAN.legs, Plan(PLAN.path, PLAN.yaw).legs) == ((), ())
     hover = Plan.hover([0.0, 0.0, 1.0], duration=2.0, yaw=0.7)
     assert (hover.legs, hover.leg_times, hover.initial_yaw) == ((("hover", 0),), [0.0], 0.7)

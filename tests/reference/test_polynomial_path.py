@@ -107,8 +107,9 @@ def test_outside_its_times_a_path_is_what_it_is_at_the_nearer_end():
     np.testing.assert_allclose(outside.T, path.waypoints[[0, -1]], atol=1e-12)
 
 
-def test_it_is_refined_at_times_that_are_near_but_not_the_same():
-    path = random_path(3)
+@pytest.mark.parametrize("factor", [1.0, 1e-4])
+def test_it_is_refined_at_times_that_are_near_but_not_the_same(factor):
+    path = random_path(3).stretched(factor)
     near = path.times[2] + 1e-6 * path.durations.min()
     finer = refined(path, np.array([path.times[0] - 1.0, near, path.times[-1] + 1.0]))
     np.testing.assert_array_equal(finer.times, np.insert(path.times, 3, near))
