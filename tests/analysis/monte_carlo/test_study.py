@@ -101,3 +101,8 @@ def test_a_record_is_read_as_it_was_written(two_masses, tmp_path):
 def test_a_record_that_is_not_there_is_told(tmp_path):
     with pytest.raises(InputError, match=r"study\.yaml cannot be read, or is not YAML"):
         read_record(tmp_path)
+
+
+def test_a_study_that_says_no_more_has_no_failures_and_was_not_flown_now(two_masses):
+    study = Study(two_masses, 0.1, np.array([0]), {}, metrics_of([math.inf]))
+    assert (study.failures, study.flown_time, study.misfits) == ({}, 0.0, ())
