@@ -90,6 +90,7 @@ def test_the_layout_is_the_same_in_every_scalar_type():
     context, root = diagram.CreateDefaultContext(), converted.CreateDefaultContext()
     layout.write(diagram, context, np.arange(float(len(layout.names))))
     root.SetTimeStateAndParametersFrom(context)
-    np.testing.assert_array_equal([number.value() for number in layout.read(converted, root)], range(len(layout.names)))
-    layout.write(converted, root, layout.read(converted, root)[::-1])
-    np.testing.assert_array_equal([number.value() for number in layout.read(converted, root)][0], len(layout.names) - 1)
+    numbers = layout.read(converted, root)
+    assert [number.value() for number in numbers] == [*range(len(layout.names))]
+    layout.write(converted, root, numbers[::-1])
+    assert [number.value() for number in layout.read(converted, root)] == [*range(len(layout.names))][::-1]
