@@ -5,6 +5,7 @@ import pytest
 from pydrake.systems.analysis import InitializeParams, Simulator
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario
+from drake_quad.analysis import closed_loop as closed_loop_module
 from drake_quad.analysis.closed_loop import WATCHERS, as_believed, at_rest, closed_loop, laboratory_plant
 from drake_quad.analysis.context_vector import ContextVector
 from drake_quad.analysis.sampled_system import tick_after
@@ -178,3 +179,74 @@ def test_a_distribution_has_no_linear_model():
     scenario = load_scenario("diagrams/hover.yaml", ["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"])
     with pytest.raises(InputError, match="vehicle.mass is a distribution; a linear model needs a number there"):
         closed_loop(scenario)
+
+
+def test_at_rest_nothing_ends_the_flight_and_all_of_it_counts(laboratory):
+    scenario = laboratory("duration=3", "metrics.start=1", "crash.position_error=0.1", "crash.tilt=0.5")
+    resting = at_rest(scenario.model_copy(update={"sample": 4}))
+    assert (resting.sample, resting.duration) == (None, None)
+    assert resting.metrics == type(resting.metrics)()
+    assert resting.crash.position_error > 1e5
+    assert resting.crash.height < -1e5
+    assert resting.crash.tilt == 0.5
+    cameras = resting.laboratory.motion_capture
+    assert (cameras.position_noise, cameras.attitude_noise, cameras.dropout_rate) == (0.0, 0.0, 0.0)
+
+
+def test_a_fan_blows_on_without_its_turbulence_and_gusts_do_not(laboratory):
+    fan = "{kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 2, diameter: 0.7, turbulence: 0.3}"
+    scenario = laboratory(f"laboratory.wind=[{fan}, {{kind: steady, velocity: [1, 0, 0]}}]")
+    found, steady = at_rest(scenario).laboratory.wind
+    assert found == scenario.laboratory.wind[0].model_copy(update={"turbulence": 0.0})
+    assert steady == scenario.laboratory.wind[1]
+
+
+def test_a_route_that_is_drawn_is_hover_in_the_middle(laboratory):
+    drawn = laboratory("route={kind: hover, position: [0, 0, {uniform: {min: 1, max: 2}}]}")
+    assert at_rest(drawn).route.position == (0.0, 0.0, 1.0)
+
+
+def test_the_believed_vehicle_has_the_lag_and_the_drag_of_the_one_that_flies(laboratory):
+    flawed = ["vehicle.mass=0.85", "vehicle.rotor_time_constant=0.07", "vehicle.quadratic_drag=0.03"]
+    uneven = ["vehicle.centre_of_mass=[0.002, 0]", "laboratory.motion_capture.misalignment=[0.01, 0.02, 0.03]"]
+    believed = as_believed(laboratory(*flawed, *uneven, "vehicle.time_step=0.005", "nominal.thrust_factor=4.2e-5"))
+    vehicle = believed.vehicle
+    assert (vehicle.mass, vehicle.thrust_factor, vehicle.time_step) == (0.68, 4.2e-5, 0.005)
+    assert (vehicle.rotor_time_constant, vehicle.linear_drag, vehicle.quadratic_drag) == (0.07, 0.1, 0.03)
+    assert vehicle.centre_of_mass == (0.0, 0.0)
+    assert believed.laboratory.motion_capture.misalignment == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        ("max_rotor_speed=190", "at 201 rad/s, but can at 60 to 190 rad/s"),
+        ("min_rotor_speed=210", "at 201 rad/s, but can at 210 to 280 rad/s"),
+    ],
+)
+def test_a_vehicle_that_its_rotors_do_not_hold_has_no_plant(laboratory, limit, words):
+    with pytest.raises(InputError, match=f"the rotors cannot hold nominal in hover: they would turn {words}"):
+        laboratory_plant(laboratory(f"vehicle.{limit}"), vehicle="as it is")
+
+
+def test_what_moves_by_more_than_a_billionth_is_no_equilibrium(laboratory, monkeypatch):
+    """None is known whose hover is none once its wind and its uneven rotors are gone; the check stays."""
+    laboratory_plant(laboratory())
+    monkeypatch.setattr(closed_loop_module, "_STILL", 0.0)
+    with pytest.raises(InputError, match=r"hover is not an equilibrium of nominal: \S+ moves by \S+ a tick"):
+        laboratory_plant(laboratory())
+
+
+def test_the_rotors_state_is_a_thrust_and_three_torques(laboratory):
+    """Each only reaches what it turns or lifts, from one tick to the next."""
+    plant, _ = laboratory_plant(laboratory())
+    names = [f"vehicle.rotors.{name}" for name in ("thrust", "tau_x", "tau_y", "tau_z")]
+    for name, row in zip(names, ("v_z", "p", "q", "r"), strict=True):
+        column = plant.A[:, plant.states.index(name)]
+        assert column[plant.states.index(f"vehicle.state.{row}")] > 0.0
+        others = [f"vehicle.state.{other}" for other in ("v_z", "p", "q", "r") if other != row]
+        np.testing.assert_allclose(column[[plant.states.index(other) for other in others]], 0.0, atol=1e-12)
+        decay = column[[plant.states.index(other) for other in names]]
+        np.testing.assert_allclose(decay, np.exp(-0.4) * np.array([other == name for other in names]), atol=1e-3)
+    assert plant.inputs == ("wrench.thrust", "wrench.tau_x", "wrench.tau_y", "wrench.tau_z")
+    assert plant.period == 0.02
