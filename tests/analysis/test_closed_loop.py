@@ -221,7 +221,7 @@ def test_the_believed_vehicle_has_the_lag_and_the_drag_of_the_one_that_flies(lab
     ("limit", "words"),
     [
         ("max_rotor_speed=190", "at 201 rad/s, but can at 60 to 190 rad/s"),
-        ("min_rotor_speed=210", "at 201 rad/s, but can at 210 to 280 rad/s"),
+        ("min_rotor_speed=210", "at 201 rad/s, but can at 210 to 300 rad/s"),
     ],
 )
 def test_a_vehicle_that_its_rotors_do_not_hold_has_no_plant(laboratory, limit, words):

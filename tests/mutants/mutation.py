@@ -61,7 +61,11 @@ _COUNTERPARTS = {
 _CLAMPS = {"minimum", "maximum", "min", "max"}
 _TRANSFORMS = {"abs", "sqrt", "wrapped", "floor", "ceil", "round", "rint", "clip", "sorted", "cumsum"}
 # Their arguments may change places.
-_SYMMETRIC = {*_CLAMPS, "hypot", "judge", "isinstance", "getattr", "setattr", "cast", "partial", "TypeVar", "NewType"}
+_SYMMETRIC = {
+    *_CLAMPS, "hypot", "judge", "isinstance", "getattr", "setattr", "cast", "partial", "suppress", "TypeVar", "NewType",
+}  # fmt: skip
+# What they make anew is the same for the same arguments.
+_MAKERS = {"zeros", "zeros_like", "ones", "ones_like", "empty", "empty_like", "full", "full_like"}
 
 _SKIPPED_FIELDS = {"annotation", "returns", "decorator_list", "bases", "type_params", "type"}
 _SKIPPED = (ast.Import, ast.ImportFrom, ast.JoinedStr, ast.Raise, ast.Assert)
@@ -166,7 +170,7 @@ def _changes(node: ast.AST, parent: ast.AST) -> Iterator[tuple[str, ast.AST]]:
             yield "condition", otherwise
         case ast.Call(function, arguments, keywords):
             yield from _changes_of_call(node, function, arguments, keywords)
-        case ast.Tuple(elements) | ast.List(elements) if not _is_a_choice(parent):
+        case ast.Tuple(elements) | ast.List(elements) if not _is_a_choice(parent) and not _begin_alike(node, parent):
             for swapped in _swapped(elements):
                 yield "order", type(node)(swapped, node.ctx)
         case ast.Raise() | ast.Continue() | ast.Break() | ast.Expr(ast.Call()):
@@ -217,6 +221,16 @@ def _is_a_choice(parent: ast.AST) -> bool:
     return isinstance(parent, ast.Compare) or (
         isinstance(parent, ast.Call) and isinstance(parent.func, ast.Name) and parent.func.id in _SYMMETRIC
     )
+
+
+def _begin_alike(node: ast.AST, parent: ast.AST) -> bool:
+    """Are these names that begin with the same, an empty list or array each, so that their order says nothing?"""
+    if not isinstance(parent, ast.Assign) or node is parent.value or not isinstance(parent.value, ast.Tuple):
+        return False
+    first, *others = parent.value.elts
+    new = isinstance(first, ast.Call) and getattr(first.func, "attr", "") in _MAKERS
+    empty = isinstance(first, ast.List) and not first.elts
+    return (new or empty) and all(ast.dump(each) == ast.dump(first) for each in others)
 
 
 def _is_text(node: ast.expr) -> bool:
