@@ -33,6 +33,8 @@ def test_plants_are_alike_that_answer_alike_whatever_their_states_are():
     assert not _alike(delayed(2), delayed(3))
     for share, alike in ((1e-10, True), (1e-8, False)):
         assert _alike(plant, replace(plant, C=(1.0 + share) * plant.C)) == alike
+        large = replace(plant, C=1e6 * plant.C)
+        assert _alike(large, replace(large, C=(1.0 + share) * large.C)) == alike
     # Only in the last of the four answers that tell two states apart.
     late = replace(delayed(2), A=np.array([[0.0, 1.0], [0.5, 0.0]]))
     assert _alike(delayed(2), delayed(2))

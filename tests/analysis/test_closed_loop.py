@@ -67,13 +67,14 @@ def test_multipliers_predict_how_a_fleet_decays_or_grows(laboratory, overrides, 
         assert np.linalg.norm(found[:, column] - expected) < 0.01 * np.linalg.norm(expected)
 
 
-def test_in_wind_it_settles_beside_the_reference(laboratory):
-    """By D / (m k_P), leaning by atan(D / m g); and a turned vehicle by as much on other axes."""
-    wind = "laboratory.wind=[{kind: steady, velocity: [2.0, 0.0, 0.0]}]"
-    scenario = laboratory(wind)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_in_wind_it_settles_beside_the_reference(laboratory, side):
+    """By D / (m k_P), leaning by atan(D / m g); whatever the wind comes from. It is sought after four ticks."""
+    scenario = laboratory(f"laboratory.wind=[{{kind: steady, velocity: [{2.0 * side}, 0.0, 0.0]}}]")
     loop = closed_loop(scenario)
+    assert loop.context.get_time() == 4 * 0.02
     state = loop.diagram.GetOutputPort("state").Eval(loop.context)
-    drag = 0.1 * 2.0 + 0.01 * 4.0
+    drag = side * (0.1 * 2.0 + 0.01 * 4.0)
     assert state[0] == pytest.approx(drag / (0.68 * scenario.control.position.k_p[0]), rel=1e-9)
     assert np.tan(state[4]) == pytest.approx(-drag / (0.68 * 9.81), rel=1e-9)
     assert np.abs(loop.system.poles()).max() < 1.0
@@ -229,14 +230,6 @@ def test_a_vehicle_that_its_rotors_do_not_hold_has_no_plant(laboratory, limit, w
         laboratory_plant(laboratory(f"vehicle.{limit}"), vehicle="as it is")
 
 
-def test_what_moves_by_more_than_a_billionth_is_no_equilibrium(laboratory, monkeypatch):
-    """None is known whose hover is none once its wind and its uneven rotors are gone; the check stays."""
-    laboratory_plant(laboratory())
-    monkeypatch.setattr(closed_loop_module, "_STILL", 0.0)
-    with pytest.raises(InputError, match=r"hover is not an equilibrium of nominal: \S+ moves by \S+ a tick"):
-        laboratory_plant(laboratory())
-
-
 def test_the_rotors_state_is_a_thrust_and_three_torques(laboratory):
     """Each only reaches what it turns or lifts, from one tick to the next."""
     plant, _ = laboratory_plant(laboratory())
@@ -250,3 +243,54 @@ def test_the_rotors_state_is_a_thrust_and_three_torques(laboratory):
         np.testing.assert_allclose(decay, np.exp(-0.4) * np.array([other == name for other in names]), atol=1e-3)
     assert plant.inputs == ("wrench.thrust", "wrench.tau_x", "wrench.tau_y", "wrench.tau_z")
     assert plant.period == 0.02
+
+
+def known(monkeypatch, moved, **entries):
+    """Has linearisations move by known numbers, the first ones, and A have known entries."""
+    linearize, calls = closed_loop_module.linearize, []
+
+    def moving(*arguments, **options):
+        system, others = linearize(*arguments, **options)
+        calls.append(1)
+        others[:] = 0.0
+        others[: len(moved)] = moved
+        system.A[0, 0] = entries.get("A", system.A[0, 0])
+        return system, others
+
+    monkeypatch.setattr(closed_loop_module, "linearize", moving)
+    return calls
+
+
+@pytest.mark.parametrize(
+    ("moved", "words"),
+    [
+        ([1e-10, -2e-9, 1.5e-9], "moves by -2e-09 a tick"),
+        ([1e-10, 1.5e-9, 3e-9], "moves by 3e-09 a tick"),
+        ([9e-10, -9e-10], None),
+    ],
+)
+def test_an_equilibrium_moves_by_less_than_a_billionth_either_way(laboratory, monkeypatch, moved, words):
+    known(monkeypatch, moved)
+    scenario = laboratory()
+    if words is None:
+        closed_loop(scenario)
+        laboratory_plant(scenario)
+        return
+    place = 1 if moved[1] < 0.0 else 2
+    names = ContextVector(build_tracking_diagram(scenario), without=WATCHERS).names
+    with pytest.raises(InputError, match=rf"no equilibrium near hover: {names[place]} still {words}"):
+        closed_loop(scenario)
+    with pytest.raises(InputError, match=rf"hover is not an equilibrium of nominal: \S+ {words}"):
+        laboratory_plant(scenario)
+
+
+@pytest.mark.parametrize(
+    ("moved", "entries", "calls"),
+    [([1e-3], {}, 20), ([1e-3, np.inf], {}, 1), ([np.nan, 1e-3], {}, 1), ([1e-3], {"A": np.nan}, 1)],
+)
+def test_what_is_no_number_any_more_is_not_gone_on_with(laboratory, monkeypatch, moved, entries, calls):
+    """Otherwise Newton's method has twenty steps."""
+    made = known(monkeypatch, moved, **entries)
+    with pytest.raises(InputError, match="no equilibrium near hover"):
+        closed_loop(laboratory())
+    assert len(made) == calls

@@ -255,7 +255,7 @@ def test_a_tick_is_counted_as_drake_counts_it():
     assert tick_after(0.1, 0.1, 6) == 7 * 0.1 != 0.7
 
 
-@pytest.mark.parametrize(("size", "kept"), [(2e-12, ("a", "b")), (0.5e-12, ("b",))])
+@pytest.mark.parametrize(("size", "kept"), [(2e-12, ("a", "b")), (-2e-12, ("a", "b")), (0.5e-12, ("b",))])
 def test_an_entry_of_a_billionth_of_a_thousandth_counts(size, kept):
     """Beside the largest of its row: the only way from the input through the first state to the second."""
     A = np.array([[0.5, 0.0], [size, 1.0]])
@@ -273,3 +273,22 @@ def test_a_scaled_input_has_another_name():
     z = np.exp(1j * np.array([0.1, 1.0]))
     np.testing.assert_allclose(scaled.response(z), -3.0 * system.response(z))
     assert (scaled.inputs, scaled.outputs) == (("push",), ("y.1",))
+
+
+def test_one_input_that_reaches_and_one_output_that_sees_are_enough():
+    """Of two each: the first state is between the first ones, the second between the others, the third is not."""
+    B, C = np.array([[1.0, 0.0], [0.0, -1.0], [0.0, 1.0]]), np.array([[-1.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
+    system = SampledSystem(
+        np.diag([0.5, -0.6, 0.7]), B, C, np.zeros((2, 2)), 0.02, ("a", "b", "c"), ("u", "v"), ("y", "z")
+    )
+    small = system.connected()
+    assert small.states == ("a", "b")
+    np.testing.assert_array_equal(small.A, np.diag([0.5, -0.6]))
+    np.testing.assert_array_equal(small.B, B[:2])
+    np.testing.assert_array_equal(small.C, C[:, :2])
+
+
+def test_what_is_reached_by_many_steps_is_reached():
+    A = np.eye(5, k=-1)
+    system = SampledSystem(A, np.eye(5)[:, :1], np.eye(5)[-1:], np.zeros((1, 1)), 0.02, tuple("abcde"), ("u",), ("y",))
+    assert system.connected().states == tuple("abcde")

@@ -451,6 +451,7 @@ def test_failures_are_written_in_the_order_of_their_samples(tmp_path):
         (10, 2, 4, [4, 4, 2]),
         (10, 2, None, [5, 5]),
         (3, 8, None, [1, 1, 1]),
+        (3, 1, None, [3]),
         (5000, 2, None, [834] * 5 + [830]),
         (2049, 2, None, [513] * 3 + [510]),
         (2048, 2, None, [1024, 1024]),
@@ -515,6 +516,7 @@ def test_a_trial_flies_sample_0_beside_two_others_if_there_are_so_many(num_vehic
             r" wind must not mix the vehicles of a fleet, whose rows are \(k, N\)$",
         ),
         ([1e-5, 1.4e-5, 1e-5], "a second time"),
+        ([0.25, 0.26, 0.24], "a second time"),
     ],
 )
 def test_a_trial_that_differs_says_how(rmse, words):
@@ -565,3 +567,22 @@ def test_what_is_done_is_told_from_the_beginning_with_what_cannot_be_flown(tmp_p
     monkeypatch.setattr(run_module, "fly_batch", Failing(attempts, "raises", 99))
     run(num_samples=8, num_workers=1, batch_size=4, progress=lambda *told: seen.append(told))
     assert seen == [(0, 8), (4, 8), (6, 8), (7, 8), (8, 8)]
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_what_is_under_way_at_the_end_is_given_up(fails, monkeypatch):
+    given_up = []
+
+    class Here(Known):
+        def begin(self, function, given):
+            self.outcome = Outcome(given, None if fails else function(given), "cursed" if fails else "")
+
+        def give_up(self):
+            given_up.append(True)
+
+    if fails:
+        with pytest.raises(RuntimeError, match="cursed; nothing was written"):
+            run(num_samples=8, batch_size=1, executor=Here(None))
+    else:
+        assert len(run(num_samples=2, batch_size=1, executor=Here(None)).samples) == 2
+    assert given_up == [True]

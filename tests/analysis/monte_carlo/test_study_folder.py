@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario
+from drake_quad.analysis.monte_carlo import study_folder
 from drake_quad.analysis.monte_carlo.crew import Outcome
 from drake_quad.analysis.monte_carlo.results_file import Found
 from drake_quad.analysis.monte_carlo.study import columns_of, read_record, read_study, rows_of
@@ -120,6 +121,19 @@ def test_a_folder_with_a_scenario_is_written_to_if_it_is_the_study_s(hover, tmp_
     with open_study(tmp_path, other, 3, 2.0, {}, resume=False):
         pass
     assert read_study(tmp_path).scenario == other
+
+
+def test_what_a_study_is_stands_there_before_its_first_row(hover, tmp_path, monkeypatch):
+    """So that it can be gone on with, whenever it is ended."""
+
+    def ended(path, form):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(study_folder, "open_results", ended)
+    with pytest.raises(KeyboardInterrupt), open_study(tmp_path, hover, 3, 2.0, {}, resume=False):
+        pass
+    assert read_record(tmp_path).samples == 3
+    assert load_scenario(tmp_path / "scenario.yaml") == hover
 
 
 def test_a_study_without_its_record_cannot_be_gone_on_with(hover, tmp_path):

@@ -127,6 +127,16 @@ def test_processes_are_forked_on_linux_only(monkeypatch):
     assert not Workers(1).inherit
 
 
+@pytest.mark.parametrize(("fork", "how"), [(True, "fork"), (False, "spawn")])
+def test_a_process_begins_anew_where_it_must_not_be_forked(monkeypatch, fork, how):
+    asked, context = [], multiprocessing.get_context("fork")
+    monkeypatch.setattr(workers_module, "_can_fork", lambda: fork)
+    monkeypatch.setattr(multiprocessing, "get_context", lambda name: asked.append(name) or context)
+    worker = _Worker(None)
+    worker.end()
+    assert asked == [how]
+
+
 @pytest.mark.parametrize("limit", [0.0, -2.0, math.nan])
 def test_a_time_limit_is_a_time(limit):
     with pytest.raises(InputError, match=f"the time limit is {limit:g} s, but must be larger than 0"):

@@ -276,3 +276,17 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
     monkeypatch.setattr(experiment, "_record_cell", lambda *_: (None, {"pd_fade": np.zeros(1)}))
     fly_experiment(lambda cell: cell.scenario, sizes, tmp_path, Here(1), resume=True)
     assert stale.exists()
+
+
+def test_a_cell_is_flown_in_one_fleet(tmp_path, monkeypatch):
+    """What is there already stays."""
+    sizes, fly_batch = [], run_module.fly_batch
+
+    def fly_and_tell(job, samples):
+        sizes.append(len(samples))
+        return fly_batch(job, samples)
+
+    monkeypatch.setattr(run_module, "fly_batch", fly_and_tell)
+    for count in (4, 7):
+        _fly_cell(load_scenario("diagrams/hover.yaml", ["duration=0.1"]), count, tmp_path)
+    assert sizes == [4, 3]
