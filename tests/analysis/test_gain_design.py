@@ -6,6 +6,7 @@ import re
 import shlex
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -483,3 +484,51 @@ def test_axes_that_are_alike_have_the_same_gains_and_others_their_own():
     assert loops["roll"].gains == loops["yaw"].gains != loops["pitch"].gains
     # Around another attitude the same position needs other gains.
     assert loops["x"].gains != loops["y"].gains
+
+
+class Listed(Fixed):
+    """A family of gains that stand in a list."""
+
+    def __init__(self, *gains):
+        self.listed = gains
+
+    def gains(self, plant, effort):
+        return self.listed[round(effort) - 1]
+
+
+def test_gains_that_are_not_stable_are_never_the_nearest():
+    """Though the curve of the second and the third crosses nothing, so that no margin is missing."""
+    family = Listed(PdGains(1.0, 0.2), PdGains(1.0, 120.0), PdGains(np.nan, 1.0))
+    phase = margins(pd_loop(double_integrator(), PdGains(1.0, 0.2))).phase
+    with pytest.raises(InputError, match=rf"at best phase margin: {phase:.1f}°, less than 60°"):
+        design_loop(double_integrator(), family, Requirements(60.0, 0.0), axis="x")
+
+
+def behind(ticks):
+    """A double integrator that is told what to do so many seconds late, once a second."""
+    plant = double_integrator(h=1.0)
+    n = 2 + ticks
+    A, B, C = np.zeros((n, n)), np.zeros((n, 1)), np.hstack([plant.C, np.zeros((2, ticks))])
+    A[:2, :2] = plant.A
+    if ticks:
+        A[:2, 2:3] = plant.B
+        A[2:-1, 3:] = np.eye(ticks - 1)
+        B[-1] = 1.0
+    else:
+        B[:] = plant.B
+    return replace(plant, A=A, B=B, C=C, states=tuple(map(str, range(n))))
+
+
+@pytest.mark.parametrize(("ticks", "frequency"), [(0, 0.2), (2, 0.2), (8, 0.05), (30, 0.0125), (120, 0.003)])
+def test_a_search_for_a_regulator_starts_at_the_fastest_that_is_stable(monkeypatch, ticks, frequency):
+    """The longer the delay the slower: a quarter of what it takes to turn by a radian is already too much."""
+    monkeypatch.setattr("scipy.optimize.minimize", lambda function, start, **_: SimpleNamespace(x=start))
+    found = Regulator(0.2).gains(behind(ticks), 1.0)
+    assert found == pytest.approx((frequency**2, 1.6 * frequency))
+
+
+def test_a_regulator_s_gains_are_found_to_a_thousandth():
+    plant, family = double_integrator(), Regulator(0.3)
+    for effort in (0.5, 20.0):
+        K, _ = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, np.diag([1.0, 0.09]), np.eye(1) / effort**2)
+        np.testing.assert_allclose(family.gains(plant, effort), K[0], rtol=1e-3)

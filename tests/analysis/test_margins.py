@@ -72,6 +72,13 @@ def test_the_delay_margin_is_where_the_closed_loop_gives_up(ticks):
         assert is_stable(loop, more_delay=ticks) == stands
 
 
+def nearest(loop):
+    """The least angle between -1 and where a fine Nyquist curve passes the unit circle, degrees."""
+    L = loop.response(np.exp(1j * np.geomspace(1.0, 20.0, 200_001) * PERIOD))[:, 0, 0]
+    passes = np.flatnonzero(np.diff(np.abs(L) > 1.0))
+    return np.degrees(np.abs(np.angle(-L[passes]))).min()
+
+
 def test_a_resonance_that_is_late_by_more_than_a_turn_stands_what_is_left_of_the_turn():
     """Of 4 rad/s, damped to 0.02, with a gain of 0.1 and 55 ticks of delay: 0.497 s, as closed loops confirm.
 
@@ -91,6 +98,9 @@ def test_a_resonance_that_is_late_by_more_than_a_turn_stands_what_is_left_of_the
     fast = fast_margins(loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0], grid)
     assert margins(loop).delay == pytest.approx(0.497, abs=5e-4)
     assert fast.delay == pytest.approx(margins(loop).delay, rel=1e-3)
+    # The phase may turn either way: it is the nearest -180° that counts, here on the other side.
+    assert margins(loop).phase == pytest.approx(nearest(loop), abs=0.05)
+    assert fast.phase == pytest.approx(nearest(loop), abs=0.05)
     assert [is_stable(loop, more_delay=ticks) for ticks in (0, 19, 20, 24, 25)] == [True, True, True, True, False]
 
 
