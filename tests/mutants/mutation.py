@@ -5,7 +5,8 @@ stands for a cosine, and neighbours change places (arguments, elements of a tupl
 
 Left out is what a test cannot notice or cannot but notice: texts, messages, annotations, decorators, imports, lists of
 names; `<` for `<=` between numbers that are not whole; arguments by keyword that are left out, as most must be given;
-`strict` of zip; one more where a constant of the module says how often something is tried, or how much is done at once.
+`strict` of zip; the order of names that begin as the same; one more where a constant of the module says how often
+something is tried, or how much is done at once.
 """
 
 import ast
