@@ -156,7 +156,7 @@ def test_nothing_to_differentiate_by_is_refused():
 
 
 def test_the_sample_that_the_scenario_names_is_flown_if_no_other_is_given(windy):
-    named = windy.model_copy(update={"sample": 2, "duration": 1.0})
+    named = windy.model_copy(update={"sample": 2, "duration": 0.3})
     found = flight_sensitivities(named, ["vehicle.mass"])
     assert found.fields == ("vehicle.mass",)
     for sample in (2, 1):
