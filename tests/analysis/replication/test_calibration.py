@@ -92,32 +92,33 @@ def number(name, low=0.0, high=10.0):
 
 
 def errors_of(levels):
-    """In place of flights: errors that are their cell's level times what is free, over samples that differ."""
+    """In place of flights: errors that are their cell's level times cubes of what is free, over samples that differ."""
 
     def fly(scenario, num_samples):
         cell, overrides = scenario
         free = dict(override.split("=") for override in overrides)
         assert free.pop("fixed") == "1"
         spread = np.linspace(-0.5, 0.5, num_samples)
-        return levels[cell] * np.prod([float(value) for value in free.values()]) + spread
+        return levels[cell] * np.prod([float(value) ** 3 for value in free.values()]) + spread
 
     return fly
 
 
 def test_the_second_number_is_fitted_beside_the_first_and_both_predict_the_others(monkeypatch):
-    """With errors in proportion to both: the PD's, without wind, has only the first."""
+    """With errors in proportion to cubes of both: the PD's, without wind, has only the first."""
     assert (calibration.PD_CELL, calibration.NETWORK_CELL) == (("no_wind", "pd"), ("no_wind", "pd_t2fnn"))
     levels = {cell: 0.1 * (2.0 + place) for place, cell in enumerate(table_ii())}
     monkeypatch.setattr(calibration, "_errors", errors_of(levels))
     free = Hypothesis("in proportion", ["fixed=1"], number("first"), number("second"))
     found = calibrate(free, lambda cell, overrides: (cell, overrides), 5)
-    x = table_ii()[calibration.PD_CELL].rmse.mean / levels[calibration.PD_CELL]
-    y = table_ii()[calibration.NETWORK_CELL].rmse.mean / levels[calibration.NETWORK_CELL] / x
+    x_cubed = table_ii()[calibration.PD_CELL].rmse.mean / levels[calibration.PD_CELL]
+    y_cubed = table_ii()[calibration.NETWORK_CELL].rmse.mean / levels[calibration.NETWORK_CELL] / x_cubed
+    x, y = x_cubed ** (1.0 / 3.0), y_cubed ** (1.0 / 3.0)
     assert (found.hypothesis, found.pd, found.network) == (free, pytest.approx(x, rel=1e-3), pytest.approx(y, rel=1e-3))
     assert list(found.errors) == list(table_ii())
     for cell, error in found.errors.items():
-        expected = levels[cell] * x * (1.0 if cell.controller == "pd" else y)
-        assert error.value == pytest.approx(expected, rel=3e-3)
+        expected = levels[cell] * x_cubed * (1.0 if cell.controller == "pd" else y_cubed)
+        assert error.value == pytest.approx(expected, rel=1e-2)
         # Student's t for five numbers, half a metre apart from each other at the ends.
         assert error.high - error.value == pytest.approx(2.776445 * np.std(np.linspace(-0.5, 0.5, 5), ddof=1) / 5**0.5)
 
