@@ -5,8 +5,9 @@ stands for a cosine, and neighbours change places (arguments, elements of a tupl
 
 Left out is what a test cannot notice or cannot but notice: texts, messages, annotations, decorators, imports, lists of
 names; `<` for `<=` between numbers that are not whole; arguments by keyword that are left out, as most must be given;
-`strict` of zip; whether SciPy looks at its input first, or works in place; one more sample of linspace, or one more
-where a constant of the module says how often something is tried, or how much is done at once.
+`strict` of zip; the order of names that begin as the same; whether SciPy looks at its input first, or works in place;
+one more sample of linspace, or one more where a constant of the module says how often something is tried, or how much
+is done at once.
 """
 
 import ast
@@ -62,7 +63,11 @@ _COUNTERPARTS = {
 _CLAMPS = {"minimum", "maximum", "min", "max"}
 _TRANSFORMS = {"abs", "sqrt", "wrapped", "floor", "ceil", "round", "rint", "clip", "sorted", "cumsum"}
 # Their arguments may change places.
-_SYMMETRIC = {*_CLAMPS, "hypot", "judge", "isinstance", "getattr", "setattr", "cast", "partial", "TypeVar", "NewType"}
+_SYMMETRIC = {
+    *_CLAMPS, "hypot", "judge", "isinstance", "getattr", "setattr", "cast", "partial", "suppress", "TypeVar", "NewType",
+}  # fmt: skip
+# What they make anew is the same for the same arguments.
+_MAKERS = {"zeros", "zeros_like", "ones", "ones_like", "empty", "empty_like", "full", "full_like"}
 
 # Arguments that say how carefully zip or SciPy works, not what comes out.
 _GUARDS = {"strict", "check_finite", "overwrite_b"}
@@ -178,7 +183,7 @@ def _changes(node: ast.AST, parent: ast.AST) -> Iterator[tuple[str, ast.AST]]:
             yield "condition", otherwise
         case ast.Call(function, arguments, keywords):
             yield from _changes_of_call(node, function, arguments, keywords)
-        case ast.Tuple(elements) | ast.List(elements) if not _is_a_choice(parent):
+        case ast.Tuple(elements) | ast.List(elements) if not _is_a_choice(parent) and not _begin_alike(node, parent):
             for swapped in _swapped(elements):
                 yield "order", type(node)(swapped, node.ctx)
         case ast.Raise() | ast.Continue() | ast.Break() | ast.Expr(ast.Call()):
@@ -233,6 +238,16 @@ def _is_a_choice(parent: ast.AST) -> bool:
     return isinstance(parent, ast.Compare) or (
         isinstance(parent, ast.Call) and isinstance(parent.func, ast.Name) and parent.func.id in _SYMMETRIC
     )
+
+
+def _begin_alike(node: ast.AST, parent: ast.AST) -> bool:
+    """Are these names that begin with the same, an empty list or array each, so that their order says nothing?"""
+    if not isinstance(parent, ast.Assign) or node is parent.value or not isinstance(parent.value, ast.Tuple):
+        return False
+    first, *others = parent.value.elts
+    new = isinstance(first, ast.Call) and getattr(first.func, "attr", "") in _MAKERS
+    empty = isinstance(first, ast.List) and not first.elts
+    return (new or empty) and all(ast.dump(each) == ast.dump(first) for each in others)
 
 
 def _is_text(node: ast.expr) -> bool:

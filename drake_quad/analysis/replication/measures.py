@@ -152,7 +152,7 @@ def _of_flight(flight: Flight) -> tuple[float, float, float]:
     straight, curved = np.isin(leg, STRAIGHT), np.isin(leg, CURVED)
     steps = np.abs(np.diff(flight["acceleration_command"][:, 0:2], axis=0)).sum(axis=1)
     both = straight[1:] & straight[:-1]
-    period = flight.time[1] - flight.time[0]
+    period = flight.time[1]  # from 0 on
     return (
         float(np.sqrt(squared[straight].mean())),
         float(np.sqrt(squared[curved].mean())),

@@ -26,6 +26,7 @@ from drake_quad.analysis.replication.sweeps import (
     share_settings,
 )
 from drake_quad.analysis.replication.table import table_entries, table_markdown, write_table
+from drake_quad.analysis.replication.tables import Tables, write_tables
 from drake_quad.laboratory.metrics import Metrics
 
 DOCS = Path(__file__).parent.parent.parent.parent / "docs" / "replication"
@@ -578,3 +579,21 @@ def test_a_sweep_comes_back_as_it_was(tmp_path):
     np.testing.assert_array_equal(read.settings["q"], sweep.settings["q"])
     np.testing.assert_array_equal(read.samples, sweep.samples)
     np.testing.assert_array_equal(read.metrics, sweep.metrics)
+
+
+def test_tables_are_written_to_a_file_each(found, tmp_path):
+    tables = Tables(table_entries(found.cells), all_claims(found), fair_entries(found), effort_matches(found), {})
+    paths = write_tables(tmp_path, tables)
+    assert [path.name for path in paths] == ["table_ii.csv", "table_ii.md", "claims.csv", "fair.csv", "effort.csv"]
+    assert all(path.parent == tmp_path and path.exists() for path in paths)
+    with (tmp_path / "claims.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [tuple(row.values()) for row in rows] == [tuple(claim) for claim in tables.claims]
+    assert list(rows[0]) == ["claim", "printed", "ours", "verdict", "rule", "details", "figure"]
+    text = (tmp_path / "table_ii.md").read_text(encoding="utf-8")
+    titles = ("RMSE (m)", "control effort on X (m²/s⁴)", "control effort on Y (m²/s⁴)")
+    sections = [
+        f"## {title}\n\n{table_markdown(tables.entries, name)}\n"
+        for title, name in zip(titles, ("rmse", "effort_x", "effort_y"), strict=True)
+    ]
+    assert text.removesuffix("\n") == ("# Table II\n\n" + "\n".join(sections)).removesuffix("\n")
