@@ -124,6 +124,7 @@ FLEET_SYSTEMS = [
     Example(Broadcast, structure={"num_rows": 2}, num_vehicles=3),
     Example(CommandLink, LINK, LOSSY, num_vehicles=2),
     Example(CommandLink, LINK, whole=False),
+    Example(CommandLink, LINK._replace(delay_ticks=np.array([3.0, 1.0])), LOSSY, num_vehicles=2, whole=False),
     Example(DrydenTurbulence, TURBULENCE, num_vehicles=2),
     Example(Fans, JETS, num_vehicles=2),
     Example(Fans, JETS),

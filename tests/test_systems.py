@@ -11,8 +11,9 @@ import weakref
 
 import numpy as np
 import pytest
-from all_systems import FLEET_SYSTEMS, SYSTEMS
+from all_systems import DIAGRAMS, FLEET_SYSTEMS, SYSTEMS
 from pydrake.autodiffutils import AutoDiffXd, ExtractValue
+from pydrake.systems.framework import Diagram
 
 import drake_quad
 from drake_quad.control.attitude import AttitudeController
@@ -81,6 +82,11 @@ def test_the_port_block_names_the_ports(documented, make):
     assert documented_ports(documented.__doc__) == ports_of(make())
 
 
+@pytest.mark.parametrize(("documented", "make"), DIAGRAMS, ids=name_of)
+def test_a_diagram_has_the_name_in_its_port_block(documented, make):
+    assert make().get_name() == re.search(r"name: (\w+)", documented.__doc__)[1]
+
+
 def elements_of(context):
     """The elements of all numeric parameters and states of a context."""
     return [
@@ -108,6 +114,46 @@ def test_converts_to_autodiff_with_the_same_ports_and_defaults(documented, make)
         np.testing.assert_array_equal(ExtractValue(found).ravel() if len(found) else found, expected)
     for found, expected in zip(abstract_numbers_of(converted_context), abstract_numbers_of(context), strict=True):
         np.testing.assert_array_equal(found, expected)
+
+
+EVERY = [(example.system, example.make) for example in FLEET_SYSTEMS] + DIAGRAMS
+
+
+@pytest.mark.parametrize(("documented", "make"), EVERY, ids=name_of)
+def test_with_derivatives_the_values_are_the_same(documented, make):
+    """All outputs, and the state after a tick, with any numbers at the inputs and as the state before."""
+    system = make()
+    converted = system.ToScalarType[AutoDiffXd]()
+    contexts = system.CreateDefaultContext(), converted.CreateDefaultContext()
+    rng = np.random.default_rng(0)
+    for i in range(system.num_input_ports()):
+        numbers = rng.uniform(0.1, 0.9, system.get_input_port(i).size())
+        for each, context in zip((system, converted), contexts, strict=True):
+            each.get_input_port(i).FixValue(context, numbers)
+    for context in contexts:
+        context.SetTime(1.2)
+    if not isinstance(system, Diagram) and system.GetUniquePeriodicDiscreteUpdateAttribute():
+        groups = range(contexts[0].num_discrete_state_groups())
+        before = [rng.uniform(0.1, 0.9, contexts[0].get_discrete_state(group).size()) for group in groups]
+        for context in contexts:
+            for group, numbers in zip(groups, before, strict=True):
+                context.SetDiscreteState(group, numbers)
+        after = [
+            each.EvalUniquePeriodicDiscreteUpdate(context)
+            for each, context in zip((system, converted), contexts, strict=True)
+        ]
+        for group in groups:
+            same_values(after[1].get_vector(group).CopyToVector(), after[0].get_vector(group).CopyToVector())
+        changed = [(after[0].get_vector(group).CopyToVector() != before[group]).any() for group in groups]
+        assert any(changed)
+    for i in range(system.num_output_ports()):
+        outputs = [each.get_output_port(i).Eval(context) for each, context in zip((system, converted), contexts)]
+        same_values(outputs[1], outputs[0])
+
+
+def same_values(with_derivatives, numbers):
+    values = [getattr(value, "value", lambda value=value: value)() for value in with_derivatives]
+    np.testing.assert_allclose(values, numbers, rtol=1e-12, atol=1e-12)
 
 
 def spoil(context):

@@ -24,6 +24,8 @@ _HOVER = HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))
 # Ticks after which the equilibrium is sought (the first grids that do not quite coincide are behind), and how still
 # everything must be (in SI units over a period) to be called one.
 _TICKS, _STILL = 4, 1e-9
+# Of Newton's method.
+_STEPS = 20
 
 
 class ClosedLoop(NamedTuple):
@@ -131,7 +133,7 @@ def closed_loop(scenario: Scenario, *, position_controller: Any = None, control:
     period = max(_periods(resting).values())
     context = at_tick(diagram, _TICKS * period)
     layout = ContextVector(diagram, without=WATCHERS)
-    for _ in range(20):
+    for _ in range(_STEPS):
         system, moved = linearize(diagram, context, period=period, without=WATCHERS)
         worst = int(np.argmax(np.abs(moved)))
         if np.abs(moved[worst]) < _STILL:

@@ -30,6 +30,8 @@ from drake_quad.errors import InputError
 
 # Bandwidths that are tried, rad/s: from far below what any laboratory allows up to a third of half the sampling rate.
 _SLOWEST, _FASTEST_SHARE, _TRIED = 0.05, 1.0 / 3.0, 120
+# How often the step to the effort that is too much is halved.
+_HALVINGS = 12
 # Where the search for a regulator's gains may start, rad/s: at the fastest of these that is stable.
 _STARTS = (0.2, 0.05, 0.0125, 0.003)
 
@@ -230,7 +232,7 @@ def design_loop(
     if last + 1 == len(trials):
         return finished(best, ())
     beyond = trials[last + 1]
-    for _ in range(12):
+    for _ in range(_HALVINGS):
         middle = trial(math.sqrt(best.effort * beyond.effort))
         best, beyond = (best, middle) if middle.flaws else (middle, beyond)
     return finished(best, beyond.flaws)

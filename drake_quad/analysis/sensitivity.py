@@ -137,13 +137,13 @@ def _seed(scenario: Scenario, plan: Plan, field: str, layout: ContextVector, nom
 
 def _neighbours(scenario: Scenario, field: str, value: float, step: float) -> list[tuple[Scenario, float]]:
     """Scenarios with a field a few steps away, and the weights of differences to the scenario itself."""
-    refusal = None
+    refusals = []
     for weights in (_AROUND, _ABOVE, _BELOW):
         try:
             return [(with_number(scenario, field, value + k * step), weight) for k, weight in weights.items()]
         except InputError as error:
-            refusal = error
-    raise refusal or InputError(f"{field} cannot be varied")
+            refusals.append(error)
+    raise refusals[0]
 
 
 def _gradient(value: Any, size: int) -> np.ndarray:

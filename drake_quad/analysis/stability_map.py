@@ -57,7 +57,7 @@ def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> Sta
     response = plant.response(np.exp(1j * grid * plant.period))[..., 0]
     delay = fast_margins(gains @ response.T, grid).delay
     whole = StabilityMap(np.abs(poles).max(axis=-1), damping, delay)
-    return whole._replace(damping=np.where(whole.stable, damping, np.nan), delay=np.where(whole.stable, delay, np.nan))
+    return StabilityMap(whole.size, *(np.where(whole.stable, values, np.nan) for values in whole[1:]))
 
 
 def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:

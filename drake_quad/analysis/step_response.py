@@ -56,8 +56,8 @@ def release(loop: ClosedLoop, displacement: Mapping[str, float], *, duration: fl
     ticks = round(duration / period) + 1
     linear, nonlinear = np.empty((ticks, len(vehicle))), np.empty((ticks, len(vehicle)))
     for tick in range(ticks):
-        simulator.AdvanceTo(tick_after(start, period, tick))
         linear[tick] = state[vehicle]
         nonlinear[tick] = layout.read(loop.diagram, root)[vehicle] - equilibrium[vehicle]
         state = loop.system.A @ state
+        simulator.AdvanceTo(tick_after(start, period, tick + 1))
     return StepResponse(period * np.arange(ticks), linear, nonlinear)

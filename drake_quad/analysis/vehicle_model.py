@@ -29,6 +29,8 @@ STATES = (*State._fields, *port_rows("rotor_speed", _NUM_ROTORS))
 INPUTS = (*port_rows("rotor_speed_command", _NUM_ROTORS), *port_rows("wind", _NUM_WIND))
 # What counts as standing still (m/s², rad/s²), and how far from upright an operating point is sought (rad).
 _STILL, _LARGEST_TILT = 1e-9, 1.4
+# Of Newton's method.
+_STEPS = 3
 
 
 class Trim(NamedTuple):
@@ -90,7 +92,7 @@ def find_trim(
     result = SnoptSolver().Solve(program, np.concatenate([[0.0, 0.0], np.clip(hover, slowest, fastest) / scale[2:]]))
     found = result.GetSolution(x)
     if result.is_success():
-        for _ in range(3):
+        for _ in range(_STEPS):
             values = accelerations(InitializeAutoDiff(found).ravel())
             found = found - np.linalg.solve(ExtractGradient(values), ExtractValue(values).ravel())
     left = np.abs(accelerations(found)).max()

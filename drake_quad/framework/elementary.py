@@ -84,6 +84,8 @@ def log_of_1_plus(x: Row) -> Row:
         return _untyped(approximations.log_of_1_plus(x))
     if x.__class__ is float or (isinstance(x, np.ndarray) and x.dtype == float):
         return np.log1p(x)
+    if isinstance(x, np.ndarray):
+        return _of_one_type(_log_of_1_plus_of_objects(x))
     rounded = 1.0 + x
     # What was lost in the sum is lost in the difference, too.
     return x if rounded == 1.0 else log(rounded) * (x / (rounded - 1.0))
@@ -170,5 +172,6 @@ def _is_symbolic(x: Any) -> bool:
     return isinstance(x, symbolic.Expression)
 
 
+_log_of_1_plus_of_objects = np.frompyfunc(log_of_1_plus, 1, 1)
 _maximum_of_objects = np.frompyfunc(symbolic.max, 2, 1)
 _minimum_of_objects = np.frompyfunc(symbolic.min, 2, 1)

@@ -6,6 +6,7 @@ import numpy as np
 
 from drake_quad.reference.minimum_snap_program import (
     NO_PATH,
+    WALL_MARGIN,
     MinimumSnapProgram,
     Slack,
     path_within,
@@ -41,12 +42,12 @@ def explain(problem: PathProblem, durations: np.ndarray) -> str:
 
 def _broken_limit(problem: PathProblem, path: PolynomialPath, how: str) -> str:
     """Names the limit and the segment that a path breaks most, and how much it needs there."""
-    worst = (0.0, 1, 0, 0.0)
+    found = []
     for order, limit in problem.limits.by_order.items():
         peaks = norm_peaks(path, order)
         i = int(np.argmax(peaks.norm))
-        worst = max(worst, (peaks.norm[i] / limit, order, int(peaks.segment[i]), float(peaks.norm[i])))
-    _, order, segment, value = worst
+        found.append((peaks.norm[i] / limit, order, int(peaks.segment[i]), float(peaks.norm[i])))
+    _, order, segment, value = max(found)
     name, unit = _QUANTITIES[order]
     return (
         f"the {name} limit of {problem.limits.by_order[order]:g} {unit} cannot be kept on segment {segment}: "
@@ -89,9 +90,10 @@ def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
     except NO_PATH:
         return "no path was found that keeps to the corridors and to what is given at the waypoints at these times"
     worst = min(turns(path, problem.corridors), key=lambda turn: turn.room)
+    wider = WALL_MARGIN * worst.size - worst.room
     return (
         f"the corridor of segment {worst.segment} cannot be kept at these times with what is given at the waypoints: "
-        f"it would have to be {_rounded_up(-worst.room):g} m wider"
+        f"it would have to be {_rounded_up(wider):g} m wider"
     )
 
 

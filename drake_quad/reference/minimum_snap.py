@@ -119,8 +119,10 @@ class MinimumSnap:
         self.points, self.durations, self.contacts = points, durations, tuple(contacts)
         axes = points.shape[1]
         given = rest_at_ends(len(points), axes) if derivatives is None else np.asarray(derivatives, dtype=float)
+        if given.shape != (len(points), FREE, axes):
+            raise InputError(f"the derivatives have the shape {given.shape}, but must have {(len(points), FREE, axes)}")
         self._fixed = ~np.isnan(given).any(axis=2)
-        if given.shape != (len(points), FREE, axes) or (self._fixed != ~np.isnan(given).all(axis=2)).any():
+        if (self._fixed != ~np.isnan(given).all(axis=2)).any():
             raise InputError("velocity, acceleration and jerk at a waypoint are given on all axes or on none")
         unit = waypoint_units(durations)
         self._scales = boundary_scales(durations, unit)

@@ -33,7 +33,7 @@ _TOLERANCES = (1e-9, 1e-7, 1e-5)
 _BREACH = 1e-4
 # Limits are put this share lower than they are, and walls this share of a corridor's largest extent further in, so
 # that they hold between the places where they are put.
-_MARGIN, _WALL_MARGIN = 1e-4, 1e-5
+_MARGIN, WALL_MARGIN = 1e-4, 1e-5
 # How far a corridor may be left, where a waypoint on its wall leaves no room for a margin; a share likewise.
 _WALL_TOLERANCE = 1e-7
 _ROUNDS = 25
@@ -324,7 +324,7 @@ class MinimumSnapProgram:
             ends = (turn.segment, turn.segment + 1)
             rooms = [room for i in ends if (room := self._problem.room(i)) is not None]
             # No further in than half way to where the waypoints must be.
-            margin = _WALL_MARGIN * turn.size
+            margin = WALL_MARGIN * turn.size
             low = turn.low + min([margin, *(0.5 * (room.high[turn.axis] - turn.low) for room in rooms)])
             high = turn.high - min([margin, *(0.5 * (turn.high - room.low[turn.axis]) for room in rooms)])
             self.bound_position(turn.segment, turn.s, turn.axis, low, high)

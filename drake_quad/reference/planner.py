@@ -145,11 +145,13 @@ def _repeats(one: Box | Sphere, other: Box | Sphere) -> bool:
 def _at_given_times(problem: PathProblem, times: np.ndarray) -> PolynomialPath:
     if times.shape != (len(problem.places),):
         raise InputError(f"there are {times.size} times for {len(problem.places)} waypoints")
-    late = np.flatnonzero(~(np.diff(times) > 0.0))
+    if not np.isfinite(times).all():
+        raise InputError("times must be finite and increase")
+    late = np.flatnonzero(np.diff(times) <= 0.0)
     if times[-1] - times[0] > _LONGEST:
         raise InputError(f"the times span {times[-1] - times[0]:g} s, more than {_LONGEST:g} s")
-    if late.size or not np.isfinite(times).all():
-        i = int(late[0]) if late.size else 0
+    if late.size:
+        i = int(late[0])
         raise InputError(f"times must be finite and increase, but {times[i]:g} s is followed by {times[i + 1]:g} s")
     derivatives = problem.derivatives.copy()
     for i in range(problem.segments):

@@ -53,6 +53,7 @@ def heuristic_path(problem: PathProblem) -> PolynomialPath:
     Args:
         problem: with a limit, without given motion and without repeats.
     """
+    # Stops come first: these times tell where nothing has to move.
     candidates = [_stretched(_fitted(problem, rule), problem.limits) for rule in (_stops_everywhere, _ride)]
     return min(candidates, key=_DURATION)
 
@@ -64,13 +65,9 @@ def _stops_everywhere(problem: PathProblem, points: np.ndarray) -> np.ndarray:
 
 
 def _ride(problem: PathProblem, points: np.ndarray) -> np.ndarray:
-    """(segments,) durations of a ride through points along the chords, likewise."""
-    if (points == points[0]).all():
-        return np.ones(problem.segments)
-    limits = problem.limits if problem.limits.by_order else _ANY_LIMITS
-    return _none_too_short(
-        problem, np.diff(trapezoid_times(points, speed=limits.speed, acceleration=limits.acceleration))
-    )
+    """(segments,) durations of a ride through points along the chords at the limits, likewise."""
+    times = trapezoid_times(points, speed=problem.limits.speed, acceleration=problem.limits.acceleration)
+    return _none_too_short(problem, np.diff(times))
 
 
 def _none_too_short(problem: PathProblem, durations: np.ndarray) -> np.ndarray:
@@ -81,10 +78,10 @@ def _none_too_short(problem: PathProblem, durations: np.ndarray) -> np.ndarray:
 
 
 def _fitted(problem: PathProblem, rule: Callable[[PathProblem, np.ndarray], np.ndarray]) -> PolynomialPath:
-    """The path by a rule for the durations, whatever its peaks; twice, if places leave it a choice of points."""
+    """The path by a rule for the durations, whatever its peaks; twice, as places may leave it a choice of points."""
     unlimited = problem.without_limits()
     points = problem.representatives()
-    for _ in range(1 if problem.passes_points else 2):
+    for _ in range(2):
         path = path_or_reason(unlimited, rule(problem, points))
         points = path.waypoints
     return path
@@ -115,7 +112,10 @@ def shortest_path(problem: PathProblem) -> PolynomialPath:
 
 
 def _shortened(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> PolynomialPath:
-    """The path with times that make it shorter, searched for from its own or from those of least snap."""
+    """The path with times that make it shorter, searched for from its own or from those of least snap.
+
+    From its own it is never longer than the path.
+    """
     unlimited = problem.without_limits()
     start = _stretched(_smoothest(unlimited, path.durations), problem.limits) if smooth else path
 
@@ -132,10 +132,10 @@ def _shortened(problem: PathProblem, path: PolynomialPath, *, smooth: bool) -> P
 
     if problem.passes_points:
         return min(path, shortened(start, np.inf), key=_DURATION)
-    return min(path, _improved(start, shortened, _DURATION), key=_DURATION)
+    return improved(start, shortened, _DURATION)
 
 
-def _improved(
+def improved(
     path: PolynomialPath,
     change: Callable[[PolynomialPath, float], PolynomialPath],
     cost: Callable[[PolynomialPath], float],
@@ -213,7 +213,7 @@ def _smoothest(problem: PathProblem, durations: np.ndarray) -> PolynomialPath:
             least_snap_durations(points, path.durations, problem.derivatives, contacts=contacts, reach=reach),
         )
 
-    return _improved(path_within(problem, durations), smoothed, lambda path: float(snap_cost(path).sum()))
+    return improved(path_within(problem, durations), smoothed, lambda path: float(snap_cost(path).sum()))
 
 
 def least_snap_path(problem: PathProblem, total: float) -> PolynomialPath:

@@ -423,7 +423,7 @@ def judge(needed: Sequence[bool | None], *enough: bool | None) -> Verdict:
     """
     if all(needed):
         return "holds"
-    conditions = [*needed, *enough]
+    conditions = {*needed, *enough}
     if any(conditions):
         return "holds in part"
     return "cannot be decided" if None in conditions else "does not hold"

@@ -164,7 +164,7 @@ def _of_flight(flight: Flight) -> tuple[float, float, float]:
     command = flight.record("acceleration_command")
     steps = np.abs(np.diff(command.x)) + np.abs(np.diff(command.y))
     both = straight[1:] & straight[:-1]
-    period = flight.time[1] - flight.time[0]
+    period = flight.time[1]  # from 0 on
     return (
         float(np.sqrt(squared[straight].mean())),
         float(np.sqrt(squared[curved].mean())),

@@ -117,7 +117,7 @@ def open_results(path: Path, form: Format) -> Iterator[tuple[ResultsFile, Found]
     # Unbuffered, so that nothing of what could not be written is left for a later attempt.
     with path.open("a+b", buffering=0) as file:
         _lock(file, path)
-        if _length(file) <= len(form.header) and form.header.startswith(_content(file)):
+        if form.header.startswith(_content(file)):
             file.truncate(0)
             file.write(form.header)
         found = read_results(path, form)
@@ -157,10 +157,6 @@ def write_results(path: Path, form: Format, rows: np.ndarray) -> Path:
         target.write_bytes(form.header + form.text(rows))
 
     return write_whole(path, write)
-
-
-def _length(file: BinaryIO) -> int:
-    return file.seek(0, os.SEEK_END)
 
 
 def _content(file: BinaryIO) -> bytes:

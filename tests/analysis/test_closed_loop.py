@@ -5,6 +5,7 @@ import pytest
 from pydrake.systems.analysis import InitializeParams, Simulator
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario
+from drake_quad.analysis import closed_loop as closed_loop_module
 from drake_quad.analysis.closed_loop import WATCHERS, as_believed, at_rest, closed_loop, laboratory_plant
 from drake_quad.analysis.context_vector import ContextVector
 from drake_quad.analysis.sampled_system import tick_after
@@ -70,13 +71,14 @@ def test_multipliers_predict_how_a_fleet_decays_or_grows(laboratory, overrides, 
         assert np.linalg.norm(found[:, column] - expected) < 0.01 * np.linalg.norm(expected)
 
 
-def test_in_wind_it_settles_beside_the_reference(laboratory):
-    """By D / (m k_P), leaning by atan(D / m g); and a turned vehicle by as much on other axes."""
-    wind = "laboratory.wind=[{kind: steady, velocity: [2.0, 0.0, 0.0]}]"
-    scenario = laboratory(wind)
+@pytest.mark.parametrize("side", [1.0, -1.0])
+def test_in_wind_it_settles_beside_the_reference(laboratory, side):
+    """By D / (m k_P), leaning by atan(D / m g); whatever the wind comes from. It is sought after four ticks."""
+    scenario = laboratory(f"laboratory.wind=[{{kind: steady, velocity: [{2.0 * side}, 0.0, 0.0]}}]")
     loop = closed_loop(scenario)
+    assert loop.context.get_time() == 4 * 0.02
     state = loop.diagram.GetOutputPort("state").Eval(loop.context)
-    drag = 0.1 * 2.0 + 0.01 * 4.0
+    drag = side * (0.1 * 2.0 + 0.01 * 4.0)
     assert state[0] == pytest.approx(drag / (0.68 * scenario.control.position.k_p[0]), rel=1e-9)
     assert np.tan(state[4]) == pytest.approx(-drag / (0.68 * 9.81), rel=1e-9)
     assert np.abs(loop.system.poles()).max() < 1.0
@@ -182,3 +184,117 @@ def test_a_distribution_has_no_linear_model():
     scenario = load_scenario("diagrams/hover.yaml", ["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"])
     with pytest.raises(InputError, match="vehicle.mass is a distribution; a linear model needs a number there"):
         closed_loop(scenario)
+
+
+def test_at_rest_nothing_ends_the_flight_and_all_of_it_counts(laboratory):
+    scenario = laboratory("duration=3", "metrics.start=1", "crash.position_error=0.1", "crash.tilt=0.5")
+    resting = at_rest(scenario.model_copy(update={"sample": 4}))
+    assert (resting.sample, resting.duration) == (None, None)
+    assert resting.metrics == type(resting.metrics)()
+    assert resting.crash.position_error > 1e5
+    assert resting.crash.height < -1e5
+    assert resting.crash.tilt == 0.5
+    cameras = resting.laboratory.motion_capture
+    assert (cameras.position_noise, cameras.attitude_noise, cameras.dropout_rate) == (0.0, 0.0, 0.0)
+
+
+def test_a_fan_blows_on_without_its_turbulence_and_gusts_do_not(laboratory):
+    fan = "{kind: fan, position: [-2, 0, 1], direction: [1, 0, 0], flow: 2, diameter: 0.7, turbulence: 0.3}"
+    scenario = laboratory(f"laboratory.wind=[{fan}, {{kind: steady, velocity: [1, 0, 0]}}]")
+    found, steady = at_rest(scenario).laboratory.wind
+    assert found == scenario.laboratory.wind[0].model_copy(update={"turbulence": 0.0})
+    assert steady == scenario.laboratory.wind[1]
+
+
+def test_a_route_that_is_drawn_is_hover_in_the_middle(laboratory):
+    drawn = laboratory("route={kind: hover, position: [0, 0, {uniform: {min: 1, max: 2}}]}")
+    assert at_rest(drawn).route.position == (0.0, 0.0, 1.0)
+
+
+def test_the_believed_vehicle_has_the_lag_and_the_drag_of_the_one_that_flies(laboratory):
+    flawed = ["vehicle.mass=0.85", "vehicle.rotor_time_constant=0.07", "vehicle.quadratic_drag=0.03"]
+    uneven = ["vehicle.centre_of_mass=[0.002, 0]", "laboratory.motion_capture.misalignment=[0.01, 0.02, 0.03]"]
+    believed = as_believed(laboratory(*flawed, *uneven, "vehicle.time_step=0.005", "nominal.thrust_factor=4.2e-5"))
+    vehicle = believed.vehicle
+    assert (vehicle.mass, vehicle.thrust_factor, vehicle.time_step) == (0.68, 4.2e-5, 0.005)
+    assert (vehicle.rotor_time_constant, vehicle.linear_drag, vehicle.quadratic_drag) == (0.07, 0.1, 0.03)
+    assert vehicle.centre_of_mass == (0.0, 0.0)
+    assert believed.laboratory.motion_capture.misalignment == (0.0, 0.0, 0.0)
+
+
+@pytest.mark.parametrize(
+    ("limit", "words"),
+    [
+        ("max_rotor_speed=190", "at 201 rad/s, but can at 60 to 190 rad/s"),
+        ("min_rotor_speed=210", "at 201 rad/s, but can at 210 to 300 rad/s"),
+    ],
+)
+def test_a_vehicle_that_its_rotors_do_not_hold_has_no_plant(laboratory, limit, words):
+    with pytest.raises(InputError, match=f"the rotors cannot hold nominal in hover: they would turn {words}"):
+        laboratory_plant(laboratory(f"vehicle.{limit}"), vehicle="as it is")
+
+
+def test_the_rotors_state_is_a_thrust_and_three_torques(laboratory):
+    """Each only reaches what it turns or lifts, from one tick to the next."""
+    plant, _ = laboratory_plant(laboratory())
+    names = [f"vehicle.rotors.{name}" for name in ("thrust", "tau_x", "tau_y", "tau_z")]
+    for name, row in zip(names, ("v_z", "p", "q", "r"), strict=True):
+        column = plant.A[:, plant.states.index(name)]
+        assert column[plant.states.index(f"vehicle.state.{row}")] > 0.0
+        others = [f"vehicle.state.{other}" for other in ("v_z", "p", "q", "r") if other != row]
+        np.testing.assert_allclose(column[[plant.states.index(other) for other in others]], 0.0, atol=1e-12)
+        decay = column[[plant.states.index(other) for other in names]]
+        np.testing.assert_allclose(decay, np.exp(-0.4) * np.array([other == name for other in names]), atol=1e-3)
+    assert plant.inputs == ("wrench.thrust", "wrench.tau_x", "wrench.tau_y", "wrench.tau_z")
+    assert plant.period == 0.02
+
+
+def known(monkeypatch, moved, **entries):
+    """Has linearisations move by known numbers, the first ones, and A have known entries."""
+    linearize, calls = closed_loop_module.linearize, []
+
+    def moving(*arguments, **options):
+        system, others = linearize(*arguments, **options)
+        calls.append(1)
+        others[:] = 0.0
+        others[: len(moved)] = moved
+        system.A[0, 0] = entries.get("A", system.A[0, 0])
+        return system, others
+
+    monkeypatch.setattr(closed_loop_module, "linearize", moving)
+    return calls
+
+
+@pytest.mark.parametrize(
+    ("moved", "words"),
+    [
+        ([1e-10, -2e-9, 1.5e-9], "moves by -2e-09 a tick"),
+        ([1e-10, 1.5e-9, 3e-9], "moves by 3e-09 a tick"),
+        ([9e-10, -9e-10], None),
+    ],
+)
+def test_an_equilibrium_moves_by_less_than_a_billionth_either_way(laboratory, monkeypatch, moved, words):
+    known(monkeypatch, moved)
+    scenario = laboratory()
+    if words is None:
+        closed_loop(scenario)
+        laboratory_plant(scenario)
+        return
+    place = 1 if moved[1] < 0.0 else 2
+    names = ContextVector(build_tracking_diagram(scenario), without=WATCHERS).names
+    with pytest.raises(InputError, match=rf"no equilibrium near hover: {names[place]} still {words}"):
+        closed_loop(scenario)
+    with pytest.raises(InputError, match=rf"hover is not an equilibrium of nominal: \S+ {words}"):
+        laboratory_plant(scenario)
+
+
+@pytest.mark.parametrize(
+    ("moved", "entries", "calls"),
+    [([1e-3], {}, 20), ([1e-3, np.inf], {}, 1), ([np.nan, 1e-3], {}, 1), ([1e-3], {"A": np.nan}, 1)],
+)
+def test_what_is_no_number_any_more_is_not_gone_on_with(laboratory, monkeypatch, moved, entries, calls):
+    """Otherwise Newton's method has twenty steps."""
+    made = known(monkeypatch, moved, **entries)
+    with pytest.raises(InputError, match="no equilibrium near hover"):
+        closed_loop(laboratory())
+    assert len(made) == calls

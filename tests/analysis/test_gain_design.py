@@ -6,6 +6,7 @@ import re
 import shlex
 from dataclasses import replace
 from pathlib import Path
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -14,14 +15,16 @@ from ruamel.yaml import YAML
 
 from drake_quad import InputError, load_scenario
 from drake_quad.analysis.cascade_design import (
+    CascadeDesign,
     LoopOptions,
     attitude_plant,
     default_options,
     design_cascade,
     position_plant,
+    with_gains,
 )
 from drake_quad.analysis.closed_loop import as_believed, at_rest, closed_loop, laboratory_plant
-from drake_quad.analysis.gain_design import PdGains, PolePair, Regulator, Requirements, design_loop, pd_loop
+from drake_quad.analysis.gain_design import LoopDesign, PdGains, PolePair, Regulator, Requirements, design_loop, pd_loop
 from drake_quad.analysis.margins import FastMargins, fast_margins, frequencies, margins
 from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.analysis.step_response import release
@@ -342,3 +345,190 @@ def test_a_vehicle_of_thirty_grams_gets_the_same_gains():
         for overrides in ([], small)
     ]
     assert gains[0] == gains[1]
+
+
+def test_the_least_share_of_a_required_margin_counts():
+    found = FastMargins(gain=5.0, phase=60.0, delay=0.03)
+    assert Requirements(40.0, 4.0, 0.02).share_met(found) == pytest.approx(1.25)
+    assert Requirements(50.0, 4.0, 0.02).share_met(found) == pytest.approx(1.2)
+    assert Requirements(40.0, 10.0, 0.02).share_met(found) == pytest.approx(0.5)
+    assert Requirements(40.0, 4.0, 0.1).share_met(found) == pytest.approx(0.3)
+    assert Requirements(0.0, 4.0, 0.0).share_met(found) == pytest.approx(1.25)
+    assert Requirements(0.0, 0.0, 0.0).share_met(found) == 1.0
+    assert Requirements(60.0, 5.0, 0.03).broken_by(found) == {}
+
+
+def test_bandwidths_are_tried_up_to_a_third_of_half_the_sampling_rate():
+    efforts = PolePair(0.7).efforts(double_integrator(h=0.01))
+    assert (efforts[0], efforts[-1], len(efforts)) == (pytest.approx(0.05), pytest.approx(np.pi / 0.03), 120)
+    np.testing.assert_allclose(efforts[1:] / efforts[:-1], efforts[1] / efforts[0])
+
+
+def test_gains_that_meet_everything_are_limited_by_nothing():
+    """Of a double integrator without delay the fastest that is tried, without a bound that it would break."""
+    design = design_loop(double_integrator(), PolePair(0.8), Requirements(1.0, 0.1), axis="x")
+    assert (design.axis, design.limits) == ("x", ())
+    assert design.bandwidth == pytest.approx(np.pi / 0.06)
+    assert design.gains == tuple(float(f"{gain:.4g}") for gain in PolePair(0.8).gains(design.plant, design.bandwidth))
+
+
+def test_the_edge_is_found_to_a_thousandth(pitch):
+    """Between two bandwidths of which the second is larger by 6 %."""
+    requirements = Requirements(phase=50.0, gain=6.0)
+    found = design_loop(pitch, PolePair(0.8), requirements, axis="pitch").bandwidth
+    design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=found)
+    with pytest.raises(InputError, match="phase margin"):
+        design_loop(pitch, PolePair(0.8), requirements, axis="pitch", effort=1.001 * found)
+
+
+def with_slow_mode(decay):
+    """A double integrator with a mode that its value sees and that decays so fast, 1/s, hardly touched by the loop."""
+    plant = double_integrator()
+    A = np.diag([0.0, 0.0, np.exp(-decay * plant.period)])
+    A[:2, :2] = plant.A
+    B, C = np.vstack([plant.B, [[1e-6]]]), np.hstack([plant.C, [[1e-3], [0.0]]])
+    return replace(plant, A=A, B=B, C=C, states=("x", "v", "slow"))
+
+
+@pytest.mark.parametrize(("decay", "slower"), [(1.57, False), (1.56, True)])
+def test_the_pair_must_be_the_slowest_but_for_two_per_cent(decay, slower):
+    """Of ω ζ = 1.6 1/s."""
+    plant, none = with_slow_mode(decay), Requirements(0.0, 0.0, 0.0)
+    if slower:
+        words = r"x cannot have a bandwidth of 2 rad/s: a slower pole: it decays at 1\.56 1/s, the pair at 1\.6"
+        with pytest.raises(InputError, match=words):
+            design_loop(plant, PolePair(0.8), none, axis="x", effort=2.0)
+    else:
+        assert design_loop(plant, PolePair(0.8), none, axis="x", effort=2.0).bandwidth == 2.0
+
+
+class Fixed:
+    """A family of gains in proportion to the effort."""
+
+    def __init__(self, k_p, k_d):
+        self.k_p, self.k_d = k_p, k_d
+
+    def gains(self, plant, effort):
+        return PdGains(self.k_p * effort, self.k_d * effort)
+
+    def efforts(self, plant):
+        return np.array([1.0, 2.0, 3.0])
+
+
+@pytest.mark.parametrize(
+    ("gains", "words"),
+    [
+        ((1.0, -0.5), r"x cannot have an effort of 1: a negative gain: k_P 1, k_D -0\.5"),
+        ((-1.0, 0.5), r"a negative gain: k_P -1, k_D 0\.5"),
+        ((1.0, 0.0), r"a negative gain: k_P 1, k_D 0"),
+        ((np.nan, 1.0), "no gains: none have this effect"),
+        ((1.0, 0.001), r"no stability: a pole of size 1\.000\d"),
+        ((1.0, 120.0), r"no stability: a pole of size 1\.\d{4}"),
+    ],
+)
+def test_gains_that_are_none_say_why(gains, words):
+    with pytest.raises(InputError, match=words):
+        design_loop(double_integrator(), Fixed(*gains), Requirements(0.0, 0.0, 0.0), axis="x", effort=1.0)
+
+
+def test_of_gains_that_are_all_too_weak_the_nearest_is_told():
+    """The phase margin of these rises with the effort; the last has the most of what is asked for."""
+    plant = double_integrator()
+    phases = [margins(pd_loop(plant, PdGains(effort, 0.5 * effort))).phase for effort in (1.0, 2.0, 3.0)]
+    assert phases == sorted(phases)
+    with pytest.raises(InputError, match=rf"at best phase margin: {phases[2]:.1f}°, less than 60°"):
+        design_loop(plant, Fixed(1.0, 0.5), Requirements(60.0, 0.0), axis="x")
+
+
+def test_a_loop_that_is_not_stable_costs_without_end():
+    family, plant = Regulator(0.2), double_integrator()
+    assert family.cost(plant, PdGains(1.0, 0.001), 10.0) == np.inf
+    assert family.cost(plant, PdGains(0.0, 1.0), 10.0) == np.inf
+    assert np.isfinite(family.cost(plant, PdGains(1.0, 1.0), 10.0))
+    # Nothing steadies what its command does not reach.
+    stuck = replace(plant, B=np.zeros((2, 1)))
+    assert np.isnan(family.gains(stuck, 1.0)).all()
+
+
+def test_gains_stand_in_a_scenario_axis_by_axis(pitch):
+    axes = {name: 10.0 + place for place, name in enumerate(("roll", "pitch", "yaw", "x", "y", "z"))}
+    found = margins(pd_loop(pitch, PdGains(6.0, 4.0)))
+    design = CascadeDesign({name: LoopDesign(name, PdGains(k, 0.5 * k), pitch, found) for name, k in axes.items()})
+    assert design.gains() == {
+        "position": {"k_p": [13.0, 14.0, 15.0], "k_d": [6.5, 7.0, 7.5]},
+        "attitude": {"k_p": [10.0, 11.0, 12.0], "k_d": [5.0, 5.5, 6.0]},
+    }
+    before = load_scenario(ROOT / "diagrams" / "figure_eight.yaml")
+    after = with_gains(before, design.gains())
+    for block, gains in design.gains().items():
+        for kind, values in gains.items():
+            assert list(getattr(getattr(after.control, block), kind)) == values
+    assert with_gains(after, {"attitude": {"k_p": [1.0, 2.0, 3.0]}}).control.attitude.k_d == (5.0, 5.5, 6.0)
+    assert with_gains(after, CascadeDesign(design.loops).gains()) == after
+    restored = after.control.model_copy(update={name: getattr(before.control, name) for name in design.gains()})
+    assert after.model_copy(update={"control": restored}) == before
+
+
+def test_axes_that_are_alike_have_the_same_gains_and_others_their_own():
+    """An uneven vehicle's roll and pitch are alike, too: commands are accelerations; other requirements are not."""
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["nominal.inertia=[0.0065, 0.0085, 0.0126]"])
+    options = default_options(0.02)
+    assert list(options) == ["roll", "pitch", "yaw", "z", "x", "y"]
+    for axis, each in options.items():
+        delay = 0.04 if axis in ("roll", "pitch", "yaw") else 0.0
+        assert each == (PolePair(0.8), Requirements(45.0, 6.0, delay), None)
+    design = design_cascade(scenario, {"pitch": options["pitch"]._replace(effort=2.0)})
+    loops = design.loops
+    assert [loop.axis for loop in loops.values()] == list(loops)
+    assert loops["pitch"].bandwidth == 2.0
+    assert loops["roll"].gains == loops["yaw"].gains != loops["pitch"].gains
+    # Around another attitude the same position needs other gains.
+    assert loops["x"].gains != loops["y"].gains
+
+
+class Listed(Fixed):
+    """A family of gains that stand in a list."""
+
+    def __init__(self, *gains):
+        self.listed = gains
+
+    def gains(self, plant, effort):
+        return self.listed[round(effort) - 1]
+
+
+def test_gains_that_are_not_stable_are_never_the_nearest():
+    """Though the curve of the second and the third crosses nothing, so that no margin is missing."""
+    family = Listed(PdGains(1.0, 0.2), PdGains(1.0, 120.0), PdGains(np.nan, 1.0))
+    phase = margins(pd_loop(double_integrator(), PdGains(1.0, 0.2))).phase
+    with pytest.raises(InputError, match=rf"at best phase margin: {phase:.1f}°, less than 60°"):
+        design_loop(double_integrator(), family, Requirements(60.0, 0.0), axis="x")
+
+
+def behind(ticks):
+    """A double integrator that is told what to do so many seconds late, once a second."""
+    plant = double_integrator(h=1.0)
+    n = 2 + ticks
+    A, B, C = np.zeros((n, n)), np.zeros((n, 1)), np.hstack([plant.C, np.zeros((2, ticks))])
+    A[:2, :2] = plant.A
+    if ticks:
+        A[:2, 2:3] = plant.B
+        A[2:-1, 3:] = np.eye(ticks - 1)
+        B[-1] = 1.0
+    else:
+        B[:] = plant.B
+    return replace(plant, A=A, B=B, C=C, states=tuple(map(str, range(n))))
+
+
+@pytest.mark.parametrize(("ticks", "frequency"), [(0, 0.2), (2, 0.2), (8, 0.05), (30, 0.0125), (120, 0.003)])
+def test_a_search_for_a_regulator_starts_at_the_fastest_that_is_stable(monkeypatch, ticks, frequency):
+    """The longer the delay the slower: a quarter of what it takes to turn by a radian is already too much."""
+    monkeypatch.setattr("scipy.optimize.minimize", lambda function, start, **_: SimpleNamespace(x=start))
+    found = Regulator(0.2).gains(behind(ticks), 1.0)
+    assert found == pytest.approx((frequency**2, 1.6 * frequency))
+
+
+def test_a_regulator_s_gains_are_found_to_a_thousandth():
+    plant, family = double_integrator(), Regulator(0.3)
+    for effort in (0.5, 20.0):
+        K, _ = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, np.diag([1.0, 0.09]), np.eye(1) / effort**2)
+        np.testing.assert_allclose(family.gains(plant, effort), K[0], rtol=1e-3)

@@ -72,6 +72,15 @@ def test_the_delay_margin_is_where_the_closed_loop_gives_up(ticks):
         assert is_stable(loop, more_delay=ticks) == stands
 
 
+def nearest(loop):
+    """The least angle between -1 and where a fine Nyquist curve passes the unit circle, degrees."""
+    z = np.exp(1j * np.geomspace(1.0, 20.0, 200_001) * PERIOD)
+    # In parts, which fit into a processor's cache: a matrix for each point.
+    L = np.concatenate([loop.response(part)[:, 0, 0] for part in np.array_split(z, 1000)])
+    passes = np.flatnonzero(np.diff(np.abs(L) > 1.0))
+    return np.degrees(np.abs(np.angle(-L[passes]))).min()
+
+
 def test_a_resonance_that_is_late_by_more_than_a_turn_stands_what_is_left_of_the_turn():
     """Of 4 rad/s, damped to 0.02, with a gain of 0.1 and 55 ticks of delay: 0.497 s, as closed loops confirm.
 
@@ -91,6 +100,9 @@ def test_a_resonance_that_is_late_by_more_than_a_turn_stands_what_is_left_of_the
     fast = fast_margins(loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0], grid)
     assert margins(loop).delay == pytest.approx(0.497, abs=5e-4)
     assert fast.delay == pytest.approx(margins(loop).delay, rel=1e-3)
+    # The phase may turn either way: it is the nearest -180° that counts, here on the other side.
+    assert margins(loop).phase == pytest.approx(nearest(loop), abs=0.05)
+    assert fast.phase == pytest.approx(nearest(loop), abs=0.05)
     assert [is_stable(loop, more_delay=ticks) for ticks in (0, 19, 20, 24, 25)] == [True, True, True, True, False]
 
 
@@ -162,3 +174,55 @@ def test_a_loop_that_never_reaches_one_has_every_margin():
     found = margins(weak)
     assert (found.gain, found.phase, found.delay) == (np.inf, np.inf, np.inf)
     assert found.crossover == 0.0
+
+
+def test_the_grid_ends_just_below_half_the_sampling_rate():
+    for period in (0.02, 0.005):
+        grid = frequencies(period)
+        assert len(grid) == 2000
+        assert grid[0] == pytest.approx(1e-4, rel=1e-12)
+        assert 0.9998 < grid[-1] * period / np.pi < 0.99999
+        np.testing.assert_allclose(grid[1:] / grid[:-1], grid[1] / grid[0])
+    assert len(frequencies(0.02, points=17)) == 17
+
+
+def first_order(pole, gain, direct=0.0):
+    """gain / (z - pole) + direct."""
+    matrices = (np.array([[number]]) for number in (pole, 1.0, gain, direct))
+    return SampledSystem(*matrices, PERIOD, ("x",), ("u",), ("y",))
+
+
+def test_what_always_follows_has_a_bandwidth_without_end():
+    found = margins(first_order(0.5, 0.0, direct=10.0))
+    assert found.bandwidth == np.inf
+    assert found.sensitivity == pytest.approx(1.0 / 11.0)
+
+
+def test_a_pole_may_leave_through_one_or_minus_one():
+    """1 + f L vanishes at z = 1 and at z = -1 for a gain that is worked out by hand; a sign more, and it may rise."""
+    for gain in (0.1, -0.1):
+        found, loop = margins(first_order(0.5, gain)), first_order(0.5, gain)
+        # L(1) = 2 gain, L(-1) = -gain / 1.5.
+        limits = [-1.0 / limit for limit in (2.0 * gain, -gain / 1.5) if limit < 0.0]
+        assert 10.0 ** (found.gain / 20.0) == pytest.approx(min(limits), rel=1e-6)
+        assert is_stable(loop, 0.999 * min(limits))
+        assert not is_stable(loop, 1.001 * min(limits))
+        assert found.gain_reduction == np.inf
+
+
+def test_a_pole_near_one_is_no_integrator():
+    """As of a slow leak: what is below holds back its pole, at 1 + 1e-6, with a gain from 1e-6 on."""
+    assert margins(first_order(1.0 + 1e-6, 1e-3)).gain_reduction == pytest.approx(60.0, abs=0.01)
+    assert margins(first_order(1.0, 1e-3)).gain_reduction == np.inf
+
+
+def test_fast_margins_of_loops_that_cross_nothing_are_without_end():
+    grid = frequencies(PERIOD)
+    quiet = np.full((2, len(grid)), [[0.1], [-0.1]], dtype=complex)
+    found = fast_margins(quiet, grid)
+    np.testing.assert_array_equal(found.phase, [np.inf, np.inf])
+    np.testing.assert_array_equal(found.delay, [np.inf, np.inf])
+    assert found.gain[0] == np.inf
+    assert found.gain[1] == pytest.approx(20.0)
+    silent = fast_margins(np.zeros((1, len(grid)), dtype=complex), grid)
+    np.testing.assert_array_equal([silent.gain[0], silent.phase[0], silent.delay[0]], [np.inf] * 3)

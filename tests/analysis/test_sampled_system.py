@@ -13,7 +13,7 @@ from scipy.linalg import expm
 from drake_quad import InputError, build_tracking_diagram, load_scenario
 from drake_quad.analysis.closed_loop import WATCHERS, laboratory_plant
 from drake_quad.analysis.context_vector import ContextVector
-from drake_quad.analysis.sampled_system import SampledSystem, at_tick, linearize
+from drake_quad.analysis.sampled_system import SampledSystem, at_tick, linearize, tick_after
 
 REAL = [
     "route={kind: hover}",
@@ -197,3 +197,98 @@ def test_an_output_that_depends_on_nothing_has_no_derivative():
     diagram.get_input_port().FixValue(context, [0.0])
     system, _ = linearize(diagram, at_tick(diagram, 0.2, context), period=0.1, outputs=["y", "c"])
     np.testing.assert_array_equal(system.C, [[1.0], [0.0]])
+
+
+def two_inputs():
+    """Two holds over 0.1 s, of two numbers and of one, and what they hold."""
+    builder = DiagramBuilder()
+    for name, size in (("first", 2), ("second", 1)):
+        hold = builder.AddNamedSystem(name, ZeroOrderHold(0.1, size))
+        builder.ExportInput(hold.get_input_port(), f"u_{name}")
+        builder.ExportOutput(hold.get_output_port(), f"y_{name}")
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    for name, values in (("first", [1.0, 2.0]), ("second", [5.0])):
+        diagram.GetInputPort(f"u_{name}").FixValue(context, values)
+    return diagram, context
+
+
+@pytest.mark.parametrize("order", [("first", "second"), ("second", "first"), ("second",)])
+def test_inputs_and_outputs_stand_in_the_order_in_which_they_are_asked_for(order):
+    """What is put into a hold is what it holds a period later, and it forgets what was there."""
+    diagram, context = two_inputs()
+    inputs, outputs = [f"u_{name}" for name in order], [f"y_{name}" for name in order[::-1]]
+    system, moved = linearize(diagram, at_tick(diagram, 0.2, context), period=0.1, inputs=inputs, outputs=outputs)
+    rows = {"first": ("first.group_0.0", "first.group_0.1"), "second": ("second.group_0.0",)}
+    assert system.states == (*rows["first"], *rows["second"])
+    assert system.inputs == tuple(f"u_{name}.{i}" for name in order for i in range(len(rows[name])))
+    assert system.outputs == tuple(f"y_{name}.{i}" for name in order[::-1] for i in range(len(rows[name])))
+    places = [system.states.index(row) for name in order for row in rows[name]]
+    np.testing.assert_array_equal(system.A, np.zeros((3, 3)))
+    np.testing.assert_array_equal(system.B, np.eye(3)[:, places])
+    seen = [system.states.index(row) for name in order[::-1] for row in rows[name]]
+    np.testing.assert_array_equal(system.C, np.eye(3)[seen])
+    np.testing.assert_array_equal(system.D, np.zeros((len(seen), len(places))))
+    np.testing.assert_array_equal(moved, np.zeros(3))
+    assert system.period == 0.1
+
+
+def test_how_far_the_state_moves_is_what_it_is_after_less_what_it_was():
+    diagram, context = two_inputs()
+    root = at_tick(diagram, 0.2, context)
+    diagram.GetInputPort("u_second").FixValue(root, [9.0])
+    _, moved = linearize(diagram, root, period=0.1)
+    np.testing.assert_array_equal(moved, [0.0, 0.0, 4.0])
+    assert root.get_time() == 0.2
+
+
+def test_without_inputs_and_outputs_there_are_no_columns_and_no_rows():
+    diagram, context = two_inputs()
+    system, _ = linearize(diagram, at_tick(diagram, 0.2, context), period=0.1, without=("first",))
+    assert system.states == ("second.group_0.0",)
+    assert [matrix.shape for matrix in (system.A, system.B, system.C, system.D)] == [(1, 1), (1, 0), (0, 1), (0, 0)]
+
+
+def test_a_tick_is_counted_as_drake_counts_it():
+    assert tick_after(0.3 - 1e-12, 0.1) == 4 * 0.1
+    assert tick_after(0.3, 0.1, 0) == 3 * 0.1 != 0.3
+    assert tick_after(0.1, 0.1, 6) == 7 * 0.1 != 0.7
+
+
+@pytest.mark.parametrize(("size", "kept"), [(2e-12, ("a", "b")), (-2e-12, ("a", "b")), (0.5e-12, ("b",))])
+def test_an_entry_of_a_billionth_of_a_thousandth_counts(size, kept):
+    """Beside the largest of its row: the only way from the input through the first state to the second."""
+    A = np.array([[0.5, 0.0], [size, 1.0]])
+    system = SampledSystem(
+        A, np.array([[1.0], [1.0]]), np.array([[0.0, 1.0]]), np.zeros((1, 1)), 0.02, ("a", "b"), ("u",), ("y",)
+    )
+    assert system.connected().states == kept
+    assert system.connected(tolerance=1e-15).states == ("a", "b")
+    assert system.connected(tolerance=1e-9).states == ("b",)
+
+
+def test_a_scaled_input_has_another_name():
+    system = random_system(np.random.default_rng(3)).between(["u.0"], ["y.1"])
+    scaled = system.scaled(-3.0, "push")
+    z = np.exp(1j * np.array([0.1, 1.0]))
+    np.testing.assert_allclose(scaled.response(z), -3.0 * system.response(z))
+    assert (scaled.inputs, scaled.outputs) == (("push",), ("y.1",))
+
+
+def test_one_input_that_reaches_and_one_output_that_sees_are_enough():
+    """Of two each: the first state is between the first ones, the second between the others, the third is not."""
+    B, C = np.array([[1.0, 0.0], [0.0, -1.0], [0.0, 1.0]]), np.array([[-1.0, 0.0, 0.0], [0.0, 2.0, 0.0]])
+    system = SampledSystem(
+        np.diag([0.5, -0.6, 0.7]), B, C, np.zeros((2, 2)), 0.02, ("a", "b", "c"), ("u", "v"), ("y", "z")
+    )
+    small = system.connected()
+    assert small.states == ("a", "b")
+    np.testing.assert_array_equal(small.A, np.diag([0.5, -0.6]))
+    np.testing.assert_array_equal(small.B, B[:2])
+    np.testing.assert_array_equal(small.C, C[:, :2])
+
+
+def test_what_is_reached_by_many_steps_is_reached():
+    A = np.eye(5, k=-1)
+    system = SampledSystem(A, np.eye(5)[:, :1], np.eye(5)[-1:], np.zeros((1, 1)), 0.02, tuple("abcde"), ("u",), ("y",))
+    assert system.connected().states == tuple("abcde")

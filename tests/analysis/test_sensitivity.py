@@ -7,7 +7,7 @@ import pytest
 from pydantic import TypeAdapter
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.analysis.sensitivity import DIFFERENTIABLE, flight_sensitivities
+from drake_quad.analysis.sensitivity import _ABOVE, _AROUND, _BELOW, DIFFERENTIABLE, flight_sensitivities
 from drake_quad.scenario.controllers import PositionController
 from drake_quad.scenario.numbers import number_at, with_number
 
@@ -153,3 +153,55 @@ def test_nothing_to_differentiate_by_is_refused():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=1"])
     with pytest.raises(InputError, match="there is no field to differentiate by"):
         flight_sensitivities(scenario, [])
+
+
+def test_the_sample_that_the_scenario_names_is_flown_if_no_other_is_given(windy):
+    named = windy.model_copy(update={"sample": 2, "duration": 0.3})
+    found = flight_sensitivities(named, ["vehicle.mass"])
+    assert found.fields == ("vehicle.mass",)
+    for sample in (2, 1):
+        other = flight_sensitivities(named.model_copy(update={"sample": None}), ["vehicle.mass"], sample=sample)
+        assert (other.metrics["rmse"] == found.metrics["rmse"]) == (sample == 2)
+    assert found.crash_time == np.inf
+    first = flight_sensitivities(named, ["vehicle.mass"], sample=0)
+    alone = flight_sensitivities(named.model_copy(update={"sample": None}), ["vehicle.mass"])
+    assert first.metrics["rmse"] == alone.metrics["rmse"] != found.metrics["rmse"]
+
+
+def test_a_distribution_needs_a_sample():
+    scenario = load_scenario(
+        ROOT / "diagrams" / "figure_eight.yaml", ["duration=1", "vehicle.mass={uniform: {min: 0.6, max: 0.7}}"]
+    )
+    with pytest.raises(InputError, match=r"vehicle\.mass"):
+        flight_sensitivities(scenario, ["vehicle.linear_drag"])
+    found = flight_sensitivities(scenario, ["vehicle.mass"], sample=3)
+    assert found.values[0] == simulate(scenario, sample=3).scenario.vehicle.mass
+    assert 0.6 < found.values[0] < 0.7
+
+
+def test_a_crash_ends_what_is_differentiated():
+    wild = ["duration=3", "control.attitude.k_p=[900, 900, 9]"]
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", wild)
+    assert flight_sensitivities(scenario, ["vehicle.mass"]).crash_time == simulate(scenario).metrics.crash_time < 3.0
+
+
+def test_a_number_that_can_be_neither_more_nor_less_is_told_with_why():
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["duration=1"])
+    words = r"^laboratory\.command_link\.period cannot be 0\.01996: must be the shortest period"
+    with pytest.raises(InputError, match=words):
+        flight_sensitivities(scenario, ["laboratory.command_link.period"])
+
+
+@pytest.mark.parametrize("field", ["laboratory.motion_capture.dropout_rate", "vehicle.rotor_failure.time"])
+def test_what_only_decides_when_something_happens_has_no_derivative(field):
+    failing = ["duration=1", "vehicle.rotor_failure={rotor: 1, time: 0.5}"]
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", failing)
+    with pytest.raises(InputError, match="decides when something happens"):
+        flight_sensitivities(scenario, [field])
+
+
+@pytest.mark.parametrize("weights", [_AROUND, _ABOVE, _BELOW])
+def test_differences_are_exact_for_polynomials_of_the_fourth_degree(weights):
+    """Beside the number itself, whose weight is what makes the sum zero; on one side, those of the second kind."""
+    for power in range(1, 5):
+        assert sum(weight * steps**power for steps, weight in weights.items()) == pytest.approx(float(power == 1))

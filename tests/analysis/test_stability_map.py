@@ -10,7 +10,9 @@ from drake_quad.analysis.closed_loop import closed_loop
 from drake_quad.analysis.gain_design import PdGains, pd_loop
 from drake_quad.analysis.margins import margins
 from drake_quad.analysis.modes import modes
+from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.analysis.stability_map import flown_map, mapped_plant, stability_map
+from drake_quad.scenario import draw_sample
 
 ROOT = Path(__file__).parent.parent.parent
 K_P, K_D = np.array([0.1, 0.3, 0.8]), np.array([0.2, 0.7, 1.5, 3.5])
@@ -95,3 +97,26 @@ def test_each_place_of_the_flown_map_is_a_flight_of_its_own(scenario, loop):
         assert found.crash_time[i, j] == alone.metrics.crash_time
         crashed += alone.metrics.crashed
     assert loop == "position" or crashed > 0
+
+
+def test_delay_lines_have_no_damping_of_their_own():
+    """Poles below 0.05 die within a tick, even if they alternate; one of -0.06 turns by π in a tick, and counts."""
+    for pole, damping in ((0.01, 1.0), (-0.04, 1.0), (-0.06, 0.66719)):
+        plant = SampledSystem(
+            np.diag([pole, 0.001]), np.zeros((2, 1)), np.eye(2), np.zeros((2, 1)), 0.02, ("a", "b"), ("u",), ("a", "b")
+        )
+        found = stability_map(plant, np.array([1.0]), np.array([1.0, 2.0]))
+        np.testing.assert_allclose(found.damping, [[damping, damping]], rtol=1e-4)
+        np.testing.assert_allclose(found.size, abs(pole))
+
+
+def test_a_scenario_that_names_a_sample_is_mapped_for_it(scenario):
+    drawn = load_scenario(
+        ROOT / "diagrams" / "laboratory.yaml:nominal", ["vehicle.mass={uniform: {min: 0.6, max: 0.8}}"]
+    )
+    first, second = (mapped_plant(drawn.model_copy(update={"sample": sample}), "position") for sample in (0, 1))
+    own = load_scenario(
+        ROOT / "diagrams" / "laboratory.yaml:nominal", [f"vehicle.mass={draw_sample(drawn, 1).vehicle.mass!r}"]
+    )
+    np.testing.assert_allclose(mapped_plant(own, "position").A, second.A, atol=1e-12)
+    assert np.abs(first.A - second.A).max() > 1e-4

@@ -155,3 +155,62 @@ def test_modes_are_named_by_what_takes_part():
         assert [mode.frequency for mode in modes(T @ sampled @ T.T, ("a", "b", "c", "d"), period=period)] == (
             pytest.approx([2.0, 5.0])
         )
+
+
+HOVER = math.sqrt(0.68 * 9.81 / (4.0 * 4.13e-5))
+
+
+@pytest.mark.parametrize(("low", "high"), [(60.0, 0.9995 * HOVER), (1.0005 * HOVER, 300.0)])
+def test_rotors_that_are_a_little_too_slow_or_too_fast_do_not_hold_it(low, high):
+    """A thousandth of g is left, and that is no equilibrium."""
+    parameters = QuadrotorParameters(min_rotor_speed=low, max_rotor_speed=high)
+    with pytest.raises(
+        InputError, match=rf"rotors between {low:g} and {high:g} rad/s: 0\.0098\d? m/s² or rad/s² are left"
+    ):
+        find_trim(parameters)
+    enough = QuadrotorParameters(min_rotor_speed=0.9995 * HOVER, max_rotor_speed=1.0005 * HOVER)
+    np.testing.assert_allclose(find_trim(enough).rotor_speed, HOVER, rtol=1e-12)
+
+
+@pytest.mark.parametrize(("tilt", "found"), [(1.39, True), (1.41, False)])
+def test_an_operating_point_is_sought_up_to_a_tilt_of_80_degrees(tilt, found):
+    """1.4 rad: in winds from any side that it would have to lean into so far."""
+    parameters = QuadrotorParameters(linear_drag=1.0, max_rotor_speed=2000.0)
+    speed = 0.68 * 9.81 * math.tan(tilt)
+    for wind, angle in (((speed, 0.0, 0.0), 4), ((0.0, speed, 0.0), 3), ((-speed, 0.0, 0.0), 4)):
+        if found:
+            assert abs(find_trim(parameters, wind=wind).state[angle]) == pytest.approx(tilt)
+        else:
+            with pytest.raises(InputError, match="there is no steady flight"):
+                find_trim(parameters, wind=wind)
+
+
+def test_a_trim_is_where_it_is_asked_for():
+    trim = find_trim(DRAGGED, position=(1.0, -2.0, 3.0), velocity=(0.5, 0.25, -0.125), wind=(0.1, 0.2, 0.3), yaw=0.6)
+    np.testing.assert_array_equal(trim.state[[0, 1, 2, 5]], [1.0, -2.0, 3.0, 0.6])
+    np.testing.assert_array_equal(trim.state[6:], [0.5, 0.25, -0.125, 0.0, 0.0, 0.0])
+    np.testing.assert_array_equal(trim.wind, [0.1, 0.2, 0.3])
+    assert (trim.state.shape, trim.rotor_speed.shape) == ((12,), (4,))
+    at_rest = find_trim(QuadrotorParameters())
+    np.testing.assert_allclose(at_rest.state, 0.0, atol=1e-12)
+    np.testing.assert_array_equal(at_rest.wind, np.zeros(3))
+
+
+def test_an_equilibrium_may_move_by_a_millionth():
+    parameters = QuadrotorParameters()
+    hover = find_trim(parameters)
+    for speed, refused in ((0.9e-6, False), (1.1e-6, True)):
+        state = hover.state.copy()
+        state[7] = speed
+        if refused:
+            with pytest.raises(InputError, match=r"not an equilibrium: y changes by 1\.1e-06 per second"):
+                linear_vehicle(hover._replace(state=state), parameters)
+        else:
+            linear_vehicle(hover._replace(state=state), parameters)
+
+
+def test_rows_have_the_names_of_their_signals():
+    assert STATES[:4] == ("x", "y", "z", "roll")
+    assert STATES[11:] == ("r", *(f"rotor_speed.rotor_{number}" for number in (1, 2, 3, 4)))
+    assert INPUTS[3:5] == ("rotor_speed_command.rotor_4", "wind.x")
+    assert OUTPUTS[0] == "state.x"

@@ -5,7 +5,9 @@ stands for a cosine, and neighbours change places (arguments, elements of a tupl
 
 Left out is what a test cannot notice or cannot but notice: texts, messages, annotations, decorators, imports, lists of
 names; `<` for `<=` between numbers that are not whole; arguments by keyword that are left out, as most must be given;
-`strict` of zip; one more where a constant of the module says how often something is tried, or how much is done at once.
+`strict` of zip; the order of names that begin as the same; whether SciPy looks at its input first, or works in place;
+one more sample of linspace, or one more where a constant of the module says how often something is tried, or how much
+is done at once.
 """
 
 import ast
@@ -61,7 +63,14 @@ _COUNTERPARTS = {
 _CLAMPS = {"minimum", "maximum", "min", "max"}
 _TRANSFORMS = {"abs", "sqrt", "wrapped", "floor", "ceil", "round", "rint", "clip", "sorted", "cumsum"}
 # Their arguments may change places.
-_SYMMETRIC = {*_CLAMPS, "hypot", "judge", "isinstance", "getattr", "setattr", "cast", "partial", "TypeVar", "NewType"}
+_SYMMETRIC = {
+    *_CLAMPS, "hypot", "judge", "isinstance", "getattr", "setattr", "cast", "partial", "suppress", "TypeVar", "NewType",
+}  # fmt: skip
+# What they make anew is the same for the same arguments.
+_MAKERS = {"zeros", "zeros_like", "ones", "ones_like", "empty", "empty_like", "full", "full_like"}
+
+# Arguments that say how carefully zip or SciPy works, not what comes out.
+_GUARDS = {"strict", "check_finite", "overwrite_b"}
 
 _SKIPPED_FIELDS = {"annotation", "returns", "decorator_list", "bases", "type_params", "type"}
 _SKIPPED = (ast.Import, ast.ImportFrom, ast.JoinedStr, ast.Raise, ast.Assert)
@@ -112,10 +121,18 @@ def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool
         for field, value in ast.iter_fields(node):
             if field in _SKIPPED_FIELDS or (isinstance(node, ast.ClassDef) and field == "keywords"):
                 continue
+            if _is_the_rest_of_a_shape(node, parent):
+                continue
             inside = declared and not (isinstance(node, ast.FunctionDef) and field == "body")
             for child in value if isinstance(value, list) else [value]:
                 if isinstance(child, ast.AST):
                     pending.append((child, node, lines, inside))
+
+
+def _is_the_rest_of_a_shape(node: ast.AST, parent: ast.AST) -> bool:
+    """Is it -1 in a call of reshape, for which NumPy takes any other negative number, too?"""
+    called = isinstance(parent, ast.Call) and isinstance(parent.func, ast.Attribute) and parent.func.attr == "reshape"
+    return called and isinstance(node, ast.UnaryOp)
 
 
 def _is_declaration_of_names(node: ast.AST) -> bool:
@@ -166,7 +183,7 @@ def _changes(node: ast.AST, parent: ast.AST) -> Iterator[tuple[str, ast.AST]]:
             yield "condition", otherwise
         case ast.Call(function, arguments, keywords):
             yield from _changes_of_call(node, function, arguments, keywords)
-        case ast.Tuple(elements) | ast.List(elements) if not _is_a_choice(parent):
+        case ast.Tuple(elements) | ast.List(elements) if not _is_a_choice(parent) and not _begin_alike(node, parent):
             for swapped in _swapped(elements):
                 yield "order", type(node)(swapped, node.ctx)
         case ast.Raise() | ast.Continue() | ast.Break() | ast.Expr(ast.Call()):
@@ -193,9 +210,11 @@ def _changes_of_call(
         return
     for swapped in _swapped(arguments):
         yield "order", ast.Call(function, swapped, keywords)
-    for values in _swapped([keyword.value for keyword in keywords]):
-        exchanged = [ast.keyword(keyword.arg, value) for keyword, value in zip(keywords, values, strict=True)]
-        yield "order", ast.Call(function, arguments, exchanged)
+    telling = [keyword for keyword in keywords if keyword.arg not in _GUARDS]
+    others = [keyword for keyword in keywords if keyword.arg in _GUARDS]
+    for values in _swapped([keyword.value for keyword in telling]):
+        exchanged = [ast.keyword(keyword.arg, value) for keyword, value in zip(telling, values, strict=True)]
+        yield "order", ast.Call(function, arguments, exchanged + others)
 
 
 def _swapped(nodes: list[ast.expr]) -> Iterator[list[ast.expr]]:
@@ -206,9 +225,11 @@ def _swapped(nodes: list[ast.expr]) -> Iterator[list[ast.expr]]:
 
 
 def _is_a_guard_or_a_count(parent: ast.AST) -> bool:
-    """Is a whole number in it `strict` of zip, or a private constant: how often, how many at once?"""
+    """Is a whole number in it a guard of zip or SciPy, or how many: of samples, or as a private constant says?"""
     if isinstance(parent, ast.keyword):
-        return parent.arg == "strict"
+        return parent.arg in _GUARDS
+    if isinstance(parent, ast.Call):
+        return isinstance(parent.func, ast.Attribute) and parent.func.attr == "linspace"
     return isinstance(parent, ast.Assign) and getattr(parent.targets[0], "id", "").startswith("_")
 
 
@@ -217,6 +238,16 @@ def _is_a_choice(parent: ast.AST) -> bool:
     return isinstance(parent, ast.Compare) or (
         isinstance(parent, ast.Call) and isinstance(parent.func, ast.Name) and parent.func.id in _SYMMETRIC
     )
+
+
+def _begin_alike(node: ast.AST, parent: ast.AST) -> bool:
+    """Are these names that begin with the same, an empty list or array each, so that their order says nothing?"""
+    if not isinstance(parent, ast.Assign) or node is parent.value or not isinstance(parent.value, ast.Tuple):
+        return False
+    first, *others = parent.value.elts
+    new = isinstance(first, ast.Call) and getattr(first.func, "attr", "") in _MAKERS
+    empty = isinstance(first, ast.List) and not first.elts
+    return (new or empty) and all(ast.dump(each) == ast.dump(first) for each in others)
 
 
 def _is_text(node: ast.expr) -> bool:

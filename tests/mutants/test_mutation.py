@@ -19,6 +19,7 @@ def changes(line, before=""):
         ("r = (a + b) * c", {"r = (a - b) * c", "r = (a) * c", "r = (b) * c", "r = (a + b) / c", "r = a + b", "r = c"}),
         ("r = minimum(a, 2.0)", {"r = maximum(a, 2.0)", "r = a", "r = 2.0", "r = minimum(a, 3.0)"}),
         ("s, c = sin_cos(x)", {"(c, s) = sin_cos(x)"}),
+        ("a, b = next(x), next(x)", {"(b, a) = next(x), next(x)"}),
         ("c = cos(x)", {"c = sin(x)"}),
         ("x[1] += y", {"x[1] -= y", "x[2] += y", "pass"}),
         ("x = -y", {"x = y"}),
@@ -30,6 +31,24 @@ def changes(line, before=""):
         ("raise InputError(f'{1 + x} is too much', 3)", {"pass"}),
         ("SIZE = 10", {"SIZE = 11"}),
         ("x = zip(a, b, strict=True)", {"x = zip(b, a, strict=True)"}),
+        (
+            "x = solve(a, b, lower=True, check_finite=False)",
+            {
+                "x = solve(b, a, lower=True, check_finite=False)",
+                "x = solve(a, b, lower=False, check_finite=False)",
+            },
+        ),
+        (
+            "x = np.linspace(0.0, 1.0, 49)",
+            {
+                "x = np.linspace(1.0, 0.0, 49)",
+                "x = np.linspace(0.0, 49, 1.0)",
+                "x = np.linspace(1.0, 1.0, 49)",
+                "x = np.linspace(0.0, 2.0, 49)",
+            },
+        ),
+        ("x = y.reshape(3, -1)", {"x = y.reshape(4, -1)", "x = y.reshape(3, 1)"}),
+        ("x = y[-1]", {"x = y[1]", "x = y[-2]"}),
         ("flag: bool = True", {"flag: bool = False"}),
     ],
 )
@@ -45,6 +64,8 @@ def test_what_a_line_may_change_into(line, expected):
         "Step = Callable[[Row, Rows], tuple[Row, Row]]",
         "'a text'",
         "_ROUNDS = 10",
+        "names, rows = [], []",
+        "a, b = np.empty_like(x), np.empty_like(x)",
     ],
 )
 def test_what_no_test_can_notice_stays(line):

@@ -4,6 +4,7 @@ import pytest
 from drake_quad.reference.binding import bindings
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.path_problem import Box, Limits
+from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.time_allocation import stretch_factor
 
 RISE = minimum_snap([[0.0, 0.0, 0.0], [0.0, 0.0, 2.0]], [1.0, 3.0])
@@ -37,3 +38,29 @@ def test_a_wall_that_is_touched_between_the_waypoints_binds():
 
 def test_nothing_binds_below_the_limits():
     assert bindings(RISE, Limits(10.0, 10.0), (None,)) == []
+
+
+def test_limits_and_walls_bind_in_order_of_time_each_on_its_segment():
+    """A zigzag from 1 s on that turns back at walls on its first and third segment, and is fastest on its second."""
+    times = [1.0, 2.5, 3.0, 5.0]
+    path = minimum_snap([[0.0, 0.0], [0.0, 1.0], [0.0, -1.0], [1.0, 0.0]], times)
+    samples = np.linspace(1.0, 5.0, 40_001)
+    y, speed = evaluate(path, samples)[1], np.linalg.norm(evaluate(path, samples, 1), axis=0)
+    highest, lowest, fastest = int(np.argmax(y)), int(np.argmin(y)), int(np.argmax(speed))
+    corridors = tuple(Box([-9.0, y.min()], [9.0, y.max()]) for _ in range(3))
+    found = bindings(path, Limits(speed=speed.max()), corridors)
+    wanted = sorted([
+        (samples[highest], "corridor", "y max"), (samples[lowest], "corridor", "y min"), (samples[fastest], "speed", "")
+    ])  # fmt: skip
+    assert [(binding.what, binding.where) for binding in found] == [(what, where) for _, what, where in wanted]
+    np.testing.assert_allclose([binding.time for binding in found], [time for time, *_ in wanted], atol=1e-3)
+    assert [binding.segment for binding in found] == [0, 1, 2]
+
+
+@pytest.mark.parametrize(("share", "count"), [(0.9995, 1), (1.0015, 0)])
+def test_what_is_kept_by_less_than_a_thousandth_binds(share, count):
+    assert len(bindings(RISE, Limits(speed=2.1875 * share))) == count
+    top = minimum_snap([[0.0, 0.0], [0.2, 1.0], [0.3, 0.0]], [0.0, 1.0, 2.2])
+    highest = evaluate(top, np.linspace(0.0, 2.2, 22_001))[1].max()
+    roof = highest + 2.0 * (share - 1.0)
+    assert len(bindings(top, Limits(), [Box([-0.5, roof - 2.0], [1.0, roof])] * 2)) == count

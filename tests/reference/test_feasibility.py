@@ -39,6 +39,26 @@ def test_too_slow_is_a_violation_too():
     assert "rotor 1 would have to turn at" in str(violation)
 
 
+def test_the_first_moment_counts_and_then_the_first_rotor():
+    times, speeds = np.array([0.0, 0.5, 1.0]), np.full((4, 3), 100.0)
+    speeds[2, 1], speeds[3, 1], speeds[0, 2] = 250.0, 40.0, 300.0
+    limits = {"min_rotor_speed": 50.0, "max_rotor_speed": 200.0}
+    assert first_violation(times, speeds, **limits) == (0.5, 3, 250.0, 200.0)
+    speeds[2, 1] = 100.0
+    assert first_violation(times, speeds, **limits) == (0.5, 4, 40.0, 50.0)
+    assert first_violation(times, np.full((4, 3), 50.0), **limits) is None
+    assert first_violation(times, np.full((4, 3), 200.0), **limits) is None
+
+
+def test_samples_are_dense_on_short_segments_too():
+    times = sample_times(minimum_snap([[0.0], [1.0], [2.0]], [1.0, 1.1, 9.0]))
+    assert (times[0], times[-1]) == (1.0, 9.0)
+    assert (np.diff(times) >= 0.0).all()
+    for start, end in ((1.0, 1.1), (1.1, 9.0)):
+        within = times[(times >= start) & (times <= end)]
+        np.testing.assert_allclose(np.diff(within).max(), (end - start) / 63.0)
+
+
 def test_a_route_that_the_rotors_cannot_fly_is_refused(diagrams):
     scenario = load_scenario(diagrams / "figure_eight.yaml", ["route.top_acceleration=40", "route.top_speed=50"])
     with pytest.raises(

@@ -8,7 +8,15 @@ from hypothesis import strategies as st
 from scipy.interpolate import make_interp_spline
 
 from drake_quad.errors import InputError
-from drake_quad.reference.minimum_snap import Contact, MinimumSnap, minimum_snap, rest_at_ends, snap_cost
+from drake_quad.reference.minimum_snap import (
+    BOUNDARY_FORM,
+    Contact,
+    MinimumSnap,
+    minimum_snap,
+    rest_at_ends,
+    snap_cost,
+    waypoint_units,
+)
 from drake_quad.reference.minimum_snap_program import MinimumSnapProgram
 from drake_quad.reference.path_problem import Box, PathProblem
 from drake_quad.reference.plan import to_piecewise_polynomial
@@ -151,12 +159,47 @@ def test_becomes_a_trajectory_of_drake():
         ([[0.0], [1.0]], [0.0], "one time for each"),
         ([[0.0], [1.0]], [1.0, 1.0], "times must increase"),
         ([[0.0], [math.nan]], [0.0, 1.0], "finite"),
+        ([[0.0], [1.0]], [0.0, math.inf], "finite"),
         ([0.0, 1.0], [0.0, 1.0], "as rows"),
+        ([[0.0], [1.0], [2.0], [3.0]], [0.0, 2.0, 1.0, 0.5], "time 2 is 1 s after 2 s"),
     ],
 )
 def test_bad_waypoints_are_explained(waypoints, times, words):
     with pytest.raises(InputError, match=words):
         minimum_snap(waypoints, times)
+
+
+@pytest.mark.parametrize(
+    ("derivatives", "words"),
+    [
+        (np.zeros((2, 3)), "have the shape"),
+        (np.zeros((2, 2, 2)), "have the shape"),
+        (np.zeros((2, 3, 1)), "have the shape"),
+        (np.stack([np.zeros((3, 2)), [[0.0, math.nan], [0.0, 0.0], [0.0, 0.0]]]), "on all axes or on none"),
+    ],
+)
+def test_bad_derivatives_are_explained(derivatives, words):
+    with pytest.raises(InputError, match=words):
+        minimum_snap([[0.0, 0.0], [1.0, 1.0]], [0.0, 1.0], derivatives)
+
+
+def test_the_form_has_whole_numbers_and_no_cost_for_standing_still():
+    np.testing.assert_array_equal(BOUNDARY_FORM % 1.0, 0.0)
+    np.testing.assert_array_equal(BOUNDARY_FORM @ [1, 0, 0, 0, 1, 0, 0, 0], 0.0)
+    assert BOUNDARY_FORM[0, 0] == 100_800.0
+
+
+def test_a_waypoint_counts_time_in_durations_of_its_shorter_segment():
+    np.testing.assert_array_equal(waypoint_units(np.array([3.0, 0.2, 20.0])), [3.0, 0.2, 0.2, 20.0])
+
+
+def test_a_contact_that_is_told_twice_holds_as_one():
+    rng = np.random.default_rng(8)
+    points, durations = rng.normal(size=(4, 2)), rng.uniform(0.5, 2.0, 3)
+    contact = Contact(1, 0.4, 1, 0.7)
+    once, twice = (MinimumSnap(points, durations, contacts=[contact] * count) for count in (1, 2))
+    np.testing.assert_allclose(twice.boundary, once.boundary, atol=1e-9)
+    np.testing.assert_allclose(twice.cost_gradient(), once.cost_gradient(), rtol=1e-9)
 
 
 @given(st.integers(2, 12), st.integers(0, 2**32 - 1), st.booleans(), st.integers(0, 3))

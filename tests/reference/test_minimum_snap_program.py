@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
-from pydrake.solvers import ClarabelSolver
+from pydrake.solvers import ClarabelSolver, SolutionResult
 from scipy.optimize import minimize
 
 from drake_quad.reference import minimum_snap_program
@@ -149,13 +149,113 @@ def test_boxes_and_spheres_are_passed_where_it_costs_least():
     assert snap_cost(path).sum() == pytest.approx(direct, rel=1e-6), "a box in the way of nothing costs nothing"
 
 
-def test_a_user_s_own_constraint_can_be_added():
-    waypoints, durations = np.array([[0.0], [1.0], [2.0]]), np.array([1.0, 1.0])
+@pytest.mark.parametrize("order", [1, 2, 3])
+def test_a_user_s_own_constraint_can_be_added(order):
+    waypoints, durations = np.array([[0.0], [1.0], [3.0]]), np.array([1.0, 1.3])
     planned = MinimumSnapProgram(PathProblem(points(waypoints)), durations)
-    free = evaluate(planned.solve(), [1.0], 1)[0, 0]
-    planned.program.AddBoundingBoxConstraint(-np.inf, -0.5 * free / planned.scales[1, 1], planned.variables[1, 1, 0])
-    slower = planned.solve()
-    assert evaluate(slower, [1.0], 1)[0, 0] == pytest.approx(0.5 * free, rel=1e-6)
+    free = evaluate(planned.solve(), [1.0], order)[0, 0]
+    change = -0.5 * free / planned.scales[1, order]
+    planned.program.AddBoundingBoxConstraint(change, change, planned.variables[1, order, 0])
+    changed = planned.solve()
+    assert evaluate(changed, [1.0], order)[0, 0] == pytest.approx(0.5 * free, rel=1e-6)
+
+
+@pytest.mark.parametrize(("slack", "share"), [(None, 1.0), (Slack.LIMITS, 1e-6), (Slack.CORRIDORS, 1e-6)])
+def test_each_variable_alone_moved_by_one_costs_as_much_as_the_path(slack, share):
+    """However much the durations differ; that keeps the numbers of the program of one size."""
+    waypoints, durations = np.array([[0.0, 0.0], [1.0, 3.0], [30.0, 2.0], [28.0, 1.0]]), np.array([0.3, 20.0, 2.0])
+    places = [points(waypoints)[0], Box([0.0, 2.0], [2.0, 4.0]), Sphere([30.0, 2.0], 1.0), points(waypoints)[3]]
+    planned = MinimumSnapProgram(PathProblem(places), durations, slack=slack)
+    costs = dict.fromkeys((variable.get_id() for variable in planned.variables.ravel() if variable is not None), 0.0)
+    for binding in planned.program.quadratic_costs():
+        for variable, curvature in zip(binding.variables(), np.diag(binding.evaluator().Q()), strict=True):
+            costs[variable.get_id()] += 0.5 * curvature
+    assert len(costs) == 2 * 2 * 4
+    np.testing.assert_allclose(list(costs.values()), share, rtol=1e-9)
+
+
+def test_points_within_limits_are_passed_on_the_fast_path_itself():
+    waypoints, durations = random_route(5, 4)
+    free = MinimumSnap(waypoints, durations).path()
+    limits = Limits(speed=peak_norm(free, 1), acceleration=1.01 * peak_norm(free, 2))
+    np.testing.assert_array_equal(
+        path_within(PathProblem(points(waypoints), limits=limits), durations).coefficients, free.coefficients
+    )
+
+
+@pytest.mark.parametrize("order", [1, 2])
+def test_one_limit_that_is_broken_is_enough(order):
+    waypoints, durations = random_route(5, 4)
+    free = MinimumSnap(waypoints, durations).path()
+    bounds = {1: 9.0 * peak_norm(free, 1), 2: 9.0 * peak_norm(free, 2)}
+    bounds[order] /= 10.0
+    path = path_within(PathProblem(points(waypoints), limits=Limits(bounds[1], bounds[2])), durations)
+    assert peak_norm(path, order) == pytest.approx(bounds[order], rel=1e-3)
+
+
+def test_a_box_is_passed_at_the_face_that_is_nearest():
+    ends, durations = points([[0.0, 0.0], [4.0, 0.0]]), np.array([2.0, 3.0])
+    for low, high, face in ((0.75, 2.0, 0.75), (-2.0, -0.75, -0.75)):
+        across = path_within(PathProblem([ends[0], Box([1.0, low], [3.0, high]), ends[1]]), durations)
+        assert across.waypoints[1, 1] == pytest.approx(face, abs=1e-6)
+    for low, high, face in ((2.5, 3.0, 2.5), (0.5, 1.0, 1.0)):
+        along = path_within(PathProblem([ends[0], Box([low, 1.0], [high, 2.0]), ends[1]]), durations)
+        np.testing.assert_allclose(along.waypoints[1], [face, 1.0], atol=1e-6)
+
+
+def test_a_path_begins_where_a_sphere_lets_it():
+    places = [Sphere([0.0, 0.0], 0.5), Box.point([4.0, 3.0])]
+    np.testing.assert_allclose(path_within(PathProblem(places), np.array([2.0])).waypoints[0], [0.4, 0.3], atol=1e-6)
+
+
+def test_a_sphere_is_cut_by_a_corridor_without_height():
+    """At a height of 1 m it is a circle of 0.4 m."""
+    flat = Box([-1.0, -3.0, 1.0], [5.0, 3.0, 1.0])
+    places = [Box.point([0.0, 0.0, 1.0]), Sphere([2.0, 1.0, 1.3], 0.5), Box.point([4.0, 0.0, 1.0])]
+    path = path_within(PathProblem(places, corridors=[flat, None]), np.array([2.0, 2.0]))
+    np.testing.assert_allclose(path.waypoints[1], [2.0, 0.6, 1.0], atol=1e-4)
+    assert np.linalg.norm(path.waypoints[1] - places[1].centre) == pytest.approx(0.5, abs=1e-7)
+    still = Box([2.0, 0.9, 1.0], [2.0, 0.9, 1.0])
+    stuck = path_within(PathProblem([places[1], Box.point([2.0, 0.9, 1.0])], corridors=[still]), np.array([2.0]))
+    np.testing.assert_array_equal(stuck.waypoints, [[2.0, 0.9, 1.0]] * 2)
+
+
+def test_after_a_corridor_without_height_a_path_is_free_again():
+    waypoints, durations = random_route(2, 4)
+    waypoints[1, 2] = waypoints[0, 2]
+    flat = Box(
+        [*(waypoints.min(axis=0) - 9.0)[:2], waypoints[0, 2]], [*(waypoints.max(axis=0) + 9.0)[:2], waypoints[0, 2]]
+    )
+    path = path_within(PathProblem(points(waypoints), corridors=[flat, None, None, None]), durations)
+    held = rest_at_ends(5, 1)
+    held[1] = 0.0
+    heights = MinimumSnap(waypoints[:, 2:], durations, held).path()
+    np.testing.assert_allclose(path.coefficients[:, :, 2:], heights.coefficients, atol=1e-6)
+
+
+def test_corridors_of_millimetres_are_kept_as_those_of_metres():
+    waypoints, durations = random_route(8, 5)
+    low, high = np.minimum(waypoints[:-1], waypoints[1:]) - 0.1, np.maximum(waypoints[:-1], waypoints[1:]) + 0.1
+
+    def within(scale):
+        corridors = [Box(scale * a, scale * b) for a, b in zip(low, high, strict=True)]
+        return path_within(PathProblem(points(scale * waypoints), corridors=corridors), durations)
+
+    wanted = within(1.0).coefficients
+    for scale in (1e-3, 1e3):
+        np.testing.assert_allclose(within(scale).coefficients / scale, wanted, atol=2e-5 * np.abs(wanted).max())
+
+
+@pytest.mark.parametrize("slack", list(Slack))
+def test_where_nothing_must_be_exceeded_nothing_is_and_the_path_is_the_smoothest(slack):
+    waypoints, durations = random_route(3, 4)
+    free = MinimumSnap(waypoints, durations).path()
+    limits = Limits(speed=3.0 * peak_norm(free, 1), acceleration=3.0 * peak_norm(free, 2))
+    wide = [Box([-99.0] * 3, [99.0] * 3)] * 4
+    planned = MinimumSnapProgram(PathProblem(points(waypoints), limits=limits, corridors=wide), durations, slack=slack)
+    path = planned.solve()
+    assert planned.exceeded == pytest.approx(0.0, abs=1e-6)
+    assert snap_cost(path).sum() == pytest.approx(snap_cost(free).sum(), rel=1e-4)
 
 
 def test_what_cannot_be_kept_is_infeasible():
@@ -176,6 +276,51 @@ def test_bounds_on_a_path_that_is_given_are_refused_if_it_is_outside():
     for axis, low, high in ((0, 2.1, 3.0), (0, 1.0, 1.9), (1, 2.1, 3.0), (1, 1.0, 1.9)):
         with pytest.raises(InfeasibleError):
             program.bound_position(0, 0.5, axis, low, high)
+
+
+def test_bounds_on_a_speed_that_is_given_are_refused_if_it_is_faster():
+    program = MinimumSnapProgram(PathProblem(points([[0.0, 1.0], [3.0, 5.0]])), np.array([2.0]))
+    fastest = 35.0 / 16.0 * 5.0 / 2.0
+    program.bound_norm(0, 0.5, 1, 1.001 * fastest)
+    with pytest.raises(InfeasibleError):
+        program.bound_norm(0, 0.5, 1, 0.999 * fastest)
+
+
+def test_a_program_that_is_infeasible_is_known_as_such():
+    planned = MinimumSnapProgram(PathProblem(points([[0.0], [1.0], [2.0]])), np.array([1.0, 1.0]))
+    planned.bound_position(0, 0.5, 0, 2.0, 3.0)
+    planned.bound_position(0, 0.5, 0, 0.0, 1.0)
+    with pytest.raises(InfeasibleError):
+        planned.solve()
+
+
+def test_the_solver_is_asked_again_for_less_accuracy_and_says_nothing_of_it(monkeypatch):
+    asked, levels = [], []
+
+    class Refusal:
+        def get_solution_result(self):
+            return SolutionResult.kSolverSpecificError
+
+    class Reluctant(ClarabelSolver):
+        def Solve(self, program, guess, options):
+            asked.append(options.options[self.solver_id().name()])
+            levels.append(logging.getLogger("drake").level)
+            return Refusal() if len(asked) < 3 else super().Solve(program, guess, options)
+
+    monkeypatch.setattr(minimum_snap_program, "ClarabelSolver", Reluctant)
+    path = MinimumSnapProgram(PathProblem(points([[0.0], [1.0], [2.0]])), np.array([1.0, 1.0])).solve()
+    assert snap_cost(path)[0] == pytest.approx(3150.0, rel=1e-4)
+    names = ("tol_feas", "tol_gap_abs", "tol_gap_rel")
+    assert asked == [dict.fromkeys(names, tolerance) for tolerance in (1e-9, 1e-7, 1e-5)]
+    assert levels == [logging.WARNING] * 3
+
+
+def test_bounds_are_not_added_for_ever(monkeypatch):
+    monkeypatch.setattr(minimum_snap_program, "_ROUNDS", 1)
+    waypoints, durations = random_route(5, 4)
+    limits = Limits(speed=0.9 * peak_norm(MinimumSnap(waypoints, durations).path(), 1))
+    with pytest.raises(SolverError, match="still broke a limit or corridor after 1 rounds"):
+        MinimumSnapProgram(PathProblem(points(waypoints), limits=limits), durations).solve()
 
 
 def test_drake_s_log_is_as_talkative_after_a_solution_as_before():

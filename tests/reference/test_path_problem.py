@@ -15,8 +15,67 @@ HALF_GIVEN = np.zeros((3, 3, 3))
 HALF_GIVEN[1, 0, 1] = np.nan
 
 
+ALONG_Y = np.zeros((3, 3, 3))
+ALONG_Y[1, 0] = [0.0, 3.0, 0.0]
+
+
 def around(low, high):
     return Box(low, high)
+
+
+def test_a_box_and_its_nearest_points():
+    box = Box([0.0, -2.0], [4.0, 1.0])
+    np.testing.assert_array_equal(box.centre, [2.0, -0.5])
+    np.testing.assert_array_equal(box.nearest(np.array([5.0, 0.0])), [4.0, 0.0])
+    np.testing.assert_array_equal(box.nearest(np.array([1.0, -3.0])), [1.0, -2.0])
+    assert box.equals(Box([0.0, -2.0], [4.0, 1.0]))
+    assert not box.equals(Box([0.0, -2.0], [4.0, 2.0]))
+    assert not box.equals(Box([0.0, -1.0], [4.0, 1.0]))
+    assert not box.is_point
+    assert not Box([0.0, 1.0], [0.0, 2.0]).is_point
+    assert Box.point([0.0, 1.0]).is_point
+    assert box.intersection(Box([5.0, 0.0], [6.0, 1.0])) is None
+    assert str(box) == "the box from (0, -2) to (4, 1)"
+
+
+def test_the_nearest_point_of_a_sphere_is_on_the_way_to_its_centre():
+    sphere = Sphere([1.0, 1.0], 0.5)
+    np.testing.assert_allclose(sphere.nearest(np.array([4.0, 5.0])), [1.3, 1.4])
+    np.testing.assert_array_equal(sphere.nearest(np.array([1.2, 0.9])), [1.2, 0.9])
+
+
+def test_a_problem_is_rest_at_the_ends_without_limits_unless_it_is_said_otherwise():
+    problem = PathProblem(POINTS)
+    np.testing.assert_array_equal(np.isnan(problem.derivatives).all(axis=(1, 2)), [False, True, False])
+    assert not np.nan_to_num(problem.derivatives).any()
+    assert (problem.corridors, problem.limits.by_order, problem.segments) == ((None, None), {}, 2)
+    assert problem.stretchable
+    assert not PathProblem(POINTS, derivatives=PUSHED).stretchable
+    assert Limits(acceleration=3.0).by_order == {2: 3.0}
+    assert Limits(speed=3.0).by_order == {1: 3.0}
+    limited = PathProblem(
+        POINTS, derivatives=PUSHED, corridors=[None, around([0, 0, 0], [3, 3, 3])], limits=Limits(4.0)
+    )
+    unlimited = limited.without_limits()
+    assert unlimited.limits.by_order == {}
+    assert unlimited.corridors == limited.corridors
+    np.testing.assert_array_equal(unlimited.derivatives, PUSHED)
+
+
+def test_the_first_and_the_last_waypoint_have_the_room_of_one_corridor():
+    corridors = [around([-1, -1, -1], [2, 1, 1]), around([1, -1, -1], [3, 3, 1])]
+    places = [Box([-5, 0, 0], [5, 0, 0]), POINTS[1], Box([0, 2, 0], [2.5, 2, 0])]
+    problem = PathProblem(places, corridors=corridors)
+    np.testing.assert_array_equal([problem.room(0).low[0], problem.room(0).high[0]], [-1.0, 2.0])
+    np.testing.assert_array_equal([problem.room(2).low[0], problem.room(2).high[0]], [1.0, 2.5])
+    np.testing.assert_array_equal(problem.representatives()[[0, 2]], [[0.0, 0.0, 0.0], [1.25, 2.0, 0.0]])
+
+
+def test_what_a_path_can_keep_is_not_refused():
+    """A velocity along a flat corridor, one at its limit, and a place around another one's centre."""
+    flat = around([2, 0, 0], [2, 2, 0])
+    PathProblem(POINTS, derivatives=ALONG_Y, corridors=[None, flat], limits=Limits(speed=3.0))
+    PathProblem([POINTS[0], Box([-1e-7, -1, 0], [1e-7, 1, 0]), POINTS[2]])
 
 
 def test_a_room_is_what_corridors_and_place_have_in_common():
@@ -41,6 +100,7 @@ def test_only_points_without_corridors_are_the_fast_path_s():
     ("arguments", "words"),
     [
         ({"places": POINTS[:1]}, "two or more waypoints"),
+        ({"places": []}, "two or more waypoints"),
         ({"places": [POINTS[0], Box.point([1.0])]}, "same dimension"),
         ({"places": [[0.0, 0.0], [1.0, 1.0]]}, "must be a Box, of which Box.point is one, or a Sphere"),
         ({"places": [POINTS[0], Box.point([1e-7, 0, 0])]}, "waypoints 0 and 1 are 1e-07 m apart: repeat one exactly"),
@@ -50,6 +110,10 @@ def test_only_points_without_corridors_are_the_fast_path_s():
         (
             {"derivatives": PUSHED, "corridors": [None, around([2, 0, 0], [2, 2, 0])]},
             "what is given at waypoint 1 leads out of the corridor of segment 1",
+        ),
+        (
+            {"derivatives": ALONG_Y, "corridors": [around([0, 0, 0], [2, 0, 0]), None]},
+            "what is given at waypoint 1 leads out of the corridor of segment 0",
         ),
         ({"corridors": [None]}, "1 corridors for 2 segments"),
         ({"derivatives": np.zeros((2, 3, 3))}, "must have"),
@@ -78,6 +142,24 @@ def test_only_points_without_corridors_are_the_fast_path_s():
                 "corridors": [around([-1, -1, -1], [1.6, 3, 1]), around([1.6, 0.95, -1], [3, 3, 1])],
             },
             "waypoint 1, .* has no point where the corridors of segments 0 and 1 overlap",
+        ),
+        (
+            {
+                "places": [POINTS[0], Sphere([2, 0, 0], 0.5), POINTS[2]],
+                "corridors": [None, around([2.4, 0.4, 0], [3, 3, 0])],
+            },
+            r"corridor of segment 1, the box from \(2.4, 0.4, 0\) to \(3, 3, 0\) m$",
+        ),
+        (
+            {
+                "places": [Box.point([0, 0, 0, 0]), Box.point([1, 0, 0, 0]), Box.point([2, 0, 0, 0])],
+                "corridors": [around([-1, 0, 0, 1], [3, 0, 0, 2]), None],
+            },
+            "waypoint 0, .* they are 1 m apart on axis 3",
+        ),
+        (
+            {"limits": Limits(speed=2.0), "derivatives": ALONG_Y},
+            "the velocity at waypoint 1 is given as 3 m/s, beyond the limit of 2 m/s",
         ),
         (
             {"limits": Limits(acceleration=1.0), "derivatives": PUSHED},

@@ -3,6 +3,7 @@ import numpy as np
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate, hermite_path
+from drake_quad.reference.routes import Leg
 from drake_quad.reference.source import build_reference
 
 PLAN = Plan.facing(minimum_snap([[0, 0, 0], [1, 2, 1], [3, 1, 2]], [0.5, 1.5, 3.0]), 0.3)
@@ -35,6 +36,7 @@ def test_it_hovers_before_and_after():
 
 def test_every_vehicle_of_a_fleet_gets_the_same():
     one, fleet = build_reference(PLAN), build_reference(PLAN, num_vehicles=4)
+    assert [system.get_name() for system in one.GetSystems()] == ["trajectory", "parts"]
     contexts = one.CreateDefaultContext(), fleet.CreateDefaultContext()
     for context in contexts:
         context.SetTime(1.7)
@@ -50,3 +52,22 @@ def test_hover():
     assert plan.duration == 5.0
     np.testing.assert_array_equal(plan.waypoints, [[1.0, 2.0, 3.0]] * 2)
     np.testing.assert_array_equal(plan.reference().value(2.0)[:, 0], [1.0, 2.0, 3.0, *[0.0] * 15])
+
+
+def test_legs_and_yaw_at_the_beginning():
+    plan = Plan.facing(PLAN.path, 0.3, (Leg("away", 0), Leg("back", 1)))
+    assert plan.leg_times == [0.5, 1.5]
+    assert plan.initial_yaw == 0.3
+    assert plan.duration == 2.5
+    np.testing.assert_array_equal(plan.yaw.times, [0.5, 3.0])
+    assert (PLAN.legs, Plan(PLAN.path, PLAN.yaw).legs) == ((), ())
+    hover = Plan.hover([0.0, 0.0, 1.0], duration=2.0, yaw=0.7)
+    assert (hover.legs, hover.leg_times, hover.initial_yaw) == ((("hover", 0),), [0.0], 0.7)
+
+
+def test_a_derivative_of_the_plan_is_that_of_its_path():
+    for order in range(5):
+        trajectory = PLAN.derivative(order)
+        for time in (0.5, 0.9, 2.2):
+            wanted = evaluate(PLAN.path, [time], order)
+            np.testing.assert_allclose(trajectory.value(time), wanted, atol=1e-10 * max(1.0, np.abs(wanted).max()))

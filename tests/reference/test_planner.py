@@ -175,6 +175,40 @@ def test_repeats_keep_what_is_given_there():
         merged(problem(SQUARE[[0, 1, 1, 2]], derivatives=moving))
 
 
+def test_times_may_begin_anywhere_and_span_a_day():
+    times = np.array([0.0, 20.0, 50.0, 80.0, 86_400.0])
+    wanted = plan_path(problem(), GivenTimes(tuple(times)))
+    later = plan_path(problem(), GivenTimes(tuple(1e5 + times)))
+    np.testing.assert_array_equal(later.times, 1e5 + times)
+    np.testing.assert_allclose(later.coefficients, wanted.coefficients, atol=1e-9 * np.abs(wanted.coefficients).max())
+
+
+@pytest.mark.parametrize("total", [1e-3, 86_400.0])
+def test_the_total_of_least_snap_may_be_a_millisecond_or_a_day(total):
+    assert plan_path(problem(limits=Limits()), LeastSnap(total)).duration == pytest.approx(total, rel=1e-9)
+
+
+def test_what_follows_a_stay_is_as_free_as_if_the_flight_began_there():
+    points = SQUARE[[0, 0, 1, 2]]
+    stayed = plan_path(problem(points), GivenTimes((0.0, 3.0, 7.0, 12.0)))
+    alone = MinimumSnap(SQUARE[:3], np.array([4.0, 5.0])).path()
+    np.testing.assert_allclose(stayed.coefficients[1:], alone.coefficients, atol=1e-12)
+
+
+def test_merged_waypoints_keep_the_corridors_that_lead_to_them_and_all_that_is_given():
+    derivatives = np.full((5, 3, 3), np.nan)
+    derivatives[1, 0], derivatives[2, 1] = [0.5, 0.0, 0.0], [0.0, 0.1, 0.0]
+    around = [Box([-size] * 3, [3.0 + size] * 3) for size in (1.0, 2.0, 3.0, 4.0)]
+    kept = merged(problem(SQUARE[[0, 1, 1, 2, 2]], derivatives=derivatives, corridors=around))
+    assert kept.corridors == (around[0], around[2])
+    assert kept.limits == LIMITS
+    np.testing.assert_array_equal([place.centre for place in kept.places], SQUARE[:3])
+    np.testing.assert_array_equal(kept.derivatives[1, :2], [[0.5, 0.0, 0.0], [0.0, 0.1, 0.0]])
+    assert np.isnan(kept.derivatives[1, 2]).all()
+    same = merged(problem(SQUARE[[0, 1, 1, 2]], derivatives=derivatives[[0, 1, 1, 3]]))
+    np.testing.assert_array_equal(same.derivatives[1, 0], [0.5, 0.0, 0.0])
+
+
 def test_too_short_a_time_is_explained_and_the_remedy_works():
     times = np.array([0.0, 2.0, 4.0, 6.0, 8.0])
     with pytest.raises(InputError) as error:
@@ -232,6 +266,8 @@ def test_a_velocity_that_leads_out_of_its_corridor_is_explained():
     [
         (problem(), GivenTimes((0.0, 1.0)), "2 times for 5 waypoints"),
         (problem(), GivenTimes((0.0, 1.0, 1.0, 2.0, 3.0)), "must be finite and increase, but 1 s is followed by 1 s"),
+        (problem(), GivenTimes((0.0, 1.0, np.nan, 2.0, 3.0)), "times must be finite and increase$"),
+        (problem(), GivenTimes((0.0, 1.0, 2.0, np.inf, np.inf)), "times must be finite and increase$"),
         (problem(), GivenTimes((0.0, 1.0, 2.0, 3.0, 1e9)), "the times span 1e\\+09 s, more than 86400 s"),
         (problem(), LeastSnap(0.0), "total duration is 0 s, but must be positive"),
         (problem(), LeastSnap(1e6), "total duration is 1e\\+06 s, but must be positive, and 86400 at most"),

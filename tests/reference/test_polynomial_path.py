@@ -87,3 +87,29 @@ def test_a_path_of_degree_7_is_told_by_its_knots(seed, segments):
     again = hermite_path(path.times, knots(path, 4))
     scale = np.abs(path.coefficients).max()
     np.testing.assert_allclose(again.coefficients, path.coefficients, rtol=0.0, atol=1e-11 * scale)
+
+
+def test_a_stretched_path_passes_the_same_points_later():
+    path = random_path(1)
+    slower = path.stretched(2.0)
+    assert slower.duration == pytest.approx(2.0 * path.duration)
+    assert slower.times[0] == path.times[0] != 0.0
+    np.testing.assert_allclose(slower.durations, 2.0 * path.durations)
+    np.testing.assert_allclose(slower.waypoints, evaluate(path, path.times).T, atol=1e-12)
+    later = slower.times[0] + 2.0 * 1.3
+    np.testing.assert_allclose(evaluate(slower, [later]), evaluate(path, [path.times[0] + 1.3]), atol=1e-12)
+
+
+def test_outside_its_times_a_path_is_what_it_is_at_the_nearer_end():
+    path = random_path(1)
+    outside = evaluate(path, [path.times[0] - 1.0, path.times[-1] + 1.0])
+    np.testing.assert_allclose(outside, evaluate(path, path.times[[0, -1]]))
+    np.testing.assert_allclose(outside.T, path.waypoints[[0, -1]], atol=1e-12)
+
+
+@pytest.mark.parametrize("factor", [1.0, 1e-4])
+def test_it_is_refined_at_times_that_are_near_but_not_the_same(factor):
+    path = random_path(3).stretched(factor)
+    near = path.times[2] + 1e-6 * path.durations.min()
+    finer = refined(path, np.array([path.times[0] - 1.0, near, path.times[-1] + 1.0]))
+    np.testing.assert_array_equal(finer.times, np.insert(path.times, 3, near))

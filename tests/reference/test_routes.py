@@ -55,7 +55,14 @@ def test_a_minimum_snap_circle_is_round(diagrams):
     x, y, z = evaluate(plan.path, middle)
     np.testing.assert_allclose(np.hypot(x, y), 2.0, rtol=5e-3)
     np.testing.assert_allclose(z, 1.0, atol=1e-9)
-    assert len(circle(radius=1.0, height=1.0, laps=3).legs) == 3
+
+
+def test_a_circle_is_flown_anticlockwise_from_the_x_axis_in_steps_of_45_degrees():
+    route = circle(radius=2.0, height=1.5, laps=3)
+    angle = np.radians(45.0 * np.arange(25))
+    wanted = np.column_stack([2.0 * np.cos(angle), 2.0 * np.sin(angle), np.full(25, 1.5)])
+    np.testing.assert_allclose(route.waypoints, wanted, atol=1e-12)
+    assert route.legs == (("lap 1", 0), ("lap 2", 8), ("lap 3", 16))
 
 
 def test_without_numbers_it_has_the_extent_of_the_paper_s_figures():
@@ -65,3 +72,26 @@ def test_without_numbers_it_has_the_extent_of_the_paper_s_figures():
     np.testing.assert_allclose(np.hypot(upper[:, 0], upper[:, 1] - 1.9), 1.4)
     np.testing.assert_allclose(np.hypot(lower[:, 0], lower[:, 1] + 1.9), 1.4)
     np.testing.assert_allclose([upper[:, 2], lower[:, 2]], [[2.0] * 7, [1.0] * 7])
+
+
+def test_the_legs_of_the_figure_eight_begin_where_their_names_say():
+    route = figure_eight(radius=1.0, offset=2.0, lower_height=1.0, upper_height=3.0)
+    begins = {leg.name: route.waypoints[leg.first] for leg in route.legs}
+    x, y = np.sqrt(0.75), 1.5  # where a tangent from the start touches a circle
+    wanted = {
+        "rise": [0.0, 0.0, 0.0], "climb": [0.0, 0.0, 1.0],
+        "circle": [x, y, 3.0], "straight": [-x, y, 3.0],
+        "descent": [0.0, 0.0, 3.0], "turn": [x, -y, 1.0],
+        "curve": [0.0, -3.0, 1.0], "return": [-x, -y, 1.0],
+    }  # fmt: skip
+    assert list(begins) == list(wanted)
+    np.testing.assert_allclose(list(begins.values()), list(wanted.values()), atol=1e-12)
+    np.testing.assert_array_equal(route.waypoints[-1], [0.0, 0.0, 1.0])
+
+
+def test_the_circles_of_the_figure_eight_have_even_steps_and_mirror_each_other():
+    waypoints = figure_eight(radius=1.0, offset=2.0, lower_height=1.0, upper_height=3.0).waypoints
+    upper, lower = waypoints[2:9], waypoints[10:17]
+    angle = np.degrees(np.unwrap(np.arctan2(upper[:, 1] - 2.0, upper[:, 0])))
+    np.testing.assert_allclose(angle, -30.0 + 40.0 * np.arange(7))
+    np.testing.assert_allclose(lower[:, :2], upper[:, :2] * [1.0, -1.0])

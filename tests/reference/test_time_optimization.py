@@ -4,7 +4,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.optimize import minimize
 
-from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends
+from drake_quad.reference.minimum_snap import Contact, MinimumSnap, rest_at_ends
 from drake_quad.reference.path_problem import Limits
 from drake_quad.reference.polynomial_path import peak_norm
 from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor
@@ -67,6 +67,49 @@ def test_a_search_without_gradients_finds_nothing_shorter(seed):
     assert durations.sum() <= np.exp(found.fun) * (1.0 + 1e-3)
 
 
+@pytest.mark.parametrize("limits", [Limits(speed=1.0), Limits(speed=0.5, acceleration=0.3)])
+def test_times_cannot_be_moved_so_that_a_speed_allows_less(limits):
+    """No 1 % more for a segment, or less, and then as much for all that the limits are attained, gains anything."""
+    points = random_points(2, 4)
+    durations = shortest_durations(points, rest_to_rest_durations(points, limits), limits)
+    path = MinimumSnap(points, durations).path()
+    assert peak_norm(path, 1) == pytest.approx(limits.speed, rel=1e-9)
+    for i in range(4):
+        for factor in (0.99, 1.01):
+            moved = durations.copy()
+            moved[i] *= factor
+            stretch = stretch_factor(MinimumSnap(points, moved).path(), limits)
+            assert stretch * moved.sum() >= durations.sum() * (1.0 - 1e-4)
+
+
+def test_times_move_no_further_than_they_may():
+    """Of 0.1 s and 2.9 s, the first would have to become much longer."""
+    points, start = np.array([[0.0], [1.0], [3.0]]), np.array([0.1, 2.9])
+    for found in (
+        least_snap_durations(points, start, reach=0.1),
+        shortest_durations(points, start, LIMITS, reach=0.1),
+    ):
+        moved = np.log(found / start)
+        assert moved[0] - moved[1] == pytest.approx(0.2, abs=1e-9)
+
+
+def test_least_snap_keeps_the_total_and_what_is_given():
+    points, derivatives = random_points(4, 3), rest_at_ends(4, 3)
+    derivatives[1, 0] = [1.0, -0.5, 0.2]
+    contact = Contact(2, 0.5, 1, points[2, 1] + 0.4)
+    start = np.array([1.0, 2.0, 0.7])
+    durations = least_snap_durations(points, start, derivatives, contacts=[contact])
+    assert durations.sum() == pytest.approx(3.7, rel=1e-12)
+
+    def cost(durations):
+        return MinimumSnap(points, durations, derivatives, contacts=[contact]).cost
+
+    best = cost(durations)
+    assert best < 0.99 * cost(start)
+    for change in ([1.0, -1.0, 0.0], [-1.0, 1.0, 0.0], [0.0, 1.0, -1.0], [0.0, -1.0, 1.0]):
+        assert cost(durations + 0.01 * np.array(change)) > best
+
+
 def test_every_start_leads_to_about_the_same_total():
     points = random_points(11, 10)
     rng = np.random.default_rng(0)
@@ -82,6 +125,9 @@ def test_a_given_velocity_is_kept_within_the_limits():
     path = MinimumSnap(points, durations, derivatives).path()
     assert peak_norm(path, 2) <= 0.7 * (1.0 + 1e-3)
     assert durations.sum() < 6.0 * 1.5
+    # From where nothing is near its limit, too, it gets shorter until something is.
+    later = shortest_durations(points, np.array([12.0, 11.0]), LIMITS, derivatives)
+    assert later.sum() == pytest.approx(durations.sum(), rel=0.01)
 
 
 def test_a_path_that_does_not_move_keeps_its_times():

@@ -59,6 +59,13 @@ def test_where_none_is_given_it_is_free_and_stays_at_the_ends():
     assert evaluate(profile, [2.0])[0, 0] == pytest.approx(1.0)
 
 
+def test_a_single_yaw_is_kept_all_the_time():
+    for yaws in ([0.4, math.nan, math.nan], [math.nan, 0.4, math.nan], [math.nan, math.nan, 0.4]):
+        profile = yaw_through([1.0, 2.0, 4.0], yaws)
+        np.testing.assert_array_equal(profile.times[[0, -1]], [1.0, 4.0])
+        np.testing.assert_array_equal(evaluate(profile, np.linspace(1.0, 4.0, 7))[0], 0.4)
+
+
 def test_wrong_yaws_are_explained():
     with pytest.raises(InputError, match="needs a yaw at one"):
         yaw_through([0.0, 1.0], [math.nan, math.nan])
@@ -124,7 +131,28 @@ def test_straight_up_it_keeps_its_yaw():
 
 def test_what_a_climb_drifts_sideways_is_no_direction():
     path = minimum_snap([[0.0, 0.0, 0.0], [1e-4, -2e-4, 2.0], [2e-4, 1e-4, 4.0]], [0.0, 4.0, 8.0])
-    assert np.abs(evaluate(yaw_along(path), np.linspace(0.0, 8.0, 200))).max() == 0.0
+    profile = yaw_along(path)
+    assert np.abs(evaluate(profile, np.linspace(0.0, 8.0, 200))).max() == 0.0
+    np.testing.assert_array_equal(profile.times[[0, -1]], [0.0, 8.0])
+
+
+@pytest.mark.parametrize("scale", [1e-3, 1e3])
+def test_a_path_of_another_size_is_looked_along_alike(scale):
+    waypoints, times = np.array([[0.0, 0.0, 0.0], [0.1, 0.3, 2.0], [0.5, 0.4, 1.0]]), [1.0, 3.0, 6.0]
+    wanted, found = (yaw_along(minimum_snap(size * waypoints, times)) for size in (1.0, scale))
+    np.testing.assert_allclose(found.times, wanted.times)
+    np.testing.assert_allclose(found.coefficients, wanted.coefficients, atol=1e-9)
+    assert np.ptp(evaluate(wanted, wanted.times)[0]) > 0.3
+
+
+def test_slow_flight_beside_a_climb_counts_for_little():
+    """What a tenth of the top speed is sideways has full weight, half of that a quarter of it."""
+    costs = {}
+    for share in (0.1, 0.05):
+        waypoints = [[0.0, 0.0, 0.0], [10.0 * share, 0.0, 5.0], [10.0 * share, 10.0 * share, 10.0]]
+        profile = yaw_along(minimum_snap(waypoints, [0.0, 5.0, 10.0]), response=2.0)
+        costs[share] = acceleration_cost(profile)
+    assert costs[0.05] < 0.9 * costs[0.1]
 
 
 def test_after_a_climb_it_already_looks_where_it_will_go():

@@ -1,10 +1,14 @@
 """The declared numbers of diagrams/controllers/calibrated.yaml are those that the calibration gives."""
 
+import math
+import re
+
+import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.replication import calibration
-from drake_quad.replication.calibration import HYPOTHESES, FreeNumber, calibrate, pd_gains
+from drake_quad.replication.calibration import HYPOTHESES, FreeNumber, Hypothesis, calibrate, pd_gains
 from drake_quad.replication.printed import Cell, printed_table
 from drake_quad.studies.comparison import fly_samples
 
@@ -81,3 +85,55 @@ def test_what_a_hypothesis_fixes_and_what_it_frees(name, fixed, first, second):
     assert hypothesis.overrides == fixed
     for number, expected in ((hypothesis.pd, first), (hypothesis.network, second)):
         assert (number.low, number.high, number.overrides(2.0)) == expected
+
+
+def number(name, low=0.0, high=10.0):
+    return FreeNumber(name, low, high, lambda value: [f"{name}={value!r}"])
+
+
+def errors_of(levels):
+    """In place of flights: errors that are their cell's level times cubes of what is free, over samples that differ."""
+
+    def fly(scenario, num_samples):
+        cell, overrides = scenario
+        free = dict(override.split("=") for override in overrides)
+        assert free.pop("fixed") == "1"
+        spread = np.linspace(-0.5, 0.5, num_samples)
+        return levels[cell] * np.prod([float(value) ** 3 for value in free.values()]) + spread
+
+    return fly
+
+
+def test_the_second_number_is_fitted_beside_the_first_and_both_predict_the_others(monkeypatch):
+    """With errors in proportion to cubes of both: the PD's, without wind, has only the first."""
+    assert (calibration.PD_CELL, calibration.NETWORK_CELL) == (("no_wind", "pd"), ("no_wind", "pd_t2fnn"))
+    levels = {cell: 0.1 * (2.0 + place) for place, cell in enumerate(printed_table())}
+    monkeypatch.setattr(calibration, "_errors", errors_of(levels))
+    free = Hypothesis("in proportion", ["fixed=1"], number("first"), number("second"))
+    found = calibrate(free, lambda cell, overrides: (cell, overrides), 5)
+    x_cubed = printed_table()[calibration.PD_CELL].rmse.mean / levels[calibration.PD_CELL]
+    y_cubed = printed_table()[calibration.NETWORK_CELL].rmse.mean / levels[calibration.NETWORK_CELL] / x_cubed
+    x, y = x_cubed ** (1.0 / 3.0), y_cubed ** (1.0 / 3.0)
+    assert (found.hypothesis, found.pd, found.network) == (free, pytest.approx(x, rel=1e-3), pytest.approx(y, rel=1e-3))
+    assert list(found.errors) == list(printed_table())
+    for cell, error in found.errors.items():
+        expected = levels[cell] * x_cubed * (1.0 if cell.controller == "pd" else y_cubed)
+        assert error.value == pytest.approx(expected, rel=1e-2)
+        # Student's t for five numbers, half a metre apart from each other at the ends.
+        assert error.high - error.value == pytest.approx(2.776445 * np.std(np.linspace(-0.5, 0.5, 5), ddof=1) / 5**0.5)
+
+
+@pytest.mark.parametrize(("low", "high"), [(2.0, 5.0), (0.1, 1.5)])
+def test_limits_that_do_not_hold_the_target_are_refused_with_what_they_leave(monkeypatch, low, high):
+    monkeypatch.setattr(calibration, "_errors", lambda scenario, num_samples: np.full(num_samples, scenario))
+    free = FreeNumber("gain (1/s)", low, high, lambda value: value)
+    words = (
+        f"gain (1/s) from {low:g} to {high:g} leaves the error {low - 1.75:+.3g} to {high - 1.75:+.3g} m from 1.75 m;"
+    )
+    with pytest.raises(InputError, match=re.escape(words)):
+        calibration._fitted(free, lambda overrides: overrides, 1.75, 3)
+
+
+def test_a_crash_is_an_error_without_bound():
+    wild = ["duration=1", "crash.position_error=0.001"]
+    assert calibration._errors(load(Cell("low_wind", "pd"), wild), 2).tolist() == [math.inf] * 2

@@ -12,6 +12,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.claims import all_claims, as_good, judge, typical_over_best
 from drake_quad.replication.effort import effort_matches, printed_ratios, printed_scatter, write_efforts
 from drake_quad.replication.fair import fair_entries, write_fair
+from drake_quad.replication.findings import Findings, write_findings
 from drake_quad.replication.measures import EFFORTS, LegMetrics
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.results import FAIR, Experiment, cells_of
@@ -578,3 +579,21 @@ def test_a_sweep_comes_back_as_it_was(tmp_path):
     np.testing.assert_array_equal(read.settings["q"], sweep.settings["q"])
     np.testing.assert_array_equal(read.samples, sweep.samples)
     np.testing.assert_array_equal(read.metrics, sweep.metrics)
+
+
+def test_findings_are_written_to_a_file_each(found, tmp_path):
+    findings = Findings(table_entries(found.cells), all_claims(found), fair_entries(found), effort_matches(found), {})
+    paths = write_findings(tmp_path, findings)
+    assert [path.name for path in paths] == ["table_ii.csv", "table_ii.md", "claims.csv", "fair.csv", "effort.csv"]
+    assert all(path.parent == tmp_path and path.exists() for path in paths)
+    with (tmp_path / "claims.csv").open(encoding="utf-8") as file:
+        rows = list(csv.DictReader(file))
+    assert [tuple(row.values()) for row in rows] == [tuple(claim) for claim in findings.claims]
+    assert list(rows[0]) == ["claim", "printed", "ours", "verdict", "rule", "details", "figure"]
+    text = (tmp_path / "table_ii.md").read_text(encoding="utf-8")
+    titles = ("RMSE (m)", "control effort on X (m²/s⁴)", "control effort on Y (m²/s⁴)")
+    sections = [
+        f"## {title}\n\n{table_markdown(findings.entries, name)}\n"
+        for title, name in zip(titles, ("rmse", "effort_x", "effort_y"), strict=True)
+    ]
+    assert text.removesuffix("\n") == ("# Table II\n\n" + "\n".join(sections)).removesuffix("\n")

@@ -3,14 +3,40 @@
 import numpy as np
 import pytest
 
-from drake_quad import load_scenario, simulate
+from drake_quad import load_scenario, read_study, simulate
 from drake_quad.assembly.planning import plan_route
+from drake_quad.files import read_table
 from drake_quad.flight import simulate_samples
-from drake_quad.replication.experiment import QUICK, Sizes, _fly_cell, _Jobs
-from drake_quad.replication.measures import CURVED, STRAIGHT
-from drake_quad.replication.sweeps import fly_legs, fly_settings, gain_settings, noise_settings, q_settings
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.replication import experiment
+from drake_quad.replication.experiment import (
+    QUICK,
+    Sizes,
+    _fly_cell,
+    _Jobs,
+    _record_cell,
+    _Recorded,
+    _submit_sweep,
+    fly_experiment,
+)
+from drake_quad.replication.measures import CURVED, STRAIGHT, LegMetrics
+from drake_quad.replication.printed import CONTROLLERS, WINDS
+from drake_quad.replication.results import FAIR, cells_of
+from drake_quad.replication.sweeps import (
+    SLOPES,
+    best_gain_settings,
+    fly_legs,
+    fly_settings,
+    gain_settings,
+    load_sweep,
+    noise_settings,
+    q_settings,
+    slope_settings,
+)
 from drake_quad.studies import monte_carlo
+from drake_quad.studies.crew import attempt
 from drake_quad.studies.processes import Workers
+from drake_quad.studies.study_folder import StudyRows
 
 PAPER = "diagrams/paper.yaml"
 POSITION = "control.position"
@@ -104,3 +130,157 @@ def test_a_cell_with_a_sample_that_cannot_be_flown_is_none(tmp_path, monkeypatch
     monkeypatch.setattr(monte_carlo, "fly_batch", lambda job, samples: fail(f"sample {samples[0]}"))
     with pytest.raises(RuntimeError, match="sample 0 of hover could not be flown: ArithmeticError: sample 0 is cursed"):
         _fly_cell(load_scenario("diagrams/hover.yaml", ["duration=0.1"]), 2, tmp_path)
+
+
+class Here:
+    """Does tasks in this process, the last that was begun first."""
+
+    def __init__(self, capacity):
+        self.capacity, self.under_way, self.most = capacity, [], 0
+
+    def begin(self, function, given):
+        self.under_way.append((function, given))
+        self.most = max(self.most, len(self.under_way))
+
+    def finished(self):
+        return [attempt(*self.under_way.pop())]
+
+
+@pytest.mark.parametrize(
+    ("count", "sizes"), [(64, [15]), (100, [10, 5]), (300, [3] * 5), (1024, [1] * 15), (3000, [1] * 15)]
+)
+def test_as_many_settings_fly_in_a_fleet_as_there_is_room_for(count, sizes):
+    """At least one; as many vehicles as 1,024 otherwise, each on the same samples."""
+    jobs, settings = _Jobs(Here(1)), q_settings()
+    submitted = _submit_sweep(jobs, "q", "a scenario", settings, count)
+    assert [job.flights for job in submitted] == [size * count for size in sizes]
+    assert {job.what for job in submitted} == {"q"}
+    first = 0
+    for job, size in zip(submitted, sizes, strict=True):
+        function, (scenario, part, samples) = job.call.func, job.call.args
+        assert (function, scenario, samples) == (fly_settings, "a scenario", range(count))
+        for name, values in settings.items():
+            np.testing.assert_array_equal(part[name], values[first : first + size])
+        first += size
+
+
+def test_recorded_samples_are_the_first_of_the_cell_and_only_what_is_missing_is_flown(tmp_path, monkeypatch):
+    monkeypatch.setattr(experiment, "measures", lambda flight: {"twice": 2.0 * flight.metrics.rmse, "once": 1.0})
+    added = []
+    add_rows = StudyRows.add_rows
+
+    def add_and_tell(rows, new):
+        added.append(new[:, 0].tolist())
+        add_rows(rows, new)
+
+    monkeypatch.setattr(StudyRows, "add_rows", add_and_tell)
+    study = scenario("low_wind_pd_t2fnn", "duration=0.3")
+    for count in (3, 5):
+        first, numbers = _record_cell(study, count, tmp_path, 2)
+        found = read_study(tmp_path)
+        assert found.samples.tolist() == list(range(count))
+        assert list(numbers) == ["twice", "once"]
+        np.testing.assert_allclose(numbers["twice"], 2.0 * found.metrics.rmse[:2], rtol=1e-9)
+        np.testing.assert_array_equal(numbers["once"], [1.0, 1.0])
+        assert first.metrics.rmse == pytest.approx(found.metrics.rmse[0], rel=1e-9)
+    assert added == [[0.0, 1.0], [2.0], [3.0, 4.0]]
+    assert found.duration == pytest.approx(0.3)
+
+
+def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatch):
+    """With flights in whose place stands what was asked for, done in another order."""
+    sizes = Sizes(cells=6, recorded=3, sweep=4, grid=2, map=3, legs=2)
+    cells, told = {}, []
+
+    def fly_cell(scenario, count, folder):
+        assert not (folder / "old").exists()
+        cells[scenario] = (count, folder, None)
+
+    def record_cell(scenario, count, folder, recorded):
+        fly_cell(scenario, count, folder)
+        cells[scenario] = (count, folder, recorded)
+        return _Recorded(f"flight of {scenario}", {"pd_fade": np.arange(recorded) + len(scenario)})
+
+    def fly_settings(scenario, settings, samples):
+        number = next(iter(settings.values()))[:, np.newaxis] + 100.0 * np.arange(len(samples)) + len(scenario)
+        return Metrics(*(place + number for place in range(len(Metrics._fields))))
+
+    def fly_legs(scenario, settings, samples):
+        assert scenario == "no_wind_pd"
+        rows = settings["k_p"][:, np.newaxis] + 10.0 * settings["k_d"][:, np.newaxis] + 100.0 * np.array(samples)
+        return LegMetrics(rows, rows + 1000.0, rows + 2000.0)
+
+    fakes = {"_fly_cell": fly_cell, "_record_cell": record_cell, "fly_settings": fly_settings, "fly_legs": fly_legs}
+    for name, function in fakes.items():
+        monkeypatch.setattr(experiment, name, function)
+    monkeypatch.setattr(experiment, "_VEHICLES", 12)
+    stale = tmp_path / "cells" / "no_wind_pd" / "old"
+    stale.parent.mkdir(parents=True)
+    stale.touch()
+    workers = Here(3)
+    found = fly_experiment(
+        lambda cell: cell.scenario, sizes, tmp_path, workers, progress=lambda *each: told.append(each)
+    )
+    assert workers.most == 3
+    assert found == {cell: f"flight of {cell.scenario}" for cell in cells_of(CONTROLLERS)}
+    assert cells == {
+        f"{wind}_{name}": (6, tmp_path / "cells" / f"{wind}_{name}", 3 if name in CONTROLLERS else None)
+        for wind in WINDS
+        for name in (*CONTROLLERS, *FAIR)
+    }
+    assert told[-1][1] == sizes.flights
+    assert [done for _, done in told] == sorted(done for _, done in told)
+    steps = {what: 0 for what, _ in told}
+    for (what, done), before in zip(told, [0, *(done for _, done in told)]):
+        steps[what] += done - before
+    assert steps == {
+        **{f"{wind}_{name}": 6 for wind in WINDS for name in (*CONTROLLERS, *FAIR)},
+        "noise": 60,
+        "q": 60,
+        "map_pd": 12,
+        "map_pd_t2fnn": 12,
+        "legs": 8,
+        **{f"slope_{wind}": 28 for wind in WINDS},
+    }
+
+    recorded = read_table(tmp_path / "recorded.csv")
+    assert len(recorded["sample"]) == 3 * len(WINDS) * len(CONTROLLERS)
+    for wind, name, sample, value in zip(*recorded.values(), strict=True):
+        assert value == sample + len(f"{wind}_{name}")
+    expected = {
+        "noise": (noise_settings(), 4, "no_wind_pd_t2fnn"),
+        "q": (q_settings(), 4, "no_wind_pd_t2fnn"),
+        **{f"slope_{wind}": (slope_settings(), 4, f"{wind}_pd_t2fnn") for wind in WINDS},
+        **{f"map_{name}": (gain_settings(2), 3, f"no_wind_{name}") for name in ("pd", "pd_t2fnn")},
+    }
+    for name, (settings, count, flown) in expected.items():
+        sweep = load_sweep(tmp_path / f"{name}.csv", Metrics)
+        assert sweep.samples.tolist() == list(range(count))
+        assert list(sweep.settings) == list(settings)
+        for number, values in settings.items():
+            np.testing.assert_array_equal(sweep.settings[number], values)
+        np.testing.assert_array_equal(sweep.metrics, fly_settings(flown, settings, range(count)))
+    legs = load_sweep(tmp_path / "legs.csv", LegMetrics)
+    np.testing.assert_array_equal(legs.metrics, fly_legs("no_wind_pd", best_gain_settings(2), [0, 1]))
+    np.testing.assert_array_equal(legs.settings["k_p"], best_gain_settings(2)["k_p"])
+    assert (legs.samples.tolist(), len(SLOPES)) == ([0, 1], 7)
+
+    stale.parent.mkdir(exist_ok=True)
+    stale.touch()
+    monkeypatch.setattr(experiment, "_record_cell", lambda *_: _Recorded(None, {"pd_fade": np.zeros(1)}))
+    fly_experiment(lambda cell: cell.scenario, sizes, tmp_path, Here(1), resume=True)
+    assert stale.exists()
+
+
+def test_a_cell_is_flown_in_one_fleet(tmp_path, monkeypatch):
+    """What is there already stays."""
+    sizes, fly_batch = [], monte_carlo.fly_batch
+
+    def fly_and_tell(job, samples):
+        sizes.append(len(samples))
+        return fly_batch(job, samples)
+
+    monkeypatch.setattr(monte_carlo, "fly_batch", fly_and_tell)
+    for count in (4, 7):
+        _fly_cell(load_scenario("diagrams/hover.yaml", ["duration=0.1"]), count, tmp_path)
+    assert sizes == [4, 3]

@@ -51,7 +51,7 @@ def test_the_pd_returns_after_changes_of_segment():
 
 def test_the_error_of_the_path_is_the_distance_to_it_wherever_the_reference_is():
     state = np.zeros((len(TIME), 12))
-    state[:, 0] = np.linspace(0.2, 1.8, len(TIME))
+    state[:, 0] = np.linspace(0.0, 2.0, len(TIME))
     state[:, 1], state[:, 2] = 0.3, 1.4
     assert measures(flight(state=state))["path_error"] == pytest.approx(0.5, abs=1e-5)
 

@@ -139,7 +139,9 @@ def test_a_worker_with_other_code_is_refused(tmp_path):
     copy = tmp_path / "copy" / "drake_quad"
     shutil.copytree(ROOT / "drake_quad", copy, ignore=shutil.ignore_patterns("__pycache__"))
     changed = copy / "laboratory" / "metrics.py"
-    changed.write_text(changed.read_text().replace("np.sqrt(sums[1]", "1.02 * np.sqrt(sums[1]"))
+    text = changed.read_text()
+    assert "np.sqrt(sums.error.x" in text
+    changed.write_text(text.replace("np.sqrt(sums.error.x", "1.02 * np.sqrt(sums.error.x"))
     cluster = Cluster(tmp_path)
     try:
         cluster.add_worker(copy.parent)

@@ -1,6 +1,7 @@
 """Who flies batches, and what becomes of those that fail."""
 
-from concurrent.futures import ThreadPoolExecutor
+import threading
+from concurrent.futures import Executor, Future, ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -8,7 +9,7 @@ from hypothesis import given
 from hypothesis import strategies as st
 
 from drake_quad import InputError, load_scenario, run_monte_carlo
-from drake_quad.studies.crew import Crew, ExecutorCrew, attempt, fly_batches
+from drake_quad.studies.crew import Crew, ExecutorCrew, Outcome, attempt, fly_batches
 from drake_quad.studies.processes import Workers
 
 
@@ -117,6 +118,75 @@ def test_a_reason_is_one_short_line():
     assert outcome.reason.startswith("ValueError: many lines and words and words")
     assert len(outcome.reason) <= 303
     assert outcome.reason.endswith("...")
+
+
+@pytest.mark.parametrize(("length", "shown"), [(288, 300), (289, 303)])
+def test_a_reason_of_three_hundred_characters_is_whole(length, shown):
+    def complain(samples):
+        raise ValueError("x" * length)
+
+    outcome = attempt(complain, [0])
+    assert len(outcome.reason) == shown
+    assert outcome.reason.removesuffix("...") == ("ValueError: " + "x" * length)[:300]
+
+
+def test_an_error_without_words_is_its_name():
+    def complain(samples):
+        raise ArithmeticError
+
+    assert attempt(complain, [4]) == Outcome([4], reason="ArithmeticError")
+
+
+def test_ctrl_c_is_no_outcome():
+    def interrupt(samples):
+        raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        attempt(interrupt, [0])
+
+
+def test_an_executor_has_one_task_more_for_each_worker():
+    crew = ExecutorCrew(ThreadPoolExecutor(3), 3)
+    assert (crew.num_workers, crew.capacity) == (3, 6)
+
+
+def test_a_worker_of_an_executor_that_dies_fails_its_task():
+    class Dying(Executor):
+        def submit(self, function, /, *arguments):
+            future = Future()
+            if arguments[1] == [2]:
+                future.set_exception(OSError("its worker is gone"))
+            else:
+                future.set_result(function(*arguments))
+            return future
+
+    crew = ExecutorCrew(Dying(), 1)
+    outcomes = list(fly_batches(crew, len, [[1], [2], [3]]))
+    reasons = sorted((outcome.given, outcome.result, outcome.reason) for outcome in outcomes if outcome.reason)
+    assert reasons == [([2], None, "OSError: its worker is gone")]
+    assert sorted(outcome.given for outcome in outcomes if not outcome.reason) == [[1], [3]]
+
+
+def test_what_an_executor_has_not_begun_when_it_is_given_up_is_never_done():
+    done, go, begun = [], threading.Event(), threading.Event()
+
+    def wait_and_tell(given):
+        begun.set()
+        go.wait(20.0)
+        done.append(given)
+        return given
+
+    with ThreadPoolExecutor(1) as executor:
+        crew = ExecutorCrew(executor, 1)
+        crew.begin(wait_and_tell, 1)
+        assert begun.wait(20.0)
+        crew.begin(wait_and_tell, 2)
+        crew.give_up()
+        crew.begin(wait_and_tell, 3)
+        go.set()
+        (outcome,) = crew.finished()
+        assert (outcome.given, outcome.result) == (3, 3)
+    assert done == [1, 3]
 
 
 def test_what_is_given_up_is_not_there_for_the_next():

@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from drake_quad import load_scenario
+from drake_quad.studies import drake_monte_carlo as drakes_tool
 from drake_quad.studies import run_monte_carlo
 from drake_quad.studies.drake_monte_carlo import drake_monte_carlo
 
@@ -36,3 +37,41 @@ def test_all_ticks_count():
     scenario = load_scenario("diagrams/laboratory.yaml:nominal", ["duration=0.2", "metrics.start=0.199"])
     assert np.isfinite(drake_monte_carlo(scenario, 1).rmse[0])
     assert np.isfinite(run_monte_carlo(scenario, 1).metrics.rmse[0])
+
+
+def test_samples_are_numbered_by_31_bits_of_drake_s_generator(monkeypatch):
+    """As many as a sample may have, and all of them: under the seed that is given, else under the scenario's."""
+    drawn = []
+
+    def draw(scenario, sample, *, seed):
+        drawn.append((sample, seed))
+        return draw_sample(scenario, sample, seed=seed)
+
+    draw_sample = drakes_tool.draw_sample
+    monkeypatch.setattr(drakes_tool, "draw_sample", draw)
+    scenario = load_scenario("diagrams/hover.yaml", ["duration=0.02", "seed=9"])
+    drake_monte_carlo(scenario, 6, seed=4)
+    drake_monte_carlo(scenario, 1)
+    samples, seeds = zip(*drawn, strict=True)
+    assert seeds == (4,) * 6 + (9,)
+    assert len(set(samples[:6])) == 6
+    assert 2**30 <= max(samples) < 2**31
+
+
+@pytest.mark.parametrize(
+    ("cameras", "time_step", "after"), [(0.02, 0.01, 0.0025), (0.04, 0.0, 0.005), (0.01, 0.0, 0.0025)]
+)
+def test_a_flight_ends_between_its_last_tick_and_the_next_event(monkeypatch, cameras, time_step, after):
+    """By a quarter of the shortest period that there is, where the control ticks every 20 ms."""
+    asked = []
+
+    def simulate(make_simulator, output, final_time, num_samples, generator):
+        asked.append((final_time, num_samples))
+        simulator = make_simulator(generator)
+        simulator.AdvanceTo(0.0)
+        output(simulator.get_system(), simulator.get_context())
+
+    monkeypatch.setattr(drakes_tool, "MonteCarloSimulation", simulate)
+    overrides = ["duration=0.4", f"laboratory.motion_capture.period={cameras}", f"vehicle.time_step={time_step}"]
+    drake_monte_carlo(load_scenario("diagrams/hover.yaml", overrides), 17)
+    assert asked == [(pytest.approx(0.4 + after, abs=1e-9), 17)]

@@ -15,13 +15,13 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.studies import StudyInterrupted, read_study, run_monte_carlo
+from drake_quad.studies import StudyInterrupted, flying, read_study, run_monte_carlo
 from drake_quad.studies import monte_carlo as run_module
-from drake_quad.studies.crew import Outcome
-from drake_quad.studies.flying import fly_batch
+from drake_quad.studies.crew import Crew, Outcome
+from drake_quad.studies.flying import Job, fly_batch, fly_trial, prepare
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.results_file import read_results, write_results
-from drake_quad.studies.study import format_of, read_record
+from drake_quad.studies.study import columns_of, format_of, read_record
 from drake_quad.studies.study_folder import open_study
 
 
@@ -443,3 +443,147 @@ def test_failures_are_written_in_the_order_of_their_samples(tmp_path):
         rows.add(Outcome([7], reason="late"))
         rows.add(Outcome([3], reason="early, with a comma"))
     assert (tmp_path / "failed.csv").read_text() == 'sample,reason\n3,"early, with a comma"\n7,late\n'
+
+
+@pytest.mark.parametrize(
+    ("count", "num_workers", "batch_size", "sizes"),
+    [
+        (10, 2, 4, [4, 4, 2]),
+        (10, 2, None, [5, 5]),
+        (3, 8, None, [1, 1, 1]),
+        (3, 1, None, [3]),
+        (5000, 2, None, [834] * 5 + [830]),
+        (2049, 2, None, [513] * 3 + [510]),
+        (2048, 2, None, [1024, 1024]),
+        (0, 2, None, []),
+        (0, 2, 4, []),
+    ],
+)
+def test_every_worker_has_as_many_batches_of_a_thousand_at_most(count, num_workers, batch_size, sizes):
+    samples = range(100, 100 + count)
+    batches = run_module._batches(samples, num_workers, batch_size)
+    assert [len(batch) for batch in batches] == sizes
+    assert [sample for batch in batches for sample in batch] == list(samples)
+
+
+class Known(Crew):
+    """A crew with a known answer to a trial."""
+
+    num_workers = capacity = 1
+
+    def __init__(self, outcome):
+        self.outcome, self.asked = outcome, []
+
+    def begin(self, function, given):
+        self.asked.append((function.func, function.args[0], [*given]))
+
+    def finished(self):
+        return [self.outcome]
+
+    def give_up(self):
+        pass
+
+
+def trial(num_vehicles, rmse, reason="", refused=False):
+    """What a trial makes of three flights with these errors; the crew that was asked."""
+    rows = np.ones((3, len(columns_of(study()))))
+    rows[:, columns_of(study()).index("rmse")] = rmse
+    rows[:, 1] = np.nan
+    crew = Known(Outcome([0], rows, reason, refused))
+    own = UserSystems(position_controller=Draught, wind=Draught)
+    run_module._check_alike(crew, Job("key", {}, study(), None, num_vehicles, own))
+    return crew
+
+
+@pytest.mark.parametrize(("num_vehicles", "size"), [(1, 1), (2, 2), (3, 3), (1024, 3)])
+def test_a_trial_flies_sample_0_beside_two_others_if_there_are_so_many(num_vehicles, size):
+    """With two metrics that are as near as 1e-6."""
+    ((function, job, samples),) = trial(num_vehicles, [0.25, 0.2500005, 0.2499995]).asked
+    assert (function, samples) == (fly_trial, [2, 1, 0][3 - size :])
+    assert (job.num_vehicles, job.key) == (size, "key, trial")
+
+
+@pytest.mark.parametrize(
+    ("rmse", "words"),
+    [
+        (
+            [0.25, 0.25001, 0.25],
+            r"^sample 0 flies otherwise a second time in the same diagram \(RMSE 0\.25 m, then 0\.25001 m\):"
+            " position_controller and wind must keep nothing in Python objects, but in Drake's state$",
+        ),
+        (
+            [0.25, 0.25, 0.24999],
+            r"^sample 0 flies otherwise beside other samples \(RMSE 0\.25 m, then 0\.24999 m\): position_controller and"
+            r" wind must not mix the vehicles of a fleet, whose rows are \(k, N\)$",
+        ),
+        ([1e-5, 1.4e-5, 1e-5], "a second time"),
+        ([0.25, 0.26, 0.24], "a second time"),
+    ],
+)
+def test_a_trial_that_differs_says_how(rmse, words):
+    with pytest.raises(InputError, match=words):
+        trial(3, rmse)
+
+
+def test_a_trial_that_fails_says_nothing_but_what_is_refused():
+    trial(3, [1.0, 2.0, 3.0], reason="ArithmeticError: cursed")
+    with pytest.raises(InputError, match="^the wings are missing$"):
+        trial(3, [1.0, 1.0, 1.0], reason="the wings are missing", refused=True)
+
+
+def test_fleets_are_built_before_the_fork_where_there_is_one_and_let_go_of_at_the_end(whole, tmp_path, monkeypatch):
+    """Not for others than processes of this study, systems of one's own, or a study that is all there."""
+    prepared, fleets = [], vars(flying._own)
+
+    def prepare_and_tell(job):
+        prepared.append(job.num_vehicles)
+        prepare(job)
+        assert list(fleets["fleets"]) == [5]
+
+    monkeypatch.setattr(run_module, "prepare", prepare_and_tell)
+    run(tmp_path, num_samples=7)
+    assert prepared == [5]
+    assert fleets == {}
+    run(tmp_path, num_samples=7, resume=True)
+    run(num_samples=2, wind=Draught)
+    with ThreadPoolExecutor(1) as executor:
+        run(num_samples=2, executor=executor)
+    monkeypatch.setattr(Workers, "inherit", False)
+    run(num_samples=2)
+    assert prepared == [5]
+
+
+def test_a_seed_stands_in_for_the_scenario_s_and_a_sample_counts_for_nothing():
+    scenario = study("seed=8").model_copy(update={"sample": 4})
+    options = {"num_workers": 1, "batch_size": 2}
+    own, other = run_monte_carlo(scenario, 2, **options), run_monte_carlo(scenario, 2, 5, **options)
+    assert (own.scenario.seed, own.scenario.sample, other.scenario.seed) == (8, None, 5)
+    assert own.metrics.rmse[1] == pytest.approx(simulate(study(), seed=8, sample=1).metrics.rmse, rel=1e-9)
+    assert other.metrics.rmse[1] == pytest.approx(simulate(study(), seed=5, sample=1).metrics.rmse, rel=1e-9)
+
+
+def test_what_is_done_is_told_from_the_beginning_with_what_cannot_be_flown(tmp_path, monkeypatch):
+    attempts, seen = tmp_path / "attempts", []
+    attempts.mkdir()
+    monkeypatch.setattr(run_module, "fly_batch", Failing(attempts, "raises", 99))
+    run(num_samples=8, num_workers=1, batch_size=4, progress=lambda *told: seen.append(told))
+    assert seen == [(0, 8), (4, 8), (6, 8), (7, 8), (8, 8)]
+
+
+@pytest.mark.parametrize("fails", [False, True])
+def test_what_is_under_way_at_the_end_is_given_up(fails, monkeypatch):
+    given_up = []
+
+    class Here(Known):
+        def begin(self, function, given):
+            self.outcome = Outcome(given, None if fails else function(given), "cursed" if fails else "")
+
+        def give_up(self):
+            given_up.append(True)
+
+    if fails:
+        with pytest.raises(RuntimeError, match="cursed; nothing was written"):
+            run(num_samples=8, batch_size=1, executor=Here(None))
+    else:
+        assert len(run(num_samples=2, batch_size=1, executor=Here(None)).samples) == 2
+    assert given_up == [True]

@@ -9,7 +9,7 @@ from hypothesis import HealthCheck, assume, given, settings
 from hypothesis import strategies as st
 
 from drake_quad import InputError
-from drake_quad.studies.results_file import Format, open_results, read_results, write_results
+from drake_quad.studies.results_file import Format, ResultsFile, open_results, read_results, write_results
 
 FORM = Format(["sample", "vehicle.mass", "rmse", "crash_time", "crashed"], "this study")
 ROWS = np.array(
@@ -131,3 +131,32 @@ def test_a_full_disk_leaves_whole_rows(tmp_path):
         resource.setrlimit(resource.RLIMIT_FSIZE, limits)
         signal.signal(signal.SIGXFSZ, before)
     assert read_results(path, FORM).rows.shape == ROWS.shape
+
+
+def test_what_is_written_bit_by_bit_is_whole(tmp_path):
+    """A write may take less than it is given, as to a network's disk."""
+    path = tmp_path / "results.csv"
+
+    class Slow:
+        def __init__(self, file):
+            self.file = file
+
+        def seek(self, *where):
+            return self.file.seek(*where)
+
+        def write(self, text):
+            return self.file.write(text[:7])
+
+    with path.open("a+b", buffering=0) as file:
+        file.write(FORM.header)
+        ResultsFile(path, FORM, Slow(file)).append(ROWS)
+    assert path.read_bytes() == FORM.header + FORM.text(ROWS)
+
+
+def test_a_header_alone_holds_no_rows(tmp_path):
+    path = tmp_path / "results.csv"
+    for content in (b"", FORM.header[:9], FORM.header):
+        path.write_bytes(content)
+        with open_results(path, FORM) as (_, found):
+            assert (found.rows.shape, found.lines.tolist(), found.misfits) == ((0, 5), [], [])
+        assert path.read_bytes() == FORM.header

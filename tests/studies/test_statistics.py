@@ -157,3 +157,64 @@ def test_a_comparison_counts_crashes_apart():
 def test_the_worst_are_those_that_crash_soonest_then_the_largest_errors():
     found = study([5.0, 1.0, 9.0, 7.0, 2.0], [math.inf, 8.0, math.inf, math.inf, 3.0], samples=[10, 11, 12, 13, 14])
     assert worst(found, 4) == [14, 11, 12, 13]
+
+
+def test_few_values_have_no_interval():
+    nan = math.nan
+    np.testing.assert_array_equal(mean_interval(np.array([])), [nan, nan, nan])
+    np.testing.assert_array_equal(mean_interval(np.array([3.0])), [3.0, nan, nan])
+    assert mean_interval(np.array([3.0, 5.0]))[1:] == pytest.approx([4.0 - 12.706205, 4.0 + 12.706205])
+    np.testing.assert_array_equal(quantile_interval(np.array([]), 0.5), [nan, nan, nan])
+    assert quantile_interval(np.array([4.0, 2.0]), 0.0).value == 2.0
+    np.testing.assert_array_equal(share_interval(0, 0), [nan, 0.0, 1.0])
+    for count in (0, 3):
+        np.testing.assert_array_equal(rank_correlation(np.arange(count), np.arange(count)), [nan, nan, nan])
+    assert rank_correlation(np.arange(4.0), np.array([1.0, 0.0, 2.0, 3.0])).value == pytest.approx(0.8)
+    np.testing.assert_array_equal(rank_correlation(np.arange(5.0), np.ones(5)), [nan, nan, nan])
+    assert all(len(each) == 0 for each in running_mean(np.array([])))
+    mean, low, high = running_mean(np.array([3.0, 5.0]))
+    np.testing.assert_array_equal(mean, [3.0, 4.0])
+    assert np.isnan([low[0], high[0]]).all()
+
+
+def test_intervals_are_as_wide_as_the_confidence_that_is_asked_for():
+    values = np.random.default_rng(5).normal(size=40)
+    expected = stats.ttest_1samp(values, 0.0).confidence_interval(0.8)
+    assert mean_interval(values, 0.8)[1:] == pytest.approx((expected.low, expected.high))
+    assert [ends[-1] for ends in running_mean(values, 0.8)[1:]] == pytest.approx((expected.low, expected.high))
+    expected = stats.quantile_test(values, p=0.5).confidence_interval(0.8)
+    assert quantile_interval(values, 0.5, 0.8)[1:] == pytest.approx((expected.low, expected.high))
+    assert share_interval(0, 100, 0.8).high == pytest.approx(1.0 - 0.1**0.01)
+    low, high = rank_correlation(np.arange(40), values, 0.8)[1:]
+    rho = stats.spearmanr(np.arange(40), values).statistic
+    reach = 1.2815515655 * math.sqrt((1.0 + 0.5 * rho**2) / 37.0)
+    assert (math.atanh(low), math.atanh(high)) == pytest.approx((math.atanh(rho) - reach, math.atanh(rho) + reach))
+
+
+def test_influences_are_of_flights_that_went_to_the_end():
+    """A crash, and a flight in which no tick counted, hide what matters: without them it is the mass."""
+    mass = np.arange(20.0)
+    rmse = 1.0 + mass
+    rmse[[4, 7]] = -50.0, math.nan
+    crash_time = np.where(mass == 4.0, 2.0, math.inf)
+    flown = study(rmse, crash_time, mass=mass, lag=np.cos(mass))
+    first, second = influences(flown)
+    assert (first.path, second.path) == ("mass", "lag")
+    assert first.correlation.value == pytest.approx(1.0)
+    assert (first.low.value, first.high.value) == (1.5, 19.5)
+    assert influences(study([1.0, 2.0], [1.0, 1.0], mass=np.ones(2))) == []
+    crashes = influences(flown, "crashed")
+    assert [each.low for each in crashes if each.path == "mass"] == [share_interval(0, 2)]
+
+
+def test_a_share_is_of_baselines_that_are_not_zero():
+    found = compare_studies(study([1.0, 1.0, 3.0, 2.0]), study([0.0, 2.0, 2.0, 2.0]))
+    assert found.share.value == pytest.approx(1.0)
+    assert (found.num_pairs, found.difference.value, found.better.value) == (4, 0.25, 0.25)
+    assert found.crash_significance == 1.0
+
+
+def test_samples_without_a_number_are_the_least_bad():
+    found = study([math.nan, 1.0, 9.0], samples=[4, 5, 6])
+    assert worst(found) == [6, 5, 4]
+    assert worst(study(np.arange(8.0))) == [7, 6, 5, 4, 3]

@@ -1,7 +1,18 @@
+"""A study in memory, and its files."""
+
+import functools
+import math
+from types import SimpleNamespace
+
+import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario, read_study, run_monte_carlo
-from drake_quad.studies.study import read_record
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.scenario import Batch
+from drake_quad.studies.results_file import Found
+from drake_quad.studies.study import Record, Study, columns_of, fitting, meaning, read_record, rows_of
 
 
 @pytest.mark.parametrize("text", ["- samples\n", "samples: 3\nseed: 1\nduration: 2.0\n", "seed\n"])
@@ -15,3 +26,84 @@ def test_what_is_read_was_not_flown_just_now(tmp_path):
     scenario = load_scenario("diagrams/hover.yaml", ["duration=0.1"])
     assert run_monte_carlo(scenario, 2, folder=tmp_path, num_workers=1).flown_time > 0.0
     assert read_study(tmp_path).flown_time == 0.0
+
+
+@pytest.fixture
+def two_masses():
+    drawn = ["duration=0.1", "vehicle.mass={uniform: {min: 0.6, max: 0.7}}", "vehicle.linear_drag={choice: [0.1, 0.2]}"]
+    return load_scenario("diagrams/hover.yaml", drawn)
+
+
+def metrics_of(crash_time):
+    """Every metric of every sample a number of its own."""
+    numbers = np.arange((len(Metrics._fields) - 1) * len(crash_time), dtype=float).reshape(-1, len(crash_time))
+    return Metrics(*numbers, np.array(crash_time))
+
+
+def test_a_table_holds_the_sample_what_was_drawn_and_the_metrics(two_masses):
+    metrics, batch = metrics_of([math.inf, 0.04]), Batch.draw(two_masses, [3, 1])
+    rows = rows_of(batch, metrics)
+    columns = columns_of(two_masses)
+    assert columns[:3] == ["sample", "vehicle.mass", "vehicle.linear_drag"]
+    assert columns[3:] == [*Metrics._fields[:-1], "crashed", "crash_time"]
+    expected = {"sample": [3.0, 1.0], "crashed": [0.0, 1.0], **batch.varying, **metrics._asdict()}
+    for name, column in zip(columns, rows.T, strict=True):
+        np.testing.assert_array_equal(column, expected[name])
+
+    study = Study.of_rows(two_masses, 0.1, rows, failures={7: "late"}, flown_time=0.14, misfits=[5])
+    assert study.samples.tolist() == [3, 1]
+    assert list(study.parameters) == ["vehicle.mass", "vehicle.linear_drag"]
+    np.testing.assert_array_equal(study.metrics, metrics)
+    np.testing.assert_allclose(study.flight_time, [0.1, 0.04])
+    assert (study.duration, study.failures, study.flown_time, study.misfits) == (0.1, {7: "late"}, 0.14, (5,))
+    words = "<Study of hover: 2 samples, 1 crashed, 1 not flown; drawn are vehicle.mass, vehicle.linear_drag>"
+    assert repr(study) == words
+    still = load_scenario("diagrams/hover.yaml", ["duration=0.1"])
+    assert repr(Study.of_rows(still, 0.1, rows_of(Batch.draw(still, [0]), metrics_of([math.inf])))) == (
+        "<Study of hover: 1 samples, 0 crashed; drawn are nothing>"
+    )
+
+
+def test_rows_fit_to_the_digits_that_are_written(two_masses):
+    """Twelve; a number that differs in the eleventh was not drawn."""
+    samples = [4, 0, 2]
+    rows = rows_of(Batch.draw(two_masses, samples), metrics_of([math.inf] * 3))
+    rows[0, 1] *= 1.0 + 5e-12
+    rows[1, 2] *= 1.0 - 5e-11
+    found = fitting(two_masses, Found(rows, np.array([2, 3, 5]), [4], 99))
+    assert found.rows[:, 0].tolist() == [4.0, 2.0]
+    assert (found.lines.tolist(), found.misfits, found.end) == ([2, 5], [4, 3], 99)
+    nothing = Found(rows[:0], np.array([], dtype=int), [2], 9)
+    assert fitting(two_masses, nothing) is nothing
+
+
+def test_columns_mean_what_they_say(two_masses):
+    assert meaning(two_masses, "sample") == "number of the sample"
+    assert meaning(two_masses, "crashed") == "1 if the vehicle crashed, else 0"
+    assert meaning(two_masses, "checksum").startswith("CRC-32 of the row and its study")
+    assert meaning(two_masses, "rmse") == "metric (m)"
+    assert "kg" in meaning(two_masses, "vehicle.mass")
+
+
+def test_a_record_is_read_as_it_was_written(two_masses, tmp_path):
+    """Also with words that an older YAML takes for a truth."""
+    own = UserSystems(wind=functools.partial(metrics_of), position_controller=SimpleNamespace)
+    record = Record.of(two_masses.model_copy(update={"seed": 3}), 12, 0.1, own)
+    assert (record.samples, record.seed, record.duration, record.control) == (12, 3, 0.1, None)
+    assert record.wind == f"{__name__}:metrics_of"
+    assert record.position_controller == "types:SimpleNamespace"
+    assert list(record.columns) == [*columns_of(two_masses), "checksum"]
+    record = record.model_copy(update={"columns": {"sample": "yes", "on": "off"}})
+    record.write(tmp_path / "study.yaml")
+    assert read_record(tmp_path) == record
+    assert "control" not in (tmp_path / "study.yaml").read_text().replace("position_controller", "")
+
+
+def test_a_record_that_is_not_there_is_told(tmp_path):
+    with pytest.raises(InputError, match=r"study\.yaml cannot be read, or is not YAML"):
+        read_record(tmp_path)
+
+
+def test_a_study_that_says_no_more_has_no_failures_and_was_not_flown_now(two_masses):
+    study = Study(two_masses, 0.1, np.array([0]), {}, metrics_of([math.inf]))
+    assert (study.failures, study.flown_time, study.misfits) == ({}, 0.0, ())

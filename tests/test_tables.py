@@ -22,3 +22,17 @@ def test_what_is_no_table_is_refused(tmp_path, text):
         read_table(path)
     with pytest.raises(InputError, match="cannot be read"):
         read_table(tmp_path / "none.csv")
+
+
+def test_a_table_may_have_no_rows(tmp_path):
+    path = write_table(tmp_path / "table.csv", {"a": [], "b": []})
+    assert path.read_text() == "a,b\n"
+    assert {name: values.tolist() for name, values in read_table(path).items()} == {"a": [], "b": []}
+
+
+def test_numbers_are_written_as_they_are_and_what_is_none_is_left_empty(tmp_path):
+    columns = {"a": np.array([0.1, np.nan, 1e-300]), "b": [1, np.int64(2), np.float64(0.3)], "c": ["x", "", "nan"]}
+    path = write_table(tmp_path / "table.csv", columns)
+    assert path.read_text() == "a,b,c\n0.1,1,x\n,2,\n1e-300,0.3,nan\n"
+    with pytest.raises(ValueError, match="argument 2 is shorter"):
+        write_table(tmp_path / "uneven.csv", {"a": [1, 2], "b": [1]})

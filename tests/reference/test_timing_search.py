@@ -1,0 +1,242 @@
+import itertools
+
+import numpy as np
+import pytest
+
+from drake_quad.errors import InputError
+from drake_quad.reference.infeasibility import explain
+from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
+from drake_quad.reference.minimum_snap_program import NO_PATH, InfeasibleError, path_within
+from drake_quad.reference.path_problem import Box, Limits, PathProblem
+from drake_quad.reference.time_allocation import rest_to_rest_durations, stretch_factor, trapezoid_times
+from drake_quad.reference.time_optimization import least_snap_durations
+from drake_quad.reference.timing_search import (
+    heuristic_path,
+    improved,
+    least_snap_path,
+    path_through_given_motion,
+    shortest_path,
+)
+
+LIMITS = Limits(speed=2.0, acceleration=1.0)
+ALONG = np.array([[0.0, 0.0], [1.0, 0.0], [5.0, 0.2], [9.0, 0.0]])
+THERE_AND_BACK = np.array([[0.0, 0.0], [2.0, 0.0], [0.0, 0.1], [2.0, 0.0]])
+# A long step, and two short ones that turn away.
+UNEVEN = np.array([[0.0, 0.0, 0.0], [-24.41, -6.75, 12.05], [-24.29, -6.47, 12.26], [-24.34, -6.44, 12.24]])
+
+
+def problem(points, velocity=None, **more):
+    derivatives = rest_at_ends(len(points), len(points[0]))
+    if velocity is not None:
+        derivatives[1, 0] = velocity
+    return PathProblem([Box.point(point) for point in points], derivatives=derivatives, **{"limits": LIMITS, **more})
+
+
+def stretched(points, durations, limits=LIMITS):
+    """The times of least snap, but all longer or shorter, so that a limit is attained."""
+    return durations * stretch_factor(MinimumSnap(points, durations).path(), limits)
+
+
+@pytest.mark.parametrize(("points", "stops"), [(ALONG, False), (THERE_AND_BACK, True)])
+def test_the_heuristic_is_the_shorter_of_a_ride_and_a_flight_with_stops(points, stops):
+    ride = stretched(points, np.diff(trapezoid_times(points, speed=2.0, acceleration=1.0)))
+    stopping = stretched(points, rest_to_rest_durations(points, LIMITS))
+    assert (stopping.sum() < ride.sum()) == stops
+    found = heuristic_path(problem(points))
+    np.testing.assert_allclose(found.durations, stopping if stops else ride, rtol=1e-12)
+
+
+def test_the_heuristic_looks_for_the_times_of_the_points_that_it_passes():
+    """A box on the way is cut at its edge: the second time, times are those of the points where it was passed first."""
+    places = [Box.point([0.0, 0.0]), Box([1.0, 2.0], [5.0, 6.0]), Box.point([4.0, 0.0])]
+    asked = PathProblem(places, limits=LIMITS)
+    found = heuristic_path(asked)
+
+    def by_rule(points):
+        ride = np.diff(trapezoid_times(points, speed=2.0, acceleration=1.0))
+        return [path_within(asked.without_limits(), times) for times in (ride, rest_to_rest_durations(points, LIMITS))]
+
+    again = [by_rule(path.waypoints)[i] for i, path in enumerate(by_rule(asked.representatives()))]
+    totals = [path.duration * stretch_factor(path, LIMITS) for path in again]
+    best = again[int(np.argmin(totals))]
+    assert found.duration == pytest.approx(min(totals), rel=1e-6)
+    np.testing.assert_allclose(found.durations / found.duration, best.durations / best.duration, rtol=1e-6)
+    assert abs(by_rule(asked.representatives())[0].waypoints[1, 1] - 4.0) > 1.0
+
+
+@pytest.mark.parametrize(("corridor", "share"), [(None, 1e-3), (Box([-1.0, -1.0], [60.0, 1.0]), 1e-2)])
+def test_no_segment_begins_with_next_to_no_time(corridor, share):
+    """At a given speed, half a millimetre would take a hundred-thousandth of the time of 50 m."""
+    points = np.array([[0.0, 0.0], [50.0, 0.0], [50.0, 0.0005], [1.0, 0.0]])
+    durations = heuristic_path(problem(points, limits=Limits(speed=2.0), corridors=[corridor, None, None])).durations
+    assert durations.min() / durations.max() == pytest.approx(share)
+
+
+def test_steps_of_very_unequal_length_are_flown_from_stop_to_stop():
+    stops = rest_to_rest_durations(UNEVEN, LIMITS)
+    assert stretched(UNEVEN, stops).sum() > 1.2 * stops.sum()
+    np.testing.assert_allclose(shortest_path(problem(UNEVEN)).durations, 1.001 * stops, rtol=1e-12)
+
+
+@pytest.mark.parametrize(
+    ("points", "room", "duration"),
+    [
+        ([[-1.3, 2.8], [-1.4, 5.0], [3.9, 8.7], [5.3, 8.3]], 0.21, 9.457),
+        ([[-2.6, 1.3], [-5.0, 3.4], [-8.1, 2.0], [-9.3, -2.2]], 0.2, 10.033),
+    ],
+)
+def test_in_corridors_two_searches_find_what_one_alone_does_not(points, room, duration):
+    """The one that starts from the times of least snap, in the first route; in the second, that from the heuristic's.
+
+    Each is about 7 % shorter than the other; Nelder-Mead over the durations found the same totals, from two starts.
+    """
+    points = np.array(points)
+    halls = [Box(np.minimum(a, b) - room, np.maximum(a, b) + room) for a, b in itertools.pairwise(points)]
+    found = shortest_path(problem(points, corridors=halls))
+    assert found.duration <= 1.002 * duration
+    assert stretch_factor(found, LIMITS) <= 1.0 + 1e-6
+
+
+def test_where_little_is_gained_on_stops_another_search_is_made():
+    """Nelder-Mead over the durations found 10.291 s, from two starts; one search alone ends at 10.335 s."""
+    points = np.array([[0.0, 0.0], [-0.04, -0.01], [0.71, 0.18], [0.74, 0.04], [-2.88, 3.49], [-2.85, 3.46]])
+    assert 0.95 * rest_to_rest_durations(points, LIMITS).sum() < 1.001 * 10.291
+    assert shortest_path(problem(points)).duration <= 1.001 * 10.291
+
+
+@pytest.mark.parametrize("points", [ALONG, THERE_AND_BACK])
+def test_the_shortest_attains_a_limit_and_is_shorter_than_the_heuristic(points):
+    best = shortest_path(problem(points))
+    assert best.duration < 0.999 * heuristic_path(problem(points)).duration
+    assert stretch_factor(best, LIMITS) == pytest.approx(1.0, rel=1e-6)
+
+
+def test_a_given_velocity_is_passed_in_the_first_total_that_will_do():
+    """Of 0.7, 0.85, 1, 1.25, 1.6 and 2.5 times that of stopping everywhere, at the times of least snap."""
+    for step, velocity, factor in (
+        (4, 1.8, 0.7),
+        (4, 0.8, 0.85),
+        (4, 0.3, 1.0),
+        (4, -0.3, 1.25),
+        (4, -0.8, 1.6),
+        (1, -1, 2.5),
+    ):
+        asked = problem(step * np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [velocity, 0.0])
+        stops = rest_to_rest_durations(asked.representatives(), LIMITS)
+        found = path_through_given_motion(asked, shorten=False)
+        assert found.duration == pytest.approx(factor * stops.sum(), rel=1e-9)
+        smoothest = least_snap_durations(asked.representatives(), factor * stops, asked.derivatives)
+        np.testing.assert_allclose(found.durations, smoothest, rtol=1e-9)
+
+
+def test_no_times_on_a_grid_pass_a_given_velocity_sooner():
+    asked = problem(np.array([[0.0, 0.0], [4.0, 0.0], [8.0, 1.0]]), [1.5, 0.0])
+    found = path_through_given_motion(asked, shorten=True)
+    assert found.duration < 0.97 * path_through_given_motion(asked, shorten=False).duration
+    assert stretch_factor(found, LIMITS) <= 1.0 + 1e-6
+    totals = []
+    for first in np.linspace(3.5, 4.5, 16):
+        for second in np.linspace(3.5, 4.5, 16):
+            path = MinimumSnap(asked.representatives(), np.array([first, second]), asked.derivatives).path()
+            if stretch_factor(path, LIMITS) <= 1.0:
+                totals.append(first + second)
+    assert found.duration <= 1.01 * min(totals)
+
+
+def test_a_given_velocity_that_no_time_keeps_is_explained():
+    """From 1.9 m/s, a metre is too short to brake at 1 m/s²."""
+    asked = problem(np.array([[0.0, 0.0], [1.0, 0.0], [2.0, 0.0]]), [1.9, 0.0])
+    with pytest.raises(
+        InputError,
+        match=r"^no times were found; if it stopped everywhere, the acceleration limit of 1 m/s² cannot be kept on "
+        r"segment \d: at these times at least 2.15 m/s² is needed; flown 2.75 times slower it is feasible$",
+    ):
+        path_through_given_motion(asked, shorten=False)
+
+
+@pytest.mark.parametrize("longer", [1.0, 1.02, 1.05, 1.1])
+def test_least_snap_within_limits_is_the_first_on_the_way_to_the_shortest(longer):
+    asked = problem(ALONG)
+    shortest = shortest_path(asked)
+    total = longer * shortest.duration
+    smoothest = least_snap_path(asked.without_limits(), total).durations
+    with pytest.raises(InfeasibleError):
+        path_within(asked, smoothest)
+    found = least_snap_path(asked, total)
+    assert found.duration == pytest.approx(total, rel=1e-12)
+
+    def between(share):
+        durations = smoothest ** (1.0 - share) * shortest.durations**share
+        return durations * (total / durations.sum())
+
+    shares = np.linspace(0.0, 1.0, 65)
+    distances = [np.abs(found.durations - between(share)).max() for share in shares]
+    nearest = int(np.argmin(distances))
+    assert distances[nearest] <= 1e-6 * total
+    path_within(asked, between(shares[nearest]))
+    with pytest.raises(NO_PATH):
+        path_within(asked, between(shares[nearest - 1]))
+
+
+def test_least_snap_needs_no_limits_and_finds_the_same_from_any_units():
+    free = least_snap_path(problem(ALONG, limits=Limits()), 9.0)
+    limited = least_snap_path(problem(ALONG, limits=Limits(speed=50.0)), 9.0)
+    np.testing.assert_allclose(free.durations, limited.durations, rtol=1e-3)
+    assert snap_cost(free).sum() == pytest.approx(snap_cost(limited).sum(), rel=1e-6)
+
+
+def test_why_there_is_no_path_of_least_snap_is_explained():
+    points = np.array([[0.0, 0.0], [4.0, 0.0], [7.0, 0.0]])
+    with pytest.raises(InputError) as error:
+        least_snap_path(problem(points, [1.5, 0.0]), 6.0)
+    smoothest = least_snap_path(problem(points, [1.5, 0.0], limits=Limits()), 6.0)
+    assert str(error.value) == explain(problem(points, [1.5, 0.0]), smoothest.durations)
+    halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [8.0, 1.0])]
+    with pytest.raises(
+        InputError, match=r"^the corridor of segment \d cannot be kept at these times with what is given"
+    ):
+        least_snap_path(problem(points, [-1.5, 0.0], corridors=halls), 12.0)
+
+
+def test_a_total_that_is_too_long_for_a_given_velocity_in_corridors_is_explained():
+    points = np.array([[0.0, 0.0], [4.0, 0.0], [7.0, 0.0]])
+    halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [7.0, 1.0])]
+    asked = problem(points, [1.5, 0.0], corridors=halls)
+    least_snap_path(asked.without_limits(), 8.0)
+    with pytest.raises(
+        InputError, match=r"^the corridor of segment \d cannot be kept at these times with what is given"
+    ):
+        least_snap_path(asked, 60.0)
+
+
+def test_a_velocity_out_of_its_corridor_is_explained_where_times_are_chosen():
+    points = np.array([[0.0, 0.0], [4.0, 0.0], [7.0, 0.0]])
+    halls = [Box([0.0, -1.0], [4.0, 1.0]), Box([4.0, -1.0], [7.0, 1.0])]
+    for shorten in (False, True):
+        with pytest.raises(InputError, match="^no times were found; if it stopped everywhere, the corridor of segment"):
+            path_through_given_motion(problem(points, [-1.5, 0.0], corridors=halls), shorten=shorten)
+
+
+def test_changes_go_on_while_they_gain_and_reach_less_far_when_they_do_not():
+    """Steps down from 1; what costs least is 0.5."""
+    reaches = []
+
+    def change(x, reach):
+        reaches.append(reach)
+        return x - reach
+
+    assert improved(1.0, change, lambda x: 1.0 + abs(x - 0.5)) == pytest.approx(0.4)
+    np.testing.assert_allclose(reaches, [0.3, 0.3, 0.3, 0.1, 0.1 / 3.0, 0.1 / 9.0])
+
+
+def test_changes_end_where_they_gain_next_to_nothing_or_there_is_no_path():
+    assert improved(1.0, lambda x, reach: 0.9995 * x, float) == 0.9995
+    assert improved(1.0, lambda x, reach: 1.0005 * x, float) == 1.0
+
+    def change(x, reach):
+        if x < 0.5:
+            raise InfeasibleError
+        return 0.6 * x
+
+    assert improved(1.0, change, float) == 0.36
+    assert improved(0.4, change, float) == 0.4

@@ -1,0 +1,102 @@
+"""What is varied, over which values, and where the numbers go."""
+
+import re
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario, simulate
+from drake_quad.replication.printed import CONTROLLERS
+from drake_quad.replication.sweeps import (
+    EXPONENTS,
+    NOISE,
+    Q_VALUES,
+    SLOPES,
+    best_gain_settings,
+    fly_legs,
+    fly_settings,
+    gain_settings,
+    noise_settings,
+    q_settings,
+    settings_batch,
+    slope_settings,
+)
+from drake_quad.scenario.numbers import number_at
+
+NETWORK = "control.position.network"
+
+
+def test_exponents_are_those_of_the_table_and_of_triangles():
+    assert list(EXPONENTS) == ["pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide"]
+    assert EXPONENTS["pd_t1fnn"] == (1.0, 1.0)
+    for name in ("pd_t2fnn", "pd_t2fnn_wide"):
+        a1, a2 = re.search(r"\((.*), (.*)\)", CONTROLLERS[name]).groups()
+        assert EXPONENTS[name] == (float(a1), float(a2))
+
+
+def test_what_is_varied():
+    """Noise to twice the paper's 10 mm; shares from none to all in quarters; slopes around the calibrated 1.975 1/s."""
+    assert NOISE == (0.0, 0.001, 0.005, 0.01, 0.02)
+    assert Q_VALUES == (0.0, 0.25, 0.5, 0.75, 1.0)
+    assert SLOPES == (1.0, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)
+    for settings, name, values in ((noise_settings(), "noise", NOISE), (q_settings(), "q", Q_VALUES)):
+        assert list(settings) == [name, "a1", "a2"]
+        rows = list(zip(*settings.values(), strict=True))
+        assert rows == [(value, *exponents) for value in values for exponents in EXPONENTS.values()]
+    assert {name: values.tolist() for name, values in slope_settings().items()} == {"slope": list(SLOPES)}
+
+
+@pytest.mark.parametrize(
+    ("make", "k_p", "k_d"), [(gain_settings, (0.3, 20.0), (0.3, 12.0)), (best_gain_settings, (2.5, 9.0), (1.0, 4.5))]
+)
+def test_gains_stand_in_equal_ratios(make, k_p, k_d):
+    found = make(3)
+    middle = [(low * high) ** 0.5 for low, high in (k_p, k_d)]
+    expected = [(p, d) for p in (k_p[0], middle[0], k_p[1]) for d in (k_d[0], middle[1], k_d[1])]
+    assert list(zip(found["k_p"], found["k_d"], strict=True)) == [pytest.approx(pair) for pair in expected]
+
+
+def test_numbers_go_where_they_belong_each_so_many_times():
+    scenario = load_scenario("diagrams/paper.yaml:no_wind_pd_t2fnn")
+    names = ("noise", "q", "a1", "a2", "k_p", "k_d", "slope")
+    settings = {name: np.array([10.0 + place, 20.0 + place]) for place, name in enumerate(names)}
+    batch = settings_batch(scenario, settings, [4, 0, 7])
+    assert (len(batch), batch.samples) == (6, (4, 0, 7) * 2)
+    for vehicle in range(6):
+        varied = batch.scenario_of(vehicle)
+        position = varied.control.position
+        found = {
+            "noise": [varied.laboratory.motion_capture.position_noise],
+            **{name: [getattr(position.network, name)] for name in ("q", "a1", "a2")},
+            **{name: getattr(position, name)[:2] for name in ("k_p", "k_d")},
+            "slope": [position.learning.slope],
+        }
+        for name, values in settings.items():
+            assert {*found[name]} == {values[vehicle // 3]}
+        for name in ("k_p", "k_d"):
+            assert getattr(position, name)[2] == number_at(scenario, f"control.position.{name}.2")
+
+
+def test_settings_stand_in_rows_and_samples_in_columns():
+    """Two and three of them: each is the flight of that sample with that gain."""
+    scenario = load_scenario("diagrams/paper.yaml:low_wind_pd", ["duration=0.6"])
+    settings = {"k_p": np.array([1.0, 3.0]), "k_d": np.array([1.5, 2.0])}
+    found = fly_settings(scenario, settings, [4, 0, 7])
+    assert found.rmse.shape == (2, 3)
+    for row, (k_p, k_d) in enumerate(((1.0, 1.5), (3.0, 2.0))):
+        gains = [
+            f"control.position.{name}.{axis}={gain}" for name, gain in (("k_p", k_p), ("k_d", k_d)) for axis in (0, 1)
+        ]
+        alone = load_scenario("diagrams/paper.yaml:low_wind_pd", ["duration=0.6", *gains])
+        for column, sample in enumerate((4, 0, 7)):
+            metrics = simulate(alone, sample=sample).metrics
+            np.testing.assert_allclose([values[row, column] for values in found], metrics, rtol=1e-9)
+
+
+def test_errors_of_legs_stand_so_too():
+    scenario = load_scenario("diagrams/paper.yaml:no_wind_pd", ["duration=13.5"])
+    settings = {"k_p": np.array([1.4, 4.0]), "k_d": np.array([1.7, 3.0])}
+    found = fly_legs(scenario, settings, [5, 1])
+    assert all(values.shape == (2, 2) for values in found)
+    (alone,) = (values[0, 0] for values in fly_legs(scenario, {"k_p": [4.0], "k_d": [3.0]}, [1])[:1])
+    assert found.straight[1, 1] == pytest.approx(alone, rel=1e-9)

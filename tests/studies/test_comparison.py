@@ -1,0 +1,31 @@
+"""Controllers side by side, on the same samples."""
+
+import math
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario, simulate
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.studies.comparison import fly_samples
+from drake_quad.studies.statistics import compare
+
+
+def metrics(rmse, crash_time):
+    return Metrics(*[np.array(rmse)] * (len(Metrics._fields) - 1), np.array(crash_time))
+
+
+def test_a_share_is_of_samples_that_neither_crashed_and_that_erred_at_all():
+    ours = metrics([1.0, 3.0, 5.0, 7.0, 9.0], [math.inf, 2.0, math.inf, 2.0, math.inf])
+    baseline = metrics([2.0, 2.0, 2.0, 2.0, 0.0], [math.inf, math.inf, 3.0, 3.0, math.inf])
+    found, reverse = compare(ours, baseline), compare(baseline, ours)
+    assert (found.num_pairs, found.share.value) == (2, 0.5)
+    assert (reverse.num_pairs, reverse.share.value) == (2, 1.0)
+
+
+def test_samples_fly_in_the_order_that_is_asked_for():
+    scenario, told = load_scenario("diagrams/laboratory.yaml:low_wind", ["duration=0.2"]), []
+    found = fly_samples(scenario, [5, 2], progress=lambda *each: told.append(each))
+    for sample, rmse in zip((5, 2), found.rmse, strict=True):
+        assert simulate(scenario, sample=sample).metrics.rmse == pytest.approx(rmse, rel=1e-9)
+    assert told[-1] == (pytest.approx(0.2), pytest.approx(0.2))

@@ -1,0 +1,104 @@
+"""Fleets of a worker: which it builds, which it keeps, and what it flies in them."""
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.assembly.planning import plan_route
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.studies import flying
+from drake_quad.studies.flying import Job, code_of, fly_batch, fly_trial, forget, prepare
+
+
+@pytest.fixture
+def job():
+    scenario = load_scenario("diagrams/robustness.yaml", ["duration=0.1"])
+    yield Job("a study", code_of(UserSystems()), scenario, plan_route(scenario), 10, UserSystems())
+    forget()
+
+
+class Fleet:
+    """A fleet that flies nothing, and tells what was asked of it."""
+
+    built: list
+    flown: list
+
+    def __init__(self, scenario, num_vehicles, **options):
+        self.num_vehicles = num_vehicles
+        Fleet.built.append((scenario, num_vehicles, options))
+
+    def fly(self, samples, **options):
+        Fleet.flown.append((self.num_vehicles, [*samples], options))
+
+
+@pytest.fixture
+def fleet(monkeypatch):
+    Fleet.built, Fleet.flown = [], []
+    monkeypatch.setattr(flying, "StudyFleet", Fleet)
+    return Fleet
+
+
+def test_fleets_are_the_largest_and_its_halves_each_built_once(job, fleet):
+    sizes = {count: flying._fleet(job, count).num_vehicles for count in (10, 6, 5, 4, 3, 2, 1, 10, 3)}
+    assert sizes == {10: 10, 6: 10, 5: 5, 4: 5, 3: 3, 2: 2, 1: 1}
+    assert [num_vehicles for _, num_vehicles, _ in fleet.built] == [10, 5, 3, 2, 1]
+    assert all(
+        scenario is job.scenario and options == {"plan": job.plan, "own": UserSystems()}
+        for scenario, _, options in fleet.built
+    )
+
+
+def test_another_study_has_other_fleets(job, fleet):
+    flying._fleet(job, 10)
+    flying._fleet(job._replace(key="another study"), 10)
+    flying._fleet(job._replace(key="another study"), 10)
+    assert len(fleet.built) == 2
+    forget()
+    flying._fleet(job._replace(key="another study"), 10)
+    assert len(fleet.built) == 3
+
+
+def test_systems_of_ones_own_go_into_the_fleets(job, fleet):
+    for name in ("position_controller", "control", "wind"):
+        own = UserSystems(**{name: Fleet})
+        other = job._replace(key=name, code=code_of(own), own=own)
+        flying._fleet(other, 10)
+        assert fleet.built[-1][2] == {"plan": job.plan, "own": own}
+
+
+def test_a_worker_that_refused_refuses_again(job, fleet):
+    """The fleets that are there are those of code that fits."""
+    wrong = job._replace(key="wrong", code={**job.code, "numpy": "0.1"})
+    for _ in range(2):
+        with pytest.raises(InputError, match="has numpy"):
+            flying._fleet(wrong, 10)
+    assert fleet.built == []
+
+
+def test_what_is_forked_has_flown_for_two_ticks(job, fleet):
+    prepare(job)
+    assert fleet.flown == [(10, list(range(10)), {"duration": 0.04})]
+
+
+def test_rows_are_samples_their_numbers_and_their_metrics(job):
+    scenario = job.scenario
+    (row,) = fly_batch(job, [6])
+    alone = simulate(scenario, sample=6)
+    assert row[0] == 6.0
+    assert row[1] == pytest.approx(alone.scenario.vehicle.mass, rel=1e-12)
+    assert row[-1] == alone.metrics.crash_time == np.inf
+    assert row[-2] == alone.metrics.crashed == 0.0
+    np.testing.assert_allclose(row[-1 - len(alone.metrics) : -2], alone.metrics[:-1], rtol=1e-9)
+
+
+def test_a_trial_flies_the_last_alone_once_more_and_beside_the_others(job, monkeypatch):
+    flown = []
+
+    def fly(given, samples):
+        assert given is job
+        flown.append([*samples])
+        return np.array([[sample, len(flown)] for sample in samples])
+
+    monkeypatch.setattr(flying, "fly_batch", fly)
+    assert fly_trial(job, range(2, -1, -1)).tolist() == [[0, 1], [0, 2], [0, 3]]
+    assert flown == [[0], [0], [2, 1, 0]]

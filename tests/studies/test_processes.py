@@ -1,0 +1,342 @@
+"""Processes that do tasks: what they are given, what becomes of it, and how they end."""
+
+import functools
+import gc
+import math
+import multiprocessing
+import os
+import signal
+import sys
+import time
+import types
+from pathlib import Path
+
+import pytest
+
+from drake_quad import InputError
+from drake_quad.studies import processes
+from drake_quad.studies.crew import Outcome
+from drake_quad.studies.processes import Workers, _Worker, check_counts, check_makers, num_cores
+
+pytestmark = pytest.mark.skipif(sys.platform != "linux", reason="worker processes find these functions by a fork")
+
+
+class Clock:
+    """A clock that stands."""
+
+    def __init__(self):
+        self.now = 50.0
+
+    def monotonic(self):
+        return self.now
+
+
+@pytest.fixture
+def clock(monkeypatch):
+    found = Clock()
+    monkeypatch.setattr(processes, "time", found)
+    return found
+
+
+def done_by(workers, function, given):
+    """What becomes of a task, or of the first that is done."""
+    workers.begin(function, given)
+    return workers.finished()
+
+
+def process_number(_):
+    return os.getpid()
+
+
+def meet(folder):
+    """Leaves a file, and waits for that of another process."""
+    (folder / str(os.getpid())).touch()
+    while len(list(folder.iterdir())) < 2:
+        time.sleep(0.005)
+    return os.getpid()
+
+
+def hang(_):
+    while True:
+        time.sleep(0.01)
+
+
+def leave(status):
+    os._exit(status)
+
+
+def settings(_):
+    return signal.getsignal(signal.SIGINT), gc.get_freeze_count()
+
+
+class Unreadable:
+    """What cannot be made from what is sent."""
+
+    def __reduce__(self):
+        return leave_unread, ("the sheet is torn",)
+
+
+def leave_unread(words):
+    raise ArithmeticError(words)
+
+
+@pytest.mark.parametrize("number", [1, 7, 2147483647])
+def test_a_study_may_have_so_many(number):
+    check_counts(samples=number)
+
+
+@pytest.mark.parametrize("number", [-1, 0, 2147483648])
+def test_a_study_may_not_have_so_many(number):
+    with pytest.raises(InputError, match=f"batch is {number}, but must be between 1 and 2147483647"):
+        check_counts(samples=3, batch=number)
+
+
+def test_cores_are_those_that_this_process_may_use(monkeypatch):
+    assert num_cores() == len(os.sched_getaffinity(0))
+    monkeypatch.setattr(os, "sched_getaffinity", lambda _: {0, 3, 5})
+    assert (num_cores(), Workers().num_workers, Workers().capacity, Workers(5).capacity) == (3, 3, 3, 5)
+    monkeypatch.delattr(os, "sched_getaffinity")
+    monkeypatch.setattr(os, "cpu_count", lambda: 6)
+    assert num_cores() == 6
+    monkeypatch.setattr(os, "cpu_count", lambda: None)
+    assert num_cores() == 1
+
+
+def test_what_only_a_session_knows_needs_a_fork(monkeypatch):
+    """A function of a notebook: a process that begins anew does not find it, and one of a script's file does."""
+    session = types.ModuleType("__main__")
+    exec("def maker(num_vehicles): return None", session.__dict__)
+    monkeypatch.setitem(sys.modules, "__main__", session)
+    for file, fork, known in ((None, True, True), ("a.py", False, True), (None, False, False)):
+        monkeypatch.setattr(processes, "_can_fork", lambda fork=fork: fork)
+        if file is not None:
+            session.__file__ = file
+        elif hasattr(session, "__file__"):
+            del session.__file__
+        check_makers({"wind": None, "control": process_number})
+        if known:
+            check_makers({"wind": session.maker})
+        else:
+            with pytest.raises(InputError, match="wind is known to this session only, but worker processes need it"):
+                check_makers({"control": process_number, "wind": session.maker})
+
+
+def test_processes_are_forked_on_linux_only(monkeypatch):
+    assert Workers(1).inherit
+    monkeypatch.setattr(sys, "platform", "darwin")
+    assert not Workers(1).inherit
+
+
+@pytest.mark.parametrize(("fork", "how"), [(True, "fork"), (False, "spawn")])
+def test_a_process_begins_anew_where_it_must_not_be_forked(monkeypatch, fork, how):
+    asked, context = [], multiprocessing.get_context("fork")
+    monkeypatch.setattr(processes, "_can_fork", lambda: fork)
+    monkeypatch.setattr(multiprocessing, "get_context", lambda name: asked.append(name) or context)
+    worker = _Worker(None)
+    worker.end()
+    assert asked == [how]
+
+
+@pytest.mark.parametrize("limit", [0.0, -2.0, math.nan])
+def test_a_time_limit_is_a_time(limit):
+    with pytest.raises(InputError, match=f"the time limit is {limit:g} s, but must be larger than 0"):
+        Workers(1, time_limit=limit)
+
+
+def test_a_process_that_is_done_does_the_next_task_and_two_work_at_a_time(tmp_path):
+    with Workers(2, time_limit=20.0) as workers:
+        ((_, first, *_),) = done_by(workers, process_number, None)
+        assert not workers.inherit
+        ((_, again, *_),) = done_by(workers, process_number, None)
+        assert first == again != os.getpid()
+        for _ in range(2):
+            workers.begin(meet, tmp_path)
+        outcomes = workers.finished()
+        while len(outcomes) < 2:
+            outcomes += workers.finished()
+        pids = {outcome.result for outcome in outcomes}
+        assert len(pids) == 2
+        assert first in pids
+        processes = [worker.process for worker in workers._workers]
+        assert all(process.daemon and process.is_alive() for process in processes)
+    assert [process.exitcode for process in processes] == [-signal.SIGKILL] * 2
+    assert workers._workers == []
+
+
+class Fake:
+    """A worker whose outcome is known."""
+
+    def __init__(self, time_left, outcome, *, busy=True, ended=False):
+        self.time_left, self.busy, self.ended, self._outcome = time_left, busy, ended, outcome
+        self.signs = [self, "sentinel"]
+
+    def outcome(self):
+        return self._outcome
+
+
+def test_busy_processes_are_waited_for_until_the_first_time_is_over(monkeypatch):
+    waits = []
+    monkeypatch.setattr(processes, "wait", lambda signs, timeout: waits.append((signs, timeout)))
+    workers = Workers(4)
+    late, early = Fake(7.0, Outcome(1)), Fake(2.5, Outcome(2), ended=True)
+    idle, working = Fake(0.5, Outcome(3), busy=False), Fake(9.0, None)
+    workers._workers = [late, early, idle, working]
+    assert workers.finished() == [Outcome(1), Outcome(2)]
+    assert waits == [([late, "sentinel", early, "sentinel", working, "sentinel"], 2.5)]
+    assert workers._workers == [late, idle, working]
+    workers._workers = [Fake(math.inf, Outcome(4))]
+    workers.finished()
+    assert waits[-1][1] is None
+
+
+def test_given_up_is_what_is_under_way_and_the_others_stay():
+    with Workers(2) as workers:
+        workers.begin(hang, 1)
+        ((given, *_),) = done_by(workers, process_number, 2)
+        assert given == 2
+        busy, idle = (worker.process for worker in workers._workers)
+        workers.give_up()
+        assert not busy.is_alive()
+        assert [worker.process for worker in workers._workers] == [idle]
+        assert idle.is_alive()
+
+
+def test_the_time_of_a_task_is_counted_from_when_its_process_has_begun(clock):
+    worker = _Worker(10.0)
+    try:
+        assert worker.time_left == math.inf
+        worker.begin(hang, "given")
+        assert worker.time_left == 10.0
+        clock.now = 54.0
+        assert worker.time_left == 6.0
+        assert worker._pipe.poll(20.0)
+        assert worker.outcome() is None
+        assert worker.time_left == 10.0
+        clock.now = 63.75
+        assert (worker.time_left, worker.outcome()) == (0.25, None)
+        clock.now = 70.0
+        assert worker.time_left == 0.0
+        assert worker.outcome() == Outcome("given", reason="took longer than the time limit of 10 s")
+        assert worker.ended
+        assert worker._pipe.closed
+        assert worker.process.exitcode == -signal.SIGKILL
+    finally:
+        worker.process.kill()
+
+
+def test_without_a_limit_a_task_has_all_the_time(clock):
+    worker = _Worker(None)
+    try:
+        worker.begin(hang, None)
+        clock.now = 1e9
+        assert (worker.time_left, worker.outcome()) == (math.inf, None)
+    finally:
+        worker.end()
+
+
+def test_a_process_that_ends_in_its_first_task_fails_the_task_alone():
+    with Workers(1, time_limit=20.0) as workers:
+        assert done_by(workers, leave, 7) == [Outcome(7, reason="its worker process was ended with exit status 7")]
+        (outcome,) = done_by(workers, process_number, None)
+        assert outcome.reason == ""
+
+
+def test_a_process_that_ended_while_it_had_nothing_to_do_fails_the_next_task():
+    with Workers(1, time_limit=20.0) as workers:
+        ((_, number, *_),) = done_by(workers, process_number, None)
+        process = workers._workers[0].process
+        os.kill(number, signal.SIGKILL)
+        process.join()
+        assert done_by(workers, process_number, 3) == [Outcome(3, reason="its worker process was ended by SIGKILL")]
+
+
+def test_processes_that_end_as_soon_as_they_begin_are_not_begun_for_ever(monkeypatch):
+    monkeypatch.setattr(processes, "_serve", lambda pipe: None)
+    with Workers(1, time_limit=20.0) as workers:
+        workers.begin(process_number, None)
+        with pytest.raises(RuntimeError, match="the worker processes end as soon as they begin"):
+            workers.finished()
+
+
+def test_a_task_that_its_process_cannot_read_is_an_outcome_and_the_process_goes_on():
+    with Workers(1, time_limit=20.0) as workers:
+        unreadable = Unreadable()
+        assert done_by(workers, process_number, unreadable) == [
+            Outcome(unreadable, reason="ArithmeticError: the sheet is torn")
+        ]
+        ((_, number, *_),) = done_by(workers, process_number, None)
+        assert number == workers._workers[0].process.pid
+
+
+def test_ctrl_c_is_left_to_the_parent_and_what_came_with_the_fork_is_frozen():
+    with Workers(1, time_limit=20.0) as workers:
+        ((_, (handler, frozen), *_),) = done_by(workers, settings, None)
+    assert handler == signal.SIG_IGN
+    assert frozen > gc.get_freeze_count()
+    assert signal.getsignal(signal.SIGINT) == signal.default_int_handler
+
+
+def test_ctrl_c_waits_while_a_process_begins():
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    with processes._interrupts_held_back():
+        assert signal.SIGINT in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+    assert signal.SIGINT not in signal.pthread_sigmask(signal.SIG_BLOCK, ())
+
+
+class Pipe:
+    """One end of a pipe through which something comes, and then nothing more."""
+
+    def __init__(self, *what):
+        self.waiting, self.sent = [*what], []
+
+    def recv(self):
+        if not self.waiting:
+            raise EOFError
+        return self.waiting.pop(0)
+
+    def send(self, what):
+        self.sent.append(what)
+
+
+def test_a_process_ends_when_nothing_more_can_come(monkeypatch):
+    """What is given back does not go to and fro: the parent has it."""
+    monkeypatch.setattr(processes, "_end_with_parent", lambda: None)
+    pipe, before = Pipe((abs, -3)), signal.getsignal(signal.SIGINT)
+    try:
+        processes._serve(pipe)
+    finally:
+        signal.signal(signal.SIGINT, before)
+    assert pipe.sent == [None, Outcome(None, 3)]
+
+
+def begin_and_tell(file):
+    """A parent that gives a process a task without an end, and says which it is."""
+    with Workers(1) as workers:
+        workers.begin(hang, None)
+        assert workers._workers[0]._pipe.poll(20.0)
+        file.with_suffix(".part").write_text(str(workers._workers[0].process.pid))
+        file.with_suffix(".part").rename(file)
+        workers.finished()
+
+
+def ends(pid):
+    """Does a process end within ten seconds?"""
+    for _ in range(1000):
+        try:
+            if Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()[0] in "ZX":
+                return True
+        except (FileNotFoundError, ProcessLookupError):
+            return True
+        time.sleep(0.01)
+    return False
+
+
+def test_a_process_ends_with_its_parent_whatever_it_does(tmp_path):
+    file = tmp_path / "worker"
+    parent = multiprocessing.get_context("fork").Process(target=functools.partial(begin_and_tell, file))
+    parent.start()
+    while not file.exists():
+        time.sleep(0.005)
+    parent.kill()
+    parent.join()
+    assert ends(int(file.read_text()))

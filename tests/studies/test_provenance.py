@@ -1,0 +1,79 @@
+"""Digests tell one code from another, and from nothing else."""
+
+import functools
+import importlib
+import sys
+import types
+
+import numpy as np
+import pytest
+
+from drake_quad.studies.provenance import difference, provenance, sources_of
+
+TEXT = "def make(num_vehicles):\n    return num_vehicles\n"
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    """Makes a module of a name with a text, and gives its function."""
+    monkeypatch.syspath_prepend(tmp_path)
+    made = []
+
+    def write(name, text=TEXT):
+        (tmp_path / f"{name}.py").write_text(text)
+        importlib.invalidate_caches()
+        made.append(name)
+        return importlib.import_module(name).make
+
+    yield write
+    for name in made:
+        sys.modules.pop(name, None)
+
+
+def test_versions_and_sources_are_told():
+    found = provenance()
+    assert list(found) == ["python", "drake_quad", "drake", "numpy", "scipy", "llvmlite", "sources"]
+    assert found["python"] == ".".join(map(str, sys.version_info[:3]))
+    assert found["numpy"] == np.__version__
+    assert len(found["sources"]) == 16
+    assert int(found["sources"], 16) >= 0
+
+
+def test_a_digest_is_of_the_text_and_of_the_name_of_each_file_once(module):
+    one = sources_of([module("ours")])
+    two = sources_of([module("theirs", TEXT + "# more\n")])
+    same = sources_of([module("another")])
+    assert len({one, two, same, sources_of([])}) == 4
+    ours, theirs = (importlib.import_module(name).make for name in ("ours", "theirs"))
+    assert sources_of([ours, ours]) == one
+    assert sources_of([ours, theirs]) == sources_of([theirs, ours])
+    assert sources_of([ours, theirs]) not in (one, two)
+    assert sources_of([functools.partial(ours, 1), None]) == one
+
+
+def test_a_function_of_a_module_that_is_not_loaded_is_found(module):
+    """As in a worker that has only read where it is to be found."""
+    make = module("ours")
+    found = sources_of([make])
+    del sys.modules["ours"]
+    assert sources_of([make]) == found
+
+
+def test_what_has_no_file_or_is_in_the_main_script_does_not_count(module, monkeypatch):
+    make = module("ours")
+    assert sources_of([sys.getsizeof, None]) == sources_of([])
+    for name in ("__main__", "__mp_main__"):
+        script = types.ModuleType(name)
+        script.__file__ = importlib.import_module("ours").__file__
+        monkeypatch.setitem(sys.modules, name, script)
+        monkeypatch.setattr(make, "__module__", name)
+        assert sources_of([make]) == sources_of([])
+
+
+def test_what_differs_is_said_in_words():
+    here = {"python": "3.12.1", "numpy": "2.0", "sources": "a", "own": "b"}
+    assert difference(here, dict(here)) is None
+    assert difference(here, {**here, "numpy": "1.0"}) == "numpy 1.0, not 2.0"
+    assert difference(here, {**here, "sources": "c"}) == "other sources of drake_quad"
+    assert difference(here, {**here, "own": "c"}) == "another controller or wind of one's own"
+    assert difference(here, {"python": "3.12.1"}) == "numpy None, not 2.0"

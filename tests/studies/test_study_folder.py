@@ -1,0 +1,171 @@
+"""The rows of a study as they come in, and what its folder holds before and after."""
+
+import math
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.scenario import Batch, save_scenario
+from drake_quad.studies import study_folder
+from drake_quad.studies.crew import Outcome
+from drake_quad.studies.results_file import Found
+from drake_quad.studies.study import columns_of, read_record, read_study, rows_of
+from drake_quad.studies.study_folder import StudyRows, _difference, open_study
+
+
+@pytest.fixture
+def hover():
+    return load_scenario("diagrams/hover.yaml", ["duration=2"])
+
+
+def table(samples, crash_time=math.inf, value=0.5):
+    """Rows of a scenario that draws nothing."""
+    columns = [np.full(len(samples), value)] * (len(Metrics._fields) - 1)
+    batch = Batch.draw(load_scenario("diagrams/hover.yaml", ["duration=2"]), samples)
+    return rows_of(batch, Metrics(*columns, np.full(len(samples), crash_time)))
+
+
+def test_a_sample_is_there_whatever_its_numbers_are(hover):
+    """Also where no tick counted, so that there is no error."""
+    rows = StudyRows(hover, 5, 2.0)
+    assert (len(rows), rows.missing, rows.saved) == (0, [0, 1, 2, 3, 4], "nothing was written")
+    rows.add(Outcome([3, 1], table([3, 1], value=np.nan)))
+    rows.add(Outcome([4], reason="cursed"))
+    assert (len(rows), rows.missing, rows.failures) == (2, [0, 2, 4], {4: "cursed"})
+    assert rows.rows[:, 0].tolist() == [1.0, 3.0]
+    rows.add(Outcome([0], table([0])))
+    rows.add(Outcome([2], reason="late"))
+    study = rows.study()
+    assert study.samples.tolist() == [0, 1, 3]
+    assert list(study.failures.items()) == [(2, "late"), (4, "cursed")]
+    assert (study.scenario, study.duration, study.misfits) == (hover, 2.0, ())
+    np.testing.assert_array_equal(study.metrics.rmse, [0.5, np.nan, np.nan])
+
+
+def test_time_is_flown_until_the_end_or_the_crash_by_what_is_new(hover):
+    found = Found(table([1], crash_time=0.25), np.array([2]), [5, 3], 0)
+    rows = StudyRows(hover, 5, 2.0, found=found)
+    assert (len(rows), rows.missing, rows.study().flown_time) == (1, [0, 2, 3, 4], 0.0)
+    rows.add_rows(table([0, 4], crash_time=0.75))
+    rows.add_rows(table([2]))
+    assert rows.study().flown_time == 3.5
+    assert rows.study().misfits == (3, 5)
+
+
+def test_without_a_folder_nothing_is_written(hover):
+    with open_study(None, hover, 3, 2.0, UserSystems(), resume=False) as rows:
+        rows.add_rows(table([1]))
+    assert (rows.num_samples, len(rows), rows.saved) == (3, 1, "nothing was written")
+
+
+def test_a_folder_holds_the_study_in_order_at_the_end(hover, tmp_path):
+    folder = tmp_path / "a" / "study"
+    with open_study(folder, hover, 3, 2.0, UserSystems(wind=table), resume=False) as rows:
+        assert read_record(folder).wind == f"{__name__}:table"
+        rows.add_rows(table([2]))
+        assert rows.saved == f"1 of 3 samples are in {folder / 'results.csv'}"
+        assert len(read_study(folder).samples) == 1
+        rows.add_rows(table([0]))
+        lines = (folder / "results.csv").read_text().splitlines()
+        assert [line.split(",")[0] for line in lines] == ["sample", "2", "0"]
+    lines = (folder / "results.csv").read_text().splitlines()
+    assert [line.split(",")[0] for line in lines] == ["sample", "0", "2"]
+    assert sorted(path.name for path in folder.iterdir()) == ["results.csv", "scenario.yaml", "study.yaml"]
+    study = read_study(folder)
+    assert (study.scenario, study.duration, read_record(folder).samples) == (hover, 2.0, 3)
+    assert len(columns_of(hover)) == study.metrics.rmse.size + len(lines[0].split(",")) - 3
+
+
+def test_failures_are_told_until_all_is_flown(hover, tmp_path):
+    with open_study(tmp_path, hover, 2, 2.0, UserSystems(), resume=False) as rows:
+        rows.add(Outcome([1], reason="cursed"))
+    assert (tmp_path / "failed.csv").read_text() == "sample,reason\n1,cursed\n"
+    with open_study(tmp_path, hover, 2, 2.0, UserSystems(), resume=True) as rows:
+        assert rows.missing == [0, 1]
+        rows.add_rows(table([0, 1]))
+    assert not (tmp_path / "failed.csv").exists()
+
+
+def test_a_study_may_grow_and_not_shrink(hover, tmp_path):
+    with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True) as rows:
+        rows.add_rows(table([2]))
+    with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True) as rows:
+        assert rows.missing == [0, 1]
+    words = r"results\.csv holds sample 2 already, but the study is to have only 2 samples"
+    with pytest.raises(InputError, match=words), open_study(tmp_path, hover, 2, 2.0, UserSystems(), resume=True):
+        pass
+    assert read_record(tmp_path).samples == 3
+    with open_study(tmp_path, hover, 9, 2.0, UserSystems(), resume=True) as rows:
+        assert len(rows.missing) == 8
+    assert read_record(tmp_path).samples == 9
+
+
+@pytest.mark.parametrize("name", ["position_controller", "control", "wind"])
+def test_a_study_with_another_system_is_another_study(hover, tmp_path, name):
+    with open_study(tmp_path, hover, 3, 2.0, UserSystems(**{name: table}), resume=False):
+        pass
+    words = rf"is of another study: its {name} is {__name__}:table, not None"
+    with pytest.raises(InputError, match=words), open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True):
+        pass
+    with open_study(tmp_path, hover, 3, 2.0, UserSystems(**{name: table}), resume=True):
+        pass
+
+
+def test_a_folder_with_a_scenario_is_written_to_if_it_is_the_study_s(hover, tmp_path):
+    other = hover.model_copy(update={"seed": 3})
+    save_scenario(other, tmp_path / "scenario.yaml")
+    words = r"scenario\.yaml would be overwritten, and is no study's; choose another folder"
+    with pytest.raises(InputError, match=words), open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=False):
+        pass
+    with open_study(tmp_path, other, 3, 2.0, UserSystems(), resume=False):
+        pass
+    assert read_study(tmp_path).scenario == other
+
+
+def test_what_a_study_is_stands_there_before_its_first_row(hover, tmp_path, monkeypatch):
+    """So that it can be gone on with, whenever it is ended."""
+
+    def ended(path, form):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(study_folder, "open_results", ended)
+    with pytest.raises(KeyboardInterrupt), open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=False):
+        pass
+    assert read_record(tmp_path).samples == 3
+    assert load_scenario(tmp_path / "scenario.yaml") == hover
+
+
+def test_a_study_without_its_record_cannot_be_gone_on_with(hover, tmp_path):
+    with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=False):
+        pass
+    for name in ("study.yaml", "scenario.yaml"):
+        text = (tmp_path / name).read_text()
+        (tmp_path / name).unlink()
+        words = rf"results\.csv cannot be gone on with: .*{name}"
+        with pytest.raises(InputError, match=words), open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True):
+            pass
+        (tmp_path / name).write_text(text)
+    with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True):
+        pass
+    # The versions stand there once, however often it is gone on with.
+    assert len(read_record(tmp_path).versions) == 1
+
+
+@pytest.mark.parametrize(
+    ("before", "now", "words"),
+    [
+        ({"a": 1, "b": [1, 2]}, {"a": 1, "b": [1, 2]}, None),
+        ({"a": 1, "b": 2}, {"a": 1, "b": 3}, "its b is 2, not 3"),
+        ({"a": 1, "b": 2}, {"a": 4, "b": 3}, "its a is 1, not 4"),
+        ({"a": {"b": [1, {"c": 5}]}}, {"a": {"b": [1, {"c": 6}]}}, "its a.b.1.c is 5, not 6"),
+        ({"a": {"b": [7, 8]}}, {"a": {"b": [7]}}, "its a.b is [7, 8], not [7]"),
+        ({"a": {"b": 1}}, {"a": {"c": 1}}, "its a is {'b': 1}, not {'c': 1}"),
+        ({"a": [1]}, {"a": {"b": 1}}, "its a is [1], not {'b': 1}"),
+        ({"a": {"b": 1}}, {"a": 1}, "its a is {'b': 1}, not 1"),
+    ],
+)
+def test_the_first_difference_is_named_by_its_path(before, now, words):
+    assert _difference(before, now) == words
