@@ -1,9 +1,9 @@
 """Changes the sources in one place at a time and tells which changes no test notices: `make mutants`.
 
-First every test runs once, formulas interpreted, and it is noted which lines it runs and how long it takes. Then, for
-each mutant, the tests that run its line run until one fails: those of the file of its name first, then the quickest.
-A mutant has its own process, forked from one that has imported everything but this project; its machine code is not
-made: what comes from the changed file stays Python. A test that takes ten times as long as before has failed.
+First every test runs once, and it is noted which lines it runs and how long it takes; the lines of a formula run when
+machine code is made of it. Then, for each mutant, the tests that run its line run until one fails: those of the file of
+its name first, then the quickest. A mutant has its own process, forked from one that has imported everything but this
+project. A test that takes ten times as long as before has failed.
 
 A mutant that survives is either in `survivors.yaml`, with the reason why it may, or a hole in the tests. The exit
 status is 1 if the holes are more than 5 % of the mutants.
@@ -27,20 +27,24 @@ from testing import ROOT, Outcome, Test, forked, kill, note, prepare
 from tqdm import tqdm
 
 OUTPUT = ROOT / "out" / "mutants"
-PACKAGES = ("vehicle", "control", "laboratory", "reference", "analysis")
-# What writes a report is looked at, not computed with; what speaks to a cluster is tested by processes of its own.
+PACKAGES = (
+    "vehicle", "control", "laboratory", "reference", "analysis", "studies", "replication", "randomness", "assembly",
+    "framework",
+)  # fmt: skip
+# What writes and draws a report is looked at, not computed with; what speaks to a cluster is tested by processes of its
+# own.
 LEFT_OUT = {
-    "analysis/monte_carlo/cluster.py",
-    "analysis/replication/assumptions.py",
-    "analysis/replication/report.py",
+    "studies/cluster.py",
+    "replication/assumptions.py",
+    "replication/figures.py",
+    "replication/report.py",
 }
-# Tests whose work is done by other processes, which see no mutant, and those of pages and of the compiler.
+# Tests whose work is done by other processes, which see no mutant, and those of pages.
 WITHOUT = tuple(
     f"tests/{name}"
     for name in (
         "test_docs.py",
-        "test_compiled.py",
-        "analysis/monte_carlo/test_cluster.py",
+        "studies/test_cluster.py",
         "visualization/",
         "mutants/",
     )
@@ -129,7 +133,7 @@ def worth_running(tests: dict[str, Test], file: str, mutant: Mutant) -> dict[str
 
 
 def noted_tests(processes: int) -> dict[str, Test]:
-    """What is noted of each test that passes with formulas interpreted; kept for as long as no source changes."""
+    """What is noted of each test that passes; kept for as long as no source changes."""
     kept = OUTPUT / "tests.json"
     known = json.loads(kept.read_text()) if kept.exists() else {}
     paths = sorted(
@@ -141,13 +145,12 @@ def noted_tests(processes: int) -> dict[str, Test]:
     digests = {file: hashlib.sha256(sources + Path(file).read_bytes()).hexdigest() for file in files}
     new = [file for file in files if known.get(file, {}).get("digest") != digests[file]]
     known = {file: known[file] for file in files if file not in new}
-    interpreted = [str(ROOT / "drake_quad" / package) for package in PACKAGES]
-    for place, result in forked([(note, file, interpreted) for file in new], processes, "test files"):
+    for place, result in forked([(note, file) for file in new], processes, "test files"):
         if isinstance(result, Outcome):
             raise RuntimeError(f"{result.killer} does not end")
         noted, failed = result
         for name in dict.fromkeys(failed):
-            print(f"left out, as it fails where formulas are interpreted: {name}", file=sys.stderr)
+            print(f"left out, as it fails: {name}", file=sys.stderr)
         passing = {name: test for name, test in noted.items() if name not in failed}
         known[new[place]] = {"digest": digests[new[place]], "tests": passing}
         kept.write_text(json.dumps(known))

@@ -8,6 +8,7 @@ import importlib
 import multiprocessing
 import os
 import pkgutil
+import shutil
 import signal
 import sys
 import time
@@ -27,9 +28,14 @@ from tqdm import tqdm
 ROOT = Path(__file__).resolve().parents[2]
 # Where each process says which test it runs.
 RUNNING = ROOT / "out" / "mutants" / "running"
+# Machine code of formulas, which goes by what it computes: a mutant's has a name of its own. What makes machine code is
+# in `MAKER`; where that is changed, none is kept.
+MACHINE_CODE = ROOT / "out" / "mutants" / "machine_code"
+MAKER = "drake_quad/framework/"
 THIRD_PARTY = (
-    "pydrake.all", "control", "dask.distributed", "markdown", "matplotlib.pyplot", "mpl_toolkits.mplot3d", "numba",
-    "minsnap_trajectories", "pydantic", "pyit2fls", "scipy.integrate", "scipy.optimize", "scipy.signal", "scipy.stats",
+    "pydrake.all", "control", "dask.distributed", "markdown", "matplotlib.pyplot", "mpl_toolkits.mplot3d",
+    "llvmlite.binding", "minsnap_trajectories", "pydantic", "pyit2fls", "scipy.integrate", "scipy.optimize",
+    "scipy.signal", "scipy.stats",
 )  # fmt: skip
 # Seconds of the processor's time that a test may always take.
 LEAST = 10.0
@@ -56,6 +62,8 @@ def prepare() -> None:
     os.chdir(ROOT)
     sys.path.insert(0, str(ROOT))
     RUNNING.mkdir(parents=True, exist_ok=True)
+    shutil.rmtree(MACHINE_CODE, ignore_errors=True)
+    os.environ["DRAKE_QUAD_CACHE"] = str(MACHINE_CODE)
     for name in THIRD_PARTY:
         importlib.import_module(name)
     settings.register_profile(
@@ -87,6 +95,8 @@ class Plugin:
     def pytest_runtest_protocol(self, item: pytest.Item) -> Any:
         self.lines.clear()
         if self.chosen is None:
+            # Every test shall be seen to run the formulas that it needs, of which machine code may be there.
+            sys.modules["drake_quad.framework.formulas"].kernel.cache_clear()
             sys.monitoring.restart_events()
         else:
             limit_time(item.nodeid, 10.0 * self.chosen[item.nodeid] + LEAST)
@@ -125,9 +135,8 @@ def limit_time(what: str, seconds: float) -> None:
     signal.setitimer(signal.ITIMER_PROF, seconds)
 
 
-def note(file: str, interpreted: list[str]) -> tuple[dict[str, Test], list[str]]:
-    """Runs the tests of a file, formulas of some folders interpreted, and returns what was noted and what failed."""
-    os.environ["DRAKE_QUAD_INTERPRETED"] = os.pathsep.join(interpreted)
+def note(file: str) -> tuple[dict[str, Test], list[str]]:
+    """Runs the tests of a file and returns what was noted and what failed."""
     plugin = Plugin()
     # What an import runs is no test's, though it be the first to import.
     for module in pkgutil.walk_packages([str(ROOT / "drake_quad")], "drake_quad."):
@@ -140,7 +149,8 @@ def note(file: str, interpreted: list[str]) -> tuple[dict[str, Test], list[str]]
 def kill(file: str, mutant: Mutant, tests: dict[str, float]) -> Outcome:
     """Runs tests on a mutant until one fails."""
     path, text = str(ROOT / file), mutant.applied(Path(file).read_text())
-    os.environ["DRAKE_QUAD_INTERPRETED"] = path
+    if file.startswith(MAKER):
+        os.environ["DRAKE_QUAD_CACHE"] = ""
     code_of = SourceFileLoader.get_code
 
     def get_code(loader: SourceFileLoader, name: str) -> Any:
