@@ -272,7 +272,7 @@ def test_compare_controllers_prints_a_line_for_each_pair(run, tmp_path):
     )
     assert (result.returncode, result.stderr) == (0, "")
     assert re.search(r"^low_wind +pd +\d+\.\d ± \d\.\d cm .* 100 %$", result.stdout, re.MULTILINE)
-        assert re.search(r"^low_wind +pd_t2fnn .* \d\d\.\d % \[-?\d+\.\d, \d+\.\d\]$", result.stdout, re.MULTILINE)
+    assert re.search(r"^low_wind +pd_t2fnn .* \d\d\.\d % \[-?\d+\.\d, \d+\.\d\]$", result.stdout, re.MULTILINE)
     assert len((tmp_path / "comparison.csv").read_text(encoding="utf-8").splitlines()) == 1 + 2 * 3
     assert (tmp_path / "comparison.png").stat().st_size > 500
 
