@@ -88,8 +88,8 @@ def build_fleet_diagram(
         batch: that is flown.
         plan: that is flown.
         own: systems of the user's, for as many vehicles. The diagram takes them over.
-        record: as for `build_tracking_diagram`.
-        drake_random: likewise.
+        record: whether to add a recorder of all signals, sampled at every tick of the control.
+        drake_random: whether wind and noise come from Drake's random sources in place of those of the samples.
 
     Raises:
         InputError: a system of the user's does not fit, or the vehicle's time step is too long for its drag.

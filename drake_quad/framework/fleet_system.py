@@ -310,7 +310,7 @@ class FleetSystem(_Base):
         return self.states[name]
 
     def continuous_state(self, recipe: Callable[[Any], Any]) -> StateGroup:
-        """Declares the continuous state, likewise."""
+        """Declares the continuous state, given its record at the beginning as a function of the numbers."""
         record = recipe(self._numbers)
         layout = layout_of(type(record), record)
         self.DeclareContinuousState(self._vector(layout, record))
@@ -340,8 +340,8 @@ class FleetSystem(_Base):
         Args:
             name: of the port.
             kind: a record of signals, which are the ports that result; the formula returns one.
-            formula: as for `output`.
-            reads: likewise.
+            formula: which returns the record.
+            reads: the formula's arguments: ports, parameters, states, `TIME`, or constants.
         """
         layout = layout_of(kind)
         self.packed = dict(zip(kind._fields, layout.parts, strict=True))
@@ -375,7 +375,8 @@ class FleetSystem(_Base):
         Args:
             period: h, s.
             formula: which returns what they will hold: a record, or one after another if there are several.
-            reads: as for `output`. What is read of the discrete state is what it was before this instant.
+            reads: the formula's arguments: ports, parameters, states, `TIME`, or constants. Of the discrete state it
+                reads what it was before this instant.
             writes: the groups that change; no other update may write them.
             unrestricted: whether it is done before the discrete updates of that instant, which then see the result.
             at_start: whether anything is done at time zero.
@@ -393,7 +394,13 @@ class FleetSystem(_Base):
         event(period, 0.0, MethodType(write, self))
 
     def initialize(self, formula: Callable[..., Any], *reads: Any, writes: Sequence[StateGroup]) -> None:
-        """Declares an update that is done when a simulation begins; arguments as for `update`."""
+        """Declares an update that is done when a simulation begins.
+
+        Args:
+            formula: which returns what the groups will hold.
+            reads: the formula's arguments: ports, parameters, states, `TIME`, or constants.
+            writes: the groups that change.
+        """
         computation = Computation(formula, reads, [group.layout for group in writes], writes)
         indices = [group.index for group in writes]
 
@@ -442,7 +449,7 @@ class FleetSystem(_Base):
         return self._record(self.states[name], context)
 
     def set_state(self, context: Context, name: str, record: Any) -> None:
-        """Writes a record into a group of the state, likewise."""
+        """Writes a record into a group of the state; each row is a number for all vehicles, or an (N,) array."""
         group = self.states[name]
         group.mutable_vector(context).SetFromVector(self._elements(group.layout, record))
 

@@ -64,7 +64,7 @@ def _stops_everywhere(problem: PathProblem, points: np.ndarray) -> np.ndarray:
 
 
 def _ride(problem: PathProblem, points: np.ndarray) -> np.ndarray:
-    """(segments,) durations of a ride through points along the chords, likewise."""
+    """(segments,) durations of a ride through points along the chords."""
     if (points == points[0]).all():
         return np.ones(problem.segments)
     limits = problem.limits if problem.limits.by_order else _ANY_LIMITS
