@@ -40,13 +40,7 @@ def run(capsys, monkeypatch):
             runpy.run_path(path, run_name="__main__")
         except SystemExit as stop:
             status = stop.code or 0
-        stdout, stderr = capsys.readouterr()
-        # Whether something must be compiled depends on what was run before.
-        return Result(
-            status,
-            stdout,
-            stderr.replace("compiling what is flown for the first time on this machine: up to half a minute\n", ""),
-        )
+        return Result(status, *capsys.readouterr())
 
     return call
 
