@@ -158,12 +158,18 @@ class Computation:
         self.formula, self.reads, self.results, self.writes = formula, tuple(reads), tuple(results), tuple(writes)
         self._timed = any(read is TIME for read in self.reads)
         # What is read of what is written stands where it will be written.
-        places = {write.index: place for place, write in enumerate(writes)}
+        written = {write.index: place for place, write in enumerate(writes)}
         self._sources = [
-            (read, places.get(read.index) if isinstance(read, StateGroup) else None)
+            (read, written.get(read.index) if isinstance(read, StateGroup) else None)
             for read in self.reads
             if isinstance(read, _Read)
         ]
+        # By place among the sources, since this is looked up thousands of times a second.
+        reads_and_places = [(place, read) for place, (read, target) in enumerate(self._sources) if target is None]
+        self._inputs = [(place, read.index) for place, read in reads_and_places if isinstance(read, Input)]
+        self._parameters = [(place, read.index) for place, read in reads_and_places if isinstance(read, Parameter)]
+        self._states = [(place, read.index) for place, read in reads_and_places if isinstance(read, StateGroup)]
+        self._own = [(place, target) for place, (_, target) in enumerate(self._sources) if target is not None]
         self._kernels: dict[tuple[Any, ...], Callable[..., None]] = {}
 
     def tickets(self, system: "FleetSystem") -> set[Any]:
@@ -179,17 +185,25 @@ class Computation:
             self.interpret(system, context, vectors)
             return
         targets = [vector.get_mutable_value() for vector in vectors]
-        sources: list[Any] = []
+        sources: list[Any] = [None] * len(self._sources)
         absent: tuple[Any, ...] = ()
-        for read, place in self._sources:
-            if place is not None:
-                sources.append(targets[place])
-                continue
-            vector = read.vector(system, context)
+        for place, index in self._inputs:
+            vector = system.EvalVectorInput(context, index)
             if vector is None:
-                absent += (read.index,)
+                absent += (index,)
             else:
-                sources.append(vector.CopyToVector() if read.index is None else vector.value())
+                sources[place] = vector.value()
+        for place, index in self._parameters:
+            sources[place] = context.get_numeric_parameter(index).value()
+        for place, index in self._states:
+            if index is None:
+                sources[place] = context.get_continuous_state_vector().CopyToVector()
+            else:
+                sources[place] = context.get_discrete_state(index).value()
+        for place, target in self._own:
+            sources[place] = targets[target]
+        if absent:
+            sources = [source for source in sources if source is not None]
         run = self._kernels.get(absent) or self._made(absent, lone=system.num_vehicles == 1)
         run(system.num_vehicles, context.get_time() if self._timed else 0.0, *targets, *sources)
 
