@@ -555,7 +555,7 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
                 __doc__ = cls.__doc__
                 scalar = T
 
-                def _construct(self, *, converter: Any = None, num_vehicles: int = 1, **options: Any) -> None:
+                def _construct(self, num_vehicles: int = 1, *, converter: Any = None, **options: Any) -> None:
                     LeafSystem_[T].__init__(self, converter)
                     self.num_vehicles, self._options = num_vehicles, options
                     self.structure = {name: value for name, value in options.items() if name != "numbers"}
@@ -564,7 +564,7 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
                     self.declare(**options)
 
                 def _construct_copy(self, other: Any, converter: Any = None) -> None:
-                    Impl._construct(self, converter=converter, num_vehicles=other.num_vehicles, **other._options)
+                    Impl._construct(self, other.num_vehicles, converter=converter, **other._options)
 
             return Impl
 

@@ -103,6 +103,8 @@ def run_monte_carlo(
             with open_study(folder, scenario, num_samples, duration, own, resume=resume) as rows:
                 batches = _batches(rows.missing, crew.num_workers, batch_size)
                 _fly(crew, job._replace(num_vehicles=max(map(len, batches), default=1)), batches, rows, progress)
+            if rows.failures and not len(rows):
+                raise RuntimeError(f"no sample can be flown: {next(iter(rows.failures.values()))}")
     except KeyboardInterrupt:
         raise StudyInterrupted(f"interrupted: {_saved(rows)}") from None
     except OSError as error:
