@@ -64,7 +64,10 @@ def main() -> None:
         write_flights(folder / "comparison.csv", flights),
         *save_figures({"comparison": plot_comparison(flights)}, folder, vector=arguments.vector),
     ]
-    print(f"{samples} samples each; mean and standard deviation; the share is that of the first controller's RMSE")
+    print(
+        f"{samples} samples each; mean and standard deviation; the share is that of the first controller's RMSE, with"
+        " 95 % confidence"
+    )
     print_comparison(flights)
     print_files(files)
 

@@ -1,6 +1,7 @@
 """README and docs: their code runs, their commands are understood, and what they name is there."""
 
 import argparse
+import pydoc
 import re
 import runpy
 import shlex
@@ -18,6 +19,8 @@ from drake_quad.signals import SIGNALS
 ROOT = Path(__file__).parent.parent
 DOCS = sorted((ROOT / "docs").glob("*.md"))
 PAGES = [ROOT / "README.md", *DOCS]
+# Whose links and names are checked, but whose commands are not for users.
+AROUND = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
 # Makes the commands of the pages short; a later option stands in for an earlier one.
 SHORT = {
     "simulate.py": ["--set", "duration=1"],
@@ -46,6 +49,7 @@ def elsewhere(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", blocks("python"))
 def test_every_block_of_python_runs(block, elsewhere, capsys):
     if "__main__" in block:  # worker processes import it
@@ -66,6 +70,7 @@ def test_every_scenario_loads(block, elsewhere):
     load_scenario(path)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("block", blocks("sh"))
 def test_every_block_of_commands_runs(block, elsewhere, monkeypatch):
     monkeypatch.syspath_prepend(ROOT / "scripts")
@@ -106,7 +111,7 @@ def test_every_command_is_understood(command, elsewhere, monkeypatch):
         assert Path(file).exists()
 
 
-@pytest.mark.parametrize("page", [*PAGES, ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"], ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", [*PAGES, *AROUND], ids=lambda page: page.stem)
 def test_every_path_and_link_leads_somewhere(page):
     text = page.read_text(encoding="utf-8")
     for path in re.findall(r"`((?:drake_quad|diagrams|scripts|docs|tests)/[\w./-]*)`", text):
@@ -116,6 +121,25 @@ def test_every_path_and_link_leads_somewhere(page):
         if target.startswith(("https://", "#")):
             continue
         assert (page.parent / target.partition("#")[0]).exists(), target
+
+
+ALL_TEXT = "\n".join(page.read_text(encoding="utf-8") for page in [*PAGES, *AROUND])
+
+
+@pytest.mark.parametrize("name", sorted(set(re.findall(r"`(drake_quad(?:\.\w+)+)`", ALL_TEXT))))
+def test_every_module_and_name_is_there(name):
+    assert pydoc.locate(name) is not None
+
+
+def test_every_target_of_make_is_there():
+    targets = re.search(r"^\.PHONY: (.*)$", (ROOT / "Makefile").read_text(encoding="utf-8"), re.MULTILINE)[1].split()
+    assert set(re.findall(r"(?:^ *|`)make (\w+)", ALL_TEXT, re.MULTILINE)) <= set(targets)
+
+
+def test_every_environment_variable_is_read():
+    sources = "\n".join(path.read_text(encoding="utf-8") for path in (ROOT / "drake_quad").rglob("*.py"))
+    read = set(re.findall(r"environ\.get\(\"(\w+)\"", sources))
+    assert set(re.findall(r"DRAKE_QUAD_\w+", ALL_TEXT)) == {name for name in read if name.startswith("DRAKE_QUAD")}
 
 
 def test_every_page_is_reached_from_the_readme():
@@ -131,7 +155,7 @@ def test_every_page_is_reached_from_the_index():
 
 
 def row_of(system):
-    """The cells of the row of a system on the page of systems, as pairs of a name and its number of rows, if it says."""
+    """The cells of a system on the page of systems: in each, names, and the number of rows where one follows."""
     page = (ROOT / "docs" / "systems.md").read_text(encoding="utf-8")
     cells = re.search(rf"^\| `{system.__name__}` \|(.*)\|(.*)\|(.*)\|(.*)\|$", page, re.MULTILINE).groups()
     return [re.findall(r"`([\w.]+)`(?: (\d+))?", cell) for cell in cells]

@@ -105,7 +105,7 @@ def design_cascade(scenario: Scenario, options: Mapping[str, LoopOptions] | None
 
 
 def _alike(a: SampledSystem, b: SampledSystem) -> bool:
-    """Whether two plants answer alike from tick to tick, whatever their states are called."""
+    """True if two plants answer alike from tick to tick, whatever their states are called."""
     return len(a.A) == len(b.A) and np.allclose(_markov(a), _markov(b), rtol=1e-9, atol=1e-12)
 
 

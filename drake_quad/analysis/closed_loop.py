@@ -123,7 +123,7 @@ def closed_loop(scenario: Scenario, *, position_controller: Any = None, control:
     Args:
         scenario: flown `at_rest`.
         position_controller: stands in for the scenario's; see `build_tracking_diagram`.
-        control: stands in for the whole cascade; likewise.
+        control: stands in for the whole cascade; see `build_tracking_diagram`.
 
     Raises:
         InputError: the loop has no equilibrium near hover, or cannot be differentiated.

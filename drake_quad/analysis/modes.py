@@ -100,7 +100,7 @@ def uncontrollable(A: np.ndarray, B: np.ndarray, *, tolerance: float = 1e-9) -> 
 
 
 def is_stabilizable(A: np.ndarray, B: np.ndarray, *, period: float | None = None) -> bool:
-    """Whether every mode that does not die out by itself can be moved by an input."""
+    """True if an input can move every mode that does not die out by itself."""
     lost = uncontrollable(A, B)
     alive = np.abs(lost) >= 1.0 - 1e-9 if period is not None else lost.real >= -1e-9
     return not alive.any()

@@ -26,7 +26,7 @@ class StabilityMap(NamedTuple):
     Attributes:
         size: of the largest pole; the loop is stable below 1.
         damping: the least of all poles; NaN where the loop is not stable.
-        delay: delay margin, s; likewise.
+        delay: delay margin, s; NaN where the loop is not stable.
     """
 
     size: np.ndarray
@@ -35,7 +35,7 @@ class StabilityMap(NamedTuple):
 
     @property
     def stable(self) -> np.ndarray:
-        """Whether all poles lie inside the unit circle."""
+        """True where all poles lie inside the unit circle."""
         return self.size < 1.0 - 1e-9  # an integrator that is left alone is found on either side of 1
 
 

@@ -124,7 +124,7 @@ def linear_vehicle(trim: Trim, parameters: QuadrotorParameters, *, kinematics: K
 
 
 def affine_vehicle(trim: Trim, parameters: QuadrotorParameters, *, kinematics: Kinematics = "exact") -> AffineSystem:
-    """Drake's FirstOrderTaylorApproximation at any point, likewise: ẋ = A x + B u + f₀ and y = C x + D u + y₀."""
+    """Drake's FirstOrderTaylorApproximation at any point: ẋ = A x + B u + f₀ and y = C x + D u + y₀."""
     diagram, context = _at(trim, parameters, kinematics)
     return FirstOrderTaylorApproximation(diagram, context)
 

@@ -61,7 +61,7 @@ def build_tracking_diagram(
             (4 rows: F_z in N; τ_x, τ_y, τ_z in N m). The diagram takes it over.
         wind: a source of wind beside the scenario's: one output port of 3 rows, the velocity of the air in W (m/s), and
             perhaps the input port `state` (12 rows). The diagram takes it over, and samples it at the vehicle's time
-            step; a FleetSystem, such as those of `drake_quad.laboratory.wind`, does that itself.
+            step, unless it is a FleetSystem that updates itself, as those of `drake_quad.laboratory` do.
         plan: flown instead of that of the scenario's route.
         record: whether to add a recorder of all signals, sampled at every tick of the control.
         drake_random: whether wind and noise come from Drake's random sources, for its own Monte Carlo tools, in place
@@ -88,8 +88,8 @@ def build_fleet_diagram(
         batch: that is flown.
         plan: that is flown.
         own: systems of the user's, for as many vehicles. The diagram takes them over.
-        record: as for `build_tracking_diagram`.
-        drake_random: likewise.
+        record: whether to add a recorder of all signals, sampled at every tick of the control.
+        drake_random: whether wind and noise come from Drake's random sources in place of those of the samples.
 
     Raises:
         InputError: a system of the user's does not fit, or the vehicle's time step is too long for its drag.
@@ -189,6 +189,6 @@ def _samples(batch: Batch) -> Samples:
 
 def _sampled(wind: Any, scenario: Scenario) -> Any:
     """A user's source of wind, sampled unless it does that itself; None if there is none."""
-    if wind is None or isinstance(wind, FleetSystem):
+    if wind is None or (isinstance(wind, FleetSystem) and wind.updates):
         return wind
     return build_held_wind(wind, period=wind_period(scenario))

@@ -17,8 +17,8 @@ class UserSystems(NamedTuple):
         control: stands in for the whole cascade: from `measurement` and `reference`, and perhaps `reference_jerk` and
             `reference_snap`, to `wrench`.
         wind: a source of wind beside the scenario's: one output port with the velocity of the air, and perhaps the
-            input port `state`. It is sampled at the vehicle's time step; a FleetSystem, such as those of
-            `drake_quad.laboratory.wind`, does that itself.
+            input port `state`. It is sampled at the vehicle's time step, unless it is a FleetSystem that updates
+            itself, as those of `drake_quad.laboratory` do.
     """
 
     position_controller: Any = None

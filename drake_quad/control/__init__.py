@@ -1,1 +1,37 @@
-"""Controllers: position, thrust vectoring, attitude, and the cascade of the three."""
+"""Controllers: position, fuzzy networks that learn, thrust vectoring, attitude, and the cascade of them."""
+
+from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
+from drake_quad.control.axes import PerAngle, PerAxis
+from drake_quad.control.cascade import build_cascade
+from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
+from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
+from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning, build_fuzzy_network
+from drake_quad.control.integral import IntegralCorrection, IntegralGains
+from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
+from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
+
+__all__ = [
+    "Antecedents",
+    "AttitudeController",
+    "AttitudeNumbers",
+    "CovarianceLaw",
+    "FuzzyRules",
+    "FuzzySets",
+    "GradientLaw",
+    "IntegralCorrection",
+    "IntegralGains",
+    "LearningNumbers",
+    "Limits",
+    "PdGains",
+    "PerAngle",
+    "PerAxis",
+    "ProportionalDerivative",
+    "SignLaw",
+    "ThrustLimits",
+    "ThrustVectoring",
+    "VectoringNumbers",
+    "WeightLearning",
+    "build_cascade",
+    "build_fuzzy_network",
+    "build_position_controller",
+]

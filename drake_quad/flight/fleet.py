@@ -20,7 +20,7 @@ class StudyFleet:
     The diagram is built once; its context is reset for every batch of samples.
 
     Args:
-        scenario: of the study.
+        scenario: with or without distributions.
         num_vehicles: N.
         plan: flown instead of that of the scenario's route.
         own: functions that make systems of the user's for N vehicles.

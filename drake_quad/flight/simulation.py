@@ -91,9 +91,9 @@ def simulate_samples(
     """Flies samples of a study side by side and records every signal of each, as `simulate` does of one.
 
     Args:
-        scenario: of the study.
-        samples: their numbers in it.
-        seed: of the study, in place of the scenario's.
+        scenario: with or without distributions.
+        samples: numbers of samples, from 0 on.
+        seed: in place of the scenario's.
         plan: flown instead of that of the scenario's route.
 
     Raises:

@@ -158,12 +158,18 @@ class Computation:
         self.formula, self.reads, self.results, self.writes = formula, tuple(reads), tuple(results), tuple(writes)
         self._timed = any(read is TIME for read in self.reads)
         # What is read of what is written stands where it will be written.
-        places = {write.index: place for place, write in enumerate(writes)}
+        written = {write.index: place for place, write in enumerate(writes)}
         self._sources = [
-            (read, places.get(read.index) if isinstance(read, StateGroup) else None)
+            (read, written.get(read.index) if isinstance(read, StateGroup) else None)
             for read in self.reads
             if isinstance(read, _Read)
         ]
+        # By place among the sources, since this is looked up thousands of times a second.
+        reads_and_places = [(place, read) for place, (read, target) in enumerate(self._sources) if target is None]
+        self._inputs = [(place, read.index) for place, read in reads_and_places if isinstance(read, Input)]
+        self._parameters = [(place, read.index) for place, read in reads_and_places if isinstance(read, Parameter)]
+        self._states = [(place, read.index) for place, read in reads_and_places if isinstance(read, StateGroup)]
+        self._own = [(place, target) for place, (_, target) in enumerate(self._sources) if target is not None]
         self._kernels: dict[tuple[Any, ...], Callable[..., None]] = {}
 
     def tickets(self, system: "FleetSystem") -> set[Any]:
@@ -179,17 +185,25 @@ class Computation:
             self.interpret(system, context, vectors)
             return
         targets = [vector.get_mutable_value() for vector in vectors]
-        sources: list[Any] = []
+        sources: list[Any] = [None] * len(self._sources)
         absent: tuple[Any, ...] = ()
-        for read, place in self._sources:
-            if place is not None:
-                sources.append(targets[place])
-                continue
-            vector = read.vector(system, context)
+        for place, index in self._inputs:
+            vector = system.EvalVectorInput(context, index)
             if vector is None:
-                absent += (read.index,)
+                absent += (index,)
             else:
-                sources.append(vector.CopyToVector() if read.index is None else vector.value())
+                sources[place] = vector.value()
+        for place, index in self._parameters:
+            sources[place] = context.get_numeric_parameter(index).value()
+        for place, index in self._states:
+            if index is None:
+                sources[place] = context.get_continuous_state_vector().CopyToVector()
+            else:
+                sources[place] = context.get_discrete_state(index).value()
+        for place, target in self._own:
+            sources[place] = targets[target]
+        if absent:
+            sources = [source for source in sources if source is not None]
         run = self._kernels.get(absent) or self._made(absent, lone=system.num_vehicles == 1)
         run(system.num_vehicles, context.get_time() if self._timed else 0.0, *targets, *sources)
 
@@ -310,7 +324,7 @@ class FleetSystem(_Base):
         return self.states[name]
 
     def continuous_state(self, recipe: Callable[[Any], Any]) -> StateGroup:
-        """Declares the continuous state, likewise."""
+        """Declares the continuous state, given its record at the beginning as a function of the numbers."""
         record = recipe(self._numbers)
         layout = layout_of(type(record), record)
         self.DeclareContinuousState(self._vector(layout, record))
@@ -340,8 +354,8 @@ class FleetSystem(_Base):
         Args:
             name: of the port.
             kind: a record of signals, which are the ports that result; the formula returns one.
-            formula: as for `output`.
-            reads: likewise.
+            formula: which returns the record.
+            reads: the formula's arguments: ports, parameters, states, `TIME`, or constants.
         """
         layout = layout_of(kind)
         self.packed = dict(zip(kind._fields, layout.parts, strict=True))
@@ -375,7 +389,8 @@ class FleetSystem(_Base):
         Args:
             period: h, s.
             formula: which returns what they will hold: a record, or one after another if there are several.
-            reads: as for `output`. What is read of the discrete state is what it was before this instant.
+            reads: the formula's arguments: ports, parameters, states, `TIME`, or constants. Of the discrete state it
+                reads what it was before this instant.
             writes: the groups that change; no other update may write them.
             unrestricted: whether it is done before the discrete updates of that instant, which then see the result.
             at_start: whether anything is done at time zero.
@@ -393,7 +408,13 @@ class FleetSystem(_Base):
         event(period, 0.0, MethodType(write, self))
 
     def initialize(self, formula: Callable[..., Any], *reads: Any, writes: Sequence[StateGroup]) -> None:
-        """Declares an update that is done when a simulation begins; arguments as for `update`."""
+        """Declares an update that is done when a simulation begins.
+
+        Args:
+            formula: which returns what the groups will hold.
+            reads: the formula's arguments: ports, parameters, states, `TIME`, or constants.
+            writes: the groups that change.
+        """
         computation = Computation(formula, reads, [group.layout for group in writes], writes)
         indices = [group.index for group in writes]
 
@@ -442,7 +463,7 @@ class FleetSystem(_Base):
         return self._record(self.states[name], context)
 
     def set_state(self, context: Context, name: str, record: Any) -> None:
-        """Writes a record into a group of the state, likewise."""
+        """Writes a record into a group of the state; each row is a number for all vehicles, or an (N,) array."""
         group = self.states[name]
         group.mutable_vector(context).SetFromVector(self._elements(group.layout, record))
 
@@ -534,7 +555,7 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
                 __doc__ = cls.__doc__
                 scalar = T
 
-                def _construct(self, *, converter: Any = None, num_vehicles: int = 1, **options: Any) -> None:
+                def _construct(self, num_vehicles: int = 1, *, converter: Any = None, **options: Any) -> None:
                     LeafSystem_[T].__init__(self, converter)
                     self.num_vehicles, self._options = num_vehicles, options
                     self.structure = {name: value for name, value in options.items() if name != "numbers"}
@@ -543,7 +564,7 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
                     self.declare(**options)
 
                 def _construct_copy(self, other: Any, converter: Any = None) -> None:
-                    Impl._construct(self, converter=converter, num_vehicles=other.num_vehicles, **other._options)
+                    Impl._construct(self, other.num_vehicles, converter=converter, **other._options)
 
             return Impl
 

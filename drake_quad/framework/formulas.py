@@ -74,9 +74,9 @@ def interpret(
 
     Args:
         formula: to apply.
-        arguments: as for `kernel`.
+        arguments: that it takes: a `Layout` for a record that is read, `TIME`, or a constant.
         sources: the elements of what is read, one array for each layout among the arguments.
-        results: as for `kernel`.
+        results: layouts of what it returns: that of the only record, or those of the parts of a tuple or record.
         num_vehicles: N.
         time: s.
     """

@@ -29,6 +29,7 @@ from typing import Any
 
 import llvmlite
 import llvmlite.binding as llvm
+import numpy as np
 
 from drake_quad.files import write_whole
 from drake_quad.framework.symbols import Kind, Listing, Symbol
@@ -74,6 +75,16 @@ _INTRINSICS = {"fabs": 1, "sqrt": 1, "rint": 1, "fma": 3, "copysign": 2}
 _CHECKSUM_SIZE = 32
 # A NumPy array's pointer to its elements stands behind what all Python objects begin with (NumPy's C interface).
 _POINTER = object.__basicsize__
+
+
+def _check_pointer() -> None:
+    """Raises ImportError where NumPy's arrays are laid out in another way."""
+    array = np.zeros(1)
+    if ctypes.c_void_p.from_address(id(array) + _POINTER).value != array.ctypes.data:
+        raise ImportError("machine code cannot find the elements of NumPy's arrays in this Python")
+
+
+_check_pointer()
 
 
 def _type(kind: Kind, lanes: int) -> str:

@@ -90,7 +90,7 @@ class Metrics(NamedTuple):
 
     @property
     def crashed(self) -> Any:
-        """Whether the vehicle crashed."""
+        """True if the vehicle crashed."""
         return self.crash_time < math.inf
 
     def taken(self, places: Any) -> "Metrics":

@@ -22,8 +22,8 @@ class Samples(NamedTuple):
     """The samples of a study that the vehicles of a fleet fly.
 
     Attributes:
-        seed: of the study.
-        numbers: of the samples, one for each vehicle.
+        seed: of all samples.
+        numbers: one for each vehicle.
     """
 
     seed: int
@@ -135,7 +135,7 @@ class NoiseSource(FleetSystem):
 def random_streams(systems: Mapping[str, Any], kind: Kind) -> dict[str, list[Stream]]:
     """The streams for the random input ports of some systems, in the order of the ports; none for some systems.
 
-    A stream is called after its system and port, so that it stays as it is when others come or go.
+    A stream is called after its system and port, so that its numbers do not change when other streams come or go.
 
     Args:
         systems: by name; only a FleetSystem can have such ports.
@@ -173,7 +173,12 @@ def connect_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], samples:
 
 
 def connect_random_sources(builder: DiagramBuilder, ports: Mapping[Stream, Any]) -> None:
-    """Connects random input ports to Drake's random sources, which are added to the builder; likewise."""
+    """Connects random input ports to Drake's random sources, which are added to the builder.
+
+    Args:
+        builder: which has the ports' systems.
+        ports: for each stream.
+    """
     for stream, port in ports.items():
         source = RandomSource(stream.distribution, port.size(), stream.period)
         builder.AddNamedSystem(f"random_{stream.name}", source)

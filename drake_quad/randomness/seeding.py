@@ -35,7 +35,7 @@ def child_words(entropy: int, samples: np.ndarray, kind: int) -> np.ndarray:
     Args:
         entropy: at least 0.
         samples: (n,) numbers from 0 to 2³² - 1.
-        kind: likewise.
+        kind: a number from 0 to 2³² - 1.
     """
     words = [np.full(len(samples), word, dtype=np.uint32) for word in _words(entropy)]
     words += [samples.astype(np.uint32), np.full(len(samples), kind, dtype=np.uint32)]

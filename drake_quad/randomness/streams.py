@@ -44,10 +44,10 @@ def stream_states(seed: int, samples: Sequence[int], kind: Kind, name: str) -> n
     """Where the streams of some samples begin: the (N,) states of SplitMix64, from NumPy's seed sequences.
 
     Args:
-        seed: of the study.
-        samples: their N numbers in the study.
-        kind: of what is drawn.
-        name: of what it is for.
+        seed: of all samples.
+        samples: N numbers of samples.
+        kind: what the numbers are for.
+        name: of the stream, unlike that of any other of its kind.
     """
     label = int.from_bytes(hashlib.blake2b(name.encode(), digest_size=8).digest(), "little")
     states: np.ndarray = mixed(_sample_words(seed, tuple(samples), kind) ^ np.uint64(label))

@@ -1,4 +1,4 @@
-"""Whether the rotors can fly a path."""
+"""Checks that the rotors can fly a path."""
 
 from typing import NamedTuple
 

@@ -54,11 +54,11 @@ class Box:
 
     @property
     def is_point(self) -> bool:
-        """Whether it has no extent."""
+        """True if the box has no extent."""
         return bool((self.low == self.high).all())
 
     def equals(self, other: "Box") -> bool:
-        """Whether both are the same box."""
+        """True if both are the same box."""
         return bool((self.low == other.low).all() and (self.high == other.high).all())
 
     def intersection(self, other: "Box") -> "Box | None":
@@ -191,12 +191,12 @@ class PathProblem:
 
     @property
     def passes_points(self) -> bool:
-        """Whether every place is a point and there are no corridors: the fast path's problem, but for the limits."""
+        """True if every place is a point and there are no corridors: the fast path's problem, but for the limits."""
         return all(map(_is_point, self.places)) and not any(self.corridors)
 
     @property
     def stretchable(self) -> bool:
-        """Whether no motion is given at the waypoints, so that a path may be flown slower, or faster, as it is."""
+        """True if no motion is given at the waypoints, so that a path may be flown slower, or faster, as it is."""
         return not np.nan_to_num(self.derivatives).any()
 
     def without_limits(self) -> "PathProblem":
@@ -280,7 +280,7 @@ def _is_point(place: Box | Sphere) -> bool:
 
 
 def _touch(place: Box | Sphere, box: Box) -> bool:
-    """Whether a place has a point in a box."""
+    """True if a place has a point in a box."""
     if isinstance(place, Box):
         return place.intersection(box) is not None
     return bool(np.linalg.norm(box.nearest(place.centre) - place.centre) <= place.radius)

@@ -138,7 +138,7 @@ def passing_times(problem: PathProblem, path: PolynomialPath) -> np.ndarray:
 
 
 def _repeats(one: Box | Sphere, other: Box | Sphere) -> bool:
-    """Whether both are the same point."""
+    """True if both are the same point."""
     return isinstance(one, Box) and isinstance(other, Box) and one.is_point and one.equals(other)
 
 

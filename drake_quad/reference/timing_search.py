@@ -65,7 +65,7 @@ def _stops_everywhere(problem: PathProblem, points: np.ndarray) -> np.ndarray:
 
 
 def _ride(problem: PathProblem, points: np.ndarray) -> np.ndarray:
-    """(segments,) durations of a ride through points along the chords at the limits, likewise."""
+    """(segments,) durations of a ride through points along the chords at the limits."""
     times = trapezoid_times(points, speed=problem.limits.speed, acceleration=problem.limits.acceleration)
     return _none_too_short(problem, np.diff(times))
 

@@ -32,9 +32,9 @@ class Batch:
         """Draws samples of a scenario's study.
 
         Args:
-            scenario: of the study.
-            samples: their numbers in it.
-            seed: of the study, in place of the scenario's.
+            scenario: with or without distributions.
+            samples: numbers of samples, from 0 on.
+            seed: in place of the scenario's.
 
         Raises:
             InputError: the seed or the number of a sample is negative or too large.
@@ -77,9 +77,9 @@ def draw_sample(scenario: Scenario, sample: int, *, seed: int | None = None) -> 
     """Draws one sample of a study: the scenario with a number in place of each of its distributions.
 
     Args:
-        scenario: of the study.
-        sample: its number in the study, from 0 on.
-        seed: of the study, in place of the scenario's.
+        scenario: with or without distributions.
+        sample: number of the sample, from 0 on.
+        seed: in place of the scenario's.
 
     Raises:
         InputError: the seed or the sample's number is negative or too large.

@@ -62,7 +62,7 @@ def load_mission(spec: str | Path, overrides: Overrides = ()) -> Mission:
 
     Args:
         spec: FILE, or FILE:NAME where the file holds several scenarios; or a CSV file, see `waypoint_table`.
-        overrides: as for `load_scenario`.
+        overrides: assignments `field.path=value` with the value in YAML; they win.
 
     Raises:
         InputError: as `load_scenario`, or an override is of something else in a scenario.

@@ -64,12 +64,12 @@ def whole(*, least: int, most: int) -> AfterValidator:
 
 
 def can_differ_from_zero(value: NumberOrDistribution) -> bool:
-    """Is a quantity anything but the number zero? Then what it stands for has a place in the diagram."""
+    """True if a quantity is anything but the number zero; then what it stands for has a place in the diagram."""
     return not isinstance(value, float | int) or value != 0.0
 
 
 def excludes_zero(value: NumberOrDistribution) -> bool:
-    """Whether a quantity cannot be zero, nor so small that it might as well be, whatever is drawn."""
+    """True if a quantity cannot be zero, nor so small that it might as well be, whatever is drawn."""
     if isinstance(value, Choice):
         return all(abs(number) >= SMALLEST for number in value.choice)
     lowest, highest = extremes(value)

@@ -13,7 +13,7 @@ def fly_samples(
     """Flies samples of a scenario's study in one fleet and returns their metrics.
 
     Args:
-        scenario: of the study.
+        scenario: with or without distributions.
         samples: N numbers of samples.
         progress: called now and then with the time flown and the time to fly, s.
 

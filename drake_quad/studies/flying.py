@@ -25,7 +25,7 @@ class Job(NamedTuple):
     Attributes:
         key: tells this run of a study from others.
         code: versions and sources with which it must be flown.
-        scenario: of the study.
+        scenario: under the study's seed.
         plan: that is flown.
         num_vehicles: N of the largest fleet.
         own: functions that make systems of the user's for N vehicles.

@@ -24,7 +24,7 @@ from drake_quad.studies.study_folder import StudyRows, open_study
 # Vehicles of a fleet. With about a thousand, what Drake does once a step hardly counts any more.
 _BATCH_SIZE = 1024
 # Samples that a trial flies side by side, and the agreement that is asked of what a controller does alone and beside
-# others: systems of one's own may add up in another order, which vehicles that nearly crash make much of.
+# others: a user's system may add up in another order, which vehicles that nearly crash make much of.
 _TRIAL_SIZE, _ALIKE = 3, 1e-6
 
 
@@ -69,9 +69,9 @@ def run_monte_carlo(
         time_limit: after which a batch is given up, s; for processes on this machine. None if not given.
         position_controller: makes a system for N vehicles that stands in for the scenario's; see
             `build_tracking_diagram`. A function of a module, so that workers find it.
-        control: makes one for the whole cascade; likewise.
-        wind: makes a source of wind beside the scenario's; likewise. With any of these, a sample is flown alone, once
-            more, and beside others before the study begins; it must fly alike.
+        control: makes a system that stands in for the whole cascade; a function of a module, too.
+        wind: makes a source of wind beside the scenario's; a function of a module, too. With any of these, a sample is
+            flown alone, once more, and beside others before the study begins; it must fly alike.
         progress: called with the number of samples that are done, and n.
 
     Returns:
@@ -80,10 +80,10 @@ def run_monte_carlo(
 
     Raises:
         InputError: a number is out of range, the scenario cannot be flown, worker processes would not find a function
-            or have other code, a system of one's own does not fly a sample alike alone and beside others, or the folder
+            or have other code, a user's system does not fly a sample alike alone and beside others, or the folder
             holds another study or one that is not to be resumed.
         OSError: rows could not be written, or a cluster is gone; the rows before are saved.
-        RuntimeError: no sample can be flown; likewise.
+        RuntimeError: no sample can be flown; the rows before are saved.
         StudyInterrupted: by Ctrl-C; what is done is saved.
     """
     num_workers = num_cores() if num_workers is None else num_workers
@@ -103,6 +103,8 @@ def run_monte_carlo(
             with open_study(folder, scenario, num_samples, duration, own, resume=resume) as rows:
                 batches = _batches(rows.missing, crew.num_workers, batch_size)
                 _fly(crew, job._replace(num_vehicles=max(map(len, batches), default=1)), batches, rows, progress)
+            if rows.failures and not len(rows):
+                raise RuntimeError(f"no sample can be flown: {next(iter(rows.failures.values()))}")
     except KeyboardInterrupt:
         raise StudyInterrupted(f"interrupted: {_saved(rows)}") from None
     except OSError as error:
@@ -161,7 +163,7 @@ def _check_alike(crew: Crew, job: Job) -> None:
     A trial that fails says nothing: which samples cannot be flown, the study finds out.
 
     Raises:
-        InputError: it does not fly alike, or a system of one's own does not fit.
+        InputError: it does not fly alike, or a user's system does not fit.
     """
     size = min(job.num_vehicles, _TRIAL_SIZE)
     job = job._replace(key=f"{job.key}, trial", num_vehicles=size)

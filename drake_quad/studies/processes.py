@@ -74,7 +74,7 @@ class Workers(Crew):
 
     @property
     def inherit(self) -> bool:
-        """Whether the processes are still to begin, with what this one has by then."""
+        """True if the processes are still to begin, with what this one has by then."""
         return not self._workers and _can_fork()
 
     def begin(self, function: Callable[[Any], Any], given: Any) -> None:

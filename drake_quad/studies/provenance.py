@@ -53,7 +53,7 @@ def _digest(files: Iterable[Path], folder: Path | None) -> str:
 
 
 # What digests are of, in words.
-_DIGESTS = {"sources": "other sources of drake_quad", "own": "another controller or wind of one's own"}
+_DIGESTS = {"sources": "other sources of drake_quad", "own": "another controller or wind of the user's"}
 
 
 def difference(here: dict[str, str], there: dict[str, str]) -> str | None:

@@ -134,11 +134,12 @@ class Record(BaseModel):
     """What is written of a study beside its scenario.
 
     Attributes:
-        samples: of the study.
-        seed: of the study.
+        samples: how many there are to be.
+        seed: from which they are drawn.
         duration: of a flight, s.
-        position_controller: name of the function that makes it in place of the scenario's, if one is given; `control`
-            and `wind` likewise.
+        position_controller: name of the function that makes it in place of the scenario's, if one is given.
+        control: name of the function that makes it, if one is given.
+        wind: name of the function that makes it, if one is given.
         versions: versions and sources with which it was flown, one after another.
         columns: what stands in each column of the results.
     """
@@ -160,7 +161,7 @@ class Record(BaseModel):
 
         Args:
             scenario: of the study, under its seed.
-            num_samples: of it.
+            num_samples: how many samples there are to be.
             duration: of a flight, s.
             own: functions that make systems of the user's.
         """

@@ -31,8 +31,8 @@ class StudyRows:
     """The rows of a study that are there.
 
     Args:
-        scenario: of the study.
-        num_samples: of the study.
+        scenario: under the study's seed.
+        num_samples: how many samples there are to be.
         duration: of a flight, s.
         found: what its file held at the beginning, if it has one.
         file: to which new ones are appended, if any.
@@ -131,8 +131,8 @@ def open_study(
 
     Args:
         folder: where it is written, if it is.
-        scenario: of the study.
-        num_samples: of it.
+        scenario: under the study's seed.
+        num_samples: how many samples there are to be.
         duration: of a flight, s.
         own: functions that make systems of the user's.
         resume: whether a study that is in the folder may be gone on with.

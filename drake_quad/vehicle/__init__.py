@@ -1,1 +1,20 @@
 """The aircraft: parameters, rigid body and rotors, allocation."""
+
+from drake_quad.vehicle.allocation import Allocation, RotorModel
+from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
+from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters, ThrustFactors
+from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
+
+__all__ = [
+    "Allocation",
+    "CentreOfMass",
+    "Inertia",
+    "Place",
+    "Quadrotor",
+    "QuadrotorNumbers",
+    "QuadrotorParameters",
+    "RotorFaults",
+    "RotorModel",
+    "SpeedFactors",
+    "ThrustFactors",
+]

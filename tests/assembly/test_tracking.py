@@ -134,6 +134,21 @@ def test_a_crash_is_a_result(figure_eight):
     assert all(math.isfinite(value) for value in flight.metrics[:-1])
 
 
+def test_a_crashed_vehicle_stays_where_it_crashed(figure_eight):
+    """The referee tells the laboratory."""
+    scenario = figure_eight("control.position.k_p=[20, 20, 20]")
+    crash_time = simulate(scenario).metrics.crash_time
+    diagram = build_tracking_diagram(scenario)
+    simulator = Simulator(diagram)
+    states = []
+    for time in (crash_time - 0.01, crash_time + 0.01, crash_time + 1.0):
+        simulator.AdvanceTo(time)
+        simulator.AdvancePendingEvents()
+        states.append(diagram.GetOutputPort("state").Eval(simulator.get_context()))
+    assert (states[0] != states[1]).all()
+    np.testing.assert_array_equal(states[1], states[2])
+
+
 class Broken(LeafSystem):
     """A position controller that commands what is not a number from 2 s on."""
 

@@ -4,14 +4,16 @@ import re
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
 from drake_quad.assembly.planning import plan_route
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.flight import simulate_samples
 from drake_quad.flight.simulation import fly
+from drake_quad.framework import FleetSystem, fleet_system
 from drake_quad.scenario import Batch, draw_sample
-from drake_quad.signals import SIGNALS
+from drake_quad.signals import SIGNALS, State, Wind
 from drake_quad.visualization.plots import PLOTS, save_plots
 
 
@@ -248,3 +250,27 @@ def test_a_flight_shows_itself_in_a_line_and_says_what_signals_it_has(diagrams):
     assert re.fullmatch(r"<Flight of hover: 1\.00 s, RMSE \S+ m; reference, .*wind, crashed>", repr(flight))
     with pytest.raises(KeyError, match="weights is no signal of this flight, which has reference, "):
         flight["weights"]
+
+
+def test_wind_of_the_user_s_is_sampled_whatever_system_makes_it(diagrams):
+    """A formula of the place, as a LeafSystem and as a FleetSystem without states, blows alike."""
+    scenario = load_scenario(diagrams / "figure_eight.yaml", ["duration=2", "vehicle.linear_drag=0.3"])
+
+    class Leaf(LeafSystem):
+        def __init__(self):
+            super().__init__()
+            state = self.DeclareVectorInputPort("state", BasicVector(12))
+            self.DeclareVectorOutputPort(
+                "wind", BasicVector(3), lambda context, output: output.SetFromVector(shear(State(*state.Eval(context))))
+            )
+
+    @fleet_system(float)
+    class Fleet(FleetSystem):
+        def declare(self):
+            self.output("wind", shear, self.input("state"))
+
+    def shear(state):
+        return Wind(2.0 * state.z, 0.5 * state.x, 0.0)
+
+    flights = [simulate(scenario, wind=wind) for wind in (Leaf(), Fleet())]
+    np.testing.assert_allclose(flights[0]["state"], flights[1]["state"], rtol=0.0, atol=1e-12)

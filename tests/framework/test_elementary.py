@@ -5,7 +5,7 @@ import pytest
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.symbolic import Expression, Variable
 
-from drake_quad import elementary
+from drake_quad.framework import elementary
 
 # Arithmetic on Expression leaves floating-point flags behind that mean nothing.
 pytestmark = pytest.mark.filterwarnings("ignore:invalid value encountered")
@@ -20,8 +20,25 @@ def test_acts_alike_on_all_scalars(function):
     assert isinstance(expected, float)
     np.testing.assert_allclose(function(np.array([x, x])), expected, rtol=1e-15)
     assert function(AutoDiffXd(x, [1.0])).value() == pytest.approx(expected, rel=1e-15)
-    assert function(np.array([AutoDiffXd(x, [1.0])]))[0].value() == pytest.approx(expected, rel=1e-15)
+    for each in function(np.array([AutoDiffXd(x, [1.0]), AutoDiffXd(x, [0.0])])):
+        assert each.value() == pytest.approx(expected, rel=1e-15)
     assert function(Expression(variable)).Evaluate({variable: x}) == pytest.approx(expected, rel=1e-15)
+
+
+def test_the_logarithm_of_1_plus_a_little_is_accurate_and_has_derivatives():
+    """Of vehicles side by side, too, of which one may learn nothing any more: there the logarithm is the number."""
+    numbers = [0.3, 1e-9, 1e-20, 0.0]
+    expected = np.log1p(numbers)
+    assert [elementary.log_of_1_plus(x) for x in numbers] == pytest.approx(expected, rel=1e-15)
+    np.testing.assert_allclose(elementary.log_of_1_plus(np.array(numbers)), expected, rtol=1e-15)
+    with_derivatives = [AutoDiffXd(x, [1.0]) for x in numbers]
+    alone = [elementary.log_of_1_plus(x) for x in with_derivatives]
+    beside = elementary.log_of_1_plus(np.array(with_derivatives))
+    for found in (alone, beside):
+        np.testing.assert_allclose([each.value() for each in found], expected, rtol=1e-15)
+    for one, other, x in zip(alone, beside, numbers, strict=True):
+        assert one.derivatives() == other.derivatives()
+        assert one.derivatives()[0] == pytest.approx(1.0 / (1.0 + x), rel=1e-6)
 
 
 @pytest.mark.parametrize(("function", "expected"), [(elementary.maximum, 2.0), (elementary.minimum, 1.0)])

@@ -210,3 +210,18 @@ def test_random_inputs_say_what_they_need():
     system = Gambling(num_vehicles=4)
     assert system.random_inputs["coin"] == (1, RandomDistribution.kUniform, 0.1)
     assert system.GetInputPort("coin").size() == 4
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_an_output_that_reads_the_time_moves_with_it(n):
+    @fleet_system(float, AutoDiffXd)
+    class Clock(FleetSystem):
+        def declare(self):
+            self.output("wind", lambda time: Wind(time, 2.0 * time, 0.0), TIME)
+
+    system = Clock(num_vehicles=n)
+    context = system.CreateDefaultContext()
+    for time in (0.0, 1.5, 4.0):
+        context.SetTime(time)
+        found = system.GetOutputPort("wind").Eval(context).reshape(3, n)
+        np.testing.assert_array_equal(found, np.multiply.outer([time, 2.0 * time, 0.0], np.ones(n)))

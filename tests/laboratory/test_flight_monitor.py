@@ -99,6 +99,16 @@ def test_a_crash_is_called_and_ends_what_counts(port, field, value):
     np.testing.assert_allclose(np.array(metrics[:-1])[:, 0], expected(tape, slice(25)), rtol=1e-12)
 
 
+def test_a_crash_is_for_good():
+    """Also of a vehicle that is within all limits again a tick later."""
+    tape = random_tape()
+    tape["state"][25, row("state", "roll")] = 1.5
+    metrics, crashed = watched(tape)
+    assert crashed == 1.0
+    assert metrics.crash_time[0] == pytest.approx(25 * PERIOD)
+    np.testing.assert_allclose(np.array(metrics[:-1])[:, 0], expected(tape, slice(25)), rtol=1e-12)
+
+
 def test_the_error_of_a_crash_is_the_distance_in_space():
     """Against 5 m: (3, 2.8, 2.8) m is nearer than that, (3, 2.9, 2.9) m is not, whichever axis has which."""
     for turn in range(3):

@@ -1,4 +1,5 @@
-"""The same rows from a Dask cluster, as the README starts one, and an end in a sentence when it is not as it should be.
+"""The same rows from a Dask cluster, started as on the page of analysis, and an end in a sentence when it breaks.
+
 
 Everything of Dask's runs in other processes: its threads stay, and those of this one are forked elsewhere.
 """

@@ -587,3 +587,13 @@ def test_what_is_under_way_at_the_end_is_given_up(fails, monkeypatch):
     else:
         assert len(run(num_samples=2, batch_size=1, executor=Here(None)).samples) == 2
     assert given_up == [True]
+
+
+def test_a_study_of_which_no_sample_can_be_flown_says_why(tmp_path):
+    with pytest.raises(RuntimeError, match=r"no sample can be flown: .*broken.*; 0 of 3 samples are in"):
+        run(tmp_path, num_samples=3, wind=broken)
+    assert len((tmp_path / "failed.csv").read_text().splitlines()) == 1 + 3
+
+
+def broken(num_vehicles):
+    raise ArithmeticError("broken")

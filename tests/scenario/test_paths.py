@@ -1,0 +1,42 @@
+import pytest
+
+from drake_quad import InputError, load_scenario
+from drake_quad.scenario.distributions import Distribution
+from drake_quad.scenario.paths import distributions_in, leaves, replaced, value_at
+
+
+@pytest.fixture(scope="module")
+def scenario(diagrams):
+    return load_scenario(diagrams / "robustness.yaml")
+
+
+def test_every_leaf_is_found_where_its_path_leads(scenario):
+    found = dict(leaves(scenario))
+    assert len(found) > 80
+    for path, value in found.items():
+        assert value_at(scenario, path) is value
+    assert isinstance(found["vehicle.inertia.1"], Distribution)
+    assert found["laboratory.wind.0.kind"] == "fan"
+
+
+def test_distributions_are_the_leaves_that_are_none_other(scenario):
+    found = distributions_in(scenario)
+    assert list(found) == [path for path, value in leaves(scenario) if isinstance(value, Distribution)]
+    assert len(found) == 31
+
+
+def test_only_what_differs_is_replaced(scenario):
+    assert replaced(scenario, lambda path, value: value) is scenario
+    other = replaced(scenario, lambda path, value: 0.01 if path == "vehicle.inertia.1" else value)
+    changed = [path for path, value in leaves(other) if value is not dict(leaves(scenario))[path]]
+    assert changed == ["vehicle.inertia.1"]
+    assert other.vehicle.inertia[1] == 0.01
+    assert other.laboratory is scenario.laboratory
+
+
+@pytest.mark.parametrize(
+    "path", ["vehicle.weight", "vehicle.inertia.3", "vehicle.inertia[1]", "vehicle.mass.normal.mean", "", "name.0"]
+)
+def test_a_path_that_leads_nowhere_is_told(scenario, path):
+    with pytest.raises(InputError, match="there is no field"):
+        value_at(scenario, path)
