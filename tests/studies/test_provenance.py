@@ -75,5 +75,5 @@ def test_what_differs_is_said_in_words():
     assert difference(here, dict(here)) is None
     assert difference(here, {**here, "numpy": "1.0"}) == "numpy 1.0, not 2.0"
     assert difference(here, {**here, "sources": "c"}) == "other sources of drake_quad"
-    assert difference(here, {**here, "own": "c"}) == "another controller or wind of one's own"
+    assert difference(here, {**here, "own": "c"}) == "another controller or wind of the user's"
     assert difference(here, {"python": "3.12.1"}) == "numpy None, not 2.0"
