@@ -10,6 +10,7 @@ from drake_quad.replication.experiment import QUICK, Sizes, _fly_cell, _Jobs
 from drake_quad.replication.measures import CURVED, STRAIGHT
 from drake_quad.replication.sweeps import fly_legs, fly_settings, gain_settings, noise_settings, q_settings
 from drake_quad.studies import monte_carlo
+from drake_quad.studies.flying import fly_batch
 from drake_quad.studies.processes import Workers
 
 PAPER = "diagrams/paper.yaml"
@@ -101,6 +102,9 @@ def test_jobs_are_done_by_workers_and_their_failure_is_told():
 
 
 def test_a_cell_with_a_sample_that_cannot_be_flown_is_none(tmp_path, monkeypatch):
-    monkeypatch.setattr(monte_carlo, "fly_batch", lambda job, samples: fail(f"sample {samples[0]}"))
-    with pytest.raises(RuntimeError, match="sample 0 of hover could not be flown: ArithmeticError: sample 0 is cursed"):
+    def fly_some(job, samples):
+        return fail("sample 1") if 1 in samples else fly_batch(job, samples)
+
+    monkeypatch.setattr(monte_carlo, "fly_batch", fly_some)
+    with pytest.raises(RuntimeError, match="sample 1 of hover could not be flown: ArithmeticError: sample 1 is cursed"):
         _fly_cell(load_scenario("diagrams/hover.yaml", ["duration=0.1"]), 2, tmp_path)
