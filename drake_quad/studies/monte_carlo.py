@@ -104,7 +104,8 @@ def run_monte_carlo(
                 batches = _batches(rows.missing, crew.num_workers, batch_size)
                 _fly(crew, job._replace(num_vehicles=max(map(len, batches), default=1)), batches, rows, progress)
             if rows.failures and not len(rows):
-                raise RuntimeError(f"no sample can be flown: {next(iter(rows.failures.values()))}")
+                sample, reason = min(rows.failures.items())
+                raise RuntimeError(f"no sample can be flown; sample {sample}: {reason}")
     except KeyboardInterrupt:
         raise StudyInterrupted(f"interrupted: {_saved(rows)}") from None
     except OSError as error:

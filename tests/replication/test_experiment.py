@@ -35,6 +35,7 @@ from drake_quad.replication.sweeps import (
 )
 from drake_quad.studies import monte_carlo
 from drake_quad.studies.crew import attempt
+from drake_quad.studies.flying import fly_batch
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.study_folder import StudyRows
 
@@ -127,10 +128,10 @@ def test_jobs_are_done_by_workers_and_their_failure_is_told():
 
 
 def test_a_cell_with_a_sample_that_cannot_be_flown_is_none(tmp_path, monkeypatch):
-    fly_batch = monte_carlo.fly_batch
-    monkeypatch.setattr(
-        monte_carlo, "fly_batch", lambda job, samples: fail("sample 1") if 1 in samples else fly_batch(job, samples)
-    )
+    def fly_some(job, samples):
+        return fail("sample 1") if 1 in samples else fly_batch(job, samples)
+
+    monkeypatch.setattr(monte_carlo, "fly_batch", fly_some)
     with pytest.raises(RuntimeError, match="sample 1 of hover could not be flown: ArithmeticError: sample 1 is cursed"):
         _fly_cell(load_scenario("diagrams/hover.yaml", ["duration=0.1"]), 2, tmp_path)
 
@@ -277,7 +278,7 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
 
 def test_a_cell_is_flown_in_one_fleet(tmp_path, monkeypatch):
     """What is there already stays."""
-    sizes, fly_batch = [], monte_carlo.fly_batch
+    sizes = []
 
     def fly_and_tell(job, samples):
         sizes.append(len(samples))

@@ -590,7 +590,7 @@ def test_what_is_under_way_at_the_end_is_given_up(fails, monkeypatch):
 
 
 def test_a_study_of_which_no_sample_can_be_flown_says_why(tmp_path):
-    with pytest.raises(RuntimeError, match=r"no sample can be flown: .*broken.*; 0 of 3 samples are in"):
+    with pytest.raises(RuntimeError, match=r"no sample can be flown; sample 0: .*broken.*; 0 of 3 samples are in"):
         run(tmp_path, num_samples=3, wind=broken)
     assert len((tmp_path / "failed.csv").read_text().splitlines()) == 1 + 3
 

@@ -142,11 +142,17 @@ def test_leaving_the_program_fails_a_batch_and_not_the_study():
     np.testing.assert_allclose(found.metrics.rmse, expected.metrics.rmse, rtol=1e-12)
 
 
+def run_interruptible(**options):
+    # In the background of a shell interrupts are ignored.
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    run(**options)
+
+
 def test_ctrl_c_ends_a_study_whose_controller_hangs(tmp_path):
     file, folder = tmp_path / "hangs", tmp_path / "study"
     maker = functools.partial(Hangs, file=file)
     process = multiprocessing.get_context("fork").Process(
-        target=run, kwargs={"position_controller": maker, "folder": folder}
+        target=run_interruptible, kwargs={"position_controller": maker, "folder": folder}
     )
     process.start()
     while not file.exists():
