@@ -44,6 +44,7 @@ def test_formulas_laws_and_metrics_take_rows_by_their_names(root):
     assert found == []
 
 
+@pytest.mark.slow
 def test_what_reads_flights_takes_rows_by_their_names(root):
     found = [
         f"{file}:{node.lineno}: {ast.unparse(node)}"

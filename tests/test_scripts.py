@@ -53,6 +53,7 @@ def test_help_ends_in_an_example_of_itself(run, script):
     assert example.group(1) == f"scripts/{script.name}"
 
 
+@pytest.mark.slow
 def test_a_script_runs_in_a_process_of_its_own_from_anywhere(tmp_path):
     command = [sys.executable, str(ROOT / "scripts" / "simulate.py"), "--help"]
     result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
@@ -76,6 +77,7 @@ runpy.run_path(script, run_name="__main__")
 """
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("module", ["tqdm", "numpy", "pydrake", "drake_quad.visualization.replay.live"])
 def test_an_interruption_while_a_script_begins_is_told_in_a_sentence(module):
     script = str(ROOT / "scripts" / "simulate.py")
@@ -104,6 +106,7 @@ def test_an_interruption_later_is_an_exception_again(run, monkeypatch):
     assert signal.getsignal(signal.SIGINT) is signal.default_int_handler
 
 
+@pytest.mark.slow
 def test_simulate_prints_a_table_and_the_files_it_wrote(run, tmp_path):
     result = run("simulate.py", "diagrams/figure_eight.yaml", "--set", "duration=2", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -130,6 +133,7 @@ def test_a_crash_is_reported_and_is_no_failure(run, tmp_path):
     assert "nan" not in result.stdout
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -178,6 +182,7 @@ def test_plan_prints_what_binds_and_writes_a_trajectory_that_flies(run, tmp_path
     assert (result.returncode, result.stderr) == (0, "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -229,6 +234,7 @@ def test_design_gains_states_margins_and_writes_what_a_scenario_extends(run, tmp
     assert (position.kind, position.k_p[0]) == ("pd", pytest.approx(0.15, abs=0.05))
 
 
+@pytest.mark.slow
 def test_stability_map_counts_and_draws(run, tmp_path):
     result = run("stability_map.py", "--quick", "--loop", "attitude", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -237,6 +243,7 @@ def test_stability_map_counts_and_draws(run, tmp_path):
     assert (tmp_path / "attitude_map.png").stat().st_size > 500
 
 
+@pytest.mark.slow
 def test_a_map_of_gains_from_zero_on_and_of_flights_without_error(run, tmp_path):
     """Neither is logarithms of zero, which the tests would not let pass."""
     result = run(
@@ -246,6 +253,7 @@ def test_a_map_of_gains_from_zero_on_and_of_flights_without_error(run, tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("wind", ["[{kind: dryden}]", "[{kind: steady, velocity: [0, 0, 0]}]"])
 def test_wind_without_a_mean_is_drawn(run, tmp_path, wind):
     arguments = ["diagrams/hover.yaml", "--set", "duration=0.5", "--set", f"laboratory.wind={wind}"]
@@ -253,12 +261,14 @@ def test_wind_without_a_mean_is_drawn(run, tmp_path, wind):
     assert (result.returncode, result.stderr) == (0, "")
 
 
+@pytest.mark.slow
 def test_what_is_zero_has_no_sensitivities(run, tmp_path):
     result = run("sensitivities.py", "diagrams/hover.yaml", "--set", "duration=0.5", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
     assert "rmse is zero, where it has no derivative" in result.stdout
 
 
+@pytest.mark.slow
 def test_compare_controllers_prints_a_line_for_each_pair(run, tmp_path):
     controllers = ROOT / "diagrams" / "controllers" / "paper.yaml"
     pair = ["--controller", f"{controllers}:pd", "--controller", f"{controllers}:pd_t2fnn"]
@@ -291,6 +301,7 @@ def test_a_learned_flight_is_drawn(run, tmp_path):
     assert {"weights.18 (m/s²)", "covariance_trace.2 (1/s)"} <= set(columns)
 
 
+@pytest.mark.slow
 def test_sensitivities_are_sorted_by_effect(run, tmp_path):
     fields = ["--field", "vehicle.arm_length", "--field", "vehicle.mass", "--set", "duration=2"]
     result = run("sensitivities.py", *fields, "--output", tmp_path)
@@ -419,6 +430,7 @@ def test_a_study_says_which_rows_were_altered_and_flown_again(run, tmp_path):
     assert result.stderr == f"remark: {path} was altered in lines 5; these samples were flown again\n"
 
 
+@pytest.mark.slow
 def test_monte_carlo_remarks_on_a_scenario_without_distributions(run, tmp_path):
     options = ("--set", "duration=0.2", "--samples", 3, "--workers", 1, "--output", tmp_path)
     result = run("monte_carlo.py", "diagrams/figure_eight.yaml", *options)
@@ -443,6 +455,7 @@ def test_calibrate_paper_refuses_too_few_samples(run, tmp_path):
     assert not (tmp_path / "folder").exists()
 
 
+@pytest.mark.slow
 def test_a_study_in_which_everything_crashes_is_told_too(run, tmp_path):
     result = monte_carlo(run, tmp_path, "--set", "crash.position_error=0.001")
     assert (result.returncode, result.stderr) == (0, "")
@@ -461,6 +474,7 @@ def test_simulate_shows_the_flight_live(run, tmp_path):
     assert (result.returncode, result.stderr) == (2, "error: --rate is -1.0, but must be 0 or more\n")
 
 
+@pytest.mark.slow
 def test_replay_makes_pages_of_samples_and_of_controllers(run, tmp_path):
     study = ["diagrams/laboratory.yaml:low_wind", "--set", "duration=1", "--output"]
     result = run("replay.py", *study, tmp_path / "swarm", "--samples", 3)

@@ -250,6 +250,7 @@ def use(system, context):
         assert not np.isnan(system.get_output_port(i).Eval(context)).any()
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(DRAKE < (1, 56), reason="callbacks keep their systems alive in earlier versions of Drake")
 @systems
 def test_a_system_that_is_dropped_is_gone(documented, make):

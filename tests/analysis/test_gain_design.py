@@ -52,6 +52,7 @@ def test_the_pair_lies_where_it_was_put(pitch):
         assert np.abs(poles - np.exp(s * pitch.period)).min() < 1e-9
 
 
+@pytest.mark.slow
 def test_the_fastest_is_at_the_edge_of_what_is_required(pitch):
     requirements = Requirements(phase=50.0, gain=6.0, delay=0.04)
     design = design_loop(pitch, PolePair(0.8), requirements, axis="pitch")
@@ -106,6 +107,7 @@ def test_a_bandwidth_beyond_the_delay_needs_a_negative_gain(pitch):
         design_loop(pitch, PolePair(0.8), Requirements(), axis="pitch", effort=10.0)
 
 
+@pytest.mark.slow
 def test_a_regulator_is_found_under_any_delay():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["laboratory.command_link.delay_ticks=50"])
     plant = attitude_plant(laboratory_plant(scenario), scenario, "pitch")
@@ -139,6 +141,7 @@ def test_where_a_pd_knows_everything_it_is_the_regulator():
     np.testing.assert_allclose(gains, K[0], rtol=1e-2)
 
 
+@pytest.mark.slow
 def test_the_hardest_regulator_that_keeps_the_margins_states_what_full_state_would_do_better(pitch):
     family, required = Regulator(0.2), Requirements()
     design = design_loop(pitch, family, required, axis="pitch")
@@ -201,6 +204,7 @@ def test_the_design_is_the_diagram(shipped, overrides):
         assert np.abs(found - pole).min() < 1e-6
 
 
+@pytest.mark.slow
 def test_shipped_gains_are_what_their_call_makes(shipped, monkeypatch):
     """The comment in the file names the call; the gains follow from it, and the scenario has them."""
     monkeypatch.syspath_prepend(ROOT / "scripts")
@@ -221,6 +225,7 @@ def test_shipped_gains_are_what_their_call_makes(shipped, monkeypatch):
             assert list(getattr(getattr(scenario.control, block), kind)) == values
 
 
+@pytest.mark.slow
 def test_shipped_gains_have_the_margins_that_are_asked_for(shipped):
     """45°, 6 dB, and two ticks in the attitude loops, by python-control."""
     _, scenario = shipped
@@ -264,6 +269,7 @@ def with_delay(scenario, ticks):
     return scenario.model_copy(update={"laboratory": scenario.laboratory.model_copy(update={"command_link": longer})})
 
 
+@pytest.mark.slow
 def test_the_flying_loop_stands_the_margins_that_are_stated(shipped):
     """With 6 dB more gain in one loop after the other, and with two more ticks of delay, everything still decays."""
     _, scenario = shipped
@@ -276,6 +282,7 @@ def test_the_flying_loop_stands_the_margins_that_are_stated(shipped):
         assert peaks(with_delay(resting, 2), displacement, 20.0)[-1] < 1e-4
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("block", "axes", "row", "duration"),
     [("attitude", (2,), "yaw", 8.0), ("position", (2,), "z", 8.0), ("position", (0, 1), "x", 60.0)],
@@ -290,6 +297,7 @@ def test_the_edge_of_stability_in_the_gain_is_where_simulation_has_it(shipped, b
     assert grows(scaled(resting, block, 1.02 * factor, axes), {row: 1e-5}, duration)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ticks", [1, 3])
 def test_the_edge_of_stability_in_the_delay_is_where_simulation_has_it(shipped, ticks):
     """2 %: gains whose delay margin is that much more, or less, than a number of ticks, flown with these ticks."""
@@ -316,6 +324,7 @@ def test_the_edge_of_stability_in_the_delay_is_where_simulation_has_it(shipped, 
         assert grows(driven, {"yaw": 1e-5}, 12.0) != stands
 
 
+@pytest.mark.slow
 def test_options_reach_the_axes():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml")
     options = {
@@ -329,6 +338,7 @@ def test_options_reach_the_axes():
     assert design.gains()["attitude"]["k_p"][2] == design.loops["yaw"].gains.k_p
 
 
+@pytest.mark.slow
 def test_a_vehicle_of_thirty_grams_gets_the_same_gains():
     """Gains are those of double integrators: size and units of the vehicle do not matter, but for its lag."""
     small = [
@@ -372,6 +382,7 @@ def test_gains_that_meet_everything_are_limited_by_nothing():
     assert design.gains == tuple(float(f"{gain:.4g}") for gain in PolePair(0.8).gains(design.plant, design.bandwidth))
 
 
+@pytest.mark.slow
 def test_the_edge_is_found_to_a_thousandth(pitch):
     """Between two bandwidths of which the second is larger by 6 %."""
     requirements = Requirements(phase=50.0, gain=6.0)
@@ -431,6 +442,7 @@ def test_gains_that_are_none_say_why(gains, words):
         design_loop(double_integrator(), Fixed(*gains), Requirements(0.0, 0.0, 0.0), axis="x", effort=1.0)
 
 
+@pytest.mark.slow
 def test_of_gains_that_are_all_too_weak_the_nearest_is_told():
     """The phase margin of these rises with the effort; the last has the most of what is asked for."""
     plant = double_integrator()
@@ -469,6 +481,7 @@ def test_gains_stand_in_a_scenario_axis_by_axis(pitch):
     assert after.model_copy(update={"control": restored}) == before
 
 
+@pytest.mark.slow
 def test_axes_that_are_alike_have_the_same_gains_and_others_their_own():
     """An uneven vehicle's roll and pitch are alike, too: commands are accelerations; other requirements are not."""
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["nominal.inertia=[0.0065, 0.0085, 0.0126]"])

@@ -56,6 +56,7 @@ def test_the_gain_margin_is_where_the_closed_loop_gives_up(k_p, k_d):
     assert not is_stable(loop, 1.0001 * factor)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("ticks", [1, 2, 5])
 def test_the_delay_margin_is_where_the_closed_loop_gives_up(ticks):
     """Gains for which it is a whole number of ticks: a little less or more decides."""
@@ -81,6 +82,7 @@ def nearest(loop):
     return np.degrees(np.abs(np.angle(-L[passes]))).min()
 
 
+@pytest.mark.slow
 def test_a_resonance_that_is_late_by_more_than_a_turn_stands_what_is_left_of_the_turn():
     """Of 4 rad/s, damped to 0.02, with a gain of 0.1 and 55 ticks of delay: 0.497 s, as closed loops confirm.
 
@@ -136,6 +138,7 @@ def test_a_pole_may_leave_through_minus_one():
     assert fast.gain == pytest.approx(margins(loop).gain, abs=1e-6)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("k_p", "k_d"), CASES)
 def test_crossover_bandwidth_and_peak_against_a_fine_grid(k_p, k_d):
     loop, found = loop_of(k_p, k_d), margins(loop_of(k_p, k_d))
@@ -146,6 +149,7 @@ def test_crossover_bandwidth_and_peak_against_a_fine_grid(k_p, k_d):
     assert found.sensitivity == pytest.approx(np.abs(1.0 / (1.0 + L)).max(), rel=1e-3)
 
 
+@pytest.mark.slow
 def test_the_gain_of_an_unstable_plant_may_not_fall_too_far():
     """Around a pole of 2 1/s: below a gain reduction that closed loops confirm, it falls."""
     pole, h = np.exp(2.0 * PERIOD), PERIOD
@@ -157,6 +161,7 @@ def test_the_gain_of_an_unstable_plant_may_not_fall_too_far():
     assert margins(loop_of(5.0, 4.0)).gain_reduction == np.inf
 
 
+@pytest.mark.slow
 def test_many_at_once_are_the_same():
     grid = frequencies(PERIOD)
     loops = [loop_of(*gains) for gains in CASES]
@@ -192,6 +197,7 @@ def first_order(pole, gain, direct=0.0):
     return SampledSystem(*matrices, PERIOD, ("x",), ("u",), ("y",))
 
 
+@pytest.mark.slow
 def test_what_always_follows_has_a_bandwidth_without_end():
     found = margins(first_order(0.5, 0.0, direct=10.0))
     assert found.bandwidth == np.inf

@@ -29,6 +29,7 @@ def windy():
     return load_scenario(ROOT / "diagrams" / "laboratory.yaml:low_wind", ["duration=4"])
 
 
+@pytest.mark.slow
 def test_derivatives_are_those_of_whole_flights(windy):
     found = flight_sensitivities(windy, FIELDS, sample=2)
     nominal = simulate(windy, sample=2)
@@ -45,6 +46,7 @@ def test_derivatives_are_those_of_whole_flights(windy):
             assert found.gradients[name][i] == pytest.approx((high - low) / (2.0 * step), rel=1e-3, abs=1e-6 * scale)
 
 
+@pytest.mark.slow
 def test_what_the_vehicle_does_not_say_follows_nominal():
     """As with `--set nominal.mass`: the belief and the vehicle change together; not so if the vehicle has its own."""
     course = ROOT / "diagrams" / "figure_eight.yaml"
@@ -71,6 +73,7 @@ def test_a_crash_before_anything_counts():
         flight_sensitivities(scenario, ["vehicle.mass"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("reset", ["never", "at_segments"])
 def test_derivatives_reach_through_what_is_learned(windy, reset):
     """Also where the covariance begins anew, as it does here after the rise of 2.3 s."""
@@ -97,6 +100,7 @@ def test_derivatives_reach_through_what_is_learned(windy, reset):
         assert found.gradients["rmse"][i] == pytest.approx((high - low) / (2.0 * step), rel=1e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("field", "bound", "step"), [("vehicle.linear_drag", 0.0, 1e-6), ("control.position.network.q", 1.0, -1e-4)]
 )
@@ -155,6 +159,7 @@ def test_nothing_to_differentiate_by_is_refused():
         flight_sensitivities(scenario, [])
 
 
+@pytest.mark.slow
 def test_the_sample_that_the_scenario_names_is_flown_if_no_other_is_given(windy):
     named = windy.model_copy(update={"sample": 2, "duration": 0.3})
     found = flight_sensitivities(named, ["vehicle.mass"])

@@ -23,6 +23,7 @@ def scenario():
     return load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", ["duration=3", "crash.position_error=0.5"])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loop", ["position", "attitude"])
 def test_each_place_of_the_map_is_a_loop_of_its_own(scenario, loop):
     plant = mapped_plant(scenario, loop)
@@ -75,6 +76,7 @@ def test_the_mapped_loop_is_the_diagram(loop, overrides):
         assert np.abs(multipliers - pole).min() < 1e-6
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("loop", ["position", "attitude"])
 def test_each_place_of_the_flown_map_is_a_flight_of_its_own(scenario, loop):
     """All with the wind and noise of one sample; also one that crashes."""

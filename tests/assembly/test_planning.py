@@ -20,6 +20,7 @@ def samples(plan):
     return np.linspace(*plan.path.times[[0, -1]], 500)
 
 
+@pytest.mark.slow
 def test_the_slalom_keeps_to_all_that_it_asks(slalom):
     mission = slalom()
     plan = plan_route(mission)
@@ -36,6 +37,7 @@ def test_the_slalom_keeps_to_all_that_it_asks(slalom):
     assert (position <= np.array([9.0, 3.2, 2.5]) + 1e-5).all()
 
 
+@pytest.mark.slow
 def test_headings(slalom):
     yaws = {}
     for heading in ("constant", "along_path"):
@@ -55,6 +57,7 @@ def test_yaw_through_waypoints_one_of_them_repeated(slalom):
     np.testing.assert_allclose(evaluate(plan.yaw, plan.path.times)[0], [0.0, 1.0, 4.0], atol=1e-12)
 
 
+@pytest.mark.slow
 def test_a_saved_plan_is_flown_as_the_plan_itself(slalom, diagrams, tmp_path):
     plan = plan_route(slalom())
     save_plan(plan, tmp_path, name="slalom")
@@ -75,6 +78,7 @@ def test_a_saved_plan_is_flown_as_the_plan_itself(slalom, diagrams, tmp_path):
     np.testing.assert_allclose(flights[0]["state"], flights[1]["state"], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_plan_made_in_python_is_flown(slalom, diagrams):
     scenario = load_scenario(diagrams / "slalom.yaml", ["duration=6", "route.heading=constant"])
     other = plan_route(slalom("route.heading=constant", "route.top_acceleration=0.7"))
@@ -84,6 +88,7 @@ def test_a_plan_made_in_python_is_flown(slalom, diagrams):
     np.testing.assert_allclose([reference.x, reference.y, reference.z], evaluate(other.path, flight.time), atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_turning_yaw_costs_little_accuracy(diagrams):
     rmse = [
         simulate(load_scenario(diagrams / "figure_eight.yaml", [f"route.heading={heading}"])).metrics.rmse
@@ -100,6 +105,7 @@ def test_a_trajectory_without_yaw_looks_along_x(slalom):
     assert peak_norm(plan.path, 1) == pytest.approx(2.1875 / 3.5)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("override", "words"),
     [

@@ -42,6 +42,7 @@ def figure_eight(diagrams):
     return lambda *overrides: load_scenario(diagrams / "figure_eight.yaml", overrides)
 
 
+@pytest.mark.slow
 def test_nominal_figure_eight_stays_within_three_centimetres(figure_eight):
     flight = simulate(figure_eight())
     assert flight.metrics.rmse < 0.03
@@ -54,6 +55,7 @@ def test_nominal_figure_eight_stays_within_three_centimetres(figure_eight):
     np.testing.assert_allclose(flight["acceleration_command"], flight["pd"] + accelerations, atol=1e-12)
 
 
+@pytest.mark.slow
 def test_derivative_on_the_measurement_lags_by_k_d_over_k_p_times_the_speed(figure_eight):
     """On a long straight line at constant speed the error settles to (k_D / k_P) v."""
     line = figure_eight(
@@ -79,6 +81,7 @@ def test_derivative_on_the_measurement_lags_by_k_d_over_k_p_times_the_speed(figu
     assert 0.9 * mean_speed < lagging.metrics.rmse < 1.4 * mean_speed
 
 
+@pytest.mark.slow
 def test_the_stepping_vehicle_stays_with_the_continuous_one_at_every_tick(figure_eight):
     """RK4 at 10 ms within 1e-6 m of an error-controlled integrator at 1e-10, over the whole figure eight."""
     paths = []
@@ -94,6 +97,7 @@ def test_the_stepping_vehicle_stays_with_the_continuous_one_at_every_tick(figure
     assert np.linalg.norm(paths[0] - paths[1], axis=1).max() < 1e-6
 
 
+@pytest.mark.slow
 def test_so_it_does_in_wind_with_a_battery_that_sags_and_nothing_even(asymmetric):
     """Without the rotor that fails: it does so in the middle of a step."""
     overrides = ["duration=3.5", "vehicle.rotor_failure=null"]
@@ -102,6 +106,7 @@ def test_so_it_does_in_wind_with_a_battery_that_sags_and_nothing_even(asymmetric
         np.testing.assert_allclose(stepping["state"][:, rows], continuous["state"][:, rows], rtol=0.0, atol=tolerance)
 
 
+@pytest.mark.slow
 def test_each_vehicle_of_a_fleet_flies_as_it_would_alone(figure_eight):
     """1e-9 m at the end of a flight, also beside a vehicle with other gains that crashes."""
     scenario = figure_eight("crash.position_error=0.5")
@@ -272,6 +277,7 @@ LABORATORY = [
 CALM = [f"laboratory.wind=[{FANS[1]}]"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("overrides", "n"), [([], 1), (LABORATORY, 1), (LABORATORY, 2), (CALM, 1), (CALM, 2)])
 def test_the_whole_loop_differentiates(figure_eight, overrides, n):
     """Derivative of the state after two seconds with respect to the gains of the first vehicle, against differences."""
@@ -333,6 +339,7 @@ def test_a_window_beyond_the_flight_is_refused(figure_eight):
         simulate(figure_eight("metrics.start=30"))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("yaw", [1.0, 3.0])
 def test_flies_as_well_at_any_yaw(figure_eight, yaw):
     straight, turned = simulate(figure_eight()), simulate(figure_eight(f"route.yaw={yaw}"))

@@ -98,6 +98,7 @@ BEYOND = {
 }
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", BEYOND)
 def test_what_the_scenario_has_none_of_can_be_made_to_vary_where_the_diagram_is_built_for_it(diagrams, path):
     """And is refused in a diagram that was built without it: nothing is left out in silence."""
@@ -164,6 +165,7 @@ def test_a_flown_context_is_reset_to_the_beginning(scenario):
     np.testing.assert_array_equal(pd.get_parameter(of_pd, "gains").k_p.z, 6.0)
 
 
+@pytest.mark.slow
 def test_the_size_of_a_fleet_does_not_matter(scenario):
     study = scenario()
     whole = StudyFleet(study, 70).fly(range(70))
@@ -175,6 +177,7 @@ def test_the_size_of_a_fleet_does_not_matter(scenario):
                 np.testing.assert_allclose(found, expected[first : first + len(samples)], rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_batch_without_an_error_that_others_have_is_flown_in_the_same_diagram(scenario):
     """What a distribution can make zero, or as long as a delay can get, is there in every batch."""
     study = scenario(
@@ -220,6 +223,7 @@ def test_a_recorded_fleet_flies_one_route_too(scenario):
         simulate_samples(scenario("route.radius={uniform: {min: 1.2, max: 1.4}}"), [0, 1])
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/statm").exists(), reason="needs Linux's /proc")
 def test_batch_after_batch_takes_no_more_memory(scenario):
     """A diagram that was built for each, or a context, would be megabytes a time."""

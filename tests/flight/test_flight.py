@@ -81,6 +81,7 @@ def test_progress_is_told_to_the_end(diagrams):
     assert told == [(1.0, 2.5), (2.0, 2.5), (2.5, 2.5)]
 
 
+@pytest.mark.slow
 def test_plots_label_every_axis_with_a_unit(flight, tmp_path):
     assert [path.name for path in save_plots(flight, tmp_path)] == [f"{name}.png" for name in PLOTS]
     for plot in PLOTS.values():
@@ -133,6 +134,7 @@ def final_positions(scenario, samples, seed):
     return diagram.GetOutputPort("state").Eval(simulator.get_context()).reshape(12, -1)[:3]
 
 
+@pytest.mark.slow
 def test_the_same_sample_is_the_same_flight_bit_for_bit(everything):
     first, again = (simulate(everything, seed=3, sample=7) for _ in range(2))
     for name in first.signals:
@@ -142,6 +144,7 @@ def test_the_same_sample_is_the_same_flight_bit_for_bit(everything):
     assert np.abs(simulate(everything, seed=4, sample=7)["state"] - first["state"])[-1, :3].max() > 0.01
 
 
+@pytest.mark.slow
 def test_a_sample_flies_the_same_in_any_fleet_and_at_any_place(everything):
     """1e-9 m at the end."""
     alone = simulate(everything, seed=3, sample=7)["state"][-1, :3]
@@ -174,6 +177,7 @@ def test_a_recorded_fleet_is_its_flights(everything):
         np.testing.assert_allclose(flights[1][name], alone[name], atol=1e-7, err_msg=name)
 
 
+@pytest.mark.slow
 def test_another_distribution_leaves_wind_and_noise_as_they_are(everything, diagrams):
     fixed = draw_sample(everything, 5)
     other = fixed.model_copy(update={"vehicle": fixed.vehicle.model_copy(update={"mass": 0.75})})
@@ -227,12 +231,14 @@ def test_trouble_ends_in_a_crash_with_finite_metrics(diagrams, trouble):
     assert np.isfinite(flight["state"]).all()
 
 
+@pytest.mark.slow
 def test_a_vehicle_that_diverged_is_still_drawn(diagrams, tmp_path):
     flight = simulate(load_scenario(diagrams / "outdoor.yaml", ["duration=1"]))
     flight["state"][-1] = np.nan
     assert (tmp_path / "wind.png") in save_plots(flight, tmp_path)
 
 
+@pytest.mark.slow
 def test_the_controller_believes_the_nominal_numbers(diagrams):
     """A heavier vehicle hangs Δm g / (m k_P) lower: nobody has told the controller."""
     scenario = load_scenario(diagrams / "hover.yaml", ["route.duration=20", "vehicle.mass=0.75"])

@@ -79,6 +79,7 @@ def assert_same(flight, signals, metrics):
         assert found[name] == pytest.approx(value, rel=1e-9, abs=1e-12), name
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_a_flight_is_what_its_equations_make_it(flown, name):
     flight = flown(name)
@@ -107,6 +108,7 @@ DRAWN = [
 ]
 
 
+@pytest.mark.slow
 def test_each_flight_of_a_fleet_is_what_its_equations_make_it(asymmetric):
     """With numbers, delays, wind and noise of its own."""
     flights = simulate_samples(asymmetric("pd_t2fnn", *DRAWN), [5, 0, 9])

@@ -52,6 +52,7 @@ FUNCTIONS = [
 ]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(("function", "expected", "numbers"), FUNCTIONS, ids=lambda each: getattr(each, "__name__", ""))
 def test_a_function_is_within_two_units_in_the_last_place(function, expected, numbers):
     @settings(max_examples=400, deadline=None)
@@ -65,6 +66,7 @@ def test_a_function_is_within_two_units_in_the_last_place(function, expected, nu
     check()
 
 
+@pytest.mark.slow
 @settings(max_examples=400, deadline=None)
 @given(WIDE, WIDE)
 def test_functions_of_two(x, y):
@@ -125,6 +127,7 @@ def grown(inside):
     return one | two
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(st.recursive(LEAVES, grown, max_leaves=12), st.integers(0, 2**32 - 1))
 def test_random_expressions_agree_with_numpy(text, seed):
@@ -240,6 +243,7 @@ def run(folder, cache):
     return float(value), int(compiled)
 
 
+@pytest.mark.slow
 def test_machine_code_is_kept_and_made_anew_when_a_module_that_it_uses_changes(tmp_path):
     cache = tmp_path / "cache"
     (tmp_path / "user_drag.py").write_text("def drag(x):\n    return 0.5 * x\n")
@@ -255,6 +259,7 @@ def test_machine_code_is_kept_and_made_anew_when_a_module_that_it_uses_changes(t
     assert len([*cache.iterdir()]) == 2
 
 
+@pytest.mark.slow
 def test_machine_code_that_is_damaged_is_made_anew(tmp_path):
     (tmp_path / "user_formula.py").write_text("def doubled_drag(x):\n    return 2.0 * x\n")
     cache = tmp_path / "cache"
@@ -267,6 +272,7 @@ def test_machine_code_that_is_damaged_is_made_anew(tmp_path):
     assert file.read_bytes() == content
 
 
+@pytest.mark.slow
 def test_without_a_place_on_the_disk_it_is_made_every_time(tmp_path):
     (tmp_path / "user_formula.py").write_text("def doubled_drag(x):\n    return 2.0 * x\n")
     (tmp_path / "file").write_text("")

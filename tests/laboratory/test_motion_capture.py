@@ -68,6 +68,7 @@ def test_noise_has_the_stated_deviation_and_nothing_else():
     np.testing.assert_array_equal(frames[6:], 0.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("bandwidth", [20.0, 100.0])
 def test_spectrum_of_the_velocity_noise(bandwidth):
     """White noise through (1 - a) / 2h (1 - z⁻²) / (1 - a z⁻¹), and its variance σ² (1 - a)² / 2h²."""

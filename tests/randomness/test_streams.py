@@ -64,6 +64,7 @@ def states():
     return stream_states(7, range(500), Kind.NOISE, "motion_capture.camera_noise")
 
 
+@pytest.mark.slow
 def test_normal_numbers_are_normal(states):
     numbers = normal_pairs(states, 0, 2000)
     assert stats.kstest(numbers[:, ::10].ravel(), "norm").pvalue > 1e-3
@@ -92,6 +93,7 @@ def test_extreme_words_make_numbers_like_others(word):
         assert np.isfinite(pair).all()
 
 
+@pytest.mark.slow
 def test_neighbours_in_time_in_the_fleet_and_in_a_pair_are_independent(states):
     numbers = normal_pairs(states, 0, 2000)
     limit = 4.5 / np.sqrt(numbers[0].size)

@@ -202,6 +202,7 @@ def test_a_contact_that_is_told_twice_holds_as_one():
     np.testing.assert_allclose(twice.cost_gradient(), once.cost_gradient(), rtol=1e-9)
 
 
+@pytest.mark.slow
 @given(st.integers(2, 12), st.integers(0, 2**32 - 1), st.booleans(), st.integers(0, 3))
 @settings(max_examples=40, deadline=None)
 def test_gradients_agree_with_finite_differences(segments, seed, given_motion, touched):
@@ -318,6 +319,7 @@ def their_cost(trajectory, times):
     return np.einsum("n,w,nwa,nwa->", half, weights, snap, snap)
 
 
+@pytest.mark.slow
 def test_another_planner_agrees_at_the_same_times_and_optimised_times_cost_less():
     for seed in range(100):
         rng = np.random.default_rng(seed)

@@ -44,6 +44,7 @@ def random_route(seed, segments):
     return np.cumsum(rng.normal(size=(segments + 1, 3)), axis=0), rng.uniform(1.0, 2.5, segments)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(2, 15), st.floats(0.8, 0.97))
 @example(999999999, 9, 0.8623080172107366)  # infeasible, which the solver cannot tell
 @settings(max_examples=30, deadline=None)
@@ -95,6 +96,7 @@ def test_an_independent_optimiser_finds_the_same_constrained_path():
     assert snap_cost(path)[0] / cost == pytest.approx(found.fun, rel=1e-3)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(2, 12), st.floats(0.05, 0.3))
 @settings(max_examples=30, deadline=None)
 def test_corridors_are_kept_everywhere(seed, segments, margin):

@@ -57,6 +57,7 @@ def random_points(seed):
     return np.vstack([np.zeros(3), np.cumsum(directions * steps[:, np.newaxis], axis=0)])
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(ROUTES))
 def test_random_routes_are_planned_within_the_limits(seed):
     points = random_points(seed)
@@ -77,6 +78,7 @@ def test_random_routes_are_planned_within_the_limits(seed):
     assert total(path) <= 1.0011 * rest_to_rest_durations(distinct, LIMITS).sum()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(20))
 def test_the_shortest_is_no_longer_than_the_heuristic(seed):
     asked = problem(np.cumsum(np.random.default_rng(seed).normal(size=(8, 3)), axis=0))
@@ -85,6 +87,7 @@ def test_the_shortest_is_no_longer_than_the_heuristic(seed):
     assert total(shortest) < total(heuristic)
 
 
+@pytest.mark.slow
 def test_corridors_boxes_and_spheres_are_kept_with_any_timing():
     places = [
         Box.point(SQUARE[0]),
@@ -113,11 +116,13 @@ def test_corridors_boxes_and_spheres_are_kept_with_any_timing():
     assert touched == {"acceleration", "corridor"}
 
 
+@pytest.mark.slow
 def test_times_for_a_corridor_are_near_the_best_that_a_search_finds():
     """Nelder-Mead over the durations of the constrained program found 14.930 s, from two starts."""
     assert total(plan_path(problem(corridors=HALLWAYS), Shortest())) <= 1.002 * 14.930
 
 
+@pytest.mark.slow
 def test_least_snap_in_a_corridor_is_near_the_best_that_a_search_finds():
     """Nelder-Mead over the durations found a cost of 13.210 m²/s⁷ in 14 s."""
     path = plan_path(problem(corridors=HALLWAYS, limits=Limits()), LeastSnap(14.0))
@@ -143,6 +148,7 @@ def test_a_centimetre_is_flown_in_a_fraction_of_a_second(timing):
     assert 2.0 * np.sqrt(0.01 / 0.7) < duration < 0.4
 
 
+@pytest.mark.slow
 def test_a_given_velocity_is_flown():
     derivatives = rest_at_ends(5, 3)
     derivatives[2, 0] = [-1.0, 0.5, 0.0]
@@ -209,6 +215,7 @@ def test_merged_waypoints_keep_the_corridors_that_lead_to_them_and_all_that_is_g
     np.testing.assert_array_equal(same.derivatives[1, 0], [0.5, 0.0, 0.0])
 
 
+@pytest.mark.slow
 def test_too_short_a_time_is_explained_and_the_remedy_works():
     times = np.array([0.0, 2.0, 4.0, 6.0, 8.0])
     with pytest.raises(InputError) as error:
@@ -232,6 +239,7 @@ def test_too_short_a_time_is_explained_and_the_remedy_works():
         plan_path(problem(), LeastSnap(9.0))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "times", [(0.0, 0.01, 3.0, 9.0, 10.0), (0.0, 1e-9, 2e-9, 3e-9, 4e-9), (0.0, 1e-3, 2.0, 3.0, 4.0)]
 )

@@ -29,6 +29,7 @@ def test_the_known_optimum_of_0_1_3_in_3_seconds():
     assert MinimumSnap(points, durations).cost == pytest.approx(414.81, abs=5e-3)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(2, 12))
 @settings(max_examples=25, deadline=None)
 def test_no_small_change_of_the_times_costs_less_snap(seed, segments):
@@ -42,6 +43,7 @@ def test_no_small_change_of_the_times_costs_less_snap(seed, segments):
         assert MinimumSnap(points, changed).cost >= best * (1.0 - 1e-9)
 
 
+@pytest.mark.slow
 @given(st.integers(0, 2**32 - 1), st.integers(1, 15))
 @settings(max_examples=25, deadline=None)
 def test_the_shortest_keeps_to_the_limits_and_attains_one(seed, segments):
@@ -54,6 +56,7 @@ def test_the_shortest_keeps_to_the_limits_and_attains_one(seed, segments):
     assert max(shares) == pytest.approx(1.0, abs=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("seed", range(4))
 def test_a_search_without_gradients_finds_nothing_shorter(seed):
     points = random_points(seed, 4)
@@ -110,6 +113,7 @@ def test_least_snap_keeps_the_total_and_what_is_given():
         assert cost(durations + 0.01 * np.array(change)) > best
 
 
+@pytest.mark.slow
 def test_every_start_leads_to_about_the_same_total():
     points = random_points(11, 10)
     rng = np.random.default_rng(0)

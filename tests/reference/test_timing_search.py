@@ -78,6 +78,7 @@ def test_steps_of_very_unequal_length_are_flown_from_stop_to_stop():
     np.testing.assert_allclose(shortest_path(problem(UNEVEN)).durations, 1.001 * stops, rtol=1e-12)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("points", "room", "duration"),
     [
@@ -129,6 +130,7 @@ def test_a_given_velocity_is_passed_in_the_first_total_that_will_do():
         np.testing.assert_allclose(found.durations, smoothest, rtol=1e-9)
 
 
+@pytest.mark.slow
 def test_no_times_on_a_grid_pass_a_given_velocity_sooner():
     asked = problem(np.array([[0.0, 0.0], [4.0, 0.0], [8.0, 1.0]]), [1.5, 0.0])
     found = path_through_given_motion(asked, shorten=True)
@@ -154,6 +156,7 @@ def test_a_given_velocity_that_no_time_keeps_is_explained():
         path_through_given_motion(asked, shorten=False)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("longer", [1.0, 1.02, 1.05, 1.1])
 def test_least_snap_within_limits_is_the_first_on_the_way_to_the_shortest(longer):
     asked = problem(ALONG)
@@ -185,6 +188,7 @@ def test_least_snap_needs_no_limits_and_finds_the_same_from_any_units():
     assert snap_cost(free).sum() == pytest.approx(snap_cost(limited).sum(), rel=1e-6)
 
 
+@pytest.mark.slow
 def test_why_there_is_no_path_of_least_snap_is_explained():
     points = np.array([[0.0, 0.0], [4.0, 0.0], [7.0, 0.0]])
     with pytest.raises(InputError) as error:

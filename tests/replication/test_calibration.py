@@ -17,12 +17,14 @@ def load(cell, overrides=()):
     return load_scenario(f"diagrams/paper.yaml:{cell.scenario}", overrides)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("cell", [calibration.PD_CELL, calibration.NETWORK_CELL])
 def test_the_calibrated_cells_are_met(cell):
     """Within 2 %, and by far: the error without wind hardly differs between samples."""
     assert fly_samples(load(cell), range(6)).rmse.mean() == pytest.approx(printed_table()[cell].rmse.mean, rel=0.003)
 
 
+@pytest.mark.slow
 def test_a_fit_finds_the_declared_numbers(monkeypatch):
     """From limits close by, and without the predictions, which take most of the time."""
     table = {cell: line for cell, line in printed_table().items() if cell.wind == "no_wind"}
@@ -46,6 +48,7 @@ def test_gains_have_the_declared_damping():
     assert k_p == pytest.approx(1.69)
 
 
+@pytest.mark.slow
 def test_what_cannot_be_fitted_is_said():
     stiff = FreeNumber("bandwidth of the PD (rad/s)", 1.8, 1.9, pd_gains)
     with pytest.raises(InputError, match="there is nothing to fit"):

@@ -493,6 +493,7 @@ def in_wind(rmse):
     return {(wind, name, "rmse"): rmse for wind in ("low_wind", "high_wind") for name in CONTROLLERS}
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("claim", "numbers", "verdict"),
     [
@@ -535,6 +536,7 @@ def test_a_verdict_turns_at_the_level_that_its_rule_says(claim, numbers, verdict
     assert found.verdict == verdict
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("curved", "swing", "verdict"),
     [
@@ -581,6 +583,7 @@ def test_a_sweep_comes_back_as_it_was(tmp_path):
     np.testing.assert_array_equal(read.metrics, sweep.metrics)
 
 
+@pytest.mark.slow
 def test_findings_are_written_to_a_file_each(found, tmp_path):
     findings = Findings(table_entries(found.cells), all_claims(found), fair_entries(found), effort_matches(found), {})
     paths = write_findings(tmp_path, findings)

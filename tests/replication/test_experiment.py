@@ -91,6 +91,7 @@ def test_legs_are_straight_or_curved_but_for_the_rise():
     assert names == {"rise", *STRAIGHT, *CURVED}
 
 
+@pytest.mark.slow
 def test_errors_leg_by_leg_make_up_the_whole():
     study = load_scenario(f"{PAPER}:no_wind_pd")
     errors = fly_legs(study, {"k_p": np.array([1.447]), "k_d": np.array([1.684])}, [0])
@@ -168,6 +169,7 @@ def test_as_many_settings_fly_in_a_fleet_as_there_is_room_for(count, sizes):
         first += size
 
 
+@pytest.mark.slow
 def test_recorded_samples_are_the_first_of_the_cell_and_only_what_is_missing_is_flown(tmp_path, monkeypatch):
     monkeypatch.setattr(experiment, "measures", lambda flight: {"twice": 2.0 * flight.metrics.rmse, "once": 1.0})
     added = []

@@ -58,6 +58,7 @@ def sections(text):
     return dict(zip(parts[1::2], parts[2::2], strict=True))
 
 
+@pytest.mark.slow
 def test_everything_is_flown_and_counted(run):
     folder, flights, told = run
     assert told[-1][1] == SIZES.flights
@@ -67,6 +68,7 @@ def test_everything_is_flown_and_counted(run):
     assert set(flights) == {Cell(wind, name) for wind in WINDS for name in CONTROLLERS}
 
 
+@pytest.mark.slow
 def test_table_ii_is_that_of_the_rows(run, report):
     folder, *_ = run
     written = {(row["wind"], row["controller"], row["quantity"]): row for row in rows_of(folder / "table_ii.csv")}
@@ -120,6 +122,7 @@ def test_the_report_says_what_its_tables_say(run, report):
         assert f"| {float(row['ratio_x']):.2f} | {float(row['ratio_y']):.2f} |" in report
 
 
+@pytest.mark.slow
 def test_the_page_needs_nothing_else(run, report):
     folder, flights, _ = run
     (folder / "figures").mkdir()
@@ -136,6 +139,7 @@ def test_the_page_needs_nothing_else(run, report):
     assert page.count("<table>") == report.count("\n| ---") + report.count("\n|---")
 
 
+@pytest.mark.slow
 def test_a_resumed_experiment_keeps_its_cells(run):
     folder, *_ = run
     kept = {path: path.read_bytes() for path in (folder / "cells").rglob("results.csv")}

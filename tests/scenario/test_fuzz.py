@@ -284,6 +284,7 @@ def folder(tmp_path_factory):
     os.chdir(before)
 
 
+@pytest.mark.slow
 @given(tree=st.one_of(varied_trees(), mutated_trees()))
 @fuzz(0.5)
 def test_a_mutated_tree_flies_or_is_refused_in_a_sentence(folder, tree):
@@ -325,6 +326,7 @@ def mutated_texts(draw, text):
     return text
 
 
+@pytest.mark.slow
 @given(text=mutated_texts(SMALL), rubbish=st.binary(max_size=3), share=st.floats(-2.0, 1.0))
 @fuzz(0.25)
 def test_a_mutated_text_flies_or_is_refused_in_a_sentence(folder, text, rubbish, share):
@@ -364,6 +366,7 @@ def tables(draw):
     return "\n".join(",".join(row) for row in rows)
 
 
+@pytest.mark.slow
 @given(text=st.one_of(tables(), tables().flatmap(mutated_texts)), name=st.sampled_from(["course", "-", "a b", "1"]))
 @fuzz(0.1)
 def test_a_mutated_table_is_planned_or_refused_in_a_sentence(folder, text, name):
@@ -406,6 +409,7 @@ def overridden(draw):
     return tree, [*overrides, *odd]
 
 
+@pytest.mark.slow
 @given(case=overridden())
 @fuzz(0.15)
 def test_overrides_fly_or_are_refused_in_a_sentence(folder, case):

@@ -63,6 +63,7 @@ def test_what_is_extended_several_times_is_resolved_once(write, monkeypatch):
     assert len(calls) < 500
 
 
+@pytest.mark.slow
 def test_a_scenario_may_be_laid_over_so_many_others_and_no_more(write):
     path = write(chain(2000))
     assert load_scenario(f"{path}:s{limits.MOST_BASES}").control.position.k_d[2] == 1.5
@@ -100,6 +101,7 @@ def test_a_table_that_is_too_large_is_not_parsed(write, monkeypatch):
     assert "course.csv: is too large" in refusal(load_mission, path)
 
 
+@pytest.mark.slow
 def test_bytes_count_in_all_files_and_overrides_together(write):
     path = write("a: {extends: [b, c]}\nb: {extends: one.yaml}\nc: {extends: two.yaml}\n")
     write(f"{SMALL}# {'x' * 300_000}\n", "one.yaml")
@@ -110,6 +112,7 @@ def test_bytes_count_in_all_files_and_overrides_together(write):
     assert "two.yaml: is too large" in refusal(load_scenario, f"{path}:a")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "value", ["[" + "1," * 200_000 + "]", "\n    k: 1" + "".join(f"\n    k{i}: 1" for i in range(30_000))]
 )
@@ -119,6 +122,7 @@ def test_no_more_names_and_values_are_parsed_than_a_scenario_may_have(write, com
     assert len(composed) <= limits.MOST_NODES
 
 
+@pytest.mark.slow
 def test_names_and_values_count_in_all_files_together(write, composed):
     numbers = ", ".join(["1.0"] * 14_000)
     path = write("a: {extends: [one.yaml, two.yaml]}\n")
@@ -131,6 +135,7 @@ def test_names_and_values_count_in_all_files_together(write, composed):
     assert len(composed) <= limits.MOST_NODES
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("text", ["[" * 100_000, "{" * 100_000, "- " * 100_000, "? " * 100_000, "[" * 41 + "]" * 41])
 def test_no_more_levels_are_parsed_than_a_scenario_may_have(write, composed, text):
     assert "loop.yaml:1: is nested too deep: a scenario may have 40 levels" in refusal(load_scenario, write(text))
@@ -140,6 +145,7 @@ def test_no_more_levels_are_parsed_than_a_scenario_may_have(write, composed, tex
 LAUGHS = "[&a [1], " + ", ".join(f"&{new} [{f'*{old}, ' * 10}]" for old, new in ("ab", "bc", "cd", "de", "ef")) + "]"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("value", "words"),
     [

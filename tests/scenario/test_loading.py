@@ -356,6 +356,7 @@ def test_wrong_routes_are_explained(write, route, message):
         load_scenario(write(text))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("text", "words"),
     [

@@ -87,6 +87,7 @@ def unreachable(tmp_path_factory):
         process.kill()
 
 
+@pytest.mark.slow
 def test_a_cluster_flies_the_same_study(cluster, tmp_path):
     """Also after Ctrl-C: what it had done by then is gone on with."""
     folder = tmp_path / "study"
@@ -119,6 +120,7 @@ def ends_when(cluster, folder, sent, words):
     assert (study.returncode, stderr) == (1, f"failed: the Dask scheduler at {cluster.address} {words}; {saved}\n")
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_freezes_ends_a_study(cluster, tmp_path):
     try:
         ends_when(cluster, tmp_path, signal.SIGSTOP, "does not answer")
@@ -126,6 +128,7 @@ def test_a_scheduler_that_freezes_ends_a_study(cluster, tmp_path):
         cluster.scheduler.send_signal(signal.SIGCONT)
 
 
+@pytest.mark.slow
 def test_a_scheduler_that_dies_ends_a_study(tmp_path):
     cluster = Cluster(tmp_path)
     try:
@@ -135,6 +138,7 @@ def test_a_scheduler_that_dies_ends_a_study(tmp_path):
         cluster.end()
 
 
+@pytest.mark.slow
 def test_a_worker_with_other_code_is_refused(tmp_path):
     """A copy of this package in which one number is another."""
     copy = tmp_path / "copy" / "drake_quad"

@@ -80,6 +80,7 @@ def leaving(samples):
     raise SystemExit(3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [lambda: Here(2), lambda: ExecutorCrew(ThreadPoolExecutor(1), 1), lambda: Workers(1)])
 def test_a_sample_that_the_scenario_may_not_say_ends_all(make):
     crew = make()
@@ -88,6 +89,7 @@ def test_a_sample_that_the_scenario_may_not_say_ends_all(make):
     crew.give_up()
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("make", [lambda: Here(2), lambda: ExecutorCrew(ThreadPoolExecutor(1), 1), lambda: Workers(1)])
 def test_what_leaves_the_program_is_an_outcome(make):
     crew = make()

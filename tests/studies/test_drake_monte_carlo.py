@@ -12,6 +12,7 @@ from drake_quad.studies.drake_monte_carlo import drake_monte_carlo
 OVERRIDES = ["duration=1.0", "crash.position_error=0.2"]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("path", ["diagrams/robustness.yaml", "diagrams/laboratory.yaml:low_wind"])
 def test_the_two_agree(path):
     """In distribution, by the tests of Kolmogorov and Smirnov and, for crashes, of Fisher."""
@@ -25,6 +26,7 @@ def test_the_two_agree(path):
     assert stats.fisher_exact(counts).pvalue > 0.01
 
 
+@pytest.mark.slow
 def test_a_seed_gives_the_same_flights_again():
     scenario = load_scenario("diagrams/robustness.yaml", ["duration=0.2"])
     first, again, other = (drake_monte_carlo(scenario, 3, seed=seed).rmse for seed in (1, 1, 2))

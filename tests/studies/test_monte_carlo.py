@@ -70,12 +70,14 @@ def test_some_samples_crash_and_others_do_not(whole):
     assert repr(whole[1]).startswith(told)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("options", [{"batch_size": 1}, {"batch_size": 7, "num_workers": 1}, {"batch_size": None}])
 def test_batches_and_workers_do_not_matter(whole, options, tmp_path):
     assert_same(run(tmp_path, **options), whole[1])
     assert (tmp_path / "results.csv").read_bytes() == (whole[0] / "results.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_a_wind_of_ones_own_blows_in_every_worker(whole):
     found = run(num_samples=4, batch_size=2, wind=Draught)
     assert found.failures == {}
@@ -90,6 +92,7 @@ def test_what_workers_would_not_find_is_refused_before_anything_is_written(tmp_p
     assert list(tmp_path.iterdir()) == []
 
 
+@pytest.mark.slow
 def test_nor_does_the_executor(whole):
     with ThreadPoolExecutor(2) as executor:
         assert_same(run(executor=executor), whole[1])
@@ -113,6 +116,7 @@ def test_what_is_read_is_what_was_flown(whole):
     assert whole[1].flown_time == pytest.approx(whole[1].flight_time.sum())
 
 
+@pytest.mark.slow
 def test_more_samples_can_be_flown_later(whole, tmp_path):
     seen = []
     run(tmp_path, num_samples=9)
@@ -146,6 +150,7 @@ def dies_at(folder, count):
     return progress
 
 
+@pytest.mark.slow
 @pytest.mark.skipif(not Path("/proc/self/task").exists(), reason="needs Linux's /proc")
 def test_kill_at_many_row_counts_and_resume(whole, tmp_path):
     """Nothing is flown twice, no worker is left behind, and the file is the one of an undisturbed study."""
@@ -175,6 +180,7 @@ def _within_a_minute(condition):
     return condition()
 
 
+@pytest.mark.slow
 def test_ctrl_c_keeps_what_is_done(whole, tmp_path):
     def interrupt(done, total):
         if 0 < done < total:
@@ -204,6 +210,7 @@ class Failing:
         return fly_batch(job, samples)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("how", ["raises", "dies"])
 def test_a_batch_that_fails_once_is_flown_again(whole, how, tmp_path, monkeypatch):
     monkeypatch.setattr(run_module, "fly_batch", Failing(tmp_path, how, 1))
@@ -212,6 +219,7 @@ def test_a_batch_that_fails_once_is_flown_again(whole, how, tmp_path, monkeypatc
     assert not found.failures
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("how", "reason"),
     [("raises", "ArithmeticError: sample 7 is cursed"), ("dies", "its worker process was ended by SIGKILL")],
@@ -247,6 +255,7 @@ def test_a_study_of_which_nothing_can_be_flown_ends(tmp_path, monkeypatch):
     assert len((tmp_path / "results.csv").read_text().splitlines()) == 1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "alter",
     [
@@ -317,6 +326,7 @@ def test_what_is_not_the_study_s_own_is_not_overwritten(name, tmp_path):
     assert [(path.name, path.read_text()) for path in tmp_path.iterdir()] == [(name, "notes: of somebody\n")]
 
 
+@pytest.mark.slow
 def test_a_study_that_ended_before_its_first_row_is_begun_again(whole, tmp_path):
     for names in (["scenario.yaml"], ["scenario.yaml", "study.yaml"]):
         folder = tmp_path / str(len(names))
@@ -383,6 +393,7 @@ def test_a_table_that_is_no_study_is_not_gone_on_with(tmp_path):
     assert (tmp_path / "results.csv").read_text() == "time,x\n0,1\n"
 
 
+@pytest.mark.slow
 def test_rows_that_cannot_be_written_end_the_study_and_leave_the_others(whole, tmp_path, monkeypatch):
     """What a full disk does in the middle of a study."""
     from drake_quad.studies.results_file import ResultsFile
@@ -531,6 +542,7 @@ def test_a_trial_that_fails_says_nothing_but_what_is_refused():
         trial(3, [1.0, 1.0, 1.0], reason="the wings are missing", refused=True)
 
 
+@pytest.mark.slow
 def test_fleets_are_built_before_the_fork_where_there_is_one_and_let_go_of_at_the_end(whole, tmp_path, monkeypatch):
     """Not for others than processes of this study, systems of one's own, or a study that is all there."""
     prepared, fleets = [], vars(flying._own)
@@ -553,6 +565,7 @@ def test_fleets_are_built_before_the_fork_where_there_is_one_and_let_go_of_at_th
     assert prepared == [5]
 
 
+@pytest.mark.slow
 def test_a_seed_stands_in_for_the_scenario_s_and_a_sample_counts_for_nothing():
     scenario = study("seed=8").model_copy(update={"sample": 4})
     options = {"num_workers": 1, "batch_size": 2}
@@ -589,6 +602,7 @@ def test_what_is_under_way_at_the_end_is_given_up(fails, monkeypatch):
     assert given_up == [True]
 
 
+@pytest.mark.slow
 def test_a_study_of_which_no_sample_can_be_flown_says_why(tmp_path):
     with pytest.raises(RuntimeError, match=r"no sample can be flown; sample 0: .*broken.*; 0 of 3 samples are in"):
         run(tmp_path, num_samples=3, wind=broken)

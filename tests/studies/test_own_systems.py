@@ -98,6 +98,7 @@ def run(**options):
     return run_monte_carlo(study(), 8, 5, **{"num_workers": 2, "batch_size": 4, **options})
 
 
+@pytest.mark.slow
 def test_a_controller_of_ones_own_flies_each_sample_as_alone():
     found = run(position_controller=Own)
     alone = simulate(study(), seed=5, sample=6, position_controller=Own(1)).metrics
@@ -122,6 +123,7 @@ def test_what_would_not_fly_samples_alike_is_refused_before_anything_is_written(
     assert not (tmp_path / "study").exists()
 
 
+@pytest.mark.slow
 def test_one_that_mixes_vehicles_may_fly_where_there_is_one():
     assert not run(position_controller=Mixes, batch_size=1).failures
 
@@ -135,6 +137,7 @@ def LeafSystemOf(num_vehicles):
     return LeafSystem()
 
 
+@pytest.mark.slow
 def test_leaving_the_program_fails_a_batch_and_not_the_study():
     """The batches of four fail, their halves fly."""
     found, expected = run(position_controller=Ends), run(position_controller=Own)
@@ -148,6 +151,7 @@ def run_interruptible(**options):
     run(**options)
 
 
+@pytest.mark.slow
 def test_ctrl_c_ends_a_study_whose_controller_hangs(tmp_path):
     file, folder = tmp_path / "hangs", tmp_path / "study"
     maker = functools.partial(Hangs, file=file)
@@ -163,6 +167,7 @@ def test_ctrl_c_ends_a_study_whose_controller_hangs(tmp_path):
     assert len(read_study(folder).samples) == 0
 
 
+@pytest.mark.slow
 def test_a_time_limit_ends_a_batch_that_hangs(tmp_path, monkeypatch):
     """Its halves fly. The clock is such that time is up as soon as something hangs, however fast the machine is."""
     file = tmp_path / "hangs"

@@ -51,6 +51,7 @@ def test_whatever_is_cut_off_only_the_torn_row_is_lost(tmp_path, data):
     assert path.read_bytes() == whole
 
 
+@pytest.mark.slow
 @settings(suppress_health_check=[HealthCheck.function_scoped_fixture], deadline=None, max_examples=200)
 @given(data=st.data())
 def test_whatever_is_altered_in_a_row_it_is_known(tmp_path, data):

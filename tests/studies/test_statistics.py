@@ -83,6 +83,7 @@ def test_the_interval_of_a_share_is_exact():
     assert share_interval(0, 0)[1:] == (0.0, 1.0)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("r", [-0.6, 0.0, 0.95])
 def test_the_interval_of_a_rank_correlation_covers(r):
     """Of normal numbers with correlation r it is 6 / π asin(r / 2); the more there is, the wider it must be."""

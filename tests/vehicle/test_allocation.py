@@ -36,6 +36,7 @@ def test_speeds_are_within_the_limits_and_shortfall_is_what_is_missing(wrench):
     np.testing.assert_allclose(np.subtract(wrench, shortfall), rotor_action(speeds, TABLE_I).wrench, atol=1e-9)
 
 
+@pytest.mark.slow
 @given(wrenches)
 # Room for so much yaw that roll or pitch, at 40 % and at 60 % of the way up, could go further than both its rotors.
 @example(Wrench(0.6 * BOTTOM_THRUST + 0.4 * TOP_THRUST, 0.0, 2.0, 0.5))

@@ -21,6 +21,7 @@ def drawings_of(spec):
     return scenario.name, drawings(build_tracking_diagram(scenario))
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("spec", DRAWN)
 def test_the_committed_drawings_are_not_stale(spec):
     name, current = drawings_of(spec)

@@ -7,6 +7,7 @@ from drake_quad import load_scenario, run_monte_carlo, simulate
 from drake_quad.visualization.overview import plot_flight, plot_study
 
 
+@pytest.mark.slow
 def test_a_flight_at_a_glance():
     flight = simulate(load_scenario("diagrams/figure_eight.yaml", ["duration=5"]))
     figure, axes = plot_flight(flight)
@@ -19,6 +20,7 @@ def test_a_flight_at_a_glance():
     figure.canvas.draw()
 
 
+@pytest.mark.slow
 def test_studies_at_a_glance():
     scenario = load_scenario("diagrams/laboratory.yaml:nominal", ["duration=1"])
     studies = {name: run_monte_carlo(scenario, 5, seed, num_workers=1) for name, seed in (("a", 0), ("b", 1))}

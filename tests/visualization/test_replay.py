@@ -53,6 +53,7 @@ def at(flight, moments):
     return flight["state"][np.searchsorted(flight.time, np.array(moments) - 1e-9), 0:3]
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_a_replay_plays_in_a_browser(flight, tmp_path):
     page = save_replay({"figure_eight": flight}, tmp_path / "replay.html")
@@ -72,6 +73,7 @@ def test_a_replay_plays_in_a_browser(flight, tmp_path):
     assert 20 < (np.abs(late - early) > 30.0).sum() < 0.1 * early.size
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_a_replay_can_be_opened_at_a_moment(flight, tmp_path):
     page = save_replay({"figure_eight": flight}, tmp_path / "replay.html")
@@ -83,6 +85,7 @@ def test_a_replay_can_be_opened_at_a_moment(flight, tmp_path):
     assert place == pytest.approx(at(flight, 5.0), abs=0.01)
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_a_swarm_replays_its_crashes(tmp_path):
     flights = simulate_samples(load_scenario("diagrams/robustness.yaml", ["duration=5"]), range(20))
@@ -98,6 +101,7 @@ def test_a_swarm_replays_its_crashes(tmp_path):
     assert last[-1, 1:4] == pytest.approx(crash["state"][-1, 0:3], abs=1e-3)
 
 
+@pytest.mark.slow
 def test_a_page_needs_no_network_and_is_small(flight, tmp_path):
     page = save_replay({"one": flight, "two": flight}, tmp_path / "replay.html").read_text(encoding="utf-8")
     assert not re.search(r'<(script|link|img)[^>]* (src|href)="(?!data:)', page)
@@ -106,6 +110,7 @@ def test_a_page_needs_no_network_and_is_small(flight, tmp_path):
     assert 2.3e6 + 3.2 * (swarm.stat().st_size - 2.3e6) < 12e6
 
 
+@pytest.mark.slow
 def test_a_flight_is_shown_as_long_as_it_is_finite(tmp_path):
     flight = simulate(load_scenario("diagrams/outdoor.yaml", ["duration=1"]))
     flight["state"][-10:] = np.nan

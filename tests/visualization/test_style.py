@@ -18,6 +18,7 @@ def drawn():
         return figure
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("vector", get_args(Vector))
 def test_a_vector_drawing_is_there_if_asked_for_and_the_same_each_time(vector, tmp_path):
     files = save_figures({"line": drawn()}, tmp_path, vector=vector)
@@ -27,6 +28,7 @@ def test_a_vector_drawing_is_there_if_asked_for_and_the_same_each_time(vector, t
     assert save_figures({"line": drawn()}, tmp_path, vector=vector)[1].read_bytes() == first
 
 
+@pytest.mark.slow
 def test_a_pdf_has_the_fonts_that_publishers_take(tmp_path):
     text = save_figures({"line": drawn()}, tmp_path, vector="pdf")[1].read_bytes()
     assert b"/FontFile2" in text

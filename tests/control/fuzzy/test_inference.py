@@ -48,6 +48,7 @@ def oracle(antecedents, weights):
     return network
 
 
+@pytest.mark.slow
 @settings(max_examples=60, deadline=None)
 @given(uppers, lowers, shares, fuzzy_sets(), fuzzy_sets(), st.integers(0, 2**32))
 def test_inference_is_that_of_pyit2fls(a1, a2, q, error, rate, seed):
@@ -80,6 +81,7 @@ def test_memberships_end_where_sets_do():
         np.testing.assert_array_equal(elliptic_membership(np.array(values), exponent), [1.0, 1.0, 0.0, 0.0, 0.0, 0.0])
 
 
+@pytest.mark.slow
 @settings(max_examples=200, deadline=None)
 @given(uppers, lowers, shares, fuzzy_sets(), fuzzy_sets(), st.floats(-50.0, 50.0), st.floats(-50.0, 50.0))
 def test_firing_strengths_are_shares(a1, a2, q, error_sets, rate_sets, error, rate):

@@ -98,6 +98,7 @@ def test_the_triangle_is_the_matrix(n, size):
     np.testing.assert_allclose(learner.weights, -0.8 * signal * g * np.log1p(H * c) / c, rtol=1e-11, atol=1e-13)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("initial", [1e-2, 1.0, 1e2, 1e4, 1e6])
 @pytest.mark.parametrize("n", [5, 100])
 def test_the_covariance_stays_one(initial, n):
@@ -125,6 +126,7 @@ def signals(t):
     return firing, math.sin(0.9 * t) + 0.3
 
 
+@pytest.mark.slow
 def test_the_sampled_law_converges_to_the_differential_equations():
     """(16) and (17) by an integrator of order 8: half the period, half the error."""
     gain, initial, duration = 0.7, 20.0, 4.0
@@ -165,6 +167,7 @@ def test_while_nothing_changes_a_tick_is_exact(initial):
     np.testing.assert_allclose(found[0][1], found[1][1], rtol=1e-8, atol=1e-9 * initial)
 
 
+@pytest.mark.slow
 def test_forgetting_keeps_the_covariance_alive_and_bounded():
     rng = np.random.default_rng(2)
     ticks, n = 2000, 60
@@ -222,6 +225,7 @@ def test_limits():
     np.testing.assert_allclose(learned(GradientLaw(1.0), Limits(leakage=2.0), [0.0, 0.0]), 0.5 * math.exp(-2.0 * H))
 
 
+@pytest.mark.slow
 def test_a_constant_disturbance_is_learned_at_the_predicted_rate():
     """One rule, W = 1, on a double integrator: e falls as t^(-K_D λ / k_P), as P = 1 / t makes it."""
     k_p, k_d, slope, gain, h, disturbance = 2.0, 2.5, 1.0, 1.5, 0.02, 0.4

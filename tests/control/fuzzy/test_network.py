@@ -152,6 +152,7 @@ def test_with_the_other_sign_of_eq_14_the_loop_runs_away():
     assert errors[1.0] < 0.05 < 0.5 / 1.4 < errors[-1.0]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("place", ["nominal", "low_wind"])
 def test_the_network_cuts_the_error_by_what_the_paper_reports(scenario_with, place):
     """43 %, for at least 95 of 100 samples, and none crashes."""
@@ -172,6 +173,7 @@ def test_a_sample_flies_the_same_alone(scenario_with, controller):
     assert fleet.rmse[1] == pytest.approx(alone.rmse, rel=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "learning",
     [

@@ -37,6 +37,7 @@ def test_terminal_velocity():
     assert fall == pytest.approx(by_hand, rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("velocity", [(4.0, 0.0, 0.0), (0.0, -3.0, 0.0), (1.5, 2.0, 0.0)])
 def test_steady_tilt_in_steady_wind(diagrams, velocity):
     """The vehicle leans into the wind by atan(D / m g), and hangs D / (m k_P) downwind without integral action."""
@@ -160,6 +161,7 @@ class OwnJets(LeafSystem):
 CALM = ["duration=6", "laboratory.wind.0.turbulence=0", "laboratory.wind.1.turbulence=0"]
 
 
+@pytest.mark.slow
 def test_a_wind_of_ones_own_does_what_the_same_wind_of_the_scenario_does(diagrams):
     fans = load_scenario(diagrams / "laboratory.yaml:low_wind", CALM)
     alone = load_scenario(diagrams / "laboratory.yaml:low_wind", [*CALM[:1], "laboratory.wind=[]"])
@@ -169,6 +171,7 @@ def test_a_wind_of_ones_own_does_what_the_same_wind_of_the_scenario_does(diagram
         np.testing.assert_allclose(flights[0][signal][1:], flights[1][signal][1:], atol=1e-9)
 
 
+@pytest.mark.slow
 def test_a_wind_of_ones_own_blows_beside_that_of_the_scenario_in_every_fleet(diagrams):
     steady = "laboratory.wind=[{kind: steady, velocity: [1.0, 0.0, 0.0]}]"
     mass = "vehicle.mass={uniform: {min: 0.6, max: 0.7}}"
