@@ -299,7 +299,7 @@ class Pipe:
 
 
 def test_a_process_ends_when_nothing_more_can_come(monkeypatch):
-    """What is given back does not go to and fro: the parent has it."""
+    """What is given back does not go back and forth: the parent has it."""
     monkeypatch.setattr(processes, "_end_with_parent", lambda: None)
     pipe, before = Pipe((abs, -3)), signal.getsignal(signal.SIGINT)
     try:
