@@ -65,7 +65,7 @@ class ContextVector:
 
     def write(self, diagram: Diagram, root: Any, numbers: np.ndarray) -> None:
         """Puts (n,) numbers into a diagram's context."""
-        first = 0
+        numbers, first = np.ascontiguousarray(numbers), 0  # Drake 1.51 takes no others
         for group in self._groups:
             end = first + len(group.names)
             self._vector(diagram, root, group).SetFromVector(numbers[first:end])
