@@ -9,7 +9,7 @@ from command_line import add_vector, folder_of, overrides_of, parser, print_file
 import numpy as np
 
 from drake_quad import InputError, Scenario
-from drake_quad.analysis.gain_design import PdGains
+from drake_quad.analysis.gain_design import AxisGains
 from drake_quad.analysis.stability_map import Loop, flown_map, mapped_plant, stability_map
 from drake_quad.files import output_folder, write_table
 from drake_quad.scenario import draw_sample
@@ -58,7 +58,7 @@ def main() -> None:
     panels = [panel(title, case, arguments.loop, k_p, k_d) for title, case in cases.items()]
     block = getattr(scenario.control, arguments.loop)
     index = 0 if arguments.loop == "position" else 1
-    marked = PdGains(block.k_p[index], block.k_d[index])
+    marked = AxisGains(block.k_p[index], block.k_d[index])
     figure = plot_map(panels, k_p, k_d, marked=marked, loop=arguments.loop)
     files = [
         write_map(folder / f"{arguments.loop}_map.csv", panels, k_p, k_d),

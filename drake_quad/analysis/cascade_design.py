@@ -7,7 +7,7 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.analysis.closed_loop import LaboratoryPlant, laboratory_plant
-from drake_quad.analysis.gain_design import Family, LoopDesign, PdGains, PolePair, Requirements, design_loop
+from drake_quad.analysis.gain_design import AxisGains, Family, LoopDesign, PolePair, Requirements, design_loop
 from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.scenario import Scenario
 
@@ -129,7 +129,7 @@ def attitude_plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str) -
     return _plant(laboratory, scenario, axis, _SIGNALS[axis][1:])
 
 
-def position_plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str, attitude: PdGains) -> SampledSystem:
+def position_plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str, attitude: AxisGains) -> SampledSystem:
     """From a commanded acceleration on x or y to the measured position and velocity, the attitude loop closed.
 
     Args:
@@ -147,7 +147,7 @@ def position_plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str, a
 
 
 def attitude_plant_in_flight(
-    laboratory: LaboratoryPlant, scenario: Scenario, axis: str, position: PdGains
+    laboratory: LaboratoryPlant, scenario: Scenario, axis: str, position: AxisGains
 ) -> SampledSystem:
     """From a commanded angular acceleration to the error and the rate of a tilt, the position loop closed.
 

@@ -36,14 +36,14 @@ _HALVINGS = 12
 _STARTS = (0.2, 0.05, 0.0125, 0.003)
 
 
-class PdGains(NamedTuple):
+class AxisGains(NamedTuple):
     """k_P (1/s²) and k_D (1/s) of an axis."""
 
     k_p: float
     k_d: float
 
 
-_NONE = PdGains(math.nan, math.nan)
+_NONE = AxisGains(math.nan, math.nan)
 
 
 class Requirements(NamedTuple):
@@ -90,7 +90,7 @@ class LoopDesign:
     """
 
     axis: str
-    gains: PdGains
+    gains: AxisGains
     plant: SampledSystem
     margins: Margins
     bandwidth: float | None = None
@@ -101,7 +101,7 @@ class LoopDesign:
 class Family(Protocol):
     """Gains that work the harder the larger a number is."""
 
-    def gains(self, plant: SampledSystem, effort: float) -> PdGains:
+    def gains(self, plant: SampledSystem, effort: float) -> AxisGains:
         """The gains for a plant."""
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
@@ -117,14 +117,14 @@ class PolePair(NamedTuple):
 
     damping: float
 
-    def gains(self, plant: SampledSystem, effort: float) -> PdGains:
+    def gains(self, plant: SampledSystem, effort: float) -> AxisGains:
         """See `Family`: 1 + k_P G_value(z) + k_D G_rate(z) = 0 at the pole is linear in the gains."""
         s = effort * complex(-self.damping, math.sqrt(1.0 - self.damping**2))
         value, rate = plant.response(np.array([np.exp(s * plant.period)]))[0, :, 0]
         determinant = value.real * rate.imag - rate.real * value.imag
         if determinant == 0.0:  # the measurements do not tell value and rate apart
             return _NONE
-        return PdGains(-rate.imag / determinant, value.imag / determinant)
+        return AxisGains(-rate.imag / determinant, value.imag / determinant)
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
         """See `Family`."""
@@ -140,20 +140,20 @@ class Regulator(NamedTuple):
 
     rate_time: float
 
-    def gains(self, plant: SampledSystem, effort: float) -> PdGains:
+    def gains(self, plant: SampledSystem, effort: float) -> AxisGains:
         """See `Family`: the least over k_P and k_D, from those of a slow double integrator."""
-        slow = [PdGains(frequency**2, 1.6 * frequency) for frequency in _STARTS]
+        slow = [AxisGains(frequency**2, 1.6 * frequency) for frequency in _STARTS]
         start = next((gains for gains in slow if math.isfinite(self.cost(plant, gains, effort))), None)
         if start is None:
             return _NONE
 
         def logarithm_of_cost(logs: np.ndarray) -> float:
-            return math.log(self.cost(plant, PdGains(*np.exp(logs)), effort))
+            return math.log(self.cost(plant, AxisGains(*np.exp(logs)), effort))
 
         best = scipy.optimize.minimize(logarithm_of_cost, np.log(start), method="Nelder-Mead", options={"xatol": 1e-4})
-        return PdGains(*(float(gain) for gain in np.exp(best.x)))
+        return AxisGains(*(float(gain) for gain in np.exp(best.x)))
 
-    def cost(self, plant: SampledSystem, gains: PdGains, effort: float) -> float:
+    def cost(self, plant: SampledSystem, gains: AxisGains, effort: float) -> float:
         """The cost of a PD, by Lyapunov's equation; infinite if it is not stable."""
         feedback = np.array([gains]) @ plant.C
         closed = plant.A - plant.B @ feedback
@@ -175,7 +175,7 @@ class Regulator(NamedTuple):
         return plant.C.T @ np.diag([1.0, self.rate_time**2]) @ plant.C
 
 
-def pd_loop(plant: SampledSystem, gains: PdGains) -> SampledSystem:
+def pd_loop(plant: SampledSystem, gains: AxisGains) -> SampledSystem:
     """The loop transfer function k_P G_value + k_D G_rate of a PD around a plant with these two outputs."""
     row = np.array([gains])
     return replace(plant, C=row @ plant.C, D=row @ plant.D, outputs=("loop",))
@@ -242,12 +242,12 @@ class _Trial(NamedTuple):
     """Gains of some effort: what is wrong with them, in words, and the least share of a margin that they have."""
 
     effort: float
-    gains: PdGains
+    gains: AxisGains
     flaws: dict[str, str]
     share: float
 
 
-def _unsound(plant: SampledSystem, family: Family, effort: float, gains: PdGains) -> dict[str, str]:
+def _unsound(plant: SampledSystem, family: Family, effort: float, gains: AxisGains) -> dict[str, str]:
     """What is wrong with the loop apart from its margins, and how, in words."""
     if not all(map(math.isfinite, gains)):
         return {"no gains": "none have this effect"}
@@ -283,6 +283,6 @@ def _finished(plant: SampledSystem, family: Family, axis: str, best: _Trial, lim
     )
 
 
-def _rounded(gains: PdGains) -> PdGains:
+def _rounded(gains: AxisGains) -> AxisGains:
     """Four significant digits, as they are written down."""
-    return PdGains(*(float(f"{gain:.4g}") for gain in gains))
+    return AxisGains(*(float(f"{gain:.4g}") for gain in gains))

@@ -6,7 +6,7 @@ import numpy as np
 
 from drake_quad.analysis.cascade_design import attitude_plant_in_flight, position_plant
 from drake_quad.analysis.closed_loop import laboratory_plant
-from drake_quad.analysis.gain_design import PdGains
+from drake_quad.analysis.gain_design import AxisGains
 from drake_quad.analysis.margins import fast_margins, frequencies
 from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.flight import StudyFleet
@@ -74,9 +74,9 @@ def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
     return attitude_plant_in_flight(laboratory, scenario, "x", _gains(scenario, "position", 0))
 
 
-def _gains(scenario: Scenario, loop: Loop, axis: int) -> PdGains:
+def _gains(scenario: Scenario, loop: Loop, axis: int) -> AxisGains:
     block = getattr(scenario.control, loop)
-    return PdGains(float(block.k_p[axis]), float(block.k_d[axis]))
+    return AxisGains(float(block.k_p[axis]), float(block.k_d[axis]))
 
 
 def flown_map(scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, *, sample: int = 0) -> Metrics:

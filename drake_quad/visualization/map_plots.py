@@ -11,7 +11,7 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import NullLocator
 
-from drake_quad.analysis.gain_design import PdGains
+from drake_quad.analysis.gain_design import AxisGains
 from drake_quad.analysis.stability_map import StabilityMap
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.visualization.style import BLACK, SHADING, VERMILION, new_figure, styled
@@ -46,7 +46,7 @@ class MapPanel(NamedTuple):
     flown: Metrics
 
 
-def plot_map(panels: list[MapPanel], k_p: np.ndarray, k_d: np.ndarray, *, marked: PdGains, loop: str) -> Figure:
+def plot_map(panels: list[MapPanel], k_p: np.ndarray, k_d: np.ndarray, *, marked: AxisGains, loop: str) -> Figure:
     """Plots the RMSE of the flights in colours, with lines of damping and delay margin over it.
 
     Args:

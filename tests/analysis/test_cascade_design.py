@@ -8,7 +8,7 @@ import pytest
 from drake_quad import load_scenario
 from drake_quad.analysis.cascade_design import _alike, _markov, attitude_plant, attitude_plant_in_flight, position_plant
 from drake_quad.analysis.closed_loop import laboratory_plant
-from drake_quad.analysis.gain_design import PdGains
+from drake_quad.analysis.gain_design import AxisGains
 from drake_quad.analysis.sampled_system import SampledSystem
 
 
@@ -68,7 +68,7 @@ def test_plants_lead_from_a_commanded_acceleration_to_a_value_and_its_rate(plant
 def test_a_position_follows_its_acceleration_through_the_tilt(plants):
     """Pitch moves along x and roll against y; what holds the tilt is fast beside this."""
     scenario, laboratory = plants
-    s, gains = 1j * 0.05, PdGains(6.0, 4.0)
+    s, gains = 1j * 0.05, AxisGains(6.0, 4.0)
     for axis in "xy":
         plant = position_plant(laboratory, scenario, axis, gains)
         assert plant.outputs == (f"measurement.{axis}", f"measurement.v_{axis}")
@@ -80,7 +80,7 @@ def test_a_position_follows_its_acceleration_through_the_tilt(plants):
 def test_an_error_of_a_tilt_in_flight_is_the_tilt_and_what_the_position_asks_for(plants):
     """As by hand from the same plant: θ plus, or on the other axis minus, the gains over the specific thrust."""
     scenario, laboratory = plants
-    z, gains = np.exp(1j * np.array([0.3, 2.0]) * 0.02), PdGains(0.4, 0.9)
+    z, gains = np.exp(1j * np.array([0.3, 2.0]) * 0.02), AxisGains(0.4, 0.9)
     for axis, tilt, rate, torque, inertia, sign in (
         ("x", "pitch", "q", "tau_y", 0.0085, 1.0),
         ("y", "roll", "p", "tau_x", 0.0065, -1.0),

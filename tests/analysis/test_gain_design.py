@@ -24,7 +24,15 @@ from drake_quad.analysis.cascade_design import (
     with_gains,
 )
 from drake_quad.analysis.closed_loop import as_believed, at_rest, closed_loop, laboratory_plant
-from drake_quad.analysis.gain_design import LoopDesign, PdGains, PolePair, Regulator, Requirements, design_loop, pd_loop
+from drake_quad.analysis.gain_design import (
+    AxisGains,
+    LoopDesign,
+    PolePair,
+    Regulator,
+    Requirements,
+    design_loop,
+    pd_loop,
+)
 from drake_quad.analysis.margins import FastMargins, fast_margins, frequencies, margins
 from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.analysis.step_response import release
@@ -160,7 +168,7 @@ def test_the_hardest_regulator_that_keeps_the_margins_states_what_full_state_wou
 
 
 def test_the_cost_is_the_sum_over_a_simulated_impulse(pitch):
-    family, gains, effort = Regulator(0.2), PdGains(6.0, 4.0), 30.0
+    family, gains, effort = Regulator(0.2), AxisGains(6.0, 4.0), 30.0
     x, total = pitch.B.copy(), 0.0
     for _ in range(5000):
         value, rate = (pitch.C @ x)[:, 0]
@@ -171,7 +179,7 @@ def test_the_cost_is_the_sum_over_a_simulated_impulse(pitch):
     best = family.gains(pitch, effort)
     least = family.cost(pitch, best, effort)
     for factor in ((1.03, 1.0), (0.97, 1.0), (1.0, 1.03), (1.0, 0.97)):
-        assert family.cost(pitch, PdGains(best.k_p * factor[0], best.k_d * factor[1]), effort) > least
+        assert family.cost(pitch, AxisGains(best.k_p * factor[0], best.k_d * factor[1]), effort) > least
     assert least > family.least_cost(pitch, effort)
 
 
@@ -195,7 +203,7 @@ def test_the_design_is_the_diagram(shipped, overrides):
         plant = attitude_plant(laboratory, scenario, axis)
         expected.append(plant.with_feedback(np.array([[block.k_p[i], block.k_d[i]]])).poles())
     for axis, tilt, i in (("x", 1, 0), ("y", 0, 1)):
-        plant = position_plant(laboratory, scenario, axis, PdGains(attitude.k_p[tilt], attitude.k_d[tilt]))
+        plant = position_plant(laboratory, scenario, axis, AxisGains(attitude.k_p[tilt], attitude.k_d[tilt]))
         expected.append(plant.with_feedback(np.array([[position.k_p[i], position.k_d[i]]])).poles())
     wanted, found = np.concatenate(expected), loop.system.poles()
     lasting = wanted[np.abs(wanted) > 0.1]
@@ -420,7 +428,7 @@ class Fixed:
         self.k_p, self.k_d = k_p, k_d
 
     def gains(self, plant, effort):
-        return PdGains(self.k_p * effort, self.k_d * effort)
+        return AxisGains(self.k_p * effort, self.k_d * effort)
 
     def efforts(self, plant):
         return np.array([1.0, 2.0, 3.0])
@@ -446,7 +454,7 @@ def test_gains_that_are_none_say_why(gains, words):
 def test_of_gains_that_are_all_too_weak_the_nearest_is_told():
     """The phase margin of these rises with the effort; the last has the most of what is asked for."""
     plant = double_integrator()
-    phases = [margins(pd_loop(plant, PdGains(effort, 0.5 * effort))).phase for effort in (1.0, 2.0, 3.0)]
+    phases = [margins(pd_loop(plant, AxisGains(effort, 0.5 * effort))).phase for effort in (1.0, 2.0, 3.0)]
     assert phases == sorted(phases)
     with pytest.raises(InputError, match=rf"at best phase margin: {phases[2]:.1f}°, less than 60°"):
         design_loop(plant, Fixed(1.0, 0.5), Requirements(60.0, 0.0), axis="x")
@@ -454,9 +462,9 @@ def test_of_gains_that_are_all_too_weak_the_nearest_is_told():
 
 def test_a_loop_that_is_not_stable_costs_without_end():
     family, plant = Regulator(0.2), double_integrator()
-    assert family.cost(plant, PdGains(1.0, 0.001), 10.0) == np.inf
-    assert family.cost(plant, PdGains(0.0, 1.0), 10.0) == np.inf
-    assert np.isfinite(family.cost(plant, PdGains(1.0, 1.0), 10.0))
+    assert family.cost(plant, AxisGains(1.0, 0.001), 10.0) == np.inf
+    assert family.cost(plant, AxisGains(0.0, 1.0), 10.0) == np.inf
+    assert np.isfinite(family.cost(plant, AxisGains(1.0, 1.0), 10.0))
     # Nothing steadies what its command does not reach.
     stuck = replace(plant, B=np.zeros((2, 1)))
     assert np.isnan(family.gains(stuck, 1.0)).all()
@@ -464,8 +472,8 @@ def test_a_loop_that_is_not_stable_costs_without_end():
 
 def test_gains_stand_in_a_scenario_axis_by_axis(pitch):
     axes = {name: 10.0 + place for place, name in enumerate(("roll", "pitch", "yaw", "x", "y", "z"))}
-    found = margins(pd_loop(pitch, PdGains(6.0, 4.0)))
-    design = CascadeDesign({name: LoopDesign(name, PdGains(k, 0.5 * k), pitch, found) for name, k in axes.items()})
+    found = margins(pd_loop(pitch, AxisGains(6.0, 4.0)))
+    design = CascadeDesign({name: LoopDesign(name, AxisGains(k, 0.5 * k), pitch, found) for name, k in axes.items()})
     assert design.gains() == {
         "position": {"k_p": [13.0, 14.0, 15.0], "k_d": [6.5, 7.0, 7.5]},
         "attitude": {"k_p": [10.0, 11.0, 12.0], "k_d": [5.0, 5.5, 6.0]},
@@ -511,8 +519,8 @@ class Listed(Fixed):
 
 def test_gains_that_are_not_stable_are_never_the_nearest():
     """Though the curve of the second and the third crosses nothing, so that no margin is missing."""
-    family = Listed(PdGains(1.0, 0.2), PdGains(1.0, 120.0), PdGains(np.nan, 1.0))
-    phase = margins(pd_loop(double_integrator(), PdGains(1.0, 0.2))).phase
+    family = Listed(AxisGains(1.0, 0.2), AxisGains(1.0, 120.0), AxisGains(np.nan, 1.0))
+    phase = margins(pd_loop(double_integrator(), AxisGains(1.0, 0.2))).phase
     with pytest.raises(InputError, match=rf"at best phase margin: {phase:.1f}°, less than 60°"):
         design_loop(double_integrator(), family, Requirements(60.0, 0.0), axis="x")
 

@@ -7,7 +7,7 @@ import pytest
 
 from drake_quad import load_scenario, simulate
 from drake_quad.analysis.closed_loop import closed_loop
-from drake_quad.analysis.gain_design import PdGains, pd_loop
+from drake_quad.analysis.gain_design import AxisGains, pd_loop
 from drake_quad.analysis.margins import margins
 from drake_quad.analysis.modes import modes
 from drake_quad.analysis.sampled_system import SampledSystem
@@ -31,7 +31,7 @@ def test_each_place_of_the_map_is_a_loop_of_its_own(scenario, loop):
     found = stability_map(plant, k_p, k_d)
     assert 0 < found.stable.sum() < found.stable.size
     for i, j in np.ndindex(found.stable.shape):
-        gains = PdGains(k_p[i], k_d[j])
+        gains = AxisGains(k_p[i], k_d[j])
         closed = plant.with_feedback(np.array([gains]))
         assert found.size[i, j] == pytest.approx(np.abs(closed.poles()).max(), rel=1e-9)
         if not found.stable[i, j]:
