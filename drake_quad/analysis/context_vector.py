@@ -8,6 +8,7 @@ from pydrake.systems.framework import Diagram
 
 from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
+from drake_quad.framework.wiring import subsystem
 from drake_quad.signals import SIGNALS, row_names
 
 
@@ -30,13 +31,6 @@ def leaf_paths(diagram: Any, *, without: Sequence[str] = ()) -> Iterator[tuple[s
             yield from ((name, *rest) for rest in leaf_paths(part, without=without))
         else:
             yield (name,)
-
-
-def system_at(diagram: Any, path: Sequence[str]) -> Any:
-    """The system at the end of a path of names; the order of systems is not kept by scalar conversion."""
-    for name in path:
-        diagram = diagram.GetSubsystemByName(name)
-    return diagram
 
 
 class ContextVector:
@@ -73,7 +67,7 @@ class ContextVector:
 
     @staticmethod
     def _vector(diagram: Diagram, root: Any, group: _Group) -> Any:
-        context = system_at(diagram, group.path).GetMyMutableContextFromRoot(root)
+        context = subsystem(diagram, group.path).GetMyMutableContextFromRoot(root)
         match group.kind:
             case "discrete":
                 return context.get_mutable_discrete_state(group.number)
@@ -96,7 +90,7 @@ def undotted(names: Sequence[str]) -> list[str]:
 
 def _groups(diagram: Diagram, root: Any, without: Sequence[str], parameters: bool) -> Iterator[_Group]:
     for path in sorted(leaf_paths(diagram, without=without)):
-        system = system_at(diagram, path)
+        system = subsystem(diagram, path)
         context = system.GetMyContextFromRoot(root)
         if context.num_abstract_states():
             raise InputError(f"{'.'.join(path)} holds a state that is not made of numbers; it has no Jacobian")

@@ -23,8 +23,9 @@ from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, Ini
 from pydrake.systems.analysis import InitializeParams, Simulator, Simulator_
 from pydrake.systems.framework import Diagram
 
-from drake_quad.analysis.context_vector import ContextVector, leaf_paths, port_rows, system_at, undotted
+from drake_quad.analysis.context_vector import ContextVector, leaf_paths, port_rows, undotted
 from drake_quad.errors import InputError
+from drake_quad.framework.wiring import subsystem
 
 
 @dataclass(frozen=True)
@@ -228,6 +229,6 @@ def to_autodiff(diagram: Diagram) -> Any:
     converted = diagram.ToAutoDiffXdMaybe()
     if converted is not None:
         return converted
-    culprits = [path for path in leaf_paths(diagram) if system_at(diagram, path).ToAutoDiffXdMaybe() is None]
+    culprits = [path for path in leaf_paths(diagram) if subsystem(diagram, path).ToAutoDiffXdMaybe() is None]
     names = ", ".join(".".join(path) for path in culprits) or diagram.get_name()
     raise InputError(f"{names} has no version for AutoDiffXd, which derivatives need")

@@ -13,12 +13,13 @@ from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDif
 from pydrake.systems.analysis import Simulator_
 from pydrake.systems.framework import Diagram
 
-from drake_quad.analysis.context_vector import ContextVector, leaf_paths, system_at
+from drake_quad.analysis.context_vector import ContextVector, leaf_paths
 from drake_quad.analysis.sampled_system import to_autodiff
 from drake_quad.assembly.planning import flight_duration, plan_route, refuse_distributions
 from drake_quad.assembly.tracking import build_tracking_diagram
 from drake_quad.errors import InputError
 from drake_quad.flight.simulation import fly, read_metrics
+from drake_quad.framework.wiring import subsystem
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Scenario, distributions_in, draw_sample
@@ -109,7 +110,7 @@ def _structure(diagram: Diagram) -> list[Any]:
     """What a diagram is made of: its leaf systems, and their choices and counts."""
     found = []
     for path in sorted(leaf_paths(diagram)):
-        given = getattr(system_at(diagram, path), "structure", {})
+        given = getattr(subsystem(diagram, path), "structure", {})
         found.append((path, {name: value for name, value in given.items() if isinstance(value, bool | int | str)}))
     return found
 

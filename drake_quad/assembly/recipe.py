@@ -69,7 +69,7 @@ class Recipe(NamedTuple):
         Raises:
             ValueError: the system has been built for other ports or events than the numbers need.
         """
-        system = subsystem(diagram, path)
+        system = subsystem(diagram, path.split("."))
         if system.structure != self.structure:
             raise ValueError(f"{path} was built with {system.structure}, but these numbers need {self.structure}")
         system.reset(system.GetMyMutableContextFromRoot(context), self.numbers)

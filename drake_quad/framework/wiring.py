@@ -1,5 +1,6 @@
 """What a DiagramBuilder lacks: ports by name, and outputs that are taken apart."""
 
+from collections.abc import Sequence
 from typing import Any
 
 from pydrake.systems.framework import DiagramBuilder
@@ -19,9 +20,12 @@ def split_output(builder: DiagramBuilder, name: str, system: Any) -> dict[str, A
     return {signal: parts.get_output_port(i) for i, signal in enumerate(system.packed)}
 
 
-def subsystem(diagram: Any, path: str) -> Any:
-    """The subsystem at a path, such as `laboratory.vehicle`."""
+def subsystem(diagram: Any, path: Sequence[str]) -> Any:
+    """The system at the end of a path of names, such as `("laboratory", "vehicle")`; the diagram at the end of none.
+
+    Scalar conversion keeps names, but not the order of systems.
+    """
     system: Any = diagram
-    for name in path.split("."):
+    for name in path:
         system = system.GetSubsystemByName(name)
     return system

@@ -7,8 +7,9 @@ import pytest
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 
 from drake_quad import build_tracking_diagram, load_scenario
-from drake_quad.analysis.context_vector import ContextVector, leaf_paths, port_rows, system_at, undotted
+from drake_quad.analysis.context_vector import ContextVector, leaf_paths, port_rows, undotted
 from drake_quad.framework.fleet_system import FleetSystem, fleet_system
+from drake_quad.framework.wiring import subsystem
 from drake_quad.signals import Row
 
 
@@ -61,8 +62,8 @@ def test_leaf_systems_are_found_by_their_path_but_for_those_that_watch(nested):
     assert set(leaf_paths(nested)) == {("b",), ("inner", "a"), ("watcher", "c")}
     assert set(leaf_paths(nested, without=("watcher",))) == {("b",), ("inner", "a")}
     assert set(leaf_paths(nested, without=("a", "b"))) == {("watcher", "c")}
-    assert system_at(nested, ("inner", "a")).get_name() == "a"
-    assert system_at(nested, ()) is nested
+    assert subsystem(nested, ("inner", "a")).get_name() == "a"
+    assert subsystem(nested, ()) is nested
 
 
 def test_numbers_stand_system_by_system_and_group_by_group(nested):

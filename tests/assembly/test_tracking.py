@@ -285,7 +285,7 @@ def test_the_whole_loop_differentiates(figure_eight, overrides, n):
     diagram = build_tracking_diagram(scenario, n)
 
     def set_gain(diagram, context, k_p):
-        law = subsystem(diagram, "control.position.pd")
+        law = subsystem(diagram, ("control", "position", "pd"))
         own = law.GetMyMutableContextFromRoot(context)
         gains = law.get_parameter(own, "gains")
         x = k_p if n == 1 else np.array([k_p, *gains.k_p.x[1:]])

@@ -153,7 +153,7 @@ def test_a_flown_context_is_reset_to_the_beginning(scenario):
     simulator = Simulator(diagram)
     context = simulator.get_mutable_context()
     simulator.AdvanceTo(0.3)
-    pd = subsystem(diagram, "control.position.pd")
+    pd = subsystem(diagram, ("control", "position", "pd"))
     of_pd = pd.GetMyMutableContextFromRoot(context)
     pd.set_parameter(of_pd, "gains", PdGains(PerAxis(1.0, 1.0, 1.0), PerAxis(1.0, 1.0, 1.0)))
     reset_fleet(diagram, context, batch, plan, own=own)

@@ -173,7 +173,7 @@ def test_a_packed_output_is_taken_apart_into_its_signals():
     diagram.GetInputPort("error").FixValue(context, np.arange(6.0))
     np.testing.assert_array_equal(diagram.GetOutputPort("error").Eval(context), np.arange(6.0))
     np.testing.assert_array_equal(diagram.GetOutputPort("pd").Eval(context), 2.0 * np.arange(6.0))
-    assert subsystem(diagram, "packed") is system
+    assert subsystem(diagram, ("packed",)) is system
 
 
 @pytest.mark.parametrize("n", [1, 3])

@@ -1,7 +1,7 @@
 """The network as Drake systems."""
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
@@ -78,14 +78,29 @@ class LearningNumbers(NamedTuple):
     initial_weight: Row = 0.0
 
 
+def surface(axis: Axis, numbers: LearningNumbers, error: PositionError, rate: PositionErrorRate) -> Row:
+    """Eq (15): s_p = ė + λ e on an axis, m/s."""
+    sliding: Row = getattr(rate, axis) + numbers.slope * getattr(error, axis)
+    return sliding
+
+
+def command(axis: Axis, numbers: LearningNumbers, pd: Acceleration) -> Row:
+    """The PD's command on an axis, m/s²."""
+    commanded: Row = getattr(pd, axis)
+    return commanded
+
+
 def learned(
     weights: PerNetworkAxis,
     memory: PerNetworkAxis,
     firing: PerNetworkAxis,
-    signals: tuple[Row, ...],
     numbers: LearningNumbers,
-    begins_anew: bool,
+    time: Row,
+    axes: Sequence[Axis],
     period: float,
+    reset_ticks: Sequence[int],
+    signal_of: Callable[..., Row],
+    *signals: Any,
 ) -> Any:
     """Weights and memory a tick later, on each axis of a network; only the weights by a law without memory.
 
@@ -93,54 +108,25 @@ def learned(
         weights: F.
         memory: of the law.
         firing: W.
-        signals: that is learned from, on each axis.
         numbers: to learn by.
-        begins_anew: whether the law forgets all that it remembers.
+        time: of the tick, s.
+        axes: of the network.
         period: h, s.
+        reset_ticks: at which the law forgets all that it remembers.
+        signal_of: `surface` or `command`, from which the law learns.
+        signals: that it is made of.
     """
     law, (limit, deadzone, leakage) = numbers.law, numbers.limits
-    kept = exp(-leakage * period)
+    kept, begins_anew = exp(-leakage * period), _is_one_of(time, reset_ticks, period)
     after = []
-    for f, remembered, w, signal in zip(weights, memory, firing, signals, strict=True):
+    for axis, f, remembered, w in zip(axes, weights, memory, firing, strict=True):
+        signal = signal_of(axis, numbers, *signals)
         known = where(begins_anew, law.memory(len(f)), remembered)
         counts = where(abs(signal) < deadzone, 0.0 * signal, signal)
         f_after, memory_after = law.learned(tuple([kept * f_i for f_i in f]), known, w, counts, period)
         after.append((tuple([minimum(maximum(f_i, -limit), limit) for f_i in f_after]), memory_after))
     all_weights, all_memory = tuple([f for f, _ in after]), tuple([remembered for _, remembered in after])
     return (all_weights, all_memory) if any(all_memory) else all_weights
-
-
-def learned_from_surface(
-    weights: PerNetworkAxis,
-    memory: PerNetworkAxis,
-    firing: PerNetworkAxis,
-    error: PositionError,
-    rate: PositionErrorRate,
-    numbers: LearningNumbers,
-    time: Row,
-    axes: Sequence[Axis],
-    period: float,
-    reset_ticks: Sequence[int],
-) -> Any:
-    """The same from s_p of eq (15)."""
-    signals = tuple([getattr(rate, axis) + numbers.slope * getattr(error, axis) for axis in axes])
-    return learned(weights, memory, firing, signals, numbers, _is_one_of(time, reset_ticks, period), period)
-
-
-def learned_from_command(
-    weights: PerNetworkAxis,
-    memory: PerNetworkAxis,
-    firing: PerNetworkAxis,
-    pd: Acceleration,
-    numbers: LearningNumbers,
-    time: Row,
-    axes: Sequence[Axis],
-    period: float,
-    reset_ticks: Sequence[int],
-) -> Any:
-    """The same from the PD's command."""
-    signals = tuple([getattr(pd, axis) for axis in axes])
-    return learned(weights, memory, firing, signals, numbers, _is_one_of(time, reset_ticks, period), period)
 
 
 def _is_one_of(time: Row, ticks: Sequence[int], period: float) -> bool:
@@ -225,12 +211,12 @@ class WeightLearning(FleetSystem):
                 layout=_layout(len(axes), rows),
             )
             writes = [weights, memory]
-        last = learning, TIME if ticks else 0.0, axes, period, ticks
         if law.learns_from == "surface":
-            reads = weights, memory, firing, self.input("error"), self.input("error_rate"), *last
-            self.update(period, learned_from_surface, *reads, writes=writes)
+            signals: tuple[Any, ...] = surface, self.input("error"), self.input("error_rate")
         else:
-            self.update(period, learned_from_command, weights, memory, firing, self.input("pd"), *last, writes=writes)
+            signals = command, self.input("pd")
+        reads = weights, memory, firing, learning, TIME if ticks else 0.0, axes, period, ticks, *signals
+        self.update(period, learned, *reads, writes=writes)
         self.output("correction", network_output, weights, firing, axes)
         self.state_output(weights)
         if law.memory_name == "covariance":
