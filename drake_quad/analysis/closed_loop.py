@@ -3,7 +3,7 @@
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import Diagram
+from pydrake.systems.framework import Context, Diagram
 
 from drake_quad.analysis.context_vector import ContextVector
 from drake_quad.analysis.sampled_system import SampledSystem, at_tick, linearize
@@ -39,7 +39,7 @@ class ClosedLoop(NamedTuple):
     """
 
     diagram: Diagram
-    context: Any
+    context: Context
     system: SampledSystem
 
 

@@ -4,7 +4,7 @@ from collections.abc import Iterator, Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import Diagram
+from pydrake.systems.framework import Context, Diagram
 
 from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
@@ -21,7 +21,7 @@ class _Group(NamedTuple):
     names: tuple[str, ...]
 
 
-def leaf_paths(diagram: Any, *, without: Sequence[str] = ()) -> Iterator[tuple[str, ...]]:
+def leaf_paths(diagram: Diagram, *, without: Sequence[str] = ()) -> Iterator[tuple[str, ...]]:
     """The names on the way to each leaf system of a diagram, but for those in subsystems of some names."""
     for part in diagram.GetSystems():
         name = part.get_name()
@@ -52,12 +52,12 @@ class ContextVector:
         self._groups = list(_groups(diagram, diagram.CreateDefaultContext(), without, parameters))
         self.names = tuple(name for group in self._groups for name in group.names)
 
-    def read(self, diagram: Diagram, root: Any) -> np.ndarray:
+    def read(self, diagram: Diagram, root: Context) -> np.ndarray:
         """The (n,) numbers in a diagram's context."""
         parts = [self._vector(diagram, root, group).CopyToVector() for group in self._groups]
         return np.concatenate([np.empty(0), *parts])
 
-    def write(self, diagram: Diagram, root: Any, numbers: np.ndarray) -> None:
+    def write(self, diagram: Diagram, root: Context, numbers: np.ndarray) -> None:
         """Puts (n,) numbers into a diagram's context."""
         numbers, first = np.ascontiguousarray(numbers), 0  # Drake 1.51 takes no others
         for group in self._groups:
@@ -66,7 +66,7 @@ class ContextVector:
             first = end
 
     @staticmethod
-    def _vector(diagram: Diagram, root: Any, group: _Group) -> Any:
+    def _vector(diagram: Diagram, root: Context, group: _Group) -> Any:
         context = subsystem(diagram, group.path).GetMyMutableContextFromRoot(root)
         match group.kind:
             case "discrete":
@@ -88,7 +88,7 @@ def undotted(names: Sequence[str]) -> list[str]:
     return [name.replace(".", "_") for name in names]
 
 
-def _groups(diagram: Diagram, root: Any, without: Sequence[str], parameters: bool) -> Iterator[_Group]:
+def _groups(diagram: Diagram, root: Context, without: Sequence[str], parameters: bool) -> Iterator[_Group]:
     for path in sorted(leaf_paths(diagram, without=without)):
         system = subsystem(diagram, path)
         context = system.GetMyContextFromRoot(root)

@@ -21,7 +21,7 @@ import control
 import numpy as np
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.systems.analysis import InitializeParams, Simulator, Simulator_
-from pydrake.systems.framework import Diagram
+from pydrake.systems.framework import Context, Diagram
 
 from drake_quad.analysis.context_vector import ContextVector, leaf_paths, port_rows, undotted
 from drake_quad.errors import InputError
@@ -132,7 +132,7 @@ def _closure(couples: np.ndarray, found: np.ndarray) -> np.ndarray:
 
 def linearize(
     diagram: Diagram,
-    context: Any,
+    context: Context,
     *,
     period: float,
     inputs: Sequence[str] = (),
@@ -192,14 +192,14 @@ def linearize(
     return system, ExtractValue(after).ravel() - state
 
 
-def at_tick(diagram: Diagram, time: float, context: Any = None) -> Any:
+def at_tick(diagram: Diagram, time: float, context: Context | None = None) -> Context:
     """Advances a diagram to a tick and returns its context, as `linearize` takes it: before the events of that tick."""
     simulator = Simulator(diagram) if context is None else Simulator(diagram, context)
     simulator.AdvanceTo(time)
     return simulator.get_mutable_context()
 
 
-def resumed(simulator: Any) -> Any:
+def resumed(simulator: Simulator) -> Simulator:
     """The simulator, initialized to go on with a flight: without the events that begin one."""
     keep = InitializeParams()
     keep.suppress_initialization_events = True

@@ -1,13 +1,13 @@
 """Operating points of the vehicle, and its linear models there."""
 
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import control
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import MathematicalProgram, SnoptSolver
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import (
     AffineSystem,
     Demultiplexer,
@@ -129,13 +129,13 @@ def affine_vehicle(trim: Trim, parameters: QuadrotorParameters, *, kinematics: K
     return FirstOrderTaylorApproximation(diagram, context)
 
 
-def to_state_space(system: Any) -> control.StateSpace:
+def to_state_space(system: LinearSystem) -> control.StateSpace:
     """The model as python-control's StateSpace, named, in deviations from the operating point."""
     names = {"states": undotted(STATES), "inputs": undotted(INPUTS), "outputs": undotted(OUTPUTS)}
     return control.ss(system.A(), system.B(), system.C(), system.D(), **names)
 
 
-def _at(trim: Trim, parameters: QuadrotorParameters, kinematics: Kinematics) -> tuple[Diagram, Any]:
+def _at(trim: Trim, parameters: QuadrotorParameters, kinematics: Kinematics) -> tuple[Diagram, Context]:
     """The vehicle with a continuous state and all its inputs in one port, at an operating point."""
     builder = DiagramBuilder()
     numbers = QuadrotorNumbers(parameters)

@@ -36,7 +36,11 @@ def plan_route(mission: Mission) -> Plan:
     Raises:
         InputError: the route holds a distribution, or no path or no rotors can keep to what it asks.
     """
-    refuse_distributions(path for path in distributions_in(mission) if path.startswith("route."))
+    for field in distributions_in(mission):
+        if field.startswith("route."):
+            raise InputError(
+                f"{field} is a distribution, but all vehicles fly the same plan, which needs a number there"
+            )
     route = mission.route
     match route:
         case HoverRoute():
@@ -72,7 +76,8 @@ def refuse_distributions(paths: Iterable[str]) -> None:
     """Raises InputError if there is any field that holds a distribution, given by their paths."""
     for path in paths:
         raise InputError(
-            f"{path} is a distribution; one flight needs a number there, or a sample to draw it for, as by --sample 0"
+            f"{path} is a distribution; one flight needs a number there, or a sample to draw it for: sample=0 in"
+            " Python, --sample 0 in a shell"
         )
 
 

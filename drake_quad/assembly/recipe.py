@@ -4,6 +4,7 @@ from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 import numpy as np
+from pydrake.systems.framework import Context, Diagram
 
 from drake_quad.framework.wiring import subsystem
 from drake_quad.scenario.batch import Batch
@@ -58,7 +59,7 @@ class Recipe(NamedTuple):
         """The system, for N vehicles."""
         return self.system(num_vehicles=num_vehicles, **self.structure, numbers=self.numbers)
 
-    def reset(self, diagram: Any, path: str, context: Any) -> None:
+    def reset(self, diagram: Diagram, path: str, context: Context) -> None:
         """Makes the context of a system of this recipe what it would be, had the system been made of these numbers.
 
         Args:

@@ -1,10 +1,9 @@
 """The flight recorder, of native blocks."""
 
 from collections.abc import Mapping
-from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import Multiplexer, VectorLogSink, ZeroOrderHold
 
 
@@ -31,7 +30,7 @@ def build_recorder(signals: Mapping[str, int], *, period: float) -> Diagram:
     return recorder
 
 
-def read_recorder(recorder: Diagram, context: Any) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+def read_recorder(recorder: Diagram, context: Context) -> tuple[np.ndarray, dict[str, np.ndarray]]:
     """Returns what a recorder has kept since time zero.
 
     Args:

@@ -216,6 +216,11 @@ def float_of(word: Symbol) -> Symbol:
     return operation("float_of", word, kind=Kind.NUMBER)
 
 
+def word_of(x: Symbol) -> Symbol:
+    """The word of a whole number."""
+    return operation("word_of", x, kind=Kind.WORD)
+
+
 def bits_of(x: Symbol) -> Symbol:
     """The bits of a number."""
     return operation("bits_of", x, kind=Kind.WORD)

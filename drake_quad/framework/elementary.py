@@ -135,9 +135,11 @@ def nearest(x: Row) -> Row:
     return _untyped(approximations.nearest(x)) if x.__class__ is Symbol else np.rint(plain(x))
 
 
-def bits_of(x: Row) -> Any:
-    """The 64 bits of a number, uint64. For arrays and symbols."""
-    return approximations.bits_of(x) if x.__class__ is Symbol else _untyped(x).view(np.uint64)
+def word_of(x: Row) -> Any:
+    """The 64 bits of a whole number from 0 on, uint64: a symbol, or an array even for one vehicle."""
+    if x.__class__ is Symbol:
+        return approximations.word_of(_untyped(x))
+    return np.atleast_1d(np.asarray(plain(x), dtype=float)).astype(np.uint64)
 
 
 def float_of(word: Any) -> Row:

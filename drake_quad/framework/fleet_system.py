@@ -31,6 +31,7 @@ from pydrake.autodiffutils import AutoDiffXd
 from pydrake.common import RandomDistribution, cpp_template
 from pydrake.symbolic import Expression
 from pydrake.systems.framework import (
+    BasicVector,
     BasicVector_,
     Context,
     DiscreteStateIndex,
@@ -40,7 +41,7 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
-from drake_quad.framework.formulas import INTERPRETED, TIME, interpret, kernel, packed
+from drake_quad.framework.formulas import INTERPRETED, TIME, TickOf, interpret, kernel, packed
 from drake_quad.framework.records import Layout, layout_of
 from drake_quad.signals import SIGNALS
 
@@ -49,7 +50,7 @@ if TYPE_CHECKING:
 else:
     _Base = object
 
-__all__ = ["TIME", "AutoDiffXd", "Expression", "FleetSystem", "fleet_system"]
+__all__ = ["TIME", "AutoDiffXd", "Expression", "FleetSystem", "TickOf", "fleet_system"]
 
 
 @dataclass(frozen=True)
@@ -68,7 +69,7 @@ class Input:
     layout: Layout
     absent: Any
 
-    def vector(self, system: "FleetSystem", context: Context) -> Any:
+    def vector(self, system: "FleetSystem", context: Context) -> BasicVector:
         """The BasicVector at the port; None if nothing is connected."""
         return system.EvalVectorInput(context, self.index)
 
@@ -93,11 +94,11 @@ class Parameter:
     layout: Layout
     recipe: Callable[[Any], Any]
 
-    def vector(self, system: "FleetSystem", context: Context) -> Any:
+    def vector(self, system: "FleetSystem", context: Context) -> BasicVector:
         """Its BasicVector."""
         return context.get_numeric_parameter(self.index)
 
-    def mutable_vector(self, context: Context) -> Any:
+    def mutable_vector(self, context: Context) -> BasicVector:
         """Its BasicVector, to be written."""
         return context.get_mutable_numeric_parameter(self.index)
 
@@ -122,13 +123,13 @@ class StateGroup:
     layout: Layout
     recipe: Callable[[Any], Any]
 
-    def vector(self, system: "FleetSystem", context: Context) -> Any:
+    def vector(self, system: "FleetSystem", context: Context) -> BasicVector:
         """Its vector."""
         if self.index is None:
             return context.get_continuous_state_vector()
         return context.get_discrete_state(self.index)
 
-    def mutable_vector(self, context: Context) -> Any:
+    def mutable_vector(self, context: Context) -> BasicVector:
         """Its vector, to be written."""
         if self.index is None:
             return context.get_mutable_continuous_state_vector()
@@ -147,7 +148,7 @@ class Computation:
 
     Attributes:
         formula: a function of records and constants.
-        reads: its arguments: ports, parameters, states, `TIME`, or constants.
+        reads: its arguments: ports, parameters, states, `TIME`, a `TickOf`, or constants.
         results: the layouts of what it returns.
         writes: the states that it changes; none for an output.
     """
@@ -156,7 +157,7 @@ class Computation:
         self, formula: Callable[..., Any], reads: Sequence[Any], results: Sequence[Layout], writes: Sequence[StateGroup]
     ) -> None:
         self.formula, self.reads, self.results, self.writes = formula, tuple(reads), tuple(results), tuple(writes)
-        self._timed = any(read is TIME for read in self.reads)
+        self._timed = any(read is TIME or isinstance(read, TickOf) for read in self.reads)
         # What is read of what is written stands where it will be written.
         written = {write.index: place for place, write in enumerate(writes)}
         self._sources = [
@@ -229,7 +230,7 @@ class Computation:
             vector.SetFromVector(elements.astype(system.scalar))
 
     def _made(self, absent: tuple[Any, ...], *, lone: bool) -> Callable[..., None]:
-        self._kernels[absent] = kernel(self.formula, self._arguments(absent), self.results, lone=lone).function
+        self._kernels[absent] = kernel(self.formula, self._arguments(absent), self.results, lone=lone)
         return self._kernels[absent]
 
     def _arguments(self, absent: tuple[Any, ...]) -> tuple[Any, ...]:
@@ -337,13 +338,13 @@ class FleetSystem(_Base):
         Args:
             name: of the port; what it holds is what `drake_quad.signals` says, unless there is a layout.
             formula: which returns what it holds.
-            reads: the formula's arguments: ports, parameters, states, `TIME`, or constants.
+            reads: the formula's arguments: ports, parameters, states, `TIME`, a `TickOf`, or constants.
             layout: of what it holds.
         """
         layout = layout or layout_of(SIGNALS[name])
         computation = self.outputs[name] = Computation(formula, reads, [layout], [])
 
-        def calc(system: FleetSystem, context: Context, output: Any) -> None:
+        def calc(system: FleetSystem, context: Context, output: BasicVector) -> None:
             computation.run(system, context, [output])
 
         self.DeclareVectorOutputPort(name, self._model(layout), MethodType(calc, self), computation.tickets(self))
@@ -355,7 +356,7 @@ class FleetSystem(_Base):
             name: of the port.
             kind: a record of signals, which are the ports that result; the formula returns one.
             formula: which returns the record.
-            reads: the formula's arguments: ports, parameters, states, `TIME`, or constants.
+            reads: the formula's arguments: ports, parameters, states, `TIME`, a `TickOf`, or constants.
         """
         layout = layout_of(kind)
         self.packed = dict(zip(kind._fields, layout.parts, strict=True))
@@ -368,7 +369,7 @@ class FleetSystem(_Base):
             return
 
         # Drake would make a virtual call for every element.
-        def show(system: FleetSystem, context: Context, output: Any) -> None:
+        def show(system: FleetSystem, context: Context, output: BasicVector) -> None:
             system.copy(output, context.get_discrete_state(group.index))
 
         self.DeclareVectorOutputPort(
@@ -389,8 +390,8 @@ class FleetSystem(_Base):
         Args:
             period: h, s.
             formula: which returns what they will hold: a record, or one after another if there are several.
-            reads: the formula's arguments: ports, parameters, states, `TIME`, or constants. Of the discrete state it
-                reads what it was before this instant.
+            reads: the formula's arguments: ports, parameters, states, `TIME`, a `TickOf`, or constants. Of the discrete
+                state it reads what it was before this instant.
             writes: the groups that change; no other update may write them.
             unrestricted: whether it is done before the discrete updates of that instant, which then see the result.
             at_start: whether anything is done at time zero.
@@ -412,7 +413,7 @@ class FleetSystem(_Base):
 
         Args:
             formula: which returns what the groups will hold.
-            reads: the formula's arguments: ports, parameters, states, `TIME`, or constants.
+            reads: the formula's arguments: ports, parameters, states, `TIME`, a `TickOf`, or constants.
             writes: the groups that change.
         """
         computation = Computation(formula, reads, [group.layout for group in writes], writes)
@@ -467,7 +468,7 @@ class FleetSystem(_Base):
         group = self.states[name]
         group.mutable_vector(context).SetFromVector(self._elements(group.layout, record))
 
-    def copy(self, target: Any, source: Any) -> None:
+    def copy(self, target: BasicVector, source: BasicVector) -> None:
         """Copies the elements of a BasicVector into another."""
         # SetFrom makes a virtual call for every element: the fastest for a few, the slowest for a fleet.
         if self.scalar is float and self.num_vehicles > 1:

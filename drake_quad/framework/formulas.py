@@ -7,13 +7,15 @@ AutoDiffXd, Expression, and wherever the environment variable DRAKE_QUAD_INTERPR
 import functools
 import os
 from collections.abc import Callable, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.framework.machine_code import Kernel
-from drake_quad.framework.records import ROW, Layout
+from drake_quad.framework.elementary import nearest
+from drake_quad.framework.kernels import compiled
+from drake_quad.framework.records import Layout
 from drake_quad.framework.symbols import Listing
+from drake_quad.signals import Row
 
 # So that a debugger stops in formulas.
 INTERPRETED = bool(os.environ.get("DRAKE_QUAD_INTERPRETED"))
@@ -29,15 +31,43 @@ class _Time:
 TIME = _Time()
 
 
+class Tick(NamedTuple):
+    """Where an instant stands among ticks, which are counted in pairs.
+
+    Attributes:
+        pair: which pair it belongs to, a whole number from 0 on.
+        second: whether it is the second of the pair.
+    """
+
+    pair: Row
+    second: bool
+
+
+class TickOf(NamedTuple):
+    """Stands among the arguments of a formula for the nearest `Tick` of a period.
+
+    Attributes:
+        period: s.
+    """
+
+    period: float
+
+    def at(self, time: Row) -> Tick:
+        """The tick nearest to a time (s)."""
+        number = nearest(time / self.period)
+        pair = nearest(0.5 * number - 0.25)
+        return Tick(pair, number > 2.0 * pair)
+
+
 @functools.cache
 def kernel(
     formula: Callable[..., Any], arguments: tuple[Any, ...], results: tuple[Layout, ...], *, lone: bool
-) -> Kernel:
+) -> Callable[..., None]:
     """The machine code of a formula.
 
     Args:
         formula: to apply.
-        arguments: that it takes: a `Layout` for a record that is read, `TIME`, or a constant.
+        arguments: that it takes: a `Layout` for a record that is read, `TIME`, a `TickOf`, or a constant.
         results: layouts of what it returns: that of the only record, or those of the parts of a tuple or record.
         lone: whether it is for a single vehicle.
 
@@ -53,13 +83,13 @@ def kernel(
             values.append(argument.build(rows))
             sizes.append(argument.num_rows)
         else:
-            values.append(listing.time() if argument is TIME else argument)
+            values.append(at_time(argument, listing.shared(0)))
     try:
         returned = flattened(formula(*values), results)
     except TypeError as error:
         name = getattr(formula, "__name__", repr(formula))
         raise TypeError(f"formula {name}: {error}") from error
-    return Kernel(listing, returned, sources=sizes, targets=[layout.num_rows for layout in results], lone=lone)
+    return compiled(listing, returned, sources=sizes, targets=[layout.num_rows for layout in results], lone=lone)
 
 
 def interpret(
@@ -74,7 +104,7 @@ def interpret(
 
     Args:
         formula: to apply.
-        arguments: that it takes: a `Layout` for a record that is read, `TIME`, or a constant.
+        arguments: that it takes: a `Layout` for a record that is read, `TIME`, a `TickOf`, or a constant.
         sources: the elements of what is read, one array for each layout among the arguments.
         results: layouts of what it returns: that of the only record, or those of the parts of a tuple or record.
         num_vehicles: N.
@@ -88,30 +118,16 @@ def interpret(
             rows: Any = elements.tolist() if num_vehicles == 1 else elements.reshape(-1, num_vehicles)
             values.append(argument.build(rows))
         else:
-            values.append(time if argument is TIME else argument)
+            values.append(at_time(argument, time))
     rows = iter(flattened(formula(*values), results))
     return [packed([next(rows) for _ in range(layout.num_rows)], num_vehicles) for layout in results]
 
 
-def run_on_arrays(formula: Callable[..., Any], sources: Sequence[np.ndarray], num_rows: int) -> np.ndarray:
-    """Applies a formula of single rows to arrays, element by element.
-
-    Args:
-        formula: that returns so many rows.
-        sources: contiguous arrays of n numbers, one for each argument.
-        num_rows: that it returns.
-
-    Returns:
-        The (rows, n) results.
-    """
-    size = sources[0].size
-    rows = (ROW,) * num_rows
-    if INTERPRETED:
-        return np.array(flattened(formula(*sources), rows))
-    result = np.empty((num_rows, size))
-    run = kernel(formula, (ROW,) * len(sources), rows, lone=False).function
-    run(size, 0.0, *result, *sources)
-    return result
+def at_time(argument: Any, time: Any) -> Any:
+    """What a formula gets at a time (s) for an argument that is no record."""
+    if argument is TIME:
+        return time
+    return argument.at(time) if isinstance(argument, TickOf) else argument
 
 
 def flattened(returned: Any, results: Sequence[Layout]) -> list[Any]:

@@ -24,8 +24,10 @@ class Operation(NamedTuple):
     """One line of a listing.
 
     Attributes:
-        name: of what is done, a key of `drake_quad.framework.machine_code.INSTRUCTIONS`; or "constant", "row", "time".
-        operands: numbers of the lines that it takes; of a constant its bits, of a row its group and its place in it.
+        name: of what is done, a key of `INSTRUCTIONS` in `drake_quad.framework.instructions`; or "constant", "row",
+            "shared".
+        operands: numbers of the lines that it takes; of a constant its bits, of a row its group and place, of a number
+            that is shared its place.
         kind: of the result.
     """
 
@@ -53,9 +55,9 @@ class Listing:
         """The symbol of a row of a group that is read."""
         return self.add("row", (group, place), kind)
 
-    def time(self) -> "Symbol":
-        """The symbol of the time, which is the same for all vehicles."""
-        return self.add("time", (), Kind.NUMBER)
+    def shared(self, place: int) -> "Symbol":
+        """The symbol of a number that is the same for all vehicles, given its place among those."""
+        return self.add("shared", (place,), Kind.NUMBER)
 
     def constant(self, value: Any) -> "Symbol":
         """The symbol of a number, of a NumPy uint64 or of a truth value."""

@@ -3,19 +3,16 @@
 from collections.abc import Mapping, Sequence
 from typing import Any, NamedTuple
 
-import numpy as np
 from pydrake.common import RandomDistribution
-from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector_, Context, DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import RandomSource
 
-from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, TickOf, fleet_system
+from drake_quad.framework.formulas import Tick
 from drake_quad.framework.records import ROW, Layout
 from drake_quad.framework.wiring import split_output
-from drake_quad.randomness.streams import Kind, normal_pairs, stream_states, uniform_numbers
-
-# About twice as many numbers are made at a time: enough to hide NumPy's overhead, few enough for the cache.
-_BLOCK_SIZE = 2048
+from drake_quad.randomness.streams import Kind, StreamState, random_numbers, stream_states
+from drake_quad.signals import Row
 
 
 class Samples(NamedTuple):
@@ -48,40 +45,11 @@ class Stream(NamedTuple):
     period: float
 
 
-class StreamNumbers:
-    """The numbers of a stream: rows for every vehicle at every tick.
-
-    What stands at a tick depends on the seed, the sample, the stream and the tick alone. A block of ticks is kept at a
-    time.
-
-    Args:
-        stream: of which they are.
-        samples: that the N vehicles fly.
-    """
-
-    def __init__(self, stream: Stream, samples: Samples) -> None:
-        self._stream, num_vehicles = stream, len(samples.numbers)
-        self._states = stream_states(samples.seed, samples.numbers, stream.kind, stream.name)
-        self._ticks = 2 * max(1, _BLOCK_SIZE // (stream.num_rows * num_vehicles))
-        self._number, self._block = -1, np.empty((0, 0))
-
-    def at(self, time: float) -> np.ndarray:
-        """The (rows · N,) numbers at the tick nearest to a time from 0 on (s), row after row."""
-        number, place = divmod(round(time / self._stream.period), self._ticks)
-        if number != self._number:
-            self._number, self._block = number, self._made(number)
-        numbers: np.ndarray = self._block[place]
-        return numbers
-
-    def _made(self, number: int) -> np.ndarray:
-        """The (ticks, rows · N) numbers of a block."""
-        count = self._ticks * self._stream.num_rows
-        if self._stream.distribution == RandomDistribution.kUniform:
-            return uniform_numbers(self._states, number * count, count).reshape(self._ticks, -1)
-        # Normal numbers come in pairs: one for a tick, one for the next.
-        count //= 2
-        pairs = normal_pairs(self._states, number * count, count).reshape(2, self._ticks // 2, -1)
-        return pairs.swapaxes(0, 1).reshape(self._ticks, -1)
+def stream_numbers(
+    states: tuple[StreamState, ...], kinds: Sequence[tuple[int, bool]], *ticks: Tick
+) -> tuple[tuple[Row, ...], ...]:
+    """The numbers of some streams at a tick of each; by the number of its rows, and whether it is a normal one."""
+    return tuple([random_numbers(state, tick, *kind) for state, kind, tick in zip(states, kinds, ticks, strict=True)])
 
 
 @fleet_system(float, AutoDiffXd)
@@ -95,7 +63,8 @@ class NoiseSource(FleetSystem):
         - random
 
     The output packs the rows of all streams, under their names. What is out at a time stands at the nearest tick;
-    systems read at ticks. The only abstract parameter of the context is the tuple of their `StreamNumbers`.
+    systems read at ticks. What stands at a tick depends on the seed, the sample, the stream and the tick alone. The
+    only parameter of the context is `streams`.
 
     Args:
         num_vehicles: N.
@@ -105,31 +74,18 @@ class NoiseSource(FleetSystem):
 
     def declare(self, *, streams: Sequence[Stream], numbers: Samples) -> None:
         """Declares the system."""
-        self.streams = tuple(streams)
-        self._numbers_of_streams = self.DeclareAbstractParameter(AbstractValue.Make(self._made(numbers)))
-        self.packed = {stream.name: Layout(tuple, (ROW,) * stream.num_rows, stream.num_rows) for stream in self.streams}
-        size = sum(stream.num_rows for stream in self.streams) * self.num_vehicles
-        uses = {self.time_ticket(), self.all_parameters_ticket()}
-        self.DeclareVectorOutputPort("random", BasicVector_[self.scalar](size), self._calc, uses)
 
-    def reset(self, context: Context, numbers: Samples) -> None:
-        """Takes the numbers of other samples."""
-        context.get_mutable_abstract_parameter(self._numbers_of_streams).set_value(self._made(numbers))
+        def states(samples: Samples) -> tuple[StreamState, ...]:
+            seed, sample_numbers = samples
+            words = (stream_states(seed, sample_numbers, stream.kind, stream.name) for stream in streams)
+            return tuple([StreamState.of(each) for each in words])
 
-    def _made(self, samples: Samples) -> tuple[StreamNumbers, ...]:
-        return tuple([StreamNumbers(stream, samples) for stream in self.streams])
-
-    def _calc(self, context: Context, output: Any) -> None:
-        made = context.get_abstract_parameter(self._numbers_of_streams).get_value()
-        if self.scalar is float:
-            time, values, first = context.get_time(), output.get_mutable_value(), 0
-            for stream in made:
-                numbers = stream.at(time)
-                values[first : first + numbers.size] = numbers
-                first += numbers.size
-        else:
-            time = context.get_time().value()
-            output.SetFromVector(np.concatenate([stream.at(time) for stream in made]))
+        kinds = tuple([(stream.num_rows, stream.distribution == RandomDistribution.kGaussian) for stream in streams])
+        self.packed = {stream.name: Layout(tuple, (ROW,) * stream.num_rows, stream.num_rows) for stream in streams}
+        parts = tuple(self.packed.values())
+        layout = Layout(tuple, parts, sum(part.num_rows for part in parts))
+        ticks = [TickOf(stream.period) for stream in streams]
+        self.output("random", stream_numbers, self.parameter("streams", states), kinds, *ticks, layout=layout)
 
 
 def random_streams(systems: Mapping[str, Any], kind: Kind) -> dict[str, list[Stream]]:

@@ -1,10 +1,9 @@
 """The same study by Drake's own Monte Carlo tool, to compare with, and for what is built on it."""
 
-from typing import Any
-
 import numpy as np
 from pydrake.common import RandomGenerator
 from pydrake.systems.analysis import MonteCarloSimulation, Simulator
+from pydrake.systems.framework import Context, Diagram
 
 from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.assembly.tracking import build_tracking_diagram
@@ -41,7 +40,7 @@ def drake_monte_carlo(scenario: Scenario, num_samples: int, seed: int | None = N
         drawn = draw_sample(scenario, generator() >> 1, seed=seed)
         return Simulator(build_tracking_diagram(drawn, plan=plan, drake_random=True))
 
-    def output(diagram: Any, context: Any) -> float:
+    def output(diagram: Diagram, context: Context) -> float:
         flights.append(read_metrics(diagram, context))
         return float(flights[-1].rmse[0])
 

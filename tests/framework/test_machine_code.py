@@ -13,16 +13,22 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from drake_quad.framework import elementary
-from drake_quad.framework.formulas import TIME, kernel, run_on_arrays
-from drake_quad.framework.machine_code import LANES
+from drake_quad.framework.formulas import TIME, kernel
+from drake_quad.framework.instructions import LANES
 from drake_quad.framework.records import ROW, layout_of
 from drake_quad.signals import Row
 
 
+def run_on_arrays(formula: Callable[..., Row], sources: list[np.ndarray]) -> np.ndarray:
+    """What the machine code of a formula of rows makes of (n,) arrays."""
+    result = np.empty_like(sources[0])
+    kernel(formula, (ROW,) * len(sources), (ROW,), lone=False)(result.size, 0.0, result, *sources)
+    return result
+
+
 def machine(formula: Callable[..., Row], *arguments: float) -> float:
     """What the machine code of a formula of rows makes of numbers."""
-    (result,) = run_on_arrays(formula, [np.array([argument]) for argument in arguments], 1)
-    return float(result[0])
+    return float(run_on_arrays(formula, [np.array([argument]) for argument in arguments])[0])
 
 
 def ulps(found: float, expected: float) -> float:
@@ -134,7 +140,7 @@ def test_random_expressions_agree_with_numpy(text, seed):
     formula = eval(f"lambda x, y: {text}", vars(elementary).copy())
     x, y = np.random.default_rng(seed).uniform(-5.0, 5.0, (2, LANES + 3))
     expected = np.broadcast_to(formula(x, y), x.shape)
-    (found,) = run_on_arrays(formula, [x, y], 1)
+    found = run_on_arrays(formula, [x, y])
     # A mask that rounding turns is no disagreement.
     assert np.isclose(found, expected, rtol=1e-9, atol=1e-9).sum() >= len(x) - 1
 
@@ -162,8 +168,8 @@ def test_every_vehicle_of_a_fleet_gets_what_it_gets_alone_to_the_bit(n):
     place, angle, scale = rng.normal(size=2 * n), rng.normal(size=n), rng.normal(size=n)
     one = layout_of(tuple[Row])
     arguments = (layout_of(Place), one, one, TIME, 0.25)
-    fleet = kernel(turned, arguments, (layout_of(Place), one), lone=n == 1).function
-    alone = kernel(turned, arguments, (layout_of(Place), one), lone=True).function
+    fleet = kernel(turned, arguments, (layout_of(Place), one), lone=n == 1)
+    alone = kernel(turned, arguments, (layout_of(Place), one), lone=True)
     moved, later = np.empty(2 * n), np.empty(n)
     fleet(n, 3.0, moved, later, place, angle, scale)
     for i in range(n):
@@ -179,14 +185,14 @@ def test_every_vehicle_of_a_fleet_gets_what_it_gets_alone_to_the_bit(n):
 def test_what_is_read_may_be_written_over(n):
     values = np.arange(2.0 * n)
     swap = kernel(lambda place: Place(place.y, place.x), (layout_of(Place),), (layout_of(Place),), lone=n == 1)
-    swap.function(n, 0.0, values, values)
+    swap(n, 0.0, values, values)
     np.testing.assert_array_equal(values, [*range(n, 2 * n), *range(n)])
 
 
 def test_nothing_beyond_the_fleet_is_written():
     n = LANES + 3
     values = np.arange(float(2 * LANES))
-    run = kernel(lambda x: x + 1.0, (ROW,), (ROW,), lone=False).function
+    run = kernel(lambda x: x + 1.0, (ROW,), (ROW,), lone=False)
     run(n, 0.0, values, values)
     np.testing.assert_array_equal(values, [*np.arange(1.0, n + 1.0), *np.arange(n, 2.0 * LANES)])
 
@@ -219,13 +225,15 @@ def test_a_formula_that_returns_something_else_is_refused():
 PROGRAM = """
 import numpy as np
 from drake_quad.framework import machine_code
-from drake_quad.framework.formulas import run_on_arrays
+from drake_quad.framework.formulas import kernel
+from drake_quad.framework.records import ROW
 import user_formula
 
 compiled = []
 compile_text = machine_code._compiled
 machine_code._compiled = lambda text: (compiled.append(text), compile_text(text))[1]
-(result,) = run_on_arrays(user_formula.doubled_drag, [np.array([3.0])], 1)
+result = np.empty(1)
+kernel(user_formula.doubled_drag, (ROW,), (ROW,), lone=True)(1, 0.0, result, np.array([3.0]))
 print(float(result[0]), len(compiled))
 """
 

@@ -11,7 +11,6 @@ from drake_quad.randomness.noise import (
     NoiseSource,
     Samples,
     Stream,
-    StreamNumbers,
     connect_noise,
     connect_random_sources,
     random_streams,
@@ -21,8 +20,19 @@ from drake_quad.randomness.streams import Kind
 GAUSSIAN, UNIFORM = RandomDistribution.kGaussian, RandomDistribution.kUniform
 
 
+class Shown:
+    """A source of one stream."""
+
+    def __init__(self, stream, samples):
+        self.source = NoiseSource(num_vehicles=len(samples.numbers), streams=[stream], numbers=samples)
+
+    def at(self, time):
+        """The (rows · N,) numbers at a time."""
+        return shown(self.source, time)
+
+
 def numbers_of(samples, rows=3, distribution=GAUSSIAN, period=0.01, name="n"):
-    return StreamNumbers(Stream(name, Kind.NOISE, rows, distribution, period), Samples(5, samples))
+    return Shown(Stream(name, Kind.NOISE, rows, distribution, period), Samples(5, samples))
 
 
 def shown(source, time, context=None):
@@ -52,7 +62,7 @@ def test_a_stream_is_what_the_oracle_makes_number_by_number(kind):
     name = "motion_capture.camera_noise"
     expected = oracle.randomness.Stream(5, 12, int(kind), name, 3)
     for distribution, numbers in ((GAUSSIAN, expected.normal), (UNIFORM, expected.uniform)):
-        found = StreamNumbers(Stream(name, kind, 3, distribution, 0.01), Samples(5, [12]))
+        found = Shown(Stream(name, kind, 3, distribution, 0.01), Samples(5, [12]))
         for tick in (0, 1, 2, 3, 682, 683, 5001):
             np.testing.assert_allclose(found.at(0.01 * tick), numbers(tick), rtol=1e-14)
 
@@ -66,7 +76,7 @@ def test_streams_are_the_same_beside_others_in_a_source():
     samples = Samples(5, [4, 1])
     together = NoiseSource(num_vehicles=2, streams=streams, numbers=samples)
     for time in (0.0, 0.01, 7.0, 50.01):
-        apart = [StreamNumbers(stream, samples).at(time) for stream in streams]
+        apart = [Shown(stream, samples).at(time) for stream in streams]
         np.testing.assert_array_equal(shown(together, time), np.concatenate(apart))
 
 
@@ -80,7 +90,7 @@ def test_no_number_stands_twice():
 def test_a_source_has_streams_of_several_periods():
     samples = Samples(5, [0])
     streams = Stream("n", Kind.NOISE, 2, GAUSSIAN, 0.01), Stream("slow", Kind.NOISE, 1, UNIFORM, 0.02)
-    fast, slow = (StreamNumbers(stream, samples) for stream in streams)
+    fast, slow = (Shown(stream, samples) for stream in streams)
     builder = DiagramBuilder()
     source = builder.AddNamedSystem("noise", NoiseSource(streams=streams, numbers=samples))
     log = LogVectorOutput(source.get_output_port(), builder, publish_period=0.01)
@@ -141,7 +151,7 @@ def test_a_lone_vehicle_has_one_source_and_a_fleet_one_for_each_port(samples, so
     context.SetTime(0.08)
     for stream, port in ports.items():
         found = port.Eval(port.get_system().GetMyContextFromRoot(context))
-        np.testing.assert_array_equal(found, StreamNumbers(stream, Samples(7, samples)).at(0.08))
+        np.testing.assert_array_equal(found, Shown(stream, Samples(7, samples)).at(0.08))
 
 
 def test_drake_s_random_sources_feed_the_ports_in_their_place():

@@ -4,17 +4,36 @@ import numpy as np
 import pytest
 from scipy import stats
 
+from drake_quad.framework.formulas import TickOf, kernel
+from drake_quad.framework.records import layout_of
 from drake_quad.randomness.streams import (
     Kind,
+    StreamState,
     mixed,
+    moved,
     normal_pair,
-    normal_pairs,
     parameter_numbers,
+    random_numbers,
     stream_states,
     uniform_number,
-    uniform_numbers,
-    words,
 )
+from drake_quad.signals import Row
+
+
+def numbers_of(states, ticks, *, normal):
+    """The (ticks, N) numbers of streams of one row, by machine code."""
+    halves = np.concatenate(StreamState.of(states))
+    arguments = layout_of(StreamState), TickOf(1.0), 1, normal
+    run = kernel(random_numbers, arguments, (layout_of(tuple[Row]),), lone=False)
+    numbers = np.empty((len(ticks), states.size))
+    for tick, row in zip(ticks, numbers, strict=True):
+        run(states.size, float(tick), row, halves)
+    return numbers
+
+
+def normal_pairs(states, count):
+    """The (2, count, N) normal numbers of the first words."""
+    return numbers_of(states, range(2 * count), normal=True).reshape(count, 2, -1).swapaxes(0, 1)
 
 
 def test_numbers_are_those_of_splitmix64():
@@ -27,18 +46,17 @@ def test_numbers_are_those_of_splitmix64():
         16408922859458223821,
     ]
     state = np.array([1234567], dtype=np.uint64)
-    states = words(state, 0, 5)
-    assert mixed(states)[:, 0].tolist() == expected
+    states = np.concatenate([moved(state, float(number)) for number in range(5)])
+    assert mixed(states).tolist() == expected
     # In machine code as in NumPy, and as by hand: 52 bits for a uniform number, 32 for each of a pair.
-    bits = states.view(float)
-    np.testing.assert_array_equal(uniform_numbers(state, 0, 5), uniform_number(bits))
-    np.testing.assert_array_equal(uniform_numbers(state, 0, 5)[:, 0], [((w >> 12) + 0.5) / 2**52 for w in expected])
-    np.testing.assert_allclose(normal_pairs(state, 0, 5), normal_pair(bits), rtol=1e-14)
+    uniform, (first, second) = numbers_of(state, range(5), normal=False)[:, 0], normal_pairs(state, 5)[:, :, 0]
+    np.testing.assert_array_equal(uniform, uniform_number(states))
+    np.testing.assert_array_equal(uniform, [((w >> 12) + 0.5) / 2**52 for w in expected])
+    np.testing.assert_allclose([first, second], normal_pair(states), rtol=1e-14)
     radius = [np.sqrt(-2.0 * np.log(((w & 0xFFFFFFFF) + 0.5) / 2**32)) for w in expected]
     angle = [2.0 * np.pi * (w >> 32) / 2**32 for w in expected]
-    pairs = [radius * np.sin(angle), radius * np.cos(angle)]
-    np.testing.assert_allclose(normal_pairs(state, 0, 5)[:, :, 0], pairs, rtol=1e-13)
-    np.testing.assert_array_equal(normal_pairs(state, 3, 2), normal_pairs(state, 0, 5)[:, 3:])
+    np.testing.assert_allclose([first, second], [radius * np.sin(angle), radius * np.cos(angle)], rtol=1e-13)
+    np.testing.assert_array_equal(numbers_of(state, [9, 6], normal=True)[:, 0], [second[4], first[3]])
 
 
 def unmixed(word):
@@ -66,7 +84,7 @@ def states():
 
 @pytest.mark.slow
 def test_normal_numbers_are_normal(states):
-    numbers = normal_pairs(states, 0, 2000)
+    numbers = normal_pairs(states, 2000)
     assert stats.kstest(numbers[:, ::10].ravel(), "norm").pvalue > 1e-3
     n = numbers.size
     for power, expected, variance in ((1, 0.0, 1.0), (2, 1.0, 2.0), (3, 0.0, 15.0), (4, 3.0, 96.0)):
@@ -75,7 +93,7 @@ def test_normal_numbers_are_normal(states):
 
 
 def test_uniform_numbers_are_uniform(states):
-    numbers = uniform_numbers(states, 0, 2000)
+    numbers = numbers_of(states, range(2000), normal=False)
     assert 0.0 < numbers.min() < 1e-5
     assert 1.0 - 1e-5 < numbers.max() < 1.0
     assert stats.kstest(numbers[::10].ravel(), "uniform").pvalue > 1e-3
@@ -86,25 +104,25 @@ def test_extreme_words_make_numbers_like_others(word):
     """As they are written, and in machine code, where the first number of a stream is mixed from its next state."""
     state = np.array([unmixed(word)], dtype=np.uint64)
     assert mixed(state) == word
-    before = state - words(np.zeros(1, dtype=np.uint64), 0, 1)[0]
-    for number in (uniform_number(state.view(float)), uniform_numbers(before, 0, 1)):
+    before = state - moved(np.zeros(1, dtype=np.uint64), 0.0)
+    for number in (uniform_number(state), numbers_of(before, [0], normal=False)):
         assert 0.0 < number < 1.0
-    for pair in (normal_pair(state.view(float)), normal_pairs(before, 0, 1)):
+    for pair in (normal_pair(state), normal_pairs(before, 1)):
         assert np.isfinite(pair).all()
 
 
 @pytest.mark.slow
 def test_neighbours_in_time_in_the_fleet_and_in_a_pair_are_independent(states):
-    numbers = normal_pairs(states, 0, 2000)
+    numbers = normal_pairs(states, 2000)
     limit = 4.5 / np.sqrt(numbers[0].size)
     for a, b in (
         (numbers[:, 1:], numbers[:, :-1]),
         (numbers[:, :, 1:], numbers[:, :, :-1]),
         (numbers[0], numbers[1]),
         (np.abs(numbers[0]), np.abs(numbers[1])),
-        (numbers, normal_pairs(stream_states(7, range(500), Kind.NOISE, "command_link.noise"), 0, 2000)),
-        (numbers, normal_pairs(stream_states(7, range(500), Kind.WIND, "motion_capture.camera_noise"), 0, 2000)),
-        (numbers, normal_pairs(stream_states(8, range(500), Kind.NOISE, "motion_capture.camera_noise"), 0, 2000)),
+        (numbers, normal_pairs(stream_states(7, range(500), Kind.NOISE, "command_link.noise"), 2000)),
+        (numbers, normal_pairs(stream_states(7, range(500), Kind.WIND, "motion_capture.camera_noise"), 2000)),
+        (numbers, normal_pairs(stream_states(8, range(500), Kind.NOISE, "motion_capture.camera_noise"), 2000)),
     ):
         assert abs(np.corrcoef(a.ravel(), b.ravel())[0, 1]) < limit
 

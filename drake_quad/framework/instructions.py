@@ -1,0 +1,170 @@
+"""A listing, written as a function in LLVM's language.
+
+Each line of the listing becomes one instruction on a vector of vehicles, `LANES` of them, or one for a lone vehicle:
+
+    %v12 = load <8 x double>, ptr %v12_at, align 8
+    %v13 = fmul <8 x double> %v12, %v7
+    %v14 = fadd <8 x double> %v13, %v2
+
+Arithmetic is as the formula has it: nothing is reordered, and a product is rounded before it is added. So a vehicle
+flies the same alone and in a fleet, on any processor.
+"""
+
+from collections.abc import Mapping, Sequence
+from typing import NamedTuple
+
+from drake_quad.framework.symbols import Kind, Listing, Symbol
+
+# Vehicles in a vector: what the widest registers of today hold.
+LANES = 8
+
+# What an operation is in LLVM's language, {t} being the type of its first operand and {r} that of the result.
+INSTRUCTIONS = {
+    "add": "fadd {t} {0}, {1}",
+    "subtract": "fsub {t} {0}, {1}",
+    "multiply": "fmul {t} {0}, {1}",
+    "divide": "fdiv {t} {0}, {1}",
+    "negate": "fneg {t} {0}",
+    "absolute": "call {t} @llvm.fabs.{s}({t} {0})",
+    "square_root": "call {t} @llvm.sqrt.{s}({t} {0})",
+    "nearest": "call {t} @llvm.rint.{s}({t} {0})",
+    "multiply_add": "call {t} @llvm.fma.{s}({t} {0}, {t} {1}, {t} {2})",
+    "copy_sign": "call {t} @llvm.copysign.{s}({t} {0}, {t} {1})",
+    "less": "fcmp olt {t} {0}, {1}",
+    "less_or_equal": "fcmp ole {t} {0}, {1}",
+    "greater": "fcmp ogt {t} {0}, {1}",
+    "greater_or_equal": "fcmp oge {t} {0}, {1}",
+    "equal": "fcmp oeq {t} {0}, {1}",
+    "unequal": "fcmp une {t} {0}, {1}",
+    "select": "select {t} {0}, {r} {1}, {r} {2}",
+    "bits_of": "bitcast {t} {0} to {r}",
+    "number_of": "bitcast {t} {0} to {r}",
+    "float_of": "uitofp {t} {0} to {r}",
+    "word_of": "fptoui {t} {0} to {r}",
+}
+# Of words and truth values.
+_BITWISE = {
+    "add": "add {t} {0}, {1}",
+    "multiply": "mul {t} {0}, {1}",
+    "and": "and {t} {0}, {1}",
+    "or": "or {t} {0}, {1}",
+    "xor": "xor {t} {0}, {1}",
+    "shift_left": "shl {t} {0}, {1}",
+    "shift_right": "lshr {t} {0}, {1}",
+}
+_ELEMENTS = {Kind.NUMBER: "double", Kind.TRUTH: "i1", Kind.WORD: "i64"}
+_INTRINSICS = {"fabs": 1, "sqrt": 1, "rint": 1, "fma": 3, "copysign": 2}
+
+
+class Rows(NamedTuple):
+    """A group of rows in memory, as seen from the first vehicle of a vector.
+
+    Attributes:
+        pointer: to its first row, a name in LLVM's language.
+        stride: from a row to the next, in numbers: a name, or a whole number.
+    """
+
+    pointer: str
+    stride: str | int
+
+
+class Store(NamedTuple):
+    """A row that is written.
+
+    Attributes:
+        target: where.
+        place: in its group.
+        symbol: what.
+    """
+
+    target: Rows
+    place: int
+    symbol: Symbol
+
+
+def declarations(lanes: int) -> str:
+    """What a module with functions for so many lanes must begin with."""
+    number = _type(Kind.NUMBER, lanes)
+    return "\n".join(
+        f"declare {number} @llvm.{name}.v{lanes}f64({', '.join([number] * count)})"
+        for name, count in _INTRINSICS.items()
+    )
+
+
+def function(
+    head: str, listing: Listing, stores: Sequence[Store], sources: Mapping[int, Rows], *, shared: str, lanes: int
+) -> str:
+    """The function that does what is listed for the vehicles of one vector.
+
+    All rows are read before the first is written.
+
+    Args:
+        head: the function's name with its arguments, and its attributes.
+        listing: what is computed.
+        stores: what is written.
+        sources: the groups of the listing.
+        shared: a pointer to the numbers that are the same for all vehicles.
+        lanes: vehicles of a vector.
+    """
+    names: list[str] = []
+    lines: list[str] = []
+    for number in range(len(listing.operations)):
+        names.append(_written(lines, names, listing, number, sources, shared, lanes))
+    for count, (target, place, symbol) in enumerate(stores):
+        pointer = f"%store_{count}"
+        lines += _pointer(pointer, target, place)
+        lines.append(f"store {_type(symbol.kind, lanes)} {names[symbol.line]}, ptr {pointer}, align 8")
+    return "\n".join([f"define internal void {head} {{", *(f"  {line}" for line in lines), "  ret void", "}"])
+
+
+def _type(kind: Kind, lanes: int) -> str:
+    return f"<{lanes} x {_ELEMENTS[kind]}>"
+
+
+def _written(
+    lines: list[str],
+    names: Sequence[str],
+    listing: Listing,
+    number: int,
+    sources: Mapping[int, Rows],
+    shared: str,
+    lanes: int,
+) -> str:
+    """Writes a line of a listing, and returns the name of its result or, of a constant, its text."""
+    operation = listing.operations[number]
+    kind, name = operation.kind, f"%v{number}"
+    type_ = _type(kind, lanes)
+    if operation.name == "constant":
+        (bits,) = operation.operands
+        text = f"0x{bits:016X}" if kind is Kind.NUMBER else str(bits)
+        return f"<{', '.join([f'{_ELEMENTS[kind]} {text}'] * lanes)}>"
+    if operation.name == "shared":
+        (place,) = operation.operands
+        lines += [
+            f"{name}_at = getelementptr double, ptr {shared}, i64 {place}",
+            f"{name}_number = load double, ptr {name}_at, align 8",
+            f"{name}_one = insertelement {type_} poison, double {name}_number, i32 0",
+            f"{name} = shufflevector {type_} {name}_one, {type_} poison, <{lanes} x i32> zeroinitializer",
+        ]
+        return name
+    if operation.name == "row":
+        group, place = operation.operands
+        lines += _pointer(f"{name}_at", sources[group], place)
+        lines.append(f"{name} = load {type_}, ptr {name}_at, align 8")
+        return name
+    first = listing.operations[operation.operands[0]].kind
+    templates = INSTRUCTIONS if first is Kind.NUMBER or operation.name not in _BITWISE else _BITWISE
+    operands = [names[operand] for operand in operation.operands]
+    text = templates[operation.name].format(*operands, t=_type(first, lanes), r=type_, s=f"v{lanes}f64")
+    lines.append(f"{name} = {text}")
+    return name
+
+
+def _pointer(name: str, rows: Rows, place: int) -> list[str]:
+    """The lines that find a row of a group."""
+    if isinstance(rows.stride, int):
+        return [f"{name} = getelementptr double, ptr {rows.pointer}, i64 {place * rows.stride}"]
+    return [
+        f"{name}_row = mul i64 {rows.stride}, {place}",
+        f"{name} = getelementptr double, ptr {rows.pointer}, i64 {name}_row",
+    ]
