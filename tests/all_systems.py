@@ -16,6 +16,7 @@ from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, Weight
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
+from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
 from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
@@ -29,7 +30,7 @@ from drake_quad.laboratory.wind.wind import SteadyWind, build_held_wind, build_w
 from drake_quad.randomness.noise import NoiseSource, Samples, Stream, random_streams
 from drake_quad.randomness.streams import Kind
 from drake_quad.reference.plan import Plan
-from drake_quad.reference.source import Broadcast, build_reference
+from drake_quad.reference.source import build_reference
 from drake_quad.signals import Attitude, State, Wind, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors

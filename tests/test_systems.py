@@ -21,6 +21,7 @@ from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning
 from drake_quad.control.integral import IntegralCorrection
 from drake_quad.control.position import ProportionalDerivative
 from drake_quad.control.thrust_vectoring import ThrustVectoring
+from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.laboratory.command_link import CommandLink
 from drake_quad.laboratory.flight_monitor import FlightMonitor
@@ -30,7 +31,6 @@ from drake_quad.laboratory.wind.fans import Fans
 from drake_quad.laboratory.wind.gust import Gust
 from drake_quad.laboratory.wind.wind import SteadyWind
 from drake_quad.randomness.noise import NoiseSource
-from drake_quad.reference.source import Broadcast
 from drake_quad.vehicle.allocation import Allocation
 from drake_quad.vehicle.quadrotor import Quadrotor
 

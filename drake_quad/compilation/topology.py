@@ -10,11 +10,11 @@ class Port(NamedTuple):
 
     Attributes:
         path: of the system: the names on the way, joined by dots.
-        index: of the port among the system's input ports, or among its output ports.
+        number: of the port among the system's input ports, or among its output ports.
     """
 
     path: str
-    index: int
+    number: int
 
 
 class Exported(NamedTuple):
@@ -64,7 +64,7 @@ class Topology:
                 return None
             port = self._around[port]
             if port.path == "":
-                exported = self._diagrams[""].get_input_port(port.index)
+                exported = self._diagrams[""].get_input_port(port.number)
                 return Exported(exported.get_name(), exported.size())
         return self._leaf_output(self._beside[port])
 
@@ -91,7 +91,7 @@ class Topology:
     def _leaf_output(self, port: Port) -> Port:
         while port.path in self._diagrams:
             diagram = self._diagrams[port.path]
-            system, index = diagram.get_output_port_locator(diagram.get_output_port(port.index).get_index())
+            system, index = diagram.get_output_port_locator(diagram.get_output_port(port.number).get_index())
             prefix = f"{port.path}." if port.path else ""
             port = Port(prefix + system.get_name(), int(index))
         return port

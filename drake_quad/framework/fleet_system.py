@@ -258,8 +258,9 @@ class FleetSystem(_Base):
         parameters: the numeric parameters, by name.
         states: the groups of the state, by name.
         random_inputs: the input ports for random numbers, by name.
-        outputs: what is computed for each output port, by name; not those that show a state.
-        updates: what is computed at events.
+        outputs: what is computed for each output port, by name, or the state that it shows.
+        updates: what is computed at periodic events.
+        initializations: what is computed when a simulation begins.
         packed: the layouts of the signals that the only output port packs, by name; empty if it packs none.
     """
 
@@ -269,15 +270,16 @@ class FleetSystem(_Base):
     parameters: dict[str, Parameter]
     states: dict[str, StateGroup]
     random_inputs: dict[str, "RandomInput"]
-    outputs: dict[str, Computation]
+    outputs: dict[str, Computation | StateGroup]
     updates: list["Update"]
+    initializations: list[Computation]
     packed: dict[str, Layout]
     _numbers: Any
 
     def begin(self) -> None:
         """Makes room for what will be declared."""
         self.parameters, self.states, self.random_inputs = {}, {}, {}
-        self.outputs, self.updates, self.packed = {}, [], {}
+        self.outputs, self.updates, self.initializations, self.packed = {}, [], [], {}
         self._derivative: Computation | None = None
 
     def declare(self, *args: Any, **options: Any) -> None:
@@ -342,7 +344,8 @@ class FleetSystem(_Base):
             layout: of what it holds.
         """
         layout = layout or layout_of(SIGNALS[name])
-        computation = self.outputs[name] = Computation(formula, reads, [layout], [])
+        computation = Computation(formula, reads, [layout], [])
+        self.outputs[name] = computation
 
         def calc(system: FleetSystem, context: Context, output: BasicVector) -> None:
             computation.run(system, context, [output])
@@ -364,6 +367,7 @@ class FleetSystem(_Base):
 
     def state_output(self, group: StateGroup) -> None:
         """Declares an output port that shows a group of the discrete state, under its name."""
+        self.outputs[group.name] = group
         if self.num_vehicles == 1:
             self.DeclareStateOutputPort(group.name, group.index)
             return
@@ -417,6 +421,7 @@ class FleetSystem(_Base):
             writes: the groups that change.
         """
         computation = Computation(formula, reads, [group.layout for group in writes], writes)
+        self.initializations.append(computation)
         indices = [group.index for group in writes]
 
         # Once in a flight: machine code would take longer to make.

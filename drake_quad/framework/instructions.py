@@ -41,6 +41,8 @@ INSTRUCTIONS = {
     "number_of": "bitcast {t} {0} to {r}",
     "float_of": "uitofp {t} {0} to {r}",
     "word_of": "fptoui {t} {0} to {r}",
+    "word_of_truth": "zext {t} {0} to {r}",
+    "truth_of_word": "trunc {t} {0} to {r}",
 }
 # Of words and truth values.
 _BITWISE = {

@@ -139,12 +139,14 @@ def copying(lanes: int) -> str:
 
     Lanes without a vehicle get the last one's numbers.
     """
-    there, back = ("%f", "%c"), ("%c", "%f")
-    return "\n".join([_copying("gather", lanes, str(lanes), *there), _copying("scatter", lanes, "%left", *back)])
+    return "\n".join(
+        [_copying("gather", lanes, str(lanes), "fleet", "copy"), _copying("scatter", lanes, "%left", "copy", "fleet")]
+    )
 
 
 def _copying(name: str, lanes: int, count: str, source: str, target: str) -> str:
-    """A function that copies `count` elements of every row between a copy and a fleet."""
+    """A function that copies whole vectors, or `count` single elements of every row."""
+    vector = f"<{lanes} x i64>"
     return "\n".join(
         [
             f"define internal void @{name}(ptr %copy, ptr %fleet, i64 %rows, i64 %stride, i64 %left) noinline {{",
@@ -156,17 +158,22 @@ def _copying(name: str, lanes: int, count: str, source: str, target: str) -> str
             "  %r = phi i64 [0, %entry], [%r1, %next]",
             f"  %to = mul i64 %r, {lanes}",
             "  %from = mul i64 %r, %stride",
-            "  br label %lane",
+            "  %copy_here = getelementptr i64, ptr %copy, i64 %to",
+            "  %fleet_here = getelementptr i64, ptr %fleet, i64 %from",
+            f"  %whole = icmp uge i64 %left, {lanes}",
+            "  br i1 %whole, label %vector, label %lane",
+            "vector:",
+            f"  %all = load {vector}, ptr %{source}_here, align 8",
+            f"  store {vector} %all, ptr %{target}_here, align 8",
+            "  br label %next",
             "lane:",
             "  %l = phi i64 [0, %row], [%l1, %lane]",
             "  %within = icmp ult i64 %l, %most",
             "  %k = select i1 %within, i64 %l, i64 %most",
-            "  %a = add i64 %to, %l",
-            "  %b = add i64 %from, %k",
-            "  %c = getelementptr i64, ptr %copy, i64 %a",
-            "  %f = getelementptr i64, ptr %fleet, i64 %b",
-            f"  %x = load i64, ptr {source}, align 8",
-            f"  store i64 %x, ptr {target}, align 8",
+            "  %copy_at = getelementptr i64, ptr %copy_here, i64 %l",
+            "  %fleet_at = getelementptr i64, ptr %fleet_here, i64 %k",
+            f"  %x = load i64, ptr %{source}_at, align 8",
+            f"  store i64 %x, ptr %{target}_at, align 8",
             "  %l1 = add i64 %l, 1",
             f"  %again = icmp ult i64 %l1, {count}",
             "  br i1 %again, label %lane, label %next",

@@ -20,6 +20,10 @@ class Kind(Enum):
     WORD = "64 bits"
 
 
+# What takes nothing from other lines.
+LEAVES = ("constant", "row", "shared")
+
+
 class Operation(NamedTuple):
     """One line of a listing.
 

@@ -1,44 +1,10 @@
 """The reference as a Drake system."""
 
-from typing import Any
-
-from pydrake.systems.framework import BasicVector_, Context, Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, TrajectorySource
 
-from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.broadcast import Broadcast
 from drake_quad.reference.plan import REFERENCE_PORTS, Plan
-
-
-@fleet_system(float, AutoDiffXd)
-class Broadcast(FleetSystem):
-    """Gives every vehicle of a fleet the same rows.
-
-    .. pydrake_system::
-
-        name: Broadcast
-        input_ports:
-        - single
-        output_ports:
-        - fleet
-
-    Args:
-        num_vehicles: N.
-        num_rows: k; `single` has k elements, `fleet` k rows of N.
-    """
-
-    def declare(self, *, num_rows: int = 1) -> None:
-        """Declares the system."""
-        self._num_rows = num_rows
-        self._single = self.DeclareVectorInputPort("single", BasicVector_[self.scalar](num_rows)).get_index()
-        size, uses = num_rows * self.num_vehicles, {self.input_port_ticket(self._single)}
-        self.DeclareVectorOutputPort("fleet", BasicVector_[self.scalar](size), self._calc, uses)
-
-    def _calc(self, context: Context, output: Any) -> None:
-        rows = self.EvalVectorInput(context, self._single)
-        if self.scalar is float:
-            output.get_mutable_value().reshape(self._num_rows, -1)[:] = rows.value()[:, None]
-        else:
-            output.SetFromVector(rows.CopyToVector().repeat(self.num_vehicles))
 
 
 def build_reference(plan: Plan, *, num_vehicles: int = 1) -> Diagram:

@@ -1,0 +1,257 @@
+"""Leaf systems as the compiler sees them: which rows they hold, and what they compute of which.
+
+A FleetSystem says all that by itself. Of Drake's own systems those are known that a fleet needs, which rename rows, add
+them up or hold them.
+"""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable, Sequence
+from typing import Any, NamedTuple, Protocol
+
+import numpy as np
+from pydrake.systems.primitives import (
+    Adder,
+    ConstantVectorSource,
+    Demultiplexer,
+    Gain,
+    Multiplexer,
+    PassThrough,
+    TrajectorySource,
+    ZeroOrderHold,
+)
+
+from drake_quad.framework.broadcast import Broadcast
+from drake_quad.framework.fleet_system import Computation, FleetSystem, Input, Parameter, StateGroup
+from drake_quad.framework.formulas import TIME, TickOf, flattened
+
+# The rows of a port, of a state or of a parameter: symbols, or numbers.
+Rows = list[Any]
+
+
+class Surroundings(Protocol):
+    """What a block can see."""
+
+    def input(self, index: int) -> Rows | None:
+        """The rows at an input port; None if nothing is connected."""
+
+    def state(self, group: int) -> Rows:
+        """The rows of a group of its state."""
+
+    def parameter(self, index: int) -> Rows:
+        """The rows of a parameter."""
+
+    def argument(self, read: Any) -> Any:
+        """What a formula gets for `TIME` or a `TickOf`."""
+
+    def source(self, output: int, element: int) -> Any:
+        """An element of an output port that depends on the time alone."""
+
+
+class Work(NamedTuple):
+    """What a block computes at an event.
+
+    Attributes:
+        compute: from what it sees, the rows that groups of its state will hold, by group.
+        period: of the event, s; None for one when a simulation begins.
+        unrestricted: whether it is done before the discrete updates of its instant.
+        at_start: whether anything is done at time zero.
+    """
+
+    compute: Callable[[Surroundings], dict[int, Rows]]
+    period: float | None
+    unrestricted: bool = False
+    at_start: bool = True
+
+
+class Block(ABC):
+    """A leaf system.
+
+    Args:
+        system: that it is.
+
+    Attributes:
+        works: what it computes at events.
+    """
+
+    works: Sequence[Work] = ()
+
+    def __init__(self, system: Any) -> None:
+        self.system = system
+
+    @abstractmethod
+    def output(self, index: int, around: Surroundings) -> Rows:
+        """The rows of an output port."""
+
+    def passes(self, index: int) -> Sequence[int]:
+        """The input ports on which an output port depends at once."""
+        return range(self.system.num_input_ports())
+
+
+def block_of(system: Any) -> Block | None:
+    """The leaf system as the compiler sees it; None if it cannot."""
+    kind = next((_BLOCKS[base] for base in type(system).__mro__ if base in _BLOCKS), None)
+    if kind is not None:
+        return kind(system)
+    if isinstance(system, FleetSystem) and _is_declared(system):
+        return _Declared(system)
+    return None
+
+
+def why_not(system: Any) -> str:
+    """Why a leaf system cannot be compiled."""
+    if isinstance(system, FleetSystem):
+        if "continuous" in system.states:
+            return "its state is continuous"
+        return "it declares ports or states by Drake's own methods"
+    return "only systems that declare formulas can be, and the simplest of Drake's own"
+
+
+def _is_declared(system: FleetSystem) -> bool:
+    context = system.CreateDefaultContext()
+    return (
+        system.num_output_ports() == len(system.outputs)
+        and context.num_discrete_state_groups() == len(system.states)
+        and not context.num_continuous_states()
+        and not context.num_abstract_states()
+    )
+
+
+class _Declared(Block):
+    """A FleetSystem."""
+
+    def __init__(self, system: FleetSystem) -> None:
+        super().__init__(system)
+        works = [
+            Work(_writing(update.computation), update.period, update.unrestricted, update.at_start)
+            for update in system.updates
+        ]
+        self.works = [*works, *(Work(_writing(computation), None) for computation in system.initializations)]
+
+    def output(self, index: int, around: Surroundings) -> Rows:
+        shown = self._shown(index)
+        if isinstance(shown, StateGroup):
+            return around.state(_number(shown))
+        (rows,) = _computed(shown, around)
+        return rows
+
+    def passes(self, index: int) -> Sequence[int]:
+        shown = self._shown(index)
+        if isinstance(shown, StateGroup):
+            return ()
+        return [int(read.index) for read in shown.reads if isinstance(read, Input)]
+
+    def _shown(self, index: int) -> Computation | StateGroup:
+        shown: Computation | StateGroup = self.system.outputs[self.system.get_output_port(index).get_name()]
+        return shown
+
+
+def _writing(computation: Computation) -> Callable[[Surroundings], dict[int, Rows]]:
+    groups = [_number(group) for group in computation.writes]
+    return lambda around: dict(zip(groups, _computed(computation, around), strict=True))
+
+
+def _computed(computation: Computation, around: Surroundings) -> list[Rows]:
+    """The rows of each result of a computation."""
+    values = []
+    for read in computation.reads:
+        match read:
+            case Input():
+                rows = around.input(int(read.index))
+                values.append(read.absent if rows is None else read.layout.build(rows))
+            case Parameter():
+                values.append(read.layout.build(around.parameter(int(read.index))))
+            case StateGroup():
+                values.append(read.layout.build(around.state(_number(read))))
+            case TickOf():
+                values.append(around.argument(read))
+            case _:
+                values.append(around.argument(read) if read is TIME else read)
+    returned = iter(flattened(computation.formula(*values), computation.results))
+    return [[next(returned) for _ in range(layout.num_rows)] for layout in computation.results]
+
+
+def _number(group: StateGroup) -> int:
+    """The number of a group of the discrete state."""
+    return int(group.index)  # type: ignore[arg-type]
+
+
+class _Same(Block):
+    """What leaves its rows as they are."""
+
+    def output(self, index: int, around: Surroundings) -> Rows:
+        return _connected(around.input(0))
+
+
+class _Demultiplexer(Block):
+    def output(self, index: int, around: Surroundings) -> Rows:
+        rows = _connected(around.input(0))
+        unit = self.system.get_input_port().size() // len(rows)
+        sizes = [self.system.get_output_port(other).size() // unit for other in range(index + 1)]
+        return rows[sum(sizes[:index]) : sum(sizes)]
+
+
+class _Multiplexer(Block):
+    def output(self, index: int, around: Surroundings) -> Rows:
+        inputs = (around.input(number) for number in range(self.system.num_input_ports()))
+        return [row for rows in inputs for row in _connected(rows)]
+
+
+class _Adder(Block):
+    def output(self, index: int, around: Surroundings) -> Rows:
+        first, *others = (_connected(around.input(number)) for number in range(self.system.num_input_ports()))
+        total = first
+        for rows in others:
+            total = [a + b for a, b in zip(total, rows, strict=True)]
+        return total
+
+
+class _Gain(Block):
+    def output(self, index: int, around: Surroundings) -> Rows:
+        rows = _connected(around.input(0))
+        # Drake does not tell a Gain's factors.
+        context = self.system.CreateDefaultContext()
+        self.system.get_input_port().FixValue(context, np.ones(self.system.get_input_port().size()))
+        factors = self.system.get_output_port().Eval(context).reshape(len(rows), -1)[:, 0].tolist()
+        return [factor * row for factor, row in zip(factors, rows, strict=True)]
+
+
+class _Constant(Block):
+    def output(self, index: int, around: Surroundings) -> Rows:
+        return around.parameter(0)
+
+
+class _Hold(Block):
+    def __init__(self, system: ZeroOrderHold) -> None:
+        super().__init__(system)
+        period = system.GetUniquePeriodicDiscreteUpdateAttribute().period_sec()
+        self.works = [Work(lambda around: {0: _connected(around.input(0))}, period)]
+
+    def output(self, index: int, around: Surroundings) -> Rows:
+        return around.state(0)
+
+    def passes(self, index: int) -> Sequence[int]:
+        return ()
+
+
+class _Trajectory(Block):
+    def output(self, index: int, around: Surroundings) -> Rows:
+        return [around.source(index, element) for element in range(self.system.get_output_port(index).size())]
+
+
+def _connected(rows: Rows | None) -> Rows:
+    if rows is None:
+        raise ValueError("an input port of one of Drake's systems is not connected")
+    return rows
+
+
+_BLOCKS: dict[type, Callable[[Any], Block]] = {
+    Adder: _Adder,
+    Broadcast: _Same,
+    ConstantVectorSource: _Constant,
+    Demultiplexer: _Demultiplexer,
+    Gain: _Gain,
+    Multiplexer: _Multiplexer,
+    PassThrough: _Same,
+    TrajectorySource: _Trajectory,
+    ZeroOrderHold: _Hold,
+}

@@ -1,0 +1,90 @@
+"""From a built diagram to a compiled one."""
+
+from typing import Any
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from drake_quad.compilation.blocks import why_not
+from drake_quad.compilation.compiled_system import CompiledSystem, input_name
+from drake_quad.compilation.program import Program, StandIn
+from drake_quad.compilation.topology import Exported, Port
+from drake_quad.errors import InputError
+
+# What a compiled diagram calls its compiled system.
+COMPILED = "compiled"
+
+
+def compile_diagram(diagram: Diagram, *, ticks: int | None = None, record: bool = False) -> Diagram:
+    """Compiles a diagram to machine code.
+
+    What declares its formulas is compiled, and so are the simplest of Drake's own systems. Every other system, such as
+    a controller in plain Python, stays what it is beside the compiled one.
+
+    Args:
+        diagram: of systems with discrete state, for any number of vehicles. It is kept, and not changed.
+        ticks: None for events at every instant at which something happens in the diagram: state and ports are those of
+            the diagram at any time. Else how many ticks, the longest of all periods, an event takes at once where
+            nothing else looks in between: ports then show what holds at their end.
+        record: whether the output ports are recorded at every tick, as discrete updates see them.
+
+    Returns:
+        A diagram with the same exported ports, in the state that the diagram has by default. Its subsystem `compiled`
+        is a `CompiledSystem`; the others have the names of their paths.
+
+    Raises:
+        InputError: the diagram cannot be compiled, and why.
+    """
+    program = Program(diagram)
+    for path, system in program.others.items():
+        if not isinstance(system, StandIn):
+            _check_other(path, system)
+    core = CompiledSystem(program, ticks=ticks, record=record)
+    builder = DiagramBuilder()
+    builder.AddNamedSystem(COMPILED, core)
+    others = {}
+    for path, system in program.others.items():
+        others[path] = builder.AddNamedSystem(path, system.system if isinstance(system, StandIn) else StandIn(system))
+    for source in program.places.inputs:
+        if isinstance(source, Exported):
+            builder.ExportInput(core.GetInputPort(source.name), source.name)
+        else:
+            port = others[source.path].get_output_port(source.number)
+            builder.Connect(port, core.GetInputPort(input_name(program, source)))
+    _connect_others(builder, program, core, others)
+    for name in program.topology.outputs:
+        builder.ExportOutput(core.GetOutputPort(name), name)
+    compiled = builder.Build()
+    compiled.set_name(diagram.get_name())
+    return compiled
+
+
+def _connect_others(builder: DiagramBuilder, program: Program, core: Any, others: dict[str, Any]) -> None:
+    """Connects the inputs of what is not compiled."""
+    exported = set()
+    for path, system in others.items():
+        for index, source in enumerate(program.topology.sources(path)):
+            port = system.get_input_port(index)
+            if isinstance(source, Port):
+                if source.path in others:
+                    builder.Connect(others[source.path].get_output_port(source.number), port)
+                else:
+                    builder.Connect(core.GetOutputPort(f"{path}.{port.get_name()}"), port)
+            elif source is not None and (source in program.places.inputs or source.name in exported):
+                builder.ConnectInput(source.name, port)
+            elif source is not None:
+                builder.ExportInput(port, source.name)
+                exported.add(source.name)
+
+
+def _check_other(path: str, system: Any) -> None:
+    """Raises InputError if a system of another diagram cannot be shown here."""
+    context = system.CreateDefaultContext()
+    if context.num_total_states():
+        raise InputError(
+            f"{path}, a {type(system).__name__}, cannot be compiled: {why_not(system)}; and it cannot stand beside"
+            " compiled systems, since it has a state of its own"
+        )
+    if not system.num_output_ports():
+        raise InputError(
+            f"{path}, a {type(system).__name__}, cannot be compiled: it has no output, and what it does is not known"
+        )

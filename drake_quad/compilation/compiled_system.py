@@ -1,0 +1,241 @@
+"""A compiled diagram as a Drake system."""
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from drake_quad.compilation.program import Event, Program
+from drake_quad.compilation.topology import Exported, Port
+from drake_quad.framework.fleet_system import FleetSystem
+
+# Tables of shared numbers that are kept for the next flight, and the least number of events in one.
+_MOST_TABLES, _TABLE = 64, 64
+
+
+class Log:
+    """What a compiled system has recorded since time zero: (ticks, rows, N) numbers, one array after another."""
+
+    def __init__(self) -> None:
+        self.parts: list[np.ndarray] = []
+
+
+class CompiledSystem(LeafSystem):
+    """What of a diagram has been compiled.
+
+    Its discrete state is that of all compiled systems, row after row, its first numeric parameter all their parameters.
+
+    Args:
+        program: of the diagram.
+        ticks: that an event takes at once where nothing else looks in between; None for events at every instant, as in
+            the diagram.
+        record: whether the diagram's output ports are recorded at every tick.
+    """
+
+    def __init__(self, program: Program, *, ticks: int | None, record: bool) -> None:
+        super().__init__()
+        self.program = program
+        state, parameters = program.read(program.diagram.CreateDefaultContext())
+        self._state = self.DeclareDiscreteState(BasicVector(state))
+        self._parameters = self.DeclareNumericParameter(BasicVector(parameters))
+        self._end = self.DeclareNumericParameter(BasicVector([np.inf]))
+        self._inputs = {
+            source: self.DeclareVectorInputPort(input_name(program, source), rows * program.num_vehicles).get_index()
+            for source, (_, rows) in program.places.inputs.items()
+        }
+        self._ports: dict[Port, Event] = {}
+        for name, port in program.topology.outputs.items():
+            self._show(name, port)
+        for path, system in program.others.items():
+            for index, source in enumerate(program.topology.sources(path)):
+                if isinstance(source, Port) and source.path in program.blocks:
+                    self._show(f"{path}.{system.get_input_port(index).get_name()}", source)
+        self.recorded = dict(program.topology.outputs) if record else {}
+        self._log = self.DeclareAbstractParameter(AbstractValue.Make(Log())) if record else None
+        self._tables: dict[tuple[int, int, int], np.ndarray] = {}
+        # Between its own events, nothing may look at what takes several instants at once.
+        alone = not program.places.inputs
+        strides = None
+        if ticks is not None and (alone or not program.others_remember):
+            strides = program.strides(list(self.recorded.values()))
+        if strides is None:
+            self._declare_instants()
+        else:
+            self._declare_strides(strides, ticks if alone and ticks is not None else 1)
+        self._first = program.stage(None)
+        if self._first is not None:
+            self.DeclareInitializationDiscreteUpdateEvent(self._begin)
+
+    def read(self, context: Context, diagram_context: Context) -> None:
+        """Takes time, state and parameters of the compiled systems from a context of the diagram."""
+        state, parameters = self.program.read(diagram_context)
+        context.get_mutable_discrete_state(self._state).SetFromVector(state)
+        context.get_mutable_numeric_parameter(self._parameters).SetFromVector(parameters)
+
+    def write(self, context: Context, diagram_context: Context) -> None:
+        """Gives state and parameters of the compiled systems to a context of the diagram."""
+        state = context.get_discrete_state(self._state).CopyToVector()
+        parameters = context.get_numeric_parameter(self._parameters).CopyToVector()
+        self.program.write(diagram_context, state, parameters)
+
+    def set_end(self, context: Context, time: float) -> None:
+        """Lets nothing happen after a time (s), where an event takes several ticks."""
+        context.get_mutable_numeric_parameter(self._end).SetFromVector([time])
+
+    def get_state(self, context: Context, path: str, name: str) -> Any:
+        """The record of a group of a FleetSystem's state, a copy.
+
+        Args:
+            context: of this system.
+            path: of the FleetSystem in the diagram, joined by dots.
+            name: of the group.
+        """
+        group = self._system(path).states[name]
+        rows = self._rows(
+            context.get_discrete_state(self._state).value(), self.program.places.states[path, int(group.index)]
+        )
+        return group.layout.build(rows)
+
+    def get_parameter(self, context: Context, path: str, name: str) -> Any:
+        """The record of a FleetSystem's parameter, a copy; arguments as for `get_state`."""
+        parameter = self._system(path).parameters[name]
+        place = self.program.places.parameters[path, int(parameter.index)]
+        return parameter.layout.build(self._rows(context.get_numeric_parameter(self._parameters).value(), place))
+
+    def log(self, context: Context) -> dict[str, np.ndarray]:
+        """The (ticks, rows · N) signals that were recorded since time zero, by name."""
+        parts = context.get_abstract_parameter(self._log).get_value().parts
+        n = self.program.num_vehicles
+        rows = np.concatenate(parts)[:, :, :n]
+        signals, first = {}, 0
+        for name in self.recorded:
+            size = self.GetOutputPort(name).size() // n
+            signals[name] = rows[:, first : first + size].reshape(len(rows), -1)
+            first += size
+        return signals
+
+    def _system(self, path: str) -> Any:
+        system = self.program.topology.leaves.get(path)
+        if not isinstance(system, FleetSystem) or path not in self.program.blocks:
+            raise KeyError(f"{path} is no compiled system, as {', '.join(self.program.blocks)} are")
+        return system
+
+    def _rows(self, numbers: np.ndarray, place: tuple[int, int]) -> Sequence[Any]:
+        n = self.program.num_vehicles
+        first, count = place
+        part = numbers[first * n : (first + count) * n].copy()
+        return part.tolist() if n == 1 else part.reshape(count, n)  # type: ignore[return-value]
+
+    def _declare_instants(self) -> None:
+        """Declares events at every instant, as the diagram has them."""
+        program, ports = self.program, list(self.recorded.values())
+        discrete = [program.stage(instant, [] if instant else ports) for instant in range(program.cycle)]
+        unrestricted = [program.stage(instant, unrestricted=True) for instant in range(program.cycle)]
+        starts = any(work.at_start for _, work in program.works(0, unrestricted=True))
+
+        def update(context: Context, values: Any) -> None:
+            instant = round(context.get_time() / program.base)
+            event = discrete[instant % program.cycle]
+            if event is not None:
+                self._advance(event, context, values.get_mutable_value(self._state), instant, 1)
+
+        def step(context: Context, state: Any) -> None:
+            instant = round(context.get_time() / program.base)
+            event = unrestricted[instant % program.cycle]
+            if event is not None and (instant or starts):
+                numbers = state.get_mutable_discrete_state(self._state).get_mutable_value()
+                self._advance(event, context, numbers, instant, 1)
+
+        if any(unrestricted):
+            self.DeclarePeriodicUnrestrictedUpdateEvent(program.base, 0.0, step)
+        self.DeclarePeriodicDiscreteUpdateEvent(program.base, 0.0, update)
+
+    def _declare_strides(self, events: Sequence[Event], ticks: int) -> None:
+        """Declares events that take several instants, or several ticks."""
+        instants = events[0].instants
+        period = instants * self.program.base
+
+        def advance(context: Context, values: Any) -> None:
+            first = round(context.get_time() / period)
+            last, count = context.get_numeric_parameter(self._end).value()[0], ticks
+            while count and (first + count - 1) * period > last:
+                count -= 1
+            if count:
+                numbers = values.get_mutable_value(self._state)
+                self._advance(events[first % len(events)], context, numbers, first, count)
+
+        self.DeclarePeriodicDiscreteUpdateEvent(period * ticks, 0.0, advance)
+
+    def _begin(self, context: Context, values: Any) -> None:
+        self._run(self._first, context, values.get_mutable_value(self._state))
+
+    def _advance(self, event: Event, context: Context, state: np.ndarray, first: int, count: int) -> None:
+        """Lets events pass; `first` is the number of the first of them, counted from time zero."""
+        n = self.program.num_vehicles
+        log = np.empty((count, event.loop.num_logged, event.loop.padded(n)))
+        if event.loop.num_logged:
+            parts = context.get_abstract_parameter(self._log).get_value().parts
+            if first == 0:
+                parts.clear()
+            parts.append(log)
+        parameters = context.get_numeric_parameter(self._parameters).value()
+        event.loop.run(state, parameters, self._seen(event, context), self._table(event, first, count), log, n)
+
+    def _table(self, event: Event, first: int, count: int) -> np.ndarray:
+        """The shared numbers of some events, of which many are made at a time and kept for the next flight."""
+        size = count * -(-_TABLE // count)
+        number, place = divmod(first, size)
+        key = id(event), number, size
+        if key not in self._tables:
+            if len(self._tables) == _MOST_TABLES:
+                self._tables.clear()
+            self._tables[key] = event.shared.table(self.program.times(number * size, event.instants, size))
+        return self._tables[key][place : place + count]
+
+    def _run(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
+        """Lets one event pass at the context's time, and returns what it logs."""
+        n, time = self.program.num_vehicles, context.get_time()
+        shared = event.shared.table(np.array([[time] * (event.instants + 1)]))
+        log = np.empty((1, event.loop.num_logged, event.loop.padded(n)))
+        parameters = context.get_numeric_parameter(self._parameters).value()
+        event.loop.run(state, parameters, self._seen(event, context), shared, log, n)
+        return log[0, :, :n]
+
+    def _seen(self, event: Event, context: Context) -> np.ndarray:
+        """What comes from elsewhere, where an event looks at it."""
+        n = self.program.num_vehicles
+        inputs = np.empty(self.program.sizes.inputs * n)
+        for source in event.inputs:
+            first, rows = self.program.places.inputs[source]
+            vector = self.EvalVectorInput(context, self._inputs[source])
+            if vector is None:
+                raise ValueError(f"the input port {input_name(self.program, source)} is not connected")
+            inputs[first * n : (first + rows) * n] = vector.value()
+        return inputs
+
+    def _show(self, name: str, port: Port) -> None:
+        """Declares an output port that shows a leaf's."""
+        size = self.program.topology.leaves[port.path].get_output_port(port.number).size()
+
+        def calc(context: Context, output: BasicVector) -> None:
+            if port not in self._ports:
+                self._ports[port] = self.program.port(port)
+            event = self._ports[port]
+            # It writes none of the state.
+            shown = self._run(event, context, context.get_discrete_state(self._state).value())
+            output.SetFromVector(shown.ravel())
+
+        reached = self.program.reach(port)
+        tickets = {self.xd_ticket(), self.pn_ticket(), self.time_ticket()}
+        tickets |= {self.input_port_ticket(self._inputs[source]) for source in reached}
+        self.DeclareVectorOutputPort(name, size, calc, tickets)
+
+
+def input_name(program: Program, source: Port | Exported) -> str:
+    """The name of the port of a compiled system for what comes from elsewhere."""
+    if isinstance(source, Exported):
+        return source.name
+    port = program.topology.leaves[source.path].get_output_port(source.number)
+    return f"{source.path}.{port.get_name()}"

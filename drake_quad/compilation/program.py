@@ -1,0 +1,320 @@
+"""What a compiled diagram does, and when."""
+
+import math
+from collections.abc import Iterable, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, Diagram, LeafSystem
+
+from drake_quad.compilation.blocks import Block, Work, block_of
+from drake_quad.compilation.loop import Loop, Sizes
+from drake_quad.compilation.shared_numbers import SharedNumbers
+from drake_quad.compilation.topology import Exported, Port, Topology
+from drake_quad.compilation.trace import Places, Trace
+from drake_quad.errors import InputError
+from drake_quad.framework.fleet_system import FleetSystem
+
+# Of instants until everything happens together again.
+_LONGEST_CYCLE = 64
+
+
+class StandIn(LeafSystem):
+    """Shows the outputs of a system that belongs to another diagram, or is about to belong to one.
+
+    Its ports are those of that system, which may depend on its inputs, on the time and on its default parameters, and
+    must remember nothing.
+
+    Args:
+        system: that is shown.
+    """
+
+    def __init__(self, system: Any) -> None:
+        super().__init__()
+        self.system = system
+        inputs = [system.get_input_port(index) for index in range(system.num_input_ports())]
+        for port in inputs:
+            self.DeclareVectorInputPort(port.get_name(), port.size())
+        scratch = system.CreateDefaultContext()
+
+        def show(context: Context, output: BasicVector, index: int) -> None:
+            scratch.SetTime(context.get_time())
+            for port in inputs:
+                vector = self.EvalVectorInput(context, port.get_index())
+                if vector is not None:
+                    port.FixValue(scratch, vector.CopyToVector())
+            output.SetFromVector(system.get_output_port(index).Eval(scratch))
+
+        for index in range(system.num_output_ports()):
+            port = system.get_output_port(index)
+            self.DeclareVectorOutputPort(
+                port.get_name(), port.size(), lambda context, output, index=index: show(context, output, index)
+            )
+
+
+def system_of(system: Any) -> Any:
+    """The system that another stands in for, or itself."""
+    return system.system if isinstance(system, StandIn) else system
+
+
+class Event(NamedTuple):
+    """Machine code of an event.
+
+    Attributes:
+        loop: the machine code.
+        shared: the numbers that all vehicles share.
+        instants: that it takes, seen from its own.
+        inputs: at which it looks.
+    """
+
+    loop: Loop
+    shared: SharedNumbers
+    instants: int
+    inputs: frozenset[Port | Exported]
+
+
+class Program:
+    """A diagram, taken apart for the compiler.
+
+    Args:
+        diagram: to be compiled.
+
+    Attributes:
+        diagram: that was given.
+        topology: of it.
+        blocks: its leaf systems that can be compiled, by path.
+        places: of all numbers.
+        sizes: rows of the groups.
+        num_vehicles: N.
+        base: time between two instants, s.
+        cycle: instants until everything happens together again.
+
+    Raises:
+        InputError: no system is a fleet's, or the periods do not fit together.
+    """
+
+    def __init__(self, diagram: Diagram) -> None:
+        self.diagram, self.topology = diagram, Topology(diagram)
+        leaves = self.topology.leaves
+        self.blocks: dict[str, Block] = {}
+        for path, system in leaves.items():
+            block = block_of(system)
+            if block is not None:
+                self.blocks[path] = block
+        fleets = {system.num_vehicles for system in leaves.values() if isinstance(system, FleetSystem)}
+        if len(fleets) != 1:
+            raise InputError(
+                f"{diagram.get_name()} cannot be compiled: its systems are made for {sorted(fleets)} vehicles"
+            )
+        (self.num_vehicles,) = fleets
+        self.places, self.sizes = self._places(diagram.CreateDefaultContext())
+        self.base, self.cycle = self._grid()
+
+    @property
+    def others(self) -> dict[str, Any]:
+        """The leaf systems that are not compiled, by path."""
+        return {path: system for path, system in self.topology.leaves.items() if path not in self.blocks}
+
+    @property
+    def others_remember(self) -> bool:
+        """Whether a system that is not compiled has a state of its own."""
+        return any(system_of(other).CreateDefaultContext().num_total_states() for other in self.others.values())
+
+    def works(self, instant: int | None, *, unrestricted: bool = False) -> list[tuple[str, Work]]:
+        """What is done, and by whom: at an instant of the cycle, or when a simulation begins."""
+        return [
+            (path, work)
+            for path, block in self.blocks.items()
+            for work in block.works
+            if work.unrestricted == unrestricted and self._is_due(work, instant)
+        ]
+
+    def reach(self, port: Port) -> set[Port | Exported]:
+        """What from elsewhere a leaf's output port depends on at once."""
+        if port in self.places.inputs:
+            return {port}
+        found: set[Port | Exported] = set()
+        for index in self.blocks[port.path].passes(port.number):
+            source = self.topology.source(Port(port.path, index))
+            if isinstance(source, Port):
+                found |= self.reach(source)
+            elif source is not None:
+                found.add(source)
+        return found
+
+    def read(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
+        """The (rows · N,) state and parameters in a context of the diagram."""
+        state, parameters = (
+            np.empty(self.sizes.state * self.num_vehicles),
+            np.empty(self.sizes.parameters * self.num_vehicles),
+        )
+        for vector, numbers in self._vectors(context, state, parameters):
+            numbers[:] = vector.CopyToVector()
+        return state, parameters
+
+    def write(self, context: Context, state: np.ndarray, parameters: np.ndarray) -> None:
+        """Puts (rows · N,) state and parameters into a context of the diagram."""
+        for vector, numbers in self._vectors(context, state, parameters):
+            vector.SetFromVector(numbers)
+
+    def stage(self, instant: int | None, recorded: Iterable[Port] = (), *, unrestricted: bool = False) -> Event | None:
+        """What is done at a single instant of the cycle, or when a simulation begins; None if it is nothing.
+
+        Args:
+            instant: None when a simulation begins.
+            recorded: ports that are logged before.
+            unrestricted: whether it is that of unrestricted updates.
+        """
+        works = self.works(instant, unrestricted=unrestricted)
+        trace, shared = self._trace(1)
+        logged = [row for port in recorded for row in trace.output(port)]
+        if not works and not logged:
+            return None
+        trace.advance(works, first=True)
+        return self._event(trace, shared, 1, logged)
+
+    def port(self, port: Port) -> Event:
+        """The machine code that logs a leaf's output port, and changes nothing."""
+        trace, shared = self._trace(1)
+        return self._event(trace, shared, 1, trace.output(port))
+
+    def strides(self, recorded: Sequence[Port]) -> list[Event] | None:
+        """What is done in a cycle, from the discrete updates of an instant until those of a later one begin.
+
+        There are several events where something from elsewhere is looked at more than once; None if that cannot be.
+
+        Args:
+            recorded: ports that are logged at the first instant.
+        """
+        for instants in (each for each in range(self.cycle, 0, -1) if self.cycle % each == 0):
+            events = []
+            for first in range(0, self.cycle, instants):
+                event = self._stride(first, instants, [] if first else recorded)
+                if event is None:
+                    break
+                events.append(event)
+            else:
+                return events
+        return None
+
+    def _stride(self, first: int, instants: int, recorded: Iterable[Port]) -> Event | None:
+        """None if something from elsewhere would be looked at after the first instant, or in unrestricted updates."""
+        trace, shared = self._trace(instants)
+        logged = [row for port in recorded for row in trace.output(port)]
+        trace.advance(self.works(first), first=first == 0)
+        looked_at = frozenset(trace.inputs)
+        trace.inputs.clear()
+        for instant in range(first + 1, first + instants + 1):
+            trace.proceed()
+            trace.advance(self.works(instant % self.cycle, unrestricted=True))
+            if instant < first + instants:
+                trace.advance(self.works(instant % self.cycle))
+        return None if trace.inputs else self._event(trace, shared, instants, logged)._replace(inputs=looked_at)
+
+    def times(self, first: int, instants: int, count: int) -> np.ndarray:
+        """The (count, instants + 1) times (s) of events of so many instants, from event `first` on."""
+        begins = instants * (first + np.arange(count))
+        times: np.ndarray = (begins[:, None] + np.arange(instants + 1)) * self.base
+        return times
+
+    def _trace(self, instants: int) -> tuple[Trace, SharedNumbers]:
+        contexts = {}
+
+        def values(path: str, output: int, time: float) -> np.ndarray:
+            system = self.topology.leaves[path]
+            if path not in contexts:
+                contexts[path] = system.CreateDefaultContext()
+            contexts[path].SetTime(time)
+            shown: np.ndarray = system.get_output_port(output).Eval(contexts[path])
+            return shown
+
+        shared = SharedNumbers(values)
+        trace = Trace(self.topology, self.blocks, self.places, base=self.base, instants=instants, shared=shared)
+        return trace, shared
+
+    def _event(self, trace: Trace, shared: SharedNumbers, instants: int, logged: Sequence[Any]) -> Event:
+        loop = Loop(
+            trace.listing, trace.changes(), logged, sizes=self.sizes, width=shared.width, lone=self.num_vehicles == 1
+        )
+        return Event(loop, shared, instants, frozenset(trace.inputs))
+
+    def _is_due(self, work: Work, instant: int | None) -> bool:
+        if instant is None or work.period is None:
+            return instant is None and work.period is None
+        return instant % round(work.period / self.base) == 0
+
+    def _grid(self) -> tuple[float, int]:
+        """The time between two instants, and the number of instants of a cycle."""
+        periods = {
+            path: work.period for path, block in self.blocks.items() for work in block.works if work.period is not None
+        }
+        if not periods:
+            raise InputError(f"{self.diagram.get_name()} cannot be compiled: nothing happens in it")
+        base = min(periods.values())
+        for path, period in periods.items():
+            if abs(period / base - round(period / base)) > 1e-9:
+                raise InputError(f"{path} cannot be compiled: its period, {period:g} s, is no multiple of {base:g} s")
+        cycle = math.lcm(*(round(period / base) for period in periods.values()))
+        if cycle > _LONGEST_CYCLE:
+            raise InputError(
+                f"{self.diagram.get_name()} cannot be compiled: its periods come together only every {cycle * base:g} s"
+            )
+        return base, cycle
+
+    def _places(self, context: Context) -> tuple[Places, Sizes]:
+        states: dict[tuple[str, int], tuple[int, int]] = {}
+        parameters: dict[tuple[str, int], tuple[int, int]] = {}
+        inputs: dict[Port | Exported, tuple[int, int]] = {}
+        sizes = {}
+        for name, places in (("state", states), ("parameters", parameters)):
+            first = 0
+            for path, index, vector in self._groups(name, context):
+                rows = self._num_rows(vector.size(), f"{name} {index} of {path}")
+                places[path, index] = first, rows
+                first += rows
+            sizes[name] = first
+        first = 0
+        for source, size in self._elsewhere().items():
+            inputs[source] = first, self._num_rows(size, str(source))
+            first += inputs[source][1]
+        return Places(states, parameters, inputs), Sizes(sizes["state"], sizes["parameters"], first)
+
+    def _elsewhere(self) -> dict[Port | Exported, int]:
+        """What comes from elsewhere, and its size."""
+        found: dict[Port | Exported, int] = {}
+        leaves = self.topology.leaves
+        used = [source for path in self.blocks for source in self.topology.sources(path)]
+        for source in [*used, *self.topology.outputs.values()]:
+            if isinstance(source, Exported):
+                found[source] = source.size
+            elif source is not None and source.path not in self.blocks:
+                found[source] = leaves[source.path].get_output_port(source.number).size()
+        return found
+
+    def _num_rows(self, size: int, what: str) -> int:
+        if size % self.num_vehicles:
+            raise InputError(
+                f"{what} cannot be compiled: it has {size} elements, no multiple of {self.num_vehicles} vehicles"
+            )
+        return size // self.num_vehicles
+
+    def _groups(self, name: str, root: Context) -> Iterable[tuple[str, int, Any]]:
+        """The vectors in a context, with path and number."""
+        for path in self.blocks:
+            context = self.topology.leaves[path].GetMyMutableContextFromRoot(root)
+            if name == "state":
+                for group in range(context.num_discrete_state_groups()):
+                    yield path, group, context.get_mutable_discrete_state(group)
+            else:
+                for index in range(context.num_numeric_parameter_groups()):
+                    yield path, index, context.get_mutable_numeric_parameter(index)
+
+    def _vectors(self, context: Context, state: np.ndarray, parameters: np.ndarray) -> Iterable[tuple[Any, np.ndarray]]:
+        """The vectors in a context of the diagram, with their parts of state and parameters."""
+        for name, places, numbers in (
+            ("state", self.places.states, state),
+            ("parameters", self.places.parameters, parameters),
+        ):
+            for path, index, vector in self._groups(name, context):
+                first, rows = places[path, index]
+                yield vector, numbers[first * self.num_vehicles : (first + rows) * self.num_vehicles]

@@ -1,0 +1,177 @@
+"""The trace of a diagram: its formulas, run on symbols, one instant after another.
+
+What a trace leaves in its listing is all that the diagram computes meanwhile, from its state at the beginning to its
+state at the end.
+"""
+
+from collections.abc import Iterable, Mapping
+from typing import Any, NamedTuple
+
+from drake_quad.compilation.blocks import Block, Rows, Work
+from drake_quad.compilation.shared_numbers import TIME_ITSELF, SharedNumbers, Source
+from drake_quad.compilation.topology import Exported, Port, Topology
+from drake_quad.framework.elementary import where
+from drake_quad.framework.formulas import TIME, Tick, TickOf
+from drake_quad.framework.symbols import Kind, Listing, Symbol
+
+# The groups of a listing.
+STATE, PARAMETERS, INPUTS = range(3)
+
+
+class Places(NamedTuple):
+    """Where the numbers of a diagram lie: the first of their rows, and how many there are.
+
+    Attributes:
+        states: by the path of the leaf system and the number of the group.
+        parameters: likewise.
+        inputs: by the output port of a system that is not compiled, or the port of the diagram.
+    """
+
+    states: Mapping[tuple[str, int], tuple[int, int]]
+    parameters: Mapping[tuple[str, int], tuple[int, int]]
+    inputs: Mapping[Port | Exported, tuple[int, int]]
+
+
+class Trace:
+    """What happens in a diagram, from an event on.
+
+    Args:
+        topology: of the diagram.
+        blocks: its leaf systems that are compiled, by path.
+        places: of all numbers.
+        base: time between two instants, s.
+        instants: that an event takes.
+        shared: numbers that all vehicles share.
+
+    Attributes:
+        listing: of all that has happened.
+        instant: of now, counted from the event's.
+        inputs: the places of `places.inputs` that have been looked at.
+    """
+
+    def __init__(
+        self,
+        topology: Topology,
+        blocks: Mapping[str, Block],
+        places: Places,
+        *,
+        base: float,
+        instants: int,
+        shared: SharedNumbers,
+    ) -> None:
+        self.listing, self.instant, self.inputs = Listing(), 0, set[Port | Exported]()
+        self._topology, self._blocks, self._places = topology, blocks, places
+        self._base, self._instants, self._shared = base, instants, shared
+        self._states: dict[tuple[str, int], Rows] = {}
+        self._outputs: dict[Port, Rows] = {}
+
+    def output(self, port: Port) -> Rows:
+        """The rows of a leaf's output port."""
+        if port in self._places.inputs:
+            return self._input(port)
+        if port not in self._outputs:
+            self._outputs[port] = self._blocks[port.path].output(port.number, _Around(self, port.path))
+        return self._outputs[port]
+
+    def advance(self, works: Iterable[tuple[str, Work]], *, first: bool = False) -> None:
+        """Lets blocks do some work, given their paths, all at once.
+
+        Args:
+            works: and who does them.
+            first: whether the time can be zero.
+        """
+        after: dict[tuple[str, int], Rows] = {}
+        for path, work in works:
+            for group, rows in work.compute(_Around(self, path)).items():
+                if first and not work.at_start:
+                    begins, before = self.time() == 0.0, self.state(path, group)
+                    rows = [where(_untyped(begins), old, new) for old, new in zip(before, rows, strict=True)]
+                after[path, group] = rows
+        self._states |= after
+        self._outputs.clear()
+
+    def proceed(self) -> None:
+        """Goes on to the next instant."""
+        self.instant += 1
+        self._outputs.clear()
+
+    def changes(self) -> dict[int, Any]:
+        """What has changed of the state: the symbols or numbers, by the row."""
+        return {
+            self._places.states[key][0] + row: value
+            for key, rows in self._states.items()
+            for row, value in enumerate(rows)
+        }
+
+    def time(self) -> Symbol:
+        """The time of the instant, s."""
+        return self.listing.shared(self._shared.place(self.instant, TIME_ITSELF))
+
+    def tick(self, ticks: TickOf) -> Tick:
+        """The tick at the instant.
+
+        Where an event takes whole pairs of ticks it is known which tick of a pair this is, and both see the same.
+        """
+        step = round(ticks.period / self._base)
+        if self._instants % (2 * step) == 0 and self.instant % step == 0:
+            pair, place = divmod(self.instant // step, 2)
+            return Tick(_untyped(self.listing.shared(self._shared.place(pair * 2 * step, ticks))), place == 1)
+        number = self.listing.shared(self._shared.place(self.instant, ticks))
+        second = self.listing.shared(self._shared.second(self.instant, ticks))
+        return Tick(_untyped(number), _untyped(second == 1.0))
+
+    def source(self, source: Source) -> Symbol:
+        """An element of a port that depends on the time alone."""
+        return self.listing.shared(self._shared.place(self.instant, source))
+
+    def state(self, path: str, group: int) -> Rows:
+        """The rows of a group of a leaf's state, as it is by now."""
+        if (path, group) not in self._states:
+            return self._rows(STATE, self._places.states[path, group])
+        return self._states[path, group]
+
+    def parameter(self, path: str, index: int) -> Rows:
+        """The rows of a leaf's parameter."""
+        return self._rows(PARAMETERS, self._places.parameters[path, index])
+
+    def input(self, port: Port) -> Rows | None:
+        """The rows at a leaf's input port; None if nothing is connected."""
+        source = self._topology.source(port)
+        if source is None or isinstance(source, Port):
+            return None if source is None else self.output(source)
+        return self._input(source)
+
+    def _input(self, source: Port | Exported) -> Rows:
+        self.inputs.add(source)
+        return self._rows(INPUTS, self._places.inputs[source])
+
+    def _rows(self, group: int, place: tuple[int, int]) -> Rows:
+        first, count = place
+        return [self.listing.row(group, row, Kind.NUMBER) for row in range(first, first + count)]
+
+
+class _Around:
+    """What a block sees in a trace."""
+
+    def __init__(self, trace: Trace, path: str) -> None:
+        self._trace, self._path = trace, path
+
+    def input(self, index: int) -> Rows | None:
+        return self._trace.input(Port(self._path, index))
+
+    def state(self, group: int) -> Rows:
+        return self._trace.state(self._path, group)
+
+    def parameter(self, index: int) -> Rows:
+        return self._trace.parameter(self._path, index)
+
+    def argument(self, read: Any) -> Any:
+        return self._trace.time() if read is TIME else self._trace.tick(read)
+
+    def source(self, output: int, element: int) -> Any:
+        return self._trace.source(Source(self._path, output, element))
+
+
+def _untyped(x: Any) -> Any:
+    """The same; a type checker, for which a row is a float, shall not ask what it is here."""
+    return x
