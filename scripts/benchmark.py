@@ -24,7 +24,7 @@ from drake_quad import Scenario, load_scenario
 from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
-from drake_quad.flight.simulation import fly
+from drake_quad.flight.fleet_simulation import fly
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.path_problem import Box, Limits, PathProblem
 from drake_quad.reference.plan import to_piecewise_polynomial

@@ -26,7 +26,7 @@ from pydrake.systems.analysis import Simulator
 from tqdm import tqdm
 
 from drake_quad import build_tracking_diagram, load_scenario
-from drake_quad.flight.simulation import fly, read_metrics
+from drake_quad.flight.fleet_simulation import fly, read_metrics
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import hermite_path
 

@@ -18,7 +18,7 @@ from drake_quad.analysis.sampled_system import to_autodiff
 from drake_quad.assembly.planning import flight_duration, plan_route, refuse_distributions
 from drake_quad.assembly.tracking import build_tracking_diagram
 from drake_quad.errors import InputError
-from drake_quad.flight.simulation import fly, read_metrics
+from drake_quad.flight.fleet_simulation import fly, read_metrics
 from drake_quad.framework.wiring import subsystem
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.plan import Plan

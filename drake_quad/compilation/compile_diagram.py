@@ -4,10 +4,11 @@ from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_quad.compilation.blocks import why_not
+from drake_quad.compilation.blocks import block_of, why_not
 from drake_quad.compilation.compiled_system import CompiledSystem, input_name
-from drake_quad.compilation.program import Program, StandIn
-from drake_quad.compilation.topology import Exported, Port
+from drake_quad.compilation.program import Program
+from drake_quad.compilation.stand_in import StandIn
+from drake_quad.compilation.topology import Exported, Port, Topology
 from drake_quad.errors import InputError
 
 # What a compiled diagram calls its compiled system.
@@ -56,6 +57,21 @@ def compile_diagram(diagram: Diagram, *, ticks: int | None = None, record: bool 
     compiled = builder.Build()
     compiled.set_name(diagram.get_name())
     return compiled
+
+
+def compiled_part(diagram: Diagram) -> CompiledSystem:
+    """The compiled system in a diagram from `compile_diagram`."""
+    part: CompiledSystem = diagram.GetSubsystemByName(COMPILED)
+    return part
+
+
+def or_stand_in(system: Any) -> Any:
+    """A system as it is, if it can be compiled; else what stands in for it in a diagram that will be.
+
+    In the compiled diagram there is the system itself again.
+    """
+    leaves = Topology(system).leaves.values() if isinstance(system, Diagram) else [system]
+    return system if all(map(block_of, leaves)) else StandIn(system)
 
 
 def _connect_others(builder: DiagramBuilder, program: Program, core: Any, others: dict[str, Any]) -> None:

@@ -11,8 +11,8 @@ from drake_quad.compilation.program import Event, Program
 from drake_quad.compilation.topology import Exported, Port
 from drake_quad.framework.fleet_system import FleetSystem
 
-# Tables of shared numbers that are kept for the next flight, and the least number of events in one.
-_MOST_TABLES, _TABLE = 64, 64
+# Tables of shared numbers that are kept for the next flight, and the events in one where each comes alone.
+_MOST_TABLES, _TABLE = 256, 64
 
 
 class Log:
@@ -67,6 +67,11 @@ class CompiledSystem(LeafSystem):
         self._first = program.stage(None)
         if self._first is not None:
             self.DeclareInitializationDiscreteUpdateEvent(self._begin)
+
+    @property
+    def tick(self) -> float:
+        """The longest of all periods, s."""
+        return self.program.cycle * self.program.base
 
     def read(self, context: Context, diagram_context: Context) -> None:
         """Takes time, state and parameters of the compiled systems from a context of the diagram."""
@@ -184,15 +189,14 @@ class CompiledSystem(LeafSystem):
         event.loop.run(state, parameters, self._seen(event, context), self._table(event, first, count), log, n)
 
     def _table(self, event: Event, first: int, count: int) -> np.ndarray:
-        """The shared numbers of some events, of which many are made at a time and kept for the next flight."""
-        size = count * -(-_TABLE // count)
-        number, place = divmod(first, size)
-        key = id(event), number, size
+        """The shared numbers of some events, which are kept for the next flight; many are made at a time."""
+        begin, size = (first - first % _TABLE, _TABLE) if count == 1 else (first, count)
+        key = id(event), begin, size
         if key not in self._tables:
             if len(self._tables) == _MOST_TABLES:
                 self._tables.clear()
-            self._tables[key] = event.shared.table(self.program.times(number * size, event.instants, size))
-        return self._tables[key][place : place + count]
+            self._tables[key] = event.shared.table(self.program.times(begin, event.instants, size))
+        return self._tables[key][first - begin :][:count]
 
     def _run(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
         """Lets one event pass at the context's time, and returns what it logs."""

@@ -27,7 +27,7 @@ from drake_quad.framework.symbols import LEAVES, Kind, Listing, Operation, Symbo
 # Groups beside those of a trace: what is kept for later, and what is logged.
 _KEPT, _LOG = 3, 4
 # Lines of a function.
-_LENGTH = 200
+_LENGTH = 800
 
 
 class Sizes(NamedTuple):

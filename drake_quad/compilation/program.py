@@ -5,11 +5,12 @@ from collections.abc import Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import BasicVector, Context, Diagram, LeafSystem
+from pydrake.systems.framework import Context, Diagram
 
 from drake_quad.compilation.blocks import Block, Work, block_of
 from drake_quad.compilation.loop import Loop, Sizes
 from drake_quad.compilation.shared_numbers import SharedNumbers
+from drake_quad.compilation.stand_in import system_of
 from drake_quad.compilation.topology import Exported, Port, Topology
 from drake_quad.compilation.trace import Places, Trace
 from drake_quad.errors import InputError
@@ -17,44 +18,6 @@ from drake_quad.framework.fleet_system import FleetSystem
 
 # Of instants until everything happens together again.
 _LONGEST_CYCLE = 64
-
-
-class StandIn(LeafSystem):
-    """Shows the outputs of a system that belongs to another diagram, or is about to belong to one.
-
-    Its ports are those of that system, which may depend on its inputs, on the time and on its default parameters, and
-    must remember nothing.
-
-    Args:
-        system: that is shown.
-    """
-
-    def __init__(self, system: Any) -> None:
-        super().__init__()
-        self.system = system
-        inputs = [system.get_input_port(index) for index in range(system.num_input_ports())]
-        for port in inputs:
-            self.DeclareVectorInputPort(port.get_name(), port.size())
-        scratch = system.CreateDefaultContext()
-
-        def show(context: Context, output: BasicVector, index: int) -> None:
-            scratch.SetTime(context.get_time())
-            for port in inputs:
-                vector = self.EvalVectorInput(context, port.get_index())
-                if vector is not None:
-                    port.FixValue(scratch, vector.CopyToVector())
-            output.SetFromVector(system.get_output_port(index).Eval(scratch))
-
-        for index in range(system.num_output_ports()):
-            port = system.get_output_port(index)
-            self.DeclareVectorOutputPort(
-                port.get_name(), port.size(), lambda context, output, index=index: show(context, output, index)
-            )
-
-
-def system_of(system: Any) -> Any:
-    """The system that another stands in for, or itself."""
-    return system.system if isinstance(system, StandIn) else system
 
 
 class Event(NamedTuple):

@@ -2,13 +2,10 @@
 
 from collections.abc import Callable, Sequence
 
-from pydrake.systems.analysis import Simulator
-
 from drake_quad.assembly.planning import flight_duration, plan_route
-from drake_quad.assembly.tracking import build_fleet_diagram, reset_fleet
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
-from drake_quad.flight.simulation import fly, read_metrics
+from drake_quad.flight.fleet_simulation import simulate_fleet
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario
@@ -24,13 +21,20 @@ class StudyFleet:
         num_vehicles: N.
         plan: flown instead of that of the scenario's route.
         own: functions that make systems of the user's for N vehicles.
+        compiled: whether the diagram is compiled to machine code; else it flies as it is wired.
 
     Raises:
         InputError: the route holds a distribution, or the rotors cannot fly it; or the vehicle has no time step.
     """
 
     def __init__(
-        self, scenario: Scenario, num_vehicles: int, *, plan: Plan | None = None, own: UserSystems = UserSystems()
+        self,
+        scenario: Scenario,
+        num_vehicles: int,
+        *,
+        plan: Plan | None = None,
+        own: UserSystems = UserSystems(),
+        compiled: bool = True,
     ) -> None:
         if scenario.vehicle.time_step == 0.0:
             # An integrator chooses its steps by all vehicles of a fleet.
@@ -38,9 +42,8 @@ class StudyFleet:
         self.scenario, self.num_vehicles = scenario, num_vehicles
         self._plan = plan or plan_route(scenario)
         self.duration = flight_duration(scenario, self._plan)
-        self._own = own.made(num_vehicles)
         batch = Batch.draw(scenario, range(num_vehicles))
-        self._simulator = Simulator(build_fleet_diagram(batch, self._plan, own=self._own))
+        self._simulation = simulate_fleet(batch, self._plan, own=own.made(num_vehicles), compiled=compiled)
 
     def fly(
         self,
@@ -74,8 +77,6 @@ class StudyFleet:
         """
         if not 0 < len(batch) <= self.num_vehicles:
             raise ValueError(f"a fleet of {self.num_vehicles} cannot fly {len(batch)} samples at once")
-        diagram, context = self._simulator.get_system(), self._simulator.get_mutable_context()
-        reset_fleet(diagram, context, batch.padded(self.num_vehicles), self._plan, own=self._own)
-        self._simulator.Initialize()
-        fly(self._simulator, self.duration if duration is None else duration, progress=progress)
-        return Metrics(*(values[: len(batch)] for values in read_metrics(diagram, context)))
+        self._simulation.reset(batch.padded(self.num_vehicles))
+        self._simulation.fly(self.duration if duration is None else duration, progress=progress)
+        return Metrics(*(values[: len(batch)] for values in self._simulation.metrics()))

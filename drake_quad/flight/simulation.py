@@ -5,20 +5,16 @@ from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
-from pydrake.systems.framework import Context, Diagram
 
 from drake_quad.assembly.planning import flight_duration, plan_route, refuse_distributions
-from drake_quad.assembly.recorder import read_recorder
-from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
+from drake_quad.flight.fleet_simulation import FleetSimulation, simulate_fleet
 from drake_quad.flight.flight import Flight
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario, distributions_in
 
-# Between two looks at the crashes and two reports of progress, s of flight.
-_STRIDE = 1.0
 _ACCURACY, _MAX_STEP = 1e-8, 0.1
 # Of steps for a continuous state, s: a second of flight takes a quarter of a minute with these.
 _MIN_STEP = 1e-5
@@ -35,6 +31,7 @@ def simulate(
     control: Any = None,
     wind: Any = None,
     plan: Plan | None = None,
+    compiled: bool = False,
     prepare: Callable[[Simulator], None] | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> Flight:
@@ -49,6 +46,8 @@ def simulate(
         control: stands in for the whole cascade; see there.
         wind: blows beside the scenario's; see there.
         plan: flown instead of that of the scenario's route.
+        compiled: whether the diagram is compiled to machine code first, as for studies; else it flies as it is wired,
+            where every port and every state can be looked into at any time.
         prepare: called with Drake's simulator before it flies, to set a monitor or a rate of real time.
         progress: called now and then with the time flown and the time to fly, s.
 
@@ -62,10 +61,9 @@ def simulate(
     drawn = Batch.draw(scenario, [sample or 0], seed=seed).scenario_of(0)
     batch = Batch(drawn, (sample or 0,), {})
     plan = plan or plan_route(drawn)
-    duration = flight_duration(drawn, plan)
     own = UserSystems(position_controller, control, wind)
-    diagram = build_fleet_diagram(batch, plan, own=own, record=True)
-    simulator = Simulator(diagram)
+    simulation = simulate_fleet(batch, plan, own=own, record=True, compiled=compiled)
+    simulator = simulation.simulator
     # For a vehicle with a continuous state; a stepping one does not use the integrator.
     integrator = ResetIntegratorFromFlags(simulator, "runge_kutta5", _MAX_STEP)
     integrator.set_target_accuracy(_ACCURACY)
@@ -73,7 +71,7 @@ def simulate(
     if prepare is not None:
         prepare(simulator)
     try:
-        fly(simulator, duration, progress=progress)
+        simulation.fly(flight_duration(drawn, plan), progress=progress)
     except RuntimeError as error:
         if _TOO_FAST not in str(error):
             raise
@@ -82,11 +80,16 @@ def simulate(
             f"vehicle.time_step is 0, but from {time:.3g} s on something moves too fast for the integration of a"
             f" continuous state, in less than {_MIN_STEP:g} s; give it a step"
         ) from None
-    return _flights(batch, plan, diagram, simulator.get_context())[0]
+    return _flights(batch, plan, simulation)[0]
 
 
 def simulate_samples(
-    scenario: Scenario, samples: Sequence[int], *, seed: int | None = None, plan: Plan | None = None
+    scenario: Scenario,
+    samples: Sequence[int],
+    *,
+    seed: int | None = None,
+    plan: Plan | None = None,
+    compiled: bool = False,
 ) -> list[Flight]:
     """Flies samples of a study side by side and records every signal of each, as `simulate` does of one.
 
@@ -95,34 +98,34 @@ def simulate_samples(
         samples: numbers of samples, from 0 on.
         seed: in place of the scenario's.
         plan: flown instead of that of the scenario's route.
+        compiled: as for `simulate`.
 
     Raises:
         InputError: the route holds a distribution, or the rotors cannot fly it.
     """
-    return simulate_batch(Batch.draw(scenario, samples, seed=seed), plan=plan)
+    return simulate_batch(Batch.draw(scenario, samples, seed=seed), plan=plan, compiled=compiled)
 
 
-def simulate_batch(batch: Batch, *, plan: Plan | None = None) -> list[Flight]:
+def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool = False) -> list[Flight]:
     """Flies a batch and records every signal of each vehicle: a few megabytes a flight of half a minute.
 
     Args:
         batch: to fly.
         plan: flown instead of that of the scenario's route.
+        compiled: as for `simulate`.
 
     Raises:
         InputError: the route holds a distribution, or the rotors cannot fly it.
     """
     plan = plan or plan_route(batch.scenario)
-    diagram = build_fleet_diagram(batch, plan, record=True)
-    simulator = Simulator(diagram)
-    fly(simulator, flight_duration(batch.scenario, plan))
-    return _flights(batch, plan, diagram, simulator.get_context())
+    simulation = simulate_fleet(batch, plan, record=True, compiled=compiled)
+    simulation.fly(flight_duration(batch.scenario, plan))
+    return _flights(batch, plan, simulation)
 
 
-def _flights(batch: Batch, plan: Plan, diagram: Diagram, context: Context) -> list[Flight]:
-    """The flights of a diagram's vehicles so far."""
-    metrics = read_metrics(diagram, context)
-    time, signals = read_recorder(diagram.GetSubsystemByName("recorder"), context)
+def _flights(batch: Batch, plan: Plan, simulation: FleetSimulation) -> list[Flight]:
+    """The flights of a fleet's vehicles so far."""
+    metrics, (time, signals) = simulation.metrics(), simulation.recording()
     rows = {name: values.reshape(len(time), -1, len(batch)) for name, values in signals.items()}
     flights = []
     for i in range(len(batch)):
@@ -133,25 +136,3 @@ def _flights(batch: Batch, plan: Plan, diagram: Diagram, context: Context) -> li
         mine = {name: values[kept, :, i] for name, values in rows.items()}
         flights.append(Flight(batch.scenario_of(i), plan, time[kept], mine, own))
     return flights
-
-
-def fly(simulator: Simulator, duration: float, *, progress: Callable[[float, float], None] | None = None) -> None:
-    """Advances a tracking diagram from time zero to a duration (s), or until every vehicle has crashed.
-
-    `progress` is called now and then with the time flown and the duration.
-    """
-    diagram, context = simulator.get_system(), simulator.get_context()
-    crashed = diagram.GetOutputPort("crashed")
-    time = 0.0
-    while time < duration and not (crashed.Eval(context) != 0.0).all():
-        time = min(time + _STRIDE, duration)
-        simulator.AdvanceTo(time)
-        if progress is not None:
-            progress(time, duration)
-    simulator.AdvancePendingEvents()
-
-
-def read_metrics(diagram: Diagram, context: Context) -> Metrics:
-    """The (N,) metrics of a tracking diagram's vehicles so far."""
-    monitor = diagram.GetSubsystemByName("monitor")
-    return monitor.metrics(monitor.GetMyContextFromRoot(context))

@@ -1,8 +1,9 @@
 """The elementary functions of symbols, in arithmetic that processors do for many vehicles at once.
 
 They agree with those of a mathematical library within two units in the last place. Other than there, angles beyond a
-million are not a number, and what is smaller than 1e-307 may be zero. They reduce the argument and take the minimax
-approximations of S. L. Moshier, "Methods and Programs for Mathematical Functions", 1989, as in his Cephes library.
+million are not a number, and what is smaller than 1e-307 may be zero. They reduce the argument; sine, cosine and arctangent
+take the minimax approximations of S. L. Moshier, "Methods and Programs for Mathematical Functions", 1989, as in his
+Cephes library, exponential and logarithm Chebyshev fits, made with mpmath.
 """
 
 import math
@@ -17,7 +18,12 @@ from drake_quad.framework.symbols import Kind, Symbol, lifted, operation
 _ROUNDING = 1.5 * 2.0**52
 _EXPONENT_BITS, _BIAS = np.uint64(52), np.uint64(1023)
 _SMALLEST_NORMAL = 2.0**-1022
-_MANTISSA, _HALF = np.uint64(2**52 - 1), np.uint64(1022 << 52)
+_MANTISSA, _SIGN = np.uint64(2**52 - 1), np.uint64(1 << 63)
+_ONE_BIT, _SIGN_BIT, _BEFORE_SIGN_BIT = np.uint64(1), np.uint64(63), np.uint64(62)
+# The bits of 1 and of the square root of a half.
+_ONE, _ROOT_OF_HALF = np.uint64(1023 << 52), np.float64(math.sqrt(0.5)).view(np.uint64)
+# 2**52, in whose lowest bits stands what is added, and its bits.
+_WHOLE, _BITS_OF_WHOLE = 2.0**52, np.uint64(1075 << 52)
 
 # π/2 in three parts, of which the first two have zeros enough at their end for exact multiples up to 2**20.
 _QUARTER = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
@@ -38,33 +44,32 @@ _COSINE = (
     2.08757008419747316778e-9,
     -1.13585365213876817300e-11,
 )
-# ln 2 in two parts.
-_LN_2 = (6.93145751953125e-1, 1.42860682030941723212e-6)
-_EXP_P = (9.99999999999999999910e-1, 3.02994407707441961300e-2, 1.26177193074810590878e-4)
-_EXP_Q = (
-    2.00000000000000000009e0,
-    2.27265548208155028766e-1,
-    2.52448340349684104192e-3,
-    3.00198505138664455042e-6,
-)
-_LARGEST_EXPONENT, _LEAST_EXPONENT = 709.0, -708.0
 # ln 2 in two parts, the first of few digits.
-_LN_2_OF_LOG = (0.693359375, -2.121944400546905827679e-4)
-_LOG_P = (
-    7.70838733755885391666e0,
-    1.79368678507819816313e1,
-    1.44989225341610930846e1,
-    4.70579119878881725854e0,
-    4.97494994976747001425e-1,
-    1.01875663804580931796e-4,
+_LN_2 = (6.93145751953125e-1, 1.42860682030941723212e-6)
+# (exp r - 1 - r) / r² for |r| up to half of ln 2, within 1.3e-17 of exp r.
+_EXP = (
+    0.5000000000000001,
+    0.16666666666666669,
+    0.04166666666662399,
+    0.008333333333330051,
+    0.0013888888917281794,
+    0.00019841269863105968,
+    2.480152119021773e-05,
+    2.7557268378684192e-06,
+    2.7620138719733994e-07,
+    2.5100424157005067e-08,
 )
-_LOG_Q = (
-    2.31251620126765340583e1,
-    7.11544750618563894466e1,
-    8.29875266912776603211e1,
-    4.52279145837532221105e1,
-    1.12873587189167450590e1,
-    1.0,
+# Beyond them the power of two is that of infinity or zero.
+_LARGEST_EXPONENT, _LEAST_EXPONENT = 710.0, -709.1
+# (ln((1 + s) / (1 - s)) - 2 s) / s³ as a function of s², for (1 + s) / (1 - s) from √½ to √2, within 1e-17.
+_LOG = (
+    0.666666666666667,
+    0.399999999998992,
+    0.2857142862611452,
+    0.22222211112104948,
+    0.1818289077802613,
+    0.15331666676597175,
+    0.146171283998073,
 )
 _ATAN_P = (
     -6.485021904942025371773e1,
@@ -123,46 +128,48 @@ def copysign(x: Any, y: Symbol) -> Symbol:
 
 def sin_cos(x: Symbol) -> tuple[Symbol, Symbol]:
     """Sine and cosine of an angle in radians."""
-    quarters = nearest(x * (2.0 / math.pi))
+    rounded = fused(x, 2.0 / math.pi, _ROUNDING)
+    quarters, bits = rounded - _ROUNDING, bits_of(rounded)
     r = fused(quarters, -_QUARTER[2], fused(quarters, -_QUARTER[1], fused(quarters, -_QUARTER[0], x)))
+    r = select(abs(x) <= _LARGEST_ANGLE, r, math.nan)
     z = r * r
     sine = fused(r * z, polynomial(z, _SINE), r)
     cosine = fused(z * z, polynomial(z, _COSINE), fused(z, -0.5, 1.0))
-    halves = nearest(fused(quarters, 0.5, -0.25))
-    odd, turned = quarters - 2.0 * halves > 0.5, halves - 2.0 * nearest(fused(halves, 0.5, -0.25))
-    sign = select(abs(x) <= _LARGEST_ANGLE, 1.0 - 2.0 * turned, math.nan)
-    return sign * select(odd, cosine, sine), sign * select(odd, -sine, cosine)
+    odd = _is_negative(bits << _SIGN_BIT)
+    # Sines are negative in the third and fourth quarter, cosines in the second and third.
+    of_sine, of_cosine = bits << _BEFORE_SIGN_BIT, (bits + _ONE_BIT) << _BEFORE_SIGN_BIT
+    return _turned(select(odd, cosine, sine), of_sine), _turned(select(odd, sine, cosine), of_cosine)
+
+
+def _turned(x: Symbol, sign: Symbol) -> Symbol:
+    """X with its sign changed where that bit of a word is set."""
+    return _number_of(bits_of(x) ^ (sign & _SIGN))
 
 
 def exp(x: Symbol) -> Symbol:
-    """Exponential."""
-    clamped = select(x > _LEAST_EXPONENT, x, _LEAST_EXPONENT)
-    clamped = select(clamped < _LARGEST_EXPONENT, clamped, _LARGEST_EXPONENT)
-    power = clamped * (1.0 / math.log(2.0)) + _ROUNDING
-    twos = power - _ROUNDING
+    """Exponential; infinite from 709.4 on."""
+    # So that what is not a number stays so.
+    clamped = select(x < _LEAST_EXPONENT, _LEAST_EXPONENT, x)
+    clamped = select(clamped > _LARGEST_EXPONENT, _LARGEST_EXPONENT, clamped)
+    rounded = fused(clamped, 1.0 / math.log(2.0), _ROUNDING)
+    twos = rounded - _ROUNDING
     r = fused(twos, -_LN_2[1], fused(twos, -_LN_2[0], clamped))
-    z = r * r
-    odd = r * polynomial(z, _EXP_P)
-    mantissa = 1.0 + 2.0 * odd / (polynomial(z, _EXP_Q) - odd)
-    scale = _number_of((bits_of(power) + _BIAS) << _EXPONENT_BITS)
-    result = select(x < _LEAST_EXPONENT, 0.0, mantissa * scale)
-    result = select(x > _LARGEST_EXPONENT, math.inf, result)
-    return select(x == x, result, x)
+    mantissa = 1.0 + fused(r * r, polynomial(r, _EXP), r)
+    return mantissa * _number_of((bits_of(rounded) + _BIAS) << _EXPONENT_BITS)
 
 
 def log(x: Symbol) -> Symbol:
     """Natural logarithm."""
-    bits = bits_of(x)
-    mantissa = _number_of((bits & _MANTISSA) | _HALF)
+    # With these bits added, the exponent is one more from the square root of a half on.
+    bits = bits_of(x) + (_ONE - _ROOT_OF_HALF)
+    f = _number_of((bits & _MANTISSA) + _ROOT_OF_HALF) - 1.0
     # The exponent as a float: its bits in the lowest place of a number that rounds to a whole one.
-    exponent = _number_of((bits >> _EXPONENT_BITS) + np.float64(_ROUNDING).view(np.uint64)) - (_ROUNDING + 1022.0)
-    small = mantissa < math.sqrt(0.5)
-    exponent = select(small, exponent - 1.0, exponent)
-    r = select(small, 2.0 * mantissa - 1.0, mantissa - 1.0)
-    z = r * r
-    y = r * (z * polynomial(r, _LOG_P) / polynomial(r, _LOG_Q))
-    y = fused(z, -0.5, fused(exponent, _LN_2_OF_LOG[1], y))
-    result = fused(exponent, _LN_2_OF_LOG[0], r + y)
+    exponent = _number_of((bits >> _EXPONENT_BITS) + np.float64(_ROUNDING).view(np.uint64)) - (_ROUNDING + 1023.0)
+    # 1 + f = (1 + s) / (1 - s), and 2 s = f - f²/2 + s f²/2.
+    s = f / (2.0 + f)
+    z, half = s * s, 0.5 * f * f
+    rest = fused(exponent, _LN_2[1], s * (half + z * polynomial(z, _LOG)))
+    result = fused(exponent, _LN_2[0], f - (half - rest))
     result = select(x >= _SMALLEST_NORMAL, result, select(x >= 0.0, -math.inf, math.nan))
     return select(x < math.inf, result, x)
 
@@ -212,13 +219,13 @@ def wrapped(angle: Symbol) -> Symbol:
 
 
 def float_of(word: Symbol) -> Symbol:
-    """The nearest floating-point number of a word below 2**53."""
-    return operation("float_of", word, kind=Kind.NUMBER)
+    """The number that a word below 2**52 is."""
+    return _number_of(word | _BITS_OF_WHOLE) - _WHOLE
 
 
 def word_of(x: Symbol) -> Symbol:
-    """The word of a whole number."""
-    return operation("word_of", x, kind=Kind.WORD)
+    """The word of a whole number from 0 to 2**52."""
+    return bits_of(x + _WHOLE) ^ _BITS_OF_WHOLE
 
 
 def bits_of(x: Symbol) -> Symbol:
@@ -228,3 +235,8 @@ def bits_of(x: Symbol) -> Symbol:
 
 def _number_of(bits: Symbol) -> Symbol:
     return operation("number_of", bits, kind=Kind.NUMBER)
+
+
+def _is_negative(bits: Symbol) -> Symbol:
+    """Whether the sign bit is set."""
+    return operation("negative", bits, kind=Kind.TRUTH)

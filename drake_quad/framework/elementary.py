@@ -136,14 +136,14 @@ def nearest(x: Row) -> Row:
 
 
 def word_of(x: Row) -> Any:
-    """The 64 bits of a whole number from 0 on, uint64: a symbol, or an array even for one vehicle."""
+    """The 64 bits of a whole number from 0 to 2**52, uint64: a symbol, or an array even for one vehicle."""
     if x.__class__ is Symbol:
         return approximations.word_of(_untyped(x))
     return np.atleast_1d(np.asarray(plain(x), dtype=float)).astype(np.uint64)
 
 
 def float_of(word: Any) -> Row:
-    """The nearest floating-point number of 64 bits that are a whole number below 2**53."""
+    """The number that 64 bits below 2**52 are."""
     return _untyped(approximations.float_of(word) if word.__class__ is Symbol else word.astype(float))
 
 

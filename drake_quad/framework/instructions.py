@@ -39,8 +39,7 @@ INSTRUCTIONS = {
     "select": "select {t} {0}, {r} {1}, {r} {2}",
     "bits_of": "bitcast {t} {0} to {r}",
     "number_of": "bitcast {t} {0} to {r}",
-    "float_of": "uitofp {t} {0} to {r}",
-    "word_of": "fptoui {t} {0} to {r}",
+    "negative": "icmp slt {t} {0}, zeroinitializer",
     "word_of_truth": "zext {t} {0} to {r}",
     "truth_of_word": "trunc {t} {0} to {r}",
 }

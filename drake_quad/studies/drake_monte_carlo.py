@@ -7,7 +7,7 @@ from pydrake.systems.framework import Context, Diagram
 
 from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.assembly.tracking import build_tracking_diagram
-from drake_quad.flight.simulation import read_metrics
+from drake_quad.flight.fleet_simulation import read_metrics
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario import Scenario, draw_sample
 

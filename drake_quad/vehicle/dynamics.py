@@ -126,7 +126,7 @@ def equations_of_motion(
     """
     roll, pitch, yaw, v_x, v_y, v_z, p, q, r = motion
     thrust, tau_x, tau_y, tau_z = rotors.wrench
-    mass, (i_xx, i_yy, i_zz) = parameters.mass, parameters.inertia
+    (i_xx, i_yy, i_zz), per_mass = parameters.inertia, 1.0 / parameters.mass
     sin_roll, cos_roll = sin_cos(roll)
     sin_pitch, cos_pitch = sin_cos(pitch)
     sin_yaw, cos_yaw = sin_cos(yaw)
@@ -139,12 +139,12 @@ def equations_of_motion(
         roll_rate,
         pitch_rate,
         yaw_rate,
-        ((sin_yaw * sin_roll + cos_yaw * forward) * thrust + drag_x) / mass,
-        ((sin_yaw * forward - cos_yaw * sin_roll) * thrust + drag_y) / mass,
-        (cos_pitch * cos_roll * thrust + drag_z) / mass - parameters.gravity,
-        (q * ((i_yy - i_zz) * r - spin) + tau_x) / i_xx,
-        (p * ((i_zz - i_xx) * r + spin) + tau_y) / i_yy,
-        ((i_xx - i_yy) * p * q + tau_z) / i_zz,
+        ((sin_yaw * sin_roll + cos_yaw * forward) * thrust + drag_x) * per_mass,
+        ((sin_yaw * forward - cos_yaw * sin_roll) * thrust + drag_y) * per_mass,
+        (cos_pitch * cos_roll * thrust + drag_z) * per_mass - parameters.gravity,
+        (q * ((i_yy - i_zz) * r - spin) + tau_x) * (1.0 / i_xx),
+        (p * ((i_zz - i_xx) * r + spin) + tau_y) * (1.0 / i_yy),
+        ((i_xx - i_yy) * p * q + tau_z) * (1.0 / i_zz),
     )
 
 

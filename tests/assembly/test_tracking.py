@@ -13,7 +13,7 @@ from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.assembly.recorder import read_recorder
 from drake_quad.control.axes import PerAxis
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
-from drake_quad.flight.simulation import fly, read_metrics
+from drake_quad.flight.fleet_simulation import fly, read_metrics
 from drake_quad.framework.wiring import subsystem
 from drake_quad.signals import SIGNALS
 

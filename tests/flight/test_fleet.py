@@ -14,7 +14,7 @@ from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.control.axes import PerAxis
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.flight import StudyFleet, simulate_samples
-from drake_quad.flight.simulation import fly, read_metrics
+from drake_quad.flight.fleet_simulation import fly, read_metrics
 from drake_quad.framework.wiring import subsystem
 from drake_quad.scenario import Batch
 

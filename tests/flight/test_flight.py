@@ -10,7 +10,7 @@ from drake_quad import InputError, build_tracking_diagram, load_scenario, simula
 from drake_quad.assembly.planning import plan_route
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.flight import simulate_samples
-from drake_quad.flight.simulation import fly
+from drake_quad.flight.fleet_simulation import fly
 from drake_quad.framework import FleetSystem, fleet_system
 from drake_quad.scenario import Batch, draw_sample
 from drake_quad.signals import SIGNALS, State, Wind

@@ -97,7 +97,7 @@ def shares(value: Row, sets: FuzzySets, exponent: Row) -> list[Row]:
     first, *_, last = sets.centres
     x = minimum(maximum(sets.scale * value, first), last)
     values = [
-        elliptic_membership((x - centre) / width, exponent)
+        elliptic_membership((x - centre) * (1.0 / width), exponent)
         for centre, width in zip(sets.centres, sets.widths, strict=True)
     ]
     factor = 1.0 / total(values)

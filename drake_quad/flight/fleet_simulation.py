@@ -1,0 +1,180 @@
+"""A fleet under Drake's simulator, in the diagram as it is wired or in a compiled one."""
+
+from abc import ABC, abstractmethod
+from collections.abc import Callable
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram
+
+from drake_quad.assembly.recorder import read_recorder
+from drake_quad.assembly.tracking import build_fleet_diagram, reset_fleet
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.compilation import compile_diagram, compiled_part, or_stand_in
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario import Batch
+
+# Between two looks at the crashes and two reports of progress, s of flight.
+_STRIDE = 1.0
+# The same in ticks of compiled diagrams: where an event takes many, what Drake does hardly counts.
+_TICKS, _TICKS_ALONE = 100, 500
+
+
+class FleetSimulation(ABC):
+    """A fleet, to be flown once or again and again.
+
+    Args:
+        diagram: that is simulated.
+        stride: between two looks at the crashes, s.
+
+    Attributes:
+        simulator: Drake's.
+    """
+
+    def __init__(self, diagram: Diagram, stride: float) -> None:
+        self.simulator, self._stride = Simulator(diagram), stride
+
+    def fly(self, duration: float, *, progress: Callable[[float, float], None] | None = None) -> None:
+        """Flies from time zero to a duration (s), or until every vehicle has crashed.
+
+        Args:
+            duration: s.
+            progress: called now and then with the time flown and the duration.
+        """
+        fly(self.simulator, duration, stride=self._stride, progress=progress)
+
+    @abstractmethod
+    def reset(self, batch: Batch) -> None:
+        """Makes the fleet what it would be, had it been built for another batch of the same scenario and size."""
+
+    @abstractmethod
+    def metrics(self) -> Metrics:
+        """The (N,) metrics so far."""
+
+    @abstractmethod
+    def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """(ticks,) times in s, and the (ticks, rows · N) signals by name, if they were to be recorded."""
+
+
+class WiredSimulation(FleetSimulation):
+    """A fleet in the diagram as it is wired.
+
+    Args:
+        batch: that is flown.
+        plan: that is flown.
+        own: systems of the user's.
+        record: whether signals are recorded.
+    """
+
+    def __init__(self, batch: Batch, plan: Plan, *, own: UserSystems, record: bool) -> None:
+        self._plan, self._own = plan, own
+        self._diagram = build_fleet_diagram(batch, plan, own=own, record=record)
+        super().__init__(self._diagram, _STRIDE)
+
+    def reset(self, batch: Batch) -> None:
+        """As for every `FleetSimulation`."""
+        reset_fleet(self._diagram, self.simulator.get_mutable_context(), batch, self._plan, own=self._own)
+        self.simulator.Initialize()
+
+    def metrics(self) -> Metrics:
+        """As for every `FleetSimulation`."""
+        return read_metrics(self._diagram, self.simulator.get_context())
+
+    def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """As for every `FleetSimulation`."""
+        return read_recorder(self._diagram.GetSubsystemByName("recorder"), self.simulator.get_context())
+
+
+class CompiledSimulation(FleetSimulation):
+    """A fleet in a compiled diagram; arguments as for a `WiredSimulation`.
+
+    Raises:
+        InputError: something of it cannot be compiled.
+    """
+
+    def __init__(self, batch: Batch, plan: Plan, *, own: UserSystems, record: bool) -> None:
+        self._plan, self._period = plan, batch.scenario.laboratory.command_link.period
+        self._own = UserSystems(**{name: or_stand_in(system) for name, system in own.given.items()})
+        # The compiled diagram takes its numbers from here, and gives its state back to be read.
+        self._wired = build_fleet_diagram(batch, plan, own=self._own)
+        self._wired_context = self._wired.CreateDefaultContext()
+        ticks = _TICKS_ALONE if len(batch) == 1 else _TICKS
+        self._diagram = compile_diagram(self._wired, ticks=ticks, record=record)
+        self._compiled = compiled_part(self._diagram)
+        super().__init__(self._diagram, ticks * self._compiled.tick)
+
+    def fly(self, duration: float, *, progress: Callable[[float, float], None] | None = None) -> None:
+        """As for every `FleetSimulation`."""
+        self._compiled.set_end(self._part_of(self.simulator.get_mutable_context()), duration)
+        super().fly(duration, progress=progress)
+
+    def reset(self, batch: Batch) -> None:
+        """As for every `FleetSimulation`."""
+        context = self.simulator.get_mutable_context()
+        self._diagram.SetDefaultContext(context)
+        context.SetTime(0.0)
+        reset_fleet(self._wired, self._wired_context, batch, self._plan, own=self._own)
+        self._compiled.read(self._part_of(context), self._wired_context)
+        self.simulator.Initialize()
+
+    def metrics(self) -> Metrics:
+        """As for every `FleetSimulation`."""
+        self._compiled.write(self._part_of(self.simulator.get_mutable_context()), self._wired_context)
+        return read_metrics(self._wired, self._wired_context)
+
+    def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
+        """As for every `FleetSimulation`."""
+        signals = self._compiled.log(self._part_of(self.simulator.get_mutable_context()))
+        num_ticks = len(next(iter(signals.values())))
+        return self._compiled.tick * np.arange(num_ticks), signals
+
+    def _part_of(self, context: Context) -> Context:
+        """The compiled system's part of a context."""
+        return self._compiled.GetMyMutableContextFromRoot(context)
+
+
+def simulate_fleet(
+    batch: Batch, plan: Plan, *, own: UserSystems = UserSystems(), record: bool = False, compiled: bool = False
+) -> FleetSimulation:
+    """A fleet under Drake's simulator.
+
+    Args:
+        batch: that is flown.
+        plan: that is flown.
+        own: systems of the user's.
+        record: whether signals are recorded.
+        compiled: whether it is a compiled diagram.
+
+    Raises:
+        InputError: something cannot be flown, or not be compiled.
+    """
+    return (CompiledSimulation if compiled else WiredSimulation)(batch, plan, own=own, record=record)
+
+
+def fly(
+    simulator: Simulator,
+    duration: float,
+    *,
+    stride: float = _STRIDE,
+    progress: Callable[[float, float], None] | None = None,
+) -> None:
+    """Advances a tracking diagram from time zero to a duration (s), or until every vehicle has crashed.
+
+    `progress` is called after each stride (s) with the time flown and the duration.
+    """
+    diagram, context = simulator.get_system(), simulator.get_context()
+    crashed = diagram.GetOutputPort("crashed")
+    time = 0.0
+    while time < duration and not (crashed.Eval(context) != 0.0).all():
+        time = min(time + stride, duration)
+        simulator.AdvanceTo(time)
+        if progress is not None:
+            progress(time, duration)
+    simulator.AdvancePendingEvents()
+
+
+def read_metrics(diagram: Diagram, context: Context) -> Metrics:
+    """The (N,) metrics of a tracking diagram's vehicles so far."""
+    monitor = diagram.GetSubsystemByName("monitor")
+    return monitor.metrics(monitor.GetMyContextFromRoot(context))
