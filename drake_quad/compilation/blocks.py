@@ -78,6 +78,13 @@ class Block(ABC):
     def __init__(self, system: Any) -> None:
         self.system = system
 
+    @property
+    def signature(self) -> tuple[Any, ...]:
+        """All that what it computes depends on, beside what it sees."""
+        ports = [self.system.get_input_port(index).size() for index in range(self.system.num_input_ports())]
+        ports += [self.system.get_output_port(index).size() for index in range(self.system.num_output_ports())]
+        return type(self), *ports, *[work.period for work in self.works]
+
     @abstractmethod
     def output(self, index: int, around: Surroundings) -> Rows:
         """The rows of an output port."""
@@ -127,6 +134,13 @@ class _Declared(Block):
         ]
         self.works = [*works, *(Work(_writing(computation), None) for computation in system.initializations)]
 
+    @property
+    def signature(self) -> tuple[Any, ...]:
+        """As for every block."""
+        outputs = [_signature(each) for each in self.system.outputs.values()]
+        updates = [(_signature(each.computation), *each[:1], *each[2:]) for each in self.system.updates]
+        return *outputs, *updates, *map(_signature, self.system.initializations)
+
     def output(self, index: int, around: Surroundings) -> Rows:
         shown = self._shown(index)
         if isinstance(shown, StateGroup):
@@ -143,6 +157,23 @@ class _Declared(Block):
     def _shown(self, index: int) -> Computation | StateGroup:
         shown: Computation | StateGroup = self.system.outputs[self.system.get_output_port(index).get_name()]
         return shown
+
+
+def _signature(shown: Computation | StateGroup) -> tuple[Any, ...]:
+    """All that a computation depends on, beside what it reads."""
+    if isinstance(shown, StateGroup):
+        return ("state", _number(shown))
+    reads: list[tuple[Any, ...]] = []
+    for read in shown.reads:
+        if isinstance(read, Input):
+            reads.append(("input", int(read.index), read.layout, read.absent))
+        elif isinstance(read, Parameter):
+            reads.append(("parameter", int(read.index), read.layout))
+        elif isinstance(read, StateGroup):
+            reads.append(("state", _number(read), read.layout))
+        else:
+            reads.append(("constant", read))
+    return shown.formula, *reads, *shown.results, *map(_number, shown.writes)
 
 
 def _writing(computation: Computation) -> Callable[[Surroundings], dict[int, Rows]]:
@@ -206,13 +237,22 @@ class _Adder(Block):
 
 
 class _Gain(Block):
-    def output(self, index: int, around: Surroundings) -> Rows:
-        rows = _connected(around.input(0))
-        # Drake does not tell a Gain's factors.
+    @property
+    def signature(self) -> tuple[Any, ...]:
+        return *super().signature, *self._factors
+
+    @property
+    def _factors(self) -> list[float]:
+        # Drake does not tell them.
         context = self.system.CreateDefaultContext()
         self.system.get_input_port().FixValue(context, np.ones(self.system.get_input_port().size()))
-        factors = self.system.get_output_port().Eval(context).reshape(len(rows), -1)[:, 0].tolist()
-        return [factor * row for factor, row in zip(factors, rows, strict=True)]
+        factors: list[float] = self.system.get_output_port().Eval(context).tolist()
+        return factors
+
+    def output(self, index: int, around: Surroundings) -> Rows:
+        rows = _connected(around.input(0))
+        factors = self._factors
+        return [factor * row for factor, row in zip(factors[:: len(factors) // len(rows)], rows, strict=True)]
 
 
 class _Constant(Block):

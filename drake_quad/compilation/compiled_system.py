@@ -195,13 +195,13 @@ class CompiledSystem(LeafSystem):
         if key not in self._tables:
             if len(self._tables) == _MOST_TABLES:
                 self._tables.clear()
-            self._tables[key] = event.shared.table(self.program.times(begin, event.instants, size))
+            self._tables[key] = self.program.table(event, self.program.times(begin, event.instants, size))
         return self._tables[key][first - begin :][:count]
 
     def _run(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
         """Lets one event pass at the context's time, and returns what it logs."""
         n, time = self.program.num_vehicles, context.get_time()
-        shared = event.shared.table(np.array([[time] * (event.instants + 1)]))
+        shared = self.program.table(event, np.array([[time] * (event.instants + 1)]))
         log = np.empty((1, event.loop.num_logged, event.loop.padded(n)))
         parameters = context.get_numeric_parameter(self._parameters).value()
         event.loop.run(state, parameters, self._seen(event, context), shared, log, n)

@@ -1,7 +1,8 @@
 """What a compiled diagram does, and when."""
 
+import functools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,6 +19,9 @@ from drake_quad.framework.fleet_system import FleetSystem
 
 # Of instants until everything happens together again.
 _LONGEST_CYCLE = 64
+# Events of diagrams that are alike but for their numbers are made once.
+_MOST_MADE = 256
+_made: dict[Any, Any] = {}
 
 
 class Event(NamedTuple):
@@ -72,6 +76,7 @@ class Program:
         (self.num_vehicles,) = fleets
         self.places, self.sizes = self._places(diagram.CreateDefaultContext())
         self.base, self.cycle = self._grid()
+        self._contexts: dict[str, Context] = {}
 
     @property
     def others(self) -> dict[str, Any]:
@@ -128,6 +133,13 @@ class Program:
             recorded: ports that are logged before.
             unrestricted: whether it is that of unrestricted updates.
         """
+        recorded = tuple(recorded)
+        event: Event | None = self._kept(
+            ("stage", instant, recorded, unrestricted), lambda: self._stage(instant, recorded, unrestricted)
+        )
+        return event
+
+    def _stage(self, instant: int | None, recorded: Iterable[Port], unrestricted: bool) -> Event | None:
         works = self.works(instant, unrestricted=unrestricted)
         trace, shared = self._trace(1)
         logged = [row for port in recorded for row in trace.output(port)]
@@ -138,8 +150,13 @@ class Program:
 
     def port(self, port: Port) -> Event:
         """The machine code that logs a leaf's output port, and changes nothing."""
-        trace, shared = self._trace(1)
-        return self._event(trace, shared, 1, trace.output(port))
+
+        def make() -> Event:
+            trace, shared = self._trace(1)
+            return self._event(trace, shared, 1, trace.output(port))
+
+        event: Event = self._kept(("port", port), make)
+        return event
 
     def strides(self, recorded: Sequence[Port]) -> list[Event] | None:
         """What is done in a cycle, from the discrete updates of an instant until those of a later one begin.
@@ -149,6 +166,10 @@ class Program:
         Args:
             recorded: ports that are logged at the first instant.
         """
+        events: list[Event] | None = self._kept(("strides", *recorded), lambda: self._strides(recorded))
+        return events
+
+    def _strides(self, recorded: Sequence[Port]) -> list[Event] | None:
         for instants in (each for each in range(self.cycle, 0, -1) if self.cycle % each == 0):
             events = []
             for first in range(0, self.cycle, instants):
@@ -180,18 +201,42 @@ class Program:
         times: np.ndarray = (begins[:, None] + np.arange(instants + 1)) * self.base
         return times
 
-    def _trace(self, instants: int) -> tuple[Trace, SharedNumbers]:
-        contexts = {}
+    def table(self, event: Event, times: np.ndarray) -> np.ndarray:
+        """The (events, width) numbers that all vehicles share at the (events, instants) times (s)."""
 
         def values(path: str, output: int, time: float) -> np.ndarray:
             system = self.topology.leaves[path]
-            if path not in contexts:
-                contexts[path] = system.CreateDefaultContext()
-            contexts[path].SetTime(time)
-            shown: np.ndarray = system.get_output_port(output).Eval(contexts[path])
+            if path not in self._contexts:
+                self._contexts[path] = system.CreateDefaultContext()
+            self._contexts[path].SetTime(time)
+            shown: np.ndarray = system.get_output_port(output).Eval(self._contexts[path])
             return shown
 
-        shared = SharedNumbers(values)
+        return event.shared.table(times, values)
+
+    @functools.cached_property
+    def _signature(self) -> tuple[Any, ...]:
+        """All that its machine code depends on."""
+        leaves = self.topology.leaves
+        blocks = tuple(
+            [(path, block.signature, tuple(self.topology.sources(path))) for path, block in self.blocks.items()]
+        )
+        others = tuple([(path, tuple(self.topology.sources(path))) for path in leaves if path not in self.blocks])
+        outputs = tuple(self.topology.outputs.items())
+        places = tuple([tuple(each.items()) for each in self.places])
+        return blocks, others, outputs, places, self.num_vehicles == 1
+
+    def _kept(self, key: tuple[Any, ...], make: Callable[[], Any]) -> Any:
+        """Events that were made for this or for a diagram like it, or are made now."""
+        key = self._signature, *key
+        if key not in _made:
+            if len(_made) == _MOST_MADE:
+                _made.clear()
+            _made[key] = make()
+        return _made[key]
+
+    def _trace(self, instants: int) -> tuple[Trace, SharedNumbers]:
+        shared = SharedNumbers()
         trace = Trace(self.topology, self.blocks, self.places, base=self.base, instants=instants, shared=shared)
         return trace, shared
 

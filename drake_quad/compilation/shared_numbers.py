@@ -34,14 +34,9 @@ TIME_ITSELF = "time"
 
 
 class SharedNumbers:
-    """A table of numbers: a row for each event, a column for each number that its instants need.
+    """A table of numbers: a row for each event, a column for each number that its instants need."""
 
-    Args:
-        values: of an output port at a time (s), given the path of the leaf system and the number of the port.
-    """
-
-    def __init__(self, values: Callable[[str, int, float], np.ndarray]) -> None:
-        self._values = values
+    def __init__(self) -> None:
         self._columns: dict[tuple[int, _What], int] = {}
 
     @property
@@ -62,8 +57,13 @@ class SharedNumbers:
         """The column that says whether an instant is the second of a pair of ticks."""
         return self.place(instant, _Second(ticks))
 
-    def table(self, times: np.ndarray) -> np.ndarray:
-        """The (events, width) numbers, given the (events, instants) times (s)."""
+    def table(self, times: np.ndarray, values: Callable[[str, int, float], np.ndarray]) -> np.ndarray:
+        """The (events, width) numbers.
+
+        Args:
+            times: (events, instants) of the instants, s.
+            values: of an output port at a time (s), given the path of the leaf system and the number of the port.
+        """
         table = np.empty((len(times), max(1, self.width)))
         made: dict[tuple[int, str, int], np.ndarray] = {}
         for (instant, what), column in self._columns.items():
@@ -71,7 +71,7 @@ class SharedNumbers:
             if isinstance(what, Source):
                 key = instant, what.path, what.output
                 if key not in made:
-                    made[key] = np.array([self._values(what.path, what.output, time) for time in at.tolist()])
+                    made[key] = np.array([values(what.path, what.output, time) for time in at.tolist()])
                 table[:, column] = made[key][:, what.element]
             else:
                 table[:, column] = _at(what, at)

@@ -1,9 +1,9 @@
 """The elementary functions of symbols, in arithmetic that processors do for many vehicles at once.
 
 They agree with those of a mathematical library within two units in the last place. Other than there, angles beyond a
-million are not a number, and what is smaller than 1e-307 may be zero. They reduce the argument; sine, cosine and arctangent
-take the minimax approximations of S. L. Moshier, "Methods and Programs for Mathematical Functions", 1989, as in his
-Cephes library, exponential and logarithm Chebyshev fits, made with mpmath.
+million are not a number, and what is smaller than 1e-307 may be zero. They reduce the argument; sine, cosine and
+arctangent take the minimax approximations of S. L. Moshier, "Methods and Programs for Mathematical Functions", 1989, as
+in his Cephes library, exponential and logarithm Chebyshev fits that were made with mpmath.
 """
 
 import math
@@ -103,11 +103,16 @@ def fused(x: Symbol, y: Any, z: Any) -> Symbol:
 
 
 def polynomial(x: Symbol, coefficients: Sequence[float]) -> Symbol:
-    """The polynomial with these coefficients, that of the power 0 first."""
-    *others, before, last = coefficients
-    result = fused(x, last, before)
-    for coefficient in reversed(others):
-        result = fused(x, result, coefficient)
+    """The polynomial with these coefficients, that of the power 0 first.
+
+    By Estrin's scheme, pair by pair: no sum has to wait for many others.
+    """
+    terms: list[Any] = list(coefficients)
+    while len(terms) > 1:
+        pairs = [fused(x, high, low) for low, high in zip(terms[::2], terms[1::2])]
+        terms = [*pairs, terms[-1]] if len(terms) % 2 else pairs
+        x = x * x
+    result: Symbol = terms[0]
     return result
 
 

@@ -6,18 +6,18 @@ constant, is decided once; a row can decide nothing, only select: `drake_quad.fr
 """
 
 from collections.abc import Callable
-from enum import Enum
+from enum import IntEnum
 from typing import Any, NamedTuple
 
 import numpy as np
 
 
-class Kind(Enum):
-    """What a symbol stands for."""
+class Kind(IntEnum):
+    """What a symbol stands for: a floating-point number of 64 bits, true or false, or 64 bits."""
 
-    NUMBER = "a floating-point number of 64 bits"
-    TRUTH = "true or false"
-    WORD = "64 bits"
+    NUMBER = 1
+    TRUTH = 2
+    WORD = 3
 
 
 # What takes nothing from other lines.
@@ -45,15 +45,16 @@ class Listing:
 
     def __init__(self) -> None:
         self.operations: list[Operation] = []
-        self._symbols: dict[Operation, Symbol] = {}
+        self._symbols: dict[tuple[str, tuple[int, ...], Kind], Symbol] = {}
 
     def add(self, name: str, operands: tuple[int, ...], kind: Kind) -> "Symbol":
         """The symbol of a line, which is added unless it is there."""
-        operation = Operation(name, operands, kind)
-        if operation not in self._symbols:
-            self._symbols[operation] = Symbol(self, len(self.operations), kind)
-            self.operations.append(operation)
-        return self._symbols[operation]
+        key = name, operands, kind
+        symbol = self._symbols.get(key)
+        if symbol is None:
+            symbol = self._symbols[key] = Symbol(self, len(self.operations), kind)
+            self.operations.append(Operation(*key))
+        return symbol
 
     def row(self, group: int, place: int, kind: Kind = Kind.NUMBER) -> "Symbol":
         """The symbol of a row of a group that is read."""
