@@ -1,9 +1,9 @@
 """The elementary functions of symbols, in arithmetic that processors do for many vehicles at once.
 
 They agree with those of a mathematical library within two units in the last place. Other than there, angles beyond a
-million are not a number, and what is smaller than 1e-307 may be zero. They reduce the argument; sine, cosine and
-arctangent take the minimax approximations of S. L. Moshier, "Methods and Programs for Mathematical Functions", 1989, as
-in his Cephes library, exponential and logarithm Chebyshev fits that were made with mpmath.
+million are not a number, and what is smaller than 1e-307 may be zero. They reduce the argument; sine and
+cosine take the minimax approximations of S. L. Moshier, "Methods and Programs for Mathematical Functions", 1989, as
+in his Cephes library, the others Chebyshev fits that were made with mpmath.
 """
 
 import math
@@ -25,8 +25,8 @@ _ONE, _ROOT_OF_HALF = np.uint64(1023 << 52), np.float64(math.sqrt(0.5)).view(np.
 # 2**52, in whose lowest bits stands what is added, and its bits.
 _WHOLE, _BITS_OF_WHOLE = 2.0**52, np.uint64(1075 << 52)
 
-# π/2 in three parts, of which the first two have zeros enough at their end for exact multiples up to 2**20.
-_QUARTER = (1.57079632673412561417e00, 6.07710050630396597660e-11, 2.02226624879595063154e-21)
+# π/2 in two parts.
+_QUARTER = (1.5707963267948966, 6.123233995736766e-17)
 _LARGEST_ANGLE = 2.0**20
 _SINE = (
     -1.66666666666666307295e-1,
@@ -71,24 +71,21 @@ _LOG = (
     0.15331666676597175,
     0.146171283998073,
 )
-_ATAN_P = (
-    -6.485021904942025371773e1,
-    -1.228866684490136173410e2,
-    -7.500855792314704667340e1,
-    -1.615753718733365076637e1,
-    -8.750608600031904122785e-1,
+# (arctan t - t) / t³ as a function of t², for |t| up to the tangent of π/8, within 6e-18.
+_ARCTAN = (
+    -0.3333333333333333,
+    0.199999999999955,
+    -0.14285714284662226,
+    0.11111111014909221,
+    -0.09090904564022367,
+    0.07692182863309693,
+    -0.06664506835133263,
+    0.05858108856106755,
+    -0.05085240174154878,
+    0.03922560559586107,
+    -0.019169476385361265,
 )
-_ATAN_Q = (
-    1.945506571482613964425e2,
-    4.853903996359136964868e2,
-    4.328810604912902668951e2,
-    1.650270098316988542046e2,
-    2.485846490142306297962e1,
-    1.0,
-)
-_TAN_3_EIGHTH, _TAN_EIGHTH = math.tan(3.0 * math.pi / 8.0), 0.66
-# What π/2 is more than its nearest number.
-_MORE_THAN_HALF_PI = 6.123233995736765886130e-17
+_TAN_EIGHTH, _TAN_3_EIGHTHS = math.tan(math.pi / 8.0), math.tan(3.0 * math.pi / 8.0)
 
 
 def select(mask: Symbol, x: Any, y: Any) -> Symbol:
@@ -105,14 +102,20 @@ def fused(x: Symbol, y: Any, z: Any) -> Symbol:
 def polynomial(x: Symbol, coefficients: Sequence[float]) -> Symbol:
     """The polynomial with these coefficients, that of the power 0 first.
 
-    By Estrin's scheme, pair by pair: no sum has to wait for many others.
+    Of more than four, even and odd powers are summed apart, so that neither sum waits for the other.
     """
-    terms: list[Any] = list(coefficients)
-    while len(terms) > 1:
-        pairs = [fused(x, high, low) for low, high in zip(terms[::2], terms[1::2])]
-        terms = [*pairs, terms[-1]] if len(terms) % 2 else pairs
-        x = x * x
-    result: Symbol = terms[0]
+    if len(coefficients) > 4:
+        z = x * x
+        return fused(x, polynomial_in_turn(z, coefficients[1::2]), polynomial_in_turn(z, coefficients[::2]))
+    return polynomial_in_turn(x, coefficients)
+
+
+def polynomial_in_turn(x: Symbol, coefficients: Sequence[float]) -> Symbol:
+    """The same in one sum, by Horner's rule."""
+    *others, before, last = coefficients
+    result = fused(x, last, before)
+    for coefficient in reversed(others):
+        result = fused(x, result, coefficient)
     return result
 
 
@@ -135,7 +138,7 @@ def sin_cos(x: Symbol) -> tuple[Symbol, Symbol]:
     """Sine and cosine of an angle in radians."""
     rounded = fused(x, 2.0 / math.pi, _ROUNDING)
     quarters, bits = rounded - _ROUNDING, bits_of(rounded)
-    r = fused(quarters, -_QUARTER[2], fused(quarters, -_QUARTER[1], fused(quarters, -_QUARTER[0], x)))
+    r = fused(quarters, -_QUARTER[1], fused(quarters, -_QUARTER[0], x))
     r = select(abs(x) <= _LARGEST_ANGLE, r, math.nan)
     z = r * r
     sine = fused(r * z, polynomial(z, _SINE), r)
@@ -189,28 +192,27 @@ def log_of_1_plus(x: Symbol) -> Symbol:
 
 def arctan(x: Symbol) -> Symbol:
     """Inverse tangent, rad."""
-    size = abs(x)
-    steep, middling = size > _TAN_3_EIGHTH, size > _TAN_EIGHTH
-    # One division for the three ranges.
-    above = select(steep, -1.0, select(middling, size - 1.0, size))
-    argument = above / select(steep, size, select(middling, size + 1.0, 1.0))
-    base = select(steep, 0.5 * math.pi, select(middling, 0.25 * math.pi, 0.0))
-    rest = select(steep, _MORE_THAN_HALF_PI, select(middling, 0.5 * _MORE_THAN_HALF_PI, 0.0))
-    z = argument * argument
-    part = fused(argument, z * polynomial(z, _ATAN_P) / polynomial(z, _ATAN_Q), argument)
-    return copysign(base + (part + rest), x)
+    return copysign(_slope_angle(abs(x), 1.0), x)
 
 
 def arctan2(y: Any, x: Any) -> Symbol:
     """Angle of the point (x, y), rad."""
     y, x = lifted(y, x)
-    across, along = abs(y), abs(x)
-    steep = across > along
-    ratio = select(steep, along, across) / select(steep, across, along)
-    angle = arctan(select(across + along == 0.0, 0.0, ratio))
-    angle = select(steep, 0.5 * math.pi - angle, angle)
-    angle = select(copysign(1.0, x) < 0.0, math.pi - angle, angle)
-    return copysign(angle, y)
+    angle = _slope_angle(abs(y), abs(x))
+    return copysign(select(copysign(1.0, x) < 0.0, math.pi - angle, angle), y)
+
+
+def _slope_angle(rise: Symbol, run: Any) -> Symbol:
+    """The angle of a slope, rad; zero where neither is larger than zero."""
+    flat, steep = rise <= _TAN_EIGHTH * run, rise > _TAN_3_EIGHTHS * run
+    # With one division for the three ranges: the angle, the angle less π/4, or less π/2.
+    above = select(flat, rise, select(steep, -run, rise - run))
+    below = select(flat, run, select(steep, rise, rise + run))
+    t = above / select(below == 0.0, 1.0, below)
+    z = t * t
+    base = select(flat, 0.0, select(steep, _QUARTER[0], 0.5 * _QUARTER[0]))
+    rest = select(flat, 0.0, select(steep, _QUARTER[1], 0.5 * _QUARTER[1]))
+    return base + (fused(t * z, polynomial(z, _ARCTAN), t) + rest)
 
 
 def arcsin(x: Symbol) -> Symbol:
@@ -220,7 +222,7 @@ def arcsin(x: Symbol) -> Symbol:
 
 def wrapped(angle: Symbol) -> Symbol:
     """The same angle in [-π, π], rad."""
-    return angle - math.tau * nearest(angle / math.tau)
+    return angle - math.tau * nearest(angle * (1.0 / math.tau))
 
 
 def float_of(word: Symbol) -> Symbol:
