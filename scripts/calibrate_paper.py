@@ -3,7 +3,7 @@
 import argparse
 from pathlib import Path
 
-from command_line import bar_over, print_columns, print_files, run
+from command_line import add_wired, bar_over, print_columns, print_files, run
 
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.files import output_folder, write_table
@@ -22,13 +22,17 @@ def main() -> None:
     options.add_argument("--samples", type=int, help="flights of each cell, whose errors are averaged (default: 64)")
     options.add_argument("--quick", action="store_true", help="8 samples, and the first hypothesis alone")
     options.add_argument("--output", type=Path, default=Path("out/calibration"), help="folder (default: %(default)s)")
+    add_wired(options)
     arguments = options.parse_args()
     num_samples = arguments.samples if arguments.samples is not None else 8 if arguments.quick else 64
     if not 2 <= num_samples <= 10_000:
         raise InputError(f"--samples is {num_samples}, but must be between 2 and 10000")
     names = list(HYPOTHESES)[:1] if arguments.quick else list(HYPOTHESES)
     folder = output_folder(arguments.output)
-    found = {name: calibrate(HYPOTHESES[name], load, num_samples) for name in bar_over(names, "fitting")}
+    found = {
+        name: calibrate(HYPOTHESES[name], load, num_samples, compiled=not arguments.wired)
+        for name in bar_over(names, "fitting")
+    }
     file = write_calibrations(folder / "calibration.csv", found)
     for calibration in found.values():
         print_calibration(calibration)

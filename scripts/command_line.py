@@ -65,6 +65,13 @@ def add_vector(options: argparse.ArgumentParser) -> None:
     options.add_argument("--vector", choices=get_args(Vector), help="write each figure also as a vector drawing")
 
 
+def add_wired(options: argparse.ArgumentParser) -> None:
+    """Adds the option that flies diagrams as they are wired."""
+    options.add_argument(
+        "--wired", action="store_true", help="fly diagrams as they are wired, not compiled to machine code: slower"
+    )
+
+
 def overrides_of(assignments: Iterable[str], option: str = "--set") -> list[Override]:
     """The overrides that an option of the command line asks for; errors will name the option."""
     return [Override(assignment, f"{option} {assignment}") for assignment in assignments]

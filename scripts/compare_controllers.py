@@ -4,7 +4,16 @@ import argparse
 from collections.abc import Mapping
 from pathlib import Path
 
-from command_line import add_vector, all_overrides_of, flight_progress, overrides_of, print_columns, print_files, run
+from command_line import (
+    add_vector,
+    add_wired,
+    all_overrides_of,
+    flight_progress,
+    overrides_of,
+    print_columns,
+    print_files,
+    run,
+)
 
 import numpy as np
 
@@ -47,6 +56,7 @@ def main() -> None:
     options.add_argument("--seed", type=int, help="seed of everything random (default: the scenarios')")
     options.add_argument("--quick", action="store_true", help="4 samples over 6 s of flight")
     options.add_argument("--output", type=Path, default=Path("out/comparison"), help="folder (default: %(default)s)")
+    add_wired(options)
     add_vector(options)
     arguments = options.parse_args()
     samples = arguments.samples if arguments.samples is not None else 4 if arguments.quick else 20
@@ -59,7 +69,9 @@ def main() -> None:
         flights[place] = {}
         for name, scenario in found.items():
             with flight_progress() as progress:
-                flights[place][name] = fly_samples(scenario, range(samples), progress=progress)
+                flights[place][name] = fly_samples(
+                    scenario, range(samples), compiled=not arguments.wired, progress=progress
+                )
     files = [
         write_flights(folder / "comparison.csv", flights),
         *save_figures({"comparison": plot_comparison(flights)}, folder, vector=arguments.vector),

@@ -9,6 +9,7 @@ from pathlib import Path
 
 from command_line import (
     add_vector,
+    add_wired,
     controlled_scenarios,
     folder_of,
     parser,
@@ -71,6 +72,7 @@ def main() -> None:
                     num_workers=arguments.workers,
                     batch_size=arguments.batch,
                     executor=crew,
+                    compiled=not arguments.wired,
                     progress=progress,
                 )
     seconds = time.perf_counter() - began
@@ -80,7 +82,7 @@ def main() -> None:
         if study.misfits:
             lines = ", ".join(map(str, study.misfits[:5])) + (", ..." if len(study.misfits) > 5 else "")
             remark(f"{folders[name] / 'results.csv'} was altered in lines {lines}; these samples were flown again")
-        print_study(name, study, folders[name])
+        print_study(name, study, folders[name], "as they are wired" if arguments.wired else "compiled")
     if len(studies) > 1:
         print_comparison(studies, arguments.metric)
     print_files(files)
@@ -111,6 +113,7 @@ def command_line() -> argparse.Namespace:
         "--time-limit", type=float, metavar="SECONDS", help="after which a batch is given up (default: never)"
     )
     options.add_argument("--cluster", metavar="ADDRESS", help="of a Dask scheduler whose workers fly")
+    add_wired(options)
     options.add_argument("--resume", action="store_true", help="go on with the study in the folder, if there is one")
     options.add_argument(
         "--metric",
@@ -160,13 +163,13 @@ def save_plots(studies: Mapping[str, Study], folder: Path, metric: str, vector: 
     return save_figures(figures, folder, vector=vector)
 
 
-def print_study(name: str, study: Study, folder: Path) -> None:
+def print_study(name: str, study: Study, folder: Path, how: str) -> None:
     """Prints estimates of the metrics, and the commands that fly the worst samples again."""
     count, metrics = len(study.samples), study.metrics
     crashes = crash_probability(metrics)
     beyond = "crash" if metrics.crashed.any() else "–"
     print(
-        f"{name}: {count:,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each;"
+        f"{name}: {count:,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each, diagrams {how};"
         f" {int(metrics.crashed.sum()):,} crashed, {crashes.percent()}"
     )
     rows = []

@@ -7,7 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from command_line import add_vector, print_columns, print_files, run
+from command_line import add_vector, add_wired, print_columns, print_files, run
 
 from tqdm import tqdm
 
@@ -33,7 +33,15 @@ def main() -> None:
     folder = output_folder(arguments.output or Path("out/paper_quick" if arguments.quick else "out/paper"))
     try:
         with Workers(arguments.workers) as workers, flights_bar(sizes.flights) as progress:
-            flights = fly_experiment(load, sizes, folder, workers, resume=arguments.resume, progress=progress)
+            flights = fly_experiment(
+                load,
+                sizes,
+                folder,
+                workers,
+                resume=arguments.resume,
+                compiled=not arguments.wired,
+                progress=progress,
+            )
     except KeyboardInterrupt:
         raise KeyboardInterrupt(f"interrupted: the cells that are done are in {folder}; --resume goes on") from None
     shutil.copyfile(_CALIBRATION, folder / "calibration.csv")
@@ -66,6 +74,7 @@ def command_line() -> argparse.Namespace:
     options.add_argument("--workers", type=int, help="processes (default: as many as there are cores)")
     options.add_argument("--resume", action="store_true", help="keep the cells that are in the folder already")
     options.add_argument("--output", type=Path, help="folder (default: out/paper, or out/paper_quick)")
+    add_wired(options)
     add_vector(options)
     return options.parse_args()
 

@@ -29,6 +29,7 @@ def main() -> None:
         scenario="figure_eight.yaml",
     )
     options.add_argument("--sample", type=int, help="which sample of the scenario's study to fly, from 0 on")
+    options.add_argument("--compiled", action="store_true", help="compile the diagram to machine code first")
     options.add_argument("--meshcat", action="store_true", help="show the flight live in a browser on this machine")
     options.add_argument(
         "--rate", type=float, default=1.0, help="of real time, with --meshcat; 0 is as fast as can be (default: 1)"
@@ -37,6 +38,8 @@ def main() -> None:
     arguments = options.parse_args()
     if not (math.isfinite(arguments.rate) and arguments.rate >= 0.0):
         raise InputError(f"--rate is {arguments.rate}, but must be 0 or more")
+    if arguments.compiled and arguments.meshcat:
+        raise InputError("--meshcat shows the diagram as it is wired, which --compiled does not fly; give one of them")
     scenario = scenario_of(arguments)
     folder = output_folder(folder_of(arguments, scenario.name))
     sample = scenario.sample if arguments.sample is None else arguments.sample
@@ -45,7 +48,9 @@ def main() -> None:
     plan = plan_route(drawn)
     prepare = None if meshcat is None else live_view(meshcat, drawn, plan, arguments.rate)
     with flight_progress() as progress:
-        flight = simulate(scenario, sample=sample, plan=plan, prepare=prepare, progress=progress)
+        flight = simulate(
+            scenario, sample=sample, plan=plan, compiled=arguments.compiled, prepare=prepare, progress=progress
+        )
     replay = save_replay({scenario.name: flight}, folder / "replay.html")
     files = [*flight.save(folder), *save_plots(flight, folder, vector=arguments.vector), replay]
     which = [("sample", str(sample), f"of seed {scenario.seed}")] if sample is not None else []
@@ -89,7 +94,7 @@ def summary(flight: Flight) -> list[tuple[str, str, str]]:
 
     end = f"crashed at {metrics.crash_time:.2f}" if metrics.crashed else f"{flight.time[-1]:.2f}"
     return [
-        ("flown", end, "s"),
+        ("flown", end, "s, compiled" if flight.compiled else "s"),
         ("RMSE", number(100.0 * metrics.rmse, 2), "cm"),
         *((f"RMSE on {axis.upper()}", number(100.0 * getattr(metrics, f"rmse_{axis}"), 2), "cm") for axis in "xyz"),
         ("peak error", number(100.0 * metrics.peak_error, 2), "cm"),

@@ -4,7 +4,7 @@ import argparse
 import math
 from pathlib import Path
 
-from command_line import add_vector, folder_of, overrides_of, parser, print_files, run, scenario_of
+from command_line import add_vector, add_wired, folder_of, overrides_of, parser, print_files, run, scenario_of
 
 import numpy as np
 
@@ -41,6 +41,7 @@ def main() -> None:
         f" {_SLOWER:g} times as slow and a tick more of delay)",
     )
     options.add_argument("--quick", action="store_true", help="a map of 12 by 12 over 5 s of flight")
+    add_wired(options)
     add_vector(options)
     arguments = options.parse_args()
     size = arguments.size if arguments.size is not None else 12 if arguments.quick else 40
@@ -55,7 +56,8 @@ def main() -> None:
     names = [field.split("=")[0].split(".")[-1] + "=" + field.split("=", 1)[-1] for field in worst]
     cases = {"nominal": scenario, ", ".join(names): _worst_case(arguments, worst)}
     folder = output_folder(folder_of(arguments, scenario.name))
-    panels = [panel(title, case, arguments.loop, k_p, k_d) for title, case in cases.items()]
+    compiled = not arguments.wired
+    panels = [panel(title, case, arguments.loop, k_p, k_d, compiled=compiled) for title, case in cases.items()]
     block = getattr(scenario.control, arguments.loop)
     index = 0 if arguments.loop == "position" else 1
     marked = AxisGains(block.k_p[index], block.k_d[index])
@@ -87,10 +89,11 @@ def _worst_case(arguments: argparse.Namespace, worst: list[str]) -> Scenario:
     return scenario_of(arguments, further=overrides_of(worst, "--worst"))
 
 
-def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray) -> MapPanel:
+def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, *, compiled: bool) -> MapPanel:
     """Maps the gains in one case."""
     linear = stability_map(mapped_plant(scenario, loop), k_p, k_d)
-    return MapPanel(title, linear, flown_map(scenario, loop, k_p, k_d, sample=scenario.sample or 0))
+    flown = flown_map(scenario, loop, k_p, k_d, sample=scenario.sample or 0, compiled=compiled)
+    return MapPanel(title, linear, flown)
 
 
 def print_panel(panel: MapPanel, k_p: np.ndarray, k_d: np.ndarray) -> None:

@@ -79,7 +79,9 @@ def _gains(scenario: Scenario, loop: Loop, axis: int) -> AxisGains:
     return AxisGains(float(block.k_p[axis]), float(block.k_d[axis]))
 
 
-def flown_map(scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, *, sample: int = 0) -> Metrics:
+def flown_map(
+    scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, *, sample: int = 0, compiled: bool = True
+) -> Metrics:
     """Flies a scenario with every pair of gains in one fleet, all in the same wind and noise.
 
     Args:
@@ -88,6 +90,7 @@ def flown_map(scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, 
         k_p: (rows,) 1/s².
         k_d: (columns,) 1/s.
         sample: of the scenario's study.
+        compiled: whether the diagram is compiled to machine code; else it flies as it is wired.
 
     Returns:
         (rows, columns) arrays of each metric.
@@ -100,5 +103,5 @@ def flown_map(scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, 
         for axis in (0, 1)
     }
     batch = Batch(scenario, (sample,) * len(pairs[0]), varying)
-    metrics = StudyFleet(scenario, len(batch)).fly_batch(batch)
+    metrics = StudyFleet(scenario, len(batch), compiled=compiled).fly_batch(batch)
     return Metrics(*(values.reshape(len(k_p), len(k_d)) for values in metrics))

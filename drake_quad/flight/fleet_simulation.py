@@ -30,7 +30,10 @@ class FleetSimulation(ABC):
 
     Attributes:
         simulator: Drake's.
+        compiled: whether the diagram is compiled.
     """
+
+    compiled: bool
 
     def __init__(self, diagram: Diagram, stride: float) -> None:
         self.simulator, self._stride = Simulator(diagram), stride
@@ -67,6 +70,8 @@ class WiredSimulation(FleetSimulation):
         record: whether signals are recorded.
     """
 
+    compiled = False
+
     def __init__(self, batch: Batch, plan: Plan, *, own: UserSystems, record: bool) -> None:
         self._plan, self._own = plan, own
         self._diagram = build_fleet_diagram(batch, plan, own=own, record=record)
@@ -92,6 +97,8 @@ class CompiledSimulation(FleetSimulation):
     Raises:
         InputError: something of it cannot be compiled.
     """
+
+    compiled = True
 
     def __init__(self, batch: Batch, plan: Plan, *, own: UserSystems, record: bool) -> None:
         self._plan, self._period = plan, batch.scenario.laboratory.command_link.period

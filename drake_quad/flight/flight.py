@@ -26,6 +26,7 @@ class Flight:
         time: (ticks,) the ticks of the control, until the end or the crash, s.
         signals: (ticks, rows) values of each signal at the ticks; `record` gives the rows their names.
         metrics: of the flight; NaN where there is nothing to measure.
+        compiled: whether it was flown in a compiled diagram; else in the diagram as it is wired.
     """
 
     scenario: Scenario
@@ -33,6 +34,7 @@ class Flight:
     time: np.ndarray
     signals: dict[str, np.ndarray]
     metrics: Metrics
+    compiled: bool = False
 
     def __getitem__(self, name: str) -> np.ndarray:
         """The (ticks, rows) values of a signal."""
@@ -48,7 +50,10 @@ class Flight:
     def __repr__(self) -> str:
         """A line of text."""
         end = f"crashed at {self.metrics.crash_time:.2f} s" if self.metrics.crashed else f"{self.time[-1]:.2f} s"
-        return f"<Flight of {self.scenario.name}: {end}, RMSE {self.metrics.rmse:.4g} m; {', '.join(self.signals)}>"
+        how = ", compiled" if self.compiled else ""
+        return (
+            f"<Flight of {self.scenario.name}{how}: {end}, RMSE {self.metrics.rmse:.4g} m; {', '.join(self.signals)}>"
+        )
 
     @property
     def euclidean_error(self) -> np.ndarray:

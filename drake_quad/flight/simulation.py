@@ -134,5 +134,5 @@ def _flights(batch: Batch, plan: Plan, simulation: FleetSimulation) -> list[Flig
         # Within the step into its crash a vehicle may have left all numbers behind.
         kept &= np.all([np.isfinite(values[:, :, i]).all(axis=1) for values in rows.values()], axis=0)
         mine = {name: values[kept, :, i] for name, values in rows.items()}
-        flights.append(Flight(batch.scenario_of(i), plan, time[kept], mine, own))
+        flights.append(Flight(batch.scenario_of(i), plan, time[kept], mine, own, simulation.compiled))
     return flights

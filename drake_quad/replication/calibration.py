@@ -122,36 +122,45 @@ HYPOTHESES = {
 }
 
 
-def calibrate(hypothesis: Hypothesis, load: Callable[[Cell, list[str]], Scenario], num_samples: int) -> Calibration:
+def calibrate(
+    hypothesis: Hypothesis, load: Callable[[Cell, list[str]], Scenario], num_samples: int, *, compiled: bool = True
+) -> Calibration:
     """Fits the numbers of a hypothesis, and predicts the errors of the other cells.
 
     Args:
         hypothesis: to fit.
         load: loads the scenario of a cell with some overrides.
         num_samples: flights over which errors are averaged; they are the same samples each time.
+        compiled: whether diagrams are compiled to machine code; else they fly as they are wired.
 
     Raises:
         InputError: no value of a number gives the printed error.
     """
     printed = printed_table()
+
+    def errors(scenario: Scenario) -> np.ndarray:
+        """(n,) RMSE of the samples, m; infinite for those that crashed."""
+        fleet = StudyFleet(scenario, num_samples, compiled=compiled)
+        return with_crashes(fleet.fly(range(num_samples)), "rmse")
+
     fixed = list(hypothesis.overrides)
-    x = _fitted(hypothesis.pd, lambda more: load(PD_CELL, [*fixed, *more]), printed[PD_CELL].rmse.mean, num_samples)
+    x = _fitted(hypothesis.pd, lambda more: errors(load(PD_CELL, [*fixed, *more])), printed[PD_CELL].rmse.mean)
     fixed += hypothesis.pd.overrides(x)
     target = printed[NETWORK_CELL].rmse.mean
-    y = _fitted(hypothesis.network, lambda more: load(NETWORK_CELL, [*fixed, *more]), target, num_samples)
+    y = _fitted(hypothesis.network, lambda more: errors(load(NETWORK_CELL, [*fixed, *more])), target)
     learning = hypothesis.network.overrides(y)
-    errors = {
-        cell: mean_interval(_errors(load(cell, fixed if cell.controller == "pd" else [*fixed, *learning]), num_samples))
+    found = {
+        cell: mean_interval(errors(load(cell, fixed if cell.controller == "pd" else [*fixed, *learning])))
         for cell in printed
     }
-    return Calibration(hypothesis, x, y, errors)
+    return Calibration(hypothesis, x, y, found)
 
 
-def _fitted(number: FreeNumber, make: Callable[[list[str]], Scenario], target: float, num_samples: int) -> float:
-    """The value of a number with which the mean error is the target (m)."""
+def _fitted(number: FreeNumber, errors: Callable[[list[str]], np.ndarray], target: float) -> float:
+    """The value of a number with which the mean error is the target (m); given the errors under overrides."""
 
     def excess(value: float) -> float:
-        return float(np.mean(_errors(make(number.overrides(value)), num_samples))) - target
+        return float(np.mean(errors(number.overrides(value)))) - target
 
     ends = excess(number.low), excess(number.high)
     if not ends[0] * ends[1] < 0.0:
@@ -160,8 +169,3 @@ def _fitted(number: FreeNumber, make: Callable[[list[str]], Scenario], target: f
             f" from {target:g} m; there is nothing to fit"
         )
     return float(brentq(excess, number.low, number.high, rtol=_TOLERANCE, xtol=1e-9))
-
-
-def _errors(scenario: Scenario, num_samples: int) -> np.ndarray:
-    """(n,) RMSE of samples, m; infinite for those that crashed."""
-    return with_crashes(StudyFleet(scenario, num_samples).fly(range(num_samples)), "rmse")

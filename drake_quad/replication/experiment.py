@@ -80,6 +80,7 @@ def fly_experiment(
     workers: Workers,
     *,
     resume: bool = False,
+    compiled: bool = True,
     progress: Callable[[str, int], None] | None = None,
 ) -> dict[Cell, Flight]:
     """Flies the experiment, and writes its numbers to a folder, from which `read_experiment` reads them.
@@ -89,6 +90,7 @@ def fly_experiment(
         sizes: of the experiment.
         folder: for the numbers; cells that an earlier experiment left there are replaced.
         workers: that fly.
+        compiled: whether diagrams are compiled to machine code; else they fly as they are wired.
         resume: whether to keep the cells that are in the folder, and to fly only what they lack.
         progress: called with the name of what was flown, and how many of `sizes.flights` flights are done.
 
@@ -98,7 +100,7 @@ def fly_experiment(
     Raises:
         RuntimeError: a sample could not be flown.
     """
-    jobs = _Jobs(workers)
+    jobs = _Jobs(workers, compiled=compiled)
     recorded = {}
     for cell in cells_of((*CONTROLLERS, *FAIR)):
         target = folder / "cells" / cell.scenario
@@ -129,19 +131,22 @@ def fly_experiment(
     return {cell: job.result.first for cell, job in recorded.items()}
 
 
-def _fly_cell(scenario: Scenario, count: int, folder: Path) -> None:
+def _fly_cell(scenario: Scenario, count: int, folder: Path, *, compiled: bool) -> None:
     """Flies what is missing of a cell's study, within one worker, since large fleets fly faster.
 
     Args:
         scenario: of the cell.
         count: of samples.
         folder: of the study.
+        compiled: whether the diagram is compiled.
 
     Raises:
         RuntimeError: a sample could not be flown.
     """
     with ThreadPoolExecutor(1) as executor:
-        study = run_monte_carlo(scenario, count, folder=folder, resume=True, num_workers=1, executor=executor)
+        study = run_monte_carlo(
+            scenario, count, folder=folder, resume=True, num_workers=1, executor=executor, compiled=compiled
+        )
     if study.failures:
         sample, reason = next(iter(study.failures.items()))
         raise RuntimeError(f"sample {sample} of {scenario.name} could not be flown: {reason}")
@@ -159,7 +164,7 @@ class _Recorded(NamedTuple):
     measures: dict[str, np.ndarray]
 
 
-def _record_cell(scenario: Scenario, count: int, folder: Path, recorded: int) -> _Recorded:
+def _record_cell(scenario: Scenario, count: int, folder: Path, recorded: int, *, compiled: bool) -> _Recorded:
     """Flies a cell as `_fly_cell` does, its first samples with all signals.
 
     Args:
@@ -167,14 +172,17 @@ def _record_cell(scenario: Scenario, count: int, folder: Path, recorded: int) ->
         count: of samples.
         folder: of the study.
         recorded: how many of them are flown with all signals.
+        compiled: whether the diagram is compiled.
     """
-    flights = simulate_samples(scenario, range(recorded))
-    with open_study(folder, scenario, count, _duration(scenario), UserSystems(), resume=True) as rows:
+    flights = simulate_samples(scenario, range(recorded), compiled=compiled)
+    with open_study(
+        folder, scenario, count, _duration(scenario), UserSystems(), compiled=compiled, resume=True
+    ) as rows:
         new = [sample for sample in rows.missing if sample < recorded]
         if new:
             metrics = Metrics(*np.transpose([flights[sample].metrics for sample in new]))
             rows.add_rows(rows_of(Batch.draw(scenario, new), metrics))
-    _fly_cell(scenario, count, folder)
+    _fly_cell(scenario, count, folder, compiled=compiled)
     numbers = [measures(flight) for flight in flights]
     return _Recorded(flights[0], {name: np.array([each[name] for each in numbers]) for name in numbers[0]})
 
@@ -230,15 +238,16 @@ class _Jobs:
 
     Args:
         workers: that do them.
+        compiled: whether diagrams are compiled.
     """
 
-    def __init__(self, workers: Workers) -> None:
-        self._workers = workers
+    def __init__(self, workers: Workers, *, compiled: bool) -> None:
+        self._workers, self._compiled = workers, compiled
         self._jobs: list[_Job] = []
 
     def submit(self, what: str, flights: int, function: Callable[..., Any], *arguments: Any) -> _Job:
-        """Adds a job, which calls a function with these arguments."""
-        self._jobs.append(_Job(what, flights, partial(function, *arguments)))
+        """Adds a job, which calls a function with these arguments, and tells it whether diagrams are compiled."""
+        self._jobs.append(_Job(what, flights, partial(function, *arguments, compiled=self._compiled)))
         return self._jobs[-1]
 
     def work(self, progress: Callable[[str, int], None] | None) -> None:

@@ -123,16 +123,20 @@ _PATHS = {
 }
 
 
-def fly_settings(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> Metrics:
+def fly_settings(
+    scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int], *, compiled: bool = True
+) -> Metrics:
     """Flies samples of a scenario with each setting, in one fleet, and returns (settings, samples) metrics."""
     batch = settings_batch(scenario, settings, samples)
-    metrics = StudyFleet(scenario, len(batch)).fly_batch(batch)
+    metrics = StudyFleet(scenario, len(batch), compiled=compiled).fly_batch(batch)
     return Metrics(*np.reshape(metrics, (-1, num_settings(settings), len(samples))))
 
 
-def fly_legs(scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int]) -> LegMetrics:
+def fly_legs(
+    scenario: Scenario, settings: Mapping[str, np.ndarray], samples: Sequence[int], *, compiled: bool = True
+) -> LegMetrics:
     """Flies samples of a scenario with each setting, in one recorded fleet, and returns (settings, samples) metrics."""
-    flights = simulate_batch(settings_batch(scenario, settings, samples))
+    flights = simulate_batch(settings_batch(scenario, settings, samples), compiled=compiled)
     return LegMetrics(*np.reshape(leg_metrics(flights), (-1, num_settings(settings), len(samples))))
 
 

@@ -8,13 +8,18 @@ from drake_quad.scenario import Scenario
 
 
 def fly_samples(
-    scenario: Scenario, samples: Sequence[int], *, progress: Callable[[float, float], None] | None = None
+    scenario: Scenario,
+    samples: Sequence[int],
+    *,
+    compiled: bool = True,
+    progress: Callable[[float, float], None] | None = None,
 ) -> Metrics:
     """Flies samples of a scenario's study in one fleet and returns their metrics.
 
     Args:
         scenario: with or without distributions.
         samples: N numbers of samples.
+        compiled: whether the diagram is compiled to machine code; else it flies as it is wired.
         progress: called now and then with the time flown and the time to fly, s.
 
     Returns:
@@ -23,4 +28,4 @@ def fly_samples(
     Raises:
         InputError: the route holds a distribution, or the rotors cannot fly it.
     """
-    return StudyFleet(scenario, len(samples)).fly(samples, progress=progress)
+    return StudyFleet(scenario, len(samples), compiled=compiled).fly(samples, progress=progress)

@@ -29,6 +29,7 @@ class Job(NamedTuple):
         plan: that is flown.
         num_vehicles: N of the largest fleet.
         own: functions that make systems of the user's for N vehicles.
+        compiled: whether the diagram is compiled to machine code; else it flies as it is wired.
     """
 
     key: str
@@ -37,6 +38,7 @@ class Job(NamedTuple):
     plan: Plan
     num_vehicles: int
     own: UserSystems
+    compiled: bool
 
 
 def code_of(own: UserSystems) -> dict[str, str]:
@@ -85,5 +87,5 @@ def _fleet(job: Job, num_samples: int) -> StudyFleet:
         size = (size + 1) // 2
     fleets: dict[int, StudyFleet] = _own.fleets
     if size not in fleets:
-        fleets[size] = StudyFleet(job.scenario, size, plan=job.plan, own=job.own)
+        fleets[size] = StudyFleet(job.scenario, size, plan=job.plan, own=job.own, compiled=job.compiled)
     return fleets[size]

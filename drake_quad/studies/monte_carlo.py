@@ -46,6 +46,7 @@ def run_monte_carlo(
     position_controller: Callable[[int], Any] | None = None,
     control: Callable[[int], Any] | None = None,
     wind: Callable[[int], Any] | None = None,
+    compiled: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> Study:
     """Flies samples 0 to n - 1 of a scenario's study, in fleets.
@@ -72,6 +73,8 @@ def run_monte_carlo(
         control: makes a system that stands in for the whole cascade; a function of a module, too.
         wind: makes a source of wind beside the scenario's; a function of a module, too. With any of these, a sample is
             flown alone, once more, and beside others before the study begins; it must fly alike.
+        compiled: whether the diagram is compiled to machine code, with what cannot be compiled beside it; else it flies
+            as it is wired.
         progress: called with the number of samples that are done, and n.
 
     Returns:
@@ -96,11 +99,11 @@ def run_monte_carlo(
     rows = None
     try:
         with _crew(executor, num_workers, time_limit) as crew:
-            job = Job(uuid.uuid4().hex, code_of(own), scenario, plan, batch_size or _BATCH_SIZE, own)
+            job = Job(uuid.uuid4().hex, code_of(own), scenario, plan, batch_size or _BATCH_SIZE, own, compiled)
             if own.given:
                 _check_alike(crew, job)
             duration = flight_duration(scenario, plan)
-            with open_study(folder, scenario, num_samples, duration, own, resume=resume) as rows:
+            with open_study(folder, scenario, num_samples, duration, own, compiled=compiled, resume=resume) as rows:
                 batches = _batches(rows.missing, crew.num_workers, batch_size)
                 _fly(crew, job._replace(num_vehicles=max(map(len, batches), default=1)), batches, rows, progress)
             if rows.failures and not len(rows):

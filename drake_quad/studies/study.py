@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any
+from typing import Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -140,6 +140,7 @@ class Record(BaseModel):
         position_controller: name of the function that makes it in place of the scenario's, if one is given.
         control: name of the function that makes it, if one is given.
         wind: name of the function that makes it, if one is given.
+        flown: how: in compiled diagrams, or as they are wired, or one after the other.
         versions: versions and sources with which it was flown, one after another.
         columns: what stands in each column of the results.
     """
@@ -152,11 +153,12 @@ class Record(BaseModel):
     position_controller: str | None = None
     control: str | None = None
     wind: str | None = None
+    flown: list[Literal["compiled", "wired"]] = ["wired"]
     versions: list[dict[str, str]]
     columns: dict[str, str]
 
     @classmethod
-    def of(cls, scenario: Scenario, num_samples: int, duration: float, own: UserSystems) -> "Record":
+    def of(cls, scenario: Scenario, num_samples: int, duration: float, own: UserSystems, *, compiled: bool) -> "Record":
         """The record of a study that begins.
 
         Args:
@@ -164,12 +166,14 @@ class Record(BaseModel):
             num_samples: how many samples there are to be.
             duration: of a flight, s.
             own: functions that make systems of the user's.
+            compiled: whether it is flown in compiled diagrams.
         """
         return cls(
             samples=num_samples,
             seed=scenario.seed,
             duration=duration,
             **{name: _called(function) for name, function in own.given.items()},
+            flown=["compiled" if compiled else "wired"],
             versions=[provenance()],
             columns={name: meaning(scenario, name) for name in [*columns_of(scenario), CHECKSUM]},
         )

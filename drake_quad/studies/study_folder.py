@@ -125,6 +125,7 @@ def open_study(
     duration: float,
     own: UserSystems,
     *,
+    compiled: bool,
     resume: bool,
 ) -> Iterator[StudyRows]:
     """Begins a study, or goes on with one; at the end its rows are in order.
@@ -135,6 +136,7 @@ def open_study(
         num_samples: how many samples there are to be.
         duration: of a flight, s.
         own: functions that make systems of the user's.
+        compiled: whether it is flown in compiled diagrams.
         resume: whether a study that is in the folder may be gone on with.
 
     Raises:
@@ -144,7 +146,7 @@ def open_study(
         yield StudyRows(scenario, num_samples, duration)
         return
     folder, form = output_folder(Path(folder)), format_of(scenario)
-    record = Record.of(scenario, num_samples, duration, own)
+    record = Record.of(scenario, num_samples, duration, own, compiled=compiled)
     if (folder / RESULTS).exists():
         record = _gone_on_with(folder, scenario, record, resume=resume)
     else:
@@ -201,8 +203,9 @@ def _gone_on_with(folder: Path, scenario: Scenario, record: Record, *, resume: b
     difference = _difference(saved.model_dump(mode="json"), scenario.model_dump(mode="json"))
     if difference is not None:
         raise InputError(f"{folder / RESULTS} is of another scenario: {difference}")
+    flown = [each for each in before.flown if each not in record.flown]
     versions = [each for each in before.versions if each not in record.versions]
-    return record.model_copy(update={"versions": [*versions, *record.versions]})
+    return record.model_copy(update={"flown": [*flown, *record.flown], "versions": [*versions, *record.versions]})
 
 
 def _difference(before: Any, now: Any, path: str = "") -> str | None:

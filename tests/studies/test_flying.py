@@ -13,7 +13,7 @@ from drake_quad.studies.flying import Job, code_of, fly_batch, fly_trial, forget
 @pytest.fixture
 def job():
     scenario = load_scenario("diagrams/robustness.yaml", ["duration=0.1"])
-    yield Job("a study", code_of(UserSystems()), scenario, plan_route(scenario), 10, UserSystems())
+    yield Job("a study", code_of(UserSystems()), scenario, plan_route(scenario), 10, UserSystems(), True)
     forget()
 
 

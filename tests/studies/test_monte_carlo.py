@@ -450,7 +450,7 @@ def test_where_another_scenario_differs_in_a_list_is_said(whole):
 
 
 def test_failures_are_written_in_the_order_of_their_samples(tmp_path):
-    with open_study(tmp_path, study("seed=5"), N, 0.4, UserSystems(), resume=False) as rows:
+    with open_study(tmp_path, study("seed=5"), N, 0.4, UserSystems(), compiled=True, resume=False) as rows:
         rows.add(Outcome([7], reason="late"))
         rows.add(Outcome([3], reason="early, with a comma"))
     assert (tmp_path / "failed.csv").read_text() == 'sample,reason\n3,"early, with a comma"\n7,late\n'
@@ -502,7 +502,7 @@ def trial(num_vehicles, rmse, reason="", refused=False):
     rows[:, 1] = np.nan
     crew = Known(Outcome([0], rows, reason, refused))
     own = UserSystems(position_controller=Draught, wind=Draught)
-    run_module._check_alike(crew, Job("key", {}, study(), None, num_vehicles, own))
+    run_module._check_alike(crew, Job("key", {}, study(), None, num_vehicles, own, True))
     return crew
 
 

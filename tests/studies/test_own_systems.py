@@ -206,6 +206,6 @@ def test_a_time_limit_is_for_processes_that_are_not_given():
     ],
 )
 def test_a_worker_with_other_code_refuses_to_fly(code, words):
-    job = Job("key", {**code_of(UserSystems()), code: "1.2.3"}, study(), None, 1, UserSystems())
+    job = Job("key", {**code_of(UserSystems()), code: "1.2.3"}, study(), None, 1, UserSystems(), True)
     with pytest.raises(InputError, match=f"a worker on .* has {words}"):
         fly_batch(job, [0])

@@ -88,7 +88,7 @@ def test_columns_mean_what_they_say(two_masses):
 def test_a_record_is_read_as_it_was_written(two_masses, tmp_path):
     """Also with words that an older YAML takes for a truth."""
     own = UserSystems(wind=functools.partial(metrics_of), position_controller=SimpleNamespace)
-    record = Record.of(two_masses.model_copy(update={"seed": 3}), 12, 0.1, own)
+    record = Record.of(two_masses.model_copy(update={"seed": 3}), 12, 0.1, own, compiled=True)
     assert (record.samples, record.seed, record.duration, record.control) == (12, 3, 0.1, None)
     assert record.wind == f"{__name__}:metrics_of"
     assert record.position_controller == "types:SimpleNamespace"
