@@ -12,8 +12,7 @@ PLAN = Plan(PATH, hermite_path(np.array([0.5, 3.01]), np.array([[[0.3], [0.0]], 
 
 
 def saved(plan, folder, **options):
-    table, _ = save_plan(plan, folder, name="there", **options)
-    return table
+    return save_plan(plan, folder, name="there", **options)[0]
 
 
 @pytest.mark.parametrize(("options", "period"), [({}, 0.02), ({"period": 0.1}, 0.1)])
@@ -36,6 +35,16 @@ def test_the_table_has_position_to_snap_and_the_yaw_to_nine_digits(tmp_path):
     assert (first, last) == ("x (m)", "yaw_rate (rad/s)")
     digits = [cell.split("e")[0].strip("-0.").replace(".", "") for cell in file.read_text().split()[-1].split(",")]
     assert max(map(len, digits)) == 9
+
+
+def test_both_files_are_whole_lines(tmp_path):
+    table, route = save_plan(PLAN, tmp_path, name="there")
+    assert (table.name, route.name) == ("trajectory.csv", "trajectory.yaml")
+    for file in (table, route):
+        text = file.read_text()
+        assert text.endswith("\n")
+        assert "" not in text.splitlines()
+    assert len(route.read_text().splitlines()) == 5 + 3 + 2
 
 
 @pytest.mark.slow
