@@ -3,9 +3,10 @@ import re
 import numpy as np
 import pytest
 
+from drake_quad.reference import infeasibility
 from drake_quad.reference.infeasibility import explain
 from drake_quad.reference.minimum_snap import rest_at_ends
-from drake_quad.reference.minimum_snap_program import InfeasibleError, path_within
+from drake_quad.reference.minimum_snap_program import InfeasibleError, SolverError, path_within
 from drake_quad.reference.path_problem import Box, Limits, PathProblem
 
 
@@ -100,3 +101,14 @@ def test_a_corridor_that_is_left_by_what_is_given_is_told_by_how_far(after):
     path_within(within(wider), durations)
     with pytest.raises(InfeasibleError):
         path_within(within(0.98 * wider), durations)
+
+
+@pytest.mark.parametrize("corridors", [None, [Box([-1.0], [5.0])]])
+def test_no_corridor_is_blamed_where_only_the_solver_gave_up(monkeypatch, corridors):
+    def gives_up(problem, durations):
+        raise SolverError
+
+    monkeypatch.setattr(infeasibility, "path_within", gives_up)
+    assert explain(problem([[0.0], [4.0]], corridors=corridors), np.ones(1)) == (
+        "no path was found that keeps to the corridors and to what is given at the waypoints at these times"
+    )
