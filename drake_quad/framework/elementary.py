@@ -151,7 +151,7 @@ def plain(x: Row) -> Row:
     """The values of a row, without their derivatives. Not for Expression."""
     if isinstance(x, np.ndarray):
         return np.array([value.value() for value in x]) if x.dtype == object else x
-    return x if x.__class__ in (float, Symbol) else _untyped(x).value()
+    return x if isinstance(x, float | Symbol) else _untyped(x).value()
 
 
 def _untyped(x: Any) -> Any:

@@ -83,13 +83,16 @@ def _slower_factor(problem: PathProblem, durations: np.ndarray, enough: float) -
 
 
 def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
-    unlimited = problem.without_limits()
-    relaxed = MinimumSnapProgram(unlimited, durations, slack=Slack.CORRIDORS)
+    unknown = "no path was found that keeps to the corridors and to what is given at the waypoints at these times"
+    relaxed = MinimumSnapProgram(problem.without_limits(), durations, slack=Slack.CORRIDORS)
     try:
         path = relaxed.solve()
     except NO_PATH:
-        return "no path was found that keeps to the corridors and to what is given at the waypoints at these times"
-    worst = min(turns(path, problem.corridors), key=lambda turn: turn.room)
+        return unknown
+    worst = min(turns(path, problem.corridors), key=lambda turn: turn.room, default=None)
+    if worst is None or worst.room >= 0.0:
+        # There is one, but the solver gave up on it.
+        return unknown
     wider = WALL_MARGIN * worst.size - worst.room
     return (
         f"the corridor of segment {worst.segment} cannot be kept at these times with what is given at the waypoints: "
@@ -98,8 +101,6 @@ def _explain_corridors(problem: PathProblem, durations: np.ndarray) -> str:
 
 
 def _rounded_up(value: float) -> float:
-    """The next larger number with three digits."""
-    if value <= 0.0:
-        return 0.0
+    """The next larger number with three digits, of a positive one."""
     unit = 10.0 ** (math.floor(math.log10(value)) - 2)
     return math.ceil(value / unit * (1.0 - 1e-12)) * unit

@@ -183,7 +183,7 @@ class MinimumSnapProgram:
         rows, variables, constant = self._derivative(segment, s, 0)
         used = rows[axis] != 0.0
         row, variables = rows[axis, used], variables[used]
-        size = max(float(np.abs(row).max(initial=0.0)), 1e-300)
+        size = float(np.abs(row).max(initial=0.0)) or 1.0
         low, high = low - constant[axis], high - constant[axis]
         if self._slack is Slack.CORRIDORS:
             for sign, bound in ((1.0, low), (-1.0, -high)):

@@ -6,7 +6,13 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError
-from drake_quad.assembly.laboratory import build_monitor, laboratory_recipes, steady_wind, vehicle_parameters
+from drake_quad.assembly.laboratory import (
+    build_monitor,
+    laboratory_recipes,
+    steady_wind,
+    vehicle_parameters,
+    wind_period,
+)
 from drake_quad.assembly.planning import plan_route
 from drake_quad.laboratory.command_link import LinkNumbers
 from drake_quad.laboratory.flight_monitor import CrashLimits, Window
@@ -155,6 +161,13 @@ def test_wind_is_made_of_its_sources(recipes):
     assert np.linalg.norm(second.direction) == pytest.approx(1.0)
     assert second.exit_speed == pytest.approx(4.0 * 1.9 / (math.pi * 0.6**2))
     assert all(recipe.structure == {"period": 0.01} for name, recipe in winds.items() if name != "steady")
+
+
+@pytest.mark.parametrize(("step", "period"), [("0.005", 0.005), ("0", 0.01)])
+def test_wind_is_held_for_a_step_of_the_vehicle_and_for_a_frame_where_it_makes_none(asymmetric, step, period):
+    scenario = asymmetric("pid", f"vehicle.time_step={step}")
+    assert wind_period(scenario) == period
+    assert recipes_of(scenario)["wind.gust_0"].structure == {"period": period}
 
 
 def test_steady_wind_is_the_sum_of_all_of_it_and_not_there_if_it_is_calm(asymmetric):

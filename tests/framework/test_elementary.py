@@ -69,6 +69,16 @@ def test_wrapped_angles(angle):
     assert elementary.wrapped(AutoDiffXd(angle, [1.0])).derivatives()[0] == 1.0
 
 
+@pytest.mark.parametrize("number", [-2.6, -0.4, 0.0, 1.4, 7.5])
+def test_the_nearest_whole_number_has_no_derivatives(number):
+    """It is that of its own nearest whole number, of whichever type this is."""
+    expected = float(round(number))
+    for value in (number, np.float64(number), AutoDiffXd(number, [1.0])):
+        assert elementary.nearest(value) == elementary.nearest(elementary.nearest(value)) == expected
+    for array in (np.array([number, 0.0]), np.array([AutoDiffXd(number, [1.0]), AutoDiffXd(0.0)])):
+        np.testing.assert_array_equal(elementary.nearest(array), [expected, 0.0])
+
+
 def test_masks():
     assert elementary.where(True, 1.0, 2.0) == 1.0
     mask = np.array([True, False])

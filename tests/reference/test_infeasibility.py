@@ -3,9 +3,10 @@ import re
 import numpy as np
 import pytest
 
+from drake_quad.reference import infeasibility
 from drake_quad.reference.infeasibility import explain
 from drake_quad.reference.minimum_snap import rest_at_ends
-from drake_quad.reference.minimum_snap_program import InfeasibleError, path_within
+from drake_quad.reference.minimum_snap_program import InfeasibleError, SolverError, path_within
 from drake_quad.reference.path_problem import Box, Limits, PathProblem
 
 
@@ -81,3 +82,33 @@ def test_a_corridor_is_told_by_what_it_would_have_to_be_wider():
     path_within(within(wider), durations)
     with pytest.raises(InfeasibleError):
         path_within(within(0.98 * wider), durations)
+
+
+@pytest.mark.parametrize("after", [[], [[9.0, 1.0]]])
+def test_a_corridor_that_is_left_by_what_is_given_is_told_by_how_far(after):
+    """Also on a segment on which nothing is left to choose, whatever follows."""
+    points, durations = [[0.0, 0.0], [4.0, 0.0], *after], np.ones(1 + len(after))
+    motion = np.full((len(points), 3, 2), np.nan)
+    motion[:2] = 0.0
+    motion[0, 0] = 0.0, 3.0
+
+    def within(wider):
+        corridors = [Box([-9.0, -0.2 - wider], [9.0, 0.2 + wider]), *(None for _ in after)]
+        return PathProblem([Box.point(point) for point in points], derivatives=motion, corridors=corridors)
+
+    said = re.fullmatch(r"the corridor of segment 0 cannot .* ([\d.]+) m wider", explain(within(0.0), durations))
+    wider = float(said[1])
+    path_within(within(wider), durations)
+    with pytest.raises(InfeasibleError):
+        path_within(within(0.98 * wider), durations)
+
+
+@pytest.mark.parametrize("corridors", [None, [Box([-1.0], [5.0])]])
+def test_no_corridor_is_blamed_where_only_the_solver_gave_up(monkeypatch, corridors):
+    def gives_up(problem, durations):
+        raise SolverError
+
+    monkeypatch.setattr(infeasibility, "path_within", gives_up)
+    assert explain(problem([[0.0], [4.0]], corridors=corridors), np.ones(1)) == (
+        "no path was found that keeps to the corridors and to what is given at the waypoints at these times"
+    )

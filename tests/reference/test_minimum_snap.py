@@ -238,6 +238,18 @@ def test_gradients_agree_with_finite_differences(segments, seed, given_motion, t
     np.testing.assert_allclose(boundary_gradient, np.stack(boundaries, axis=-1), rtol=0.0, atol=1e-6 * scale)
 
 
+def test_a_path_of_which_all_is_given_does_not_answer_to_contacts():
+    """And its cost changes with the durations as it does without them."""
+    rng = np.random.default_rng(9)
+    points, durations, derivatives = rng.normal(size=(4, 2)), rng.uniform(0.5, 2.0, 3), rng.normal(size=(4, 3, 2))
+    free, held = (
+        MinimumSnap(points, durations, derivatives, contacts=contacts) for contacts in ([], [Contact(1, 0.4, 1, 0.7)])
+    )
+    np.testing.assert_array_equal(held.boundary, free.boundary)
+    np.testing.assert_array_equal(held.cost_gradient(), free.cost_gradient())
+    np.testing.assert_array_equal(held.boundary_gradient(), free.boundary_gradient())
+
+
 def test_contacts_are_where_they_are_held_and_the_rest_costs_least():
     rng = np.random.default_rng(6)
     points, durations = rng.normal(size=(6, 3)), rng.uniform(0.5, 2.0, 5)

@@ -280,6 +280,19 @@ def test_bounds_on_a_path_that_is_given_are_refused_if_it_is_outside():
             program.bound_position(0, 0.5, axis, low, high)
 
 
+def test_bounds_on_an_axis_that_is_given_are_refused_though_another_is_free():
+    """In a corridor without height there is nothing to choose of the height."""
+    waypoints, flat = [[0.0, 1.0], [2.0, 1.0], [3.0, 1.0]], Box([-9.0, 1.0], [9.0, 1.0])
+    program = MinimumSnapProgram(PathProblem(points(waypoints), corridors=[flat] * 2), np.array([2.0, 1.0]))
+    program.bound_position(0, 0.5, 1, 0.9, 1.1)
+    assert not program.program.linear_constraints()
+    program.bound_position(0, 0.5, 0, 0.9, 1.1)
+    assert len(program.program.linear_constraints()) == 1
+    for low, high in ((1.1, 2.0), (0.0, 0.9)):
+        with pytest.raises(InfeasibleError):
+            program.bound_position(0, 0.5, 1, low, high)
+
+
 def test_bounds_on_a_speed_that_is_given_are_refused_if_it_is_faster():
     program = MinimumSnapProgram(PathProblem(points([[0.0, 1.0], [3.0, 5.0]])), np.array([2.0]))
     fastest = 35.0 / 16.0 * 5.0 / 2.0

@@ -51,6 +51,15 @@ def test_a_digest_is_of_the_text_and_of_the_name_of_each_file_once(module):
     assert sources_of([functools.partial(ours, 1), None]) == one
 
 
+def test_a_digest_changes_with_the_text_of_a_file_and_back_with_it(module):
+    make = module("ours")
+    before = sources_of([make])
+    module("ours", TEXT.replace("num_vehicles", "vehicles"))
+    assert sources_of([make]) != before
+    module("ours")
+    assert sources_of([make]) == before
+
+
 def test_a_function_of_a_module_that_is_not_loaded_is_found(module):
     """As in a worker that has only read where it is to be found."""
     make = module("ours")

@@ -131,6 +131,15 @@ def test_the_number_that_matters_comes_first():
     assert found[0].low.high < 0.1
 
 
+def test_what_lowers_a_metric_matters_as_much_as_what_raises_it():
+    """And what never changes, which has no correlation, the least."""
+    rng = np.random.default_rng(6)
+    gain, mass, lag = rng.uniform(size=(3, 400))
+    found = influences(study(2.0 - gain + 0.3 * mass - 0.1 * lag, lag=lag, fixed=np.ones(400), mass=mass, gain=gain))
+    assert [each.path for each in found] == ["gain", "mass", "lag", "fixed"]
+    assert found[0].correlation.value < -0.9
+
+
 def test_a_comparison_pairs_samples():
     """The spread between samples, ten times that of the difference, drops out."""
     rng = np.random.default_rng(4)

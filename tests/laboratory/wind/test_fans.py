@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
 from scipy.integrate import quad
 
-from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet, jet_speed
+from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet, air, jet_speed
 from drake_quad.laboratory.wind.wind import build_wind
 from drake_quad.randomness.noise import Samples, random_streams
 from drake_quad.randomness.streams import Kind
@@ -71,6 +71,23 @@ def test_the_core_keeps_the_exit_speed_and_joins_the_far_jet_smoothly():
         assert speed(5.9 * D - 1e-9, across) == pytest.approx(speed(5.9 * D + 1e-9, across), rel=1e-6)
     assert speed(-0.01) == 0.0
     assert speed(0.5 * D, 0.51 * D + 0.3 * D) < 1e-6 * JET.exit_speed
+
+
+@pytest.mark.parametrize("along", [0.0, -0.01, -3.0])
+def test_from_the_plane_of_the_outlet_on_back_the_air_is_at_rest(along):
+    for across in (0.0, 0.3, 2.0):
+        mean, variance, rate = air(at(along, across), (JET,))
+        assert (*mean, variance, rate) == (0.0, 0.0, 0.0, 0.0, 0.0)
+
+
+def test_of_several_jets_the_variances_add_up_and_the_rates():
+    place = at(4.0, 0.3)
+    other = JET._replace(outlet=Outlet(1.0, 1.0, 2.0), turbulence=0.4)
+    (speed_1, width_1), (speed_2, width_2) = jet_speed(place, JET), jet_speed(place, other)
+    _, variance, rate = air(place, (JET, other))
+    assert min(speed_1, speed_2) > 1.0
+    assert variance == pytest.approx((0.22 * speed_1) ** 2 + (0.4 * speed_2) ** 2)
+    assert rate == pytest.approx(speed_1 / width_1 + speed_2 / width_2)
 
 
 def wind_at(state, *jets, n, duration, seed=0):
