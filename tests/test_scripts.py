@@ -350,7 +350,9 @@ def test_monte_carlo_prints_what_the_samples_did(run, tmp_path):
     result = monte_carlo(run, tmp_path, "--seed", 3)
     assert (result.returncode, result.stderr) == (0, "")
     lines = result.stdout.splitlines()
-    assert lines[0].startswith("robustness: 6 samples of seed 3, 0.40 s each; 0 crashed, 0.0 % [0.0, 45.9]")
+    assert lines[0].startswith(
+        "robustness: 6 samples of seed 3, 0.40 s each, diagrams compiled; 0 crashed, 0.0 % [0.0, 45.9]"
+    )
     assert re.fullmatch(r"[\d,]+ vehicle-seconds per second", lines[-1])
     files = {path.name for path in tmp_path.iterdir()}
     assert {"results.csv", "scenario.yaml", "study.yaml", "distribution.png", "influences.png"} <= files

@@ -6,6 +6,7 @@ all other cells are then predictions.
 """
 
 from collections.abc import Callable, Mapping
+from functools import partial
 from typing import NamedTuple
 
 import numpy as np
@@ -137,27 +138,22 @@ def calibrate(
         InputError: no value of a number gives the printed error.
     """
     printed = printed_table()
-
-    def errors(scenario: Scenario) -> np.ndarray:
-        """(n,) RMSE of the samples, m; infinite for those that crashed."""
-        fleet = StudyFleet(scenario, num_samples, compiled=compiled)
-        return with_crashes(fleet.fly(range(num_samples)), "rmse")
-
+    errors = partial(_errors, num_samples=num_samples, compiled=compiled)
     fixed = list(hypothesis.overrides)
     x = _fitted(hypothesis.pd, lambda more: errors(load(PD_CELL, [*fixed, *more])), printed[PD_CELL].rmse.mean)
     fixed += hypothesis.pd.overrides(x)
     target = printed[NETWORK_CELL].rmse.mean
     y = _fitted(hypothesis.network, lambda more: errors(load(NETWORK_CELL, [*fixed, *more])), target)
     learning = hypothesis.network.overrides(y)
-    found = {
+    predicted = {
         cell: mean_interval(errors(load(cell, fixed if cell.controller == "pd" else [*fixed, *learning])))
         for cell in printed
     }
-    return Calibration(hypothesis, x, y, found)
+    return Calibration(hypothesis, x, y, predicted)
 
 
 def _fitted(number: FreeNumber, errors: Callable[[list[str]], np.ndarray], target: float) -> float:
-    """The value of a number with which the mean error is the target (m); given the errors under overrides."""
+    """The value of a number with which the mean error is the target (m); given the errors under its overrides."""
 
     def excess(value: float) -> float:
         return float(np.mean(errors(number.overrides(value)))) - target
@@ -169,3 +165,8 @@ def _fitted(number: FreeNumber, errors: Callable[[list[str]], np.ndarray], targe
             f" from {target:g} m; there is nothing to fit"
         )
     return float(brentq(excess, number.low, number.high, rtol=_TOLERANCE, xtol=1e-9))
+
+
+def _errors(scenario: Scenario, num_samples: int, *, compiled: bool = True) -> np.ndarray:
+    """(n,) RMSE of samples, m; infinite for those that crashed."""
+    return with_crashes(StudyFleet(scenario, num_samples, compiled=compiled).fly(range(num_samples)), "rmse")

@@ -100,7 +100,8 @@ def fly_experiment(
     Raises:
         RuntimeError: a sample could not be flown.
     """
-    jobs = _Jobs(workers, compiled=compiled)
+    jobs = _Jobs(workers)
+    record_cell, fly_cell = partial(_record_cell, compiled=compiled), partial(_fly_cell, compiled=compiled)
     recorded = {}
     for cell in cells_of((*CONTROLLERS, *FAIR)):
         target = folder / "cells" / cell.scenario
@@ -108,9 +109,9 @@ def fly_experiment(
             shutil.rmtree(target)
         study = load(cell), sizes.cells, target
         if cell.controller in CONTROLLERS:
-            recorded[cell] = jobs.submit(cell.scenario, sizes.cells, _record_cell, *study, sizes.recorded)
+            recorded[cell] = jobs.submit(cell.scenario, sizes.cells, record_cell, *study, sizes.recorded)
         else:
-            jobs.submit(cell.scenario, sizes.cells, _fly_cell, *study)
+            jobs.submit(cell.scenario, sizes.cells, fly_cell, *study)
     network = load(Cell("no_wind", "pd_t2fnn"))
     sweeps = {
         "noise": (network, noise_settings(), sizes.sweep),
@@ -118,9 +119,10 @@ def fly_experiment(
         **{f"slope_{wind}": (load(Cell(wind, "pd_t2fnn")), slope_settings(), sizes.sweep) for wind in WINDS},
         **{f"map_{name}": (load(Cell("no_wind", name)), gain_settings(sizes.grid), sizes.map) for name in MAPPED},
     }
-    parts = {name: _submit_sweep(jobs, name, *sweep) for name, sweep in sweeps.items()}
+    parts = {name: _submit_sweep(jobs, name, *sweep, compiled=compiled) for name, sweep in sweeps.items()}
     pd, gains = load(Cell("no_wind", "pd")), best_gain_settings(sizes.grid)
-    legs = [jobs.submit("legs", sizes.grid**2, fly_legs, pd, gains, [sample]) for sample in range(sizes.legs)]
+    fly = partial(fly_legs, compiled=compiled)
+    legs = [jobs.submit("legs", sizes.grid**2, fly, pd, gains, [sample]) for sample in range(sizes.legs)]
 
     jobs.work(progress)
     write_recorded(folder / "recorded.csv", {cell: job.result.measures for cell, job in recorded.items()})
@@ -198,7 +200,7 @@ def _joined(jobs: Sequence["_Job"], axis: int) -> list[np.ndarray]:
 
 
 def _submit_sweep(
-    jobs: "_Jobs", name: str, scenario: Scenario, settings: Mapping[str, np.ndarray], count: int
+    jobs: "_Jobs", name: str, scenario: Scenario, settings: Mapping[str, np.ndarray], count: int, *, compiled: bool
 ) -> list["_Job"]:
     """Adds the jobs that fly a sweep, each a fleet with some of the settings on all samples, in order."""
     total = num_settings(settings)
@@ -207,7 +209,7 @@ def _submit_sweep(
         jobs.submit(
             name,
             count * min(at_once, total - first),
-            fly_settings,
+            partial(fly_settings, compiled=compiled),
             scenario,
             {number: values[first : first + at_once] for number, values in settings.items()},
             range(count),
@@ -238,16 +240,15 @@ class _Jobs:
 
     Args:
         workers: that do them.
-        compiled: whether diagrams are compiled.
     """
 
-    def __init__(self, workers: Workers, *, compiled: bool) -> None:
-        self._workers, self._compiled = workers, compiled
+    def __init__(self, workers: Workers) -> None:
+        self._workers = workers
         self._jobs: list[_Job] = []
 
     def submit(self, what: str, flights: int, function: Callable[..., Any], *arguments: Any) -> _Job:
-        """Adds a job, which calls a function with these arguments, and tells it whether diagrams are compiled."""
-        self._jobs.append(_Job(what, flights, partial(function, *arguments, compiled=self._compiled)))
+        """Adds a job, which calls a function with these arguments."""
+        self._jobs.append(_Job(what, flights, partial(function, *arguments)))
         return self._jobs[-1]
 
     def work(self, progress: Callable[[str, int], None] | None) -> None:

@@ -97,7 +97,8 @@ def number(name, low=0.0, high=10.0):
 def errors_of(levels):
     """In place of flights: errors that are their cell's level times cubes of what is free, over samples that differ."""
 
-    def fly(scenario, num_samples):
+    def fly(scenario, num_samples, *, compiled):
+        assert compiled
         cell, overrides = scenario
         free = dict(override.split("=") for override in overrides)
         assert free.pop("fixed") == "1"
@@ -127,14 +128,13 @@ def test_the_second_number_is_fitted_beside_the_first_and_both_predict_the_other
 
 
 @pytest.mark.parametrize(("low", "high"), [(2.0, 5.0), (0.1, 1.5)])
-def test_limits_that_do_not_hold_the_target_are_refused_with_what_they_leave(monkeypatch, low, high):
-    monkeypatch.setattr(calibration, "_errors", lambda scenario, num_samples: np.full(num_samples, scenario))
+def test_limits_that_do_not_hold_the_target_are_refused_with_what_they_leave(low, high):
     free = FreeNumber("gain (1/s)", low, high, lambda value: value)
     words = (
         f"gain (1/s) from {low:g} to {high:g} leaves the error {low - 1.75:+.3g} to {high - 1.75:+.3g} m from 1.75 m;"
     )
     with pytest.raises(InputError, match=re.escape(words)):
-        calibration._fitted(free, lambda overrides: overrides, 1.75, 3)
+        calibration._fitted(free, lambda value: np.full(3, value), 1.75)
 
 
 def test_a_crash_is_an_error_without_bound():

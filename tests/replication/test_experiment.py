@@ -134,7 +134,7 @@ def test_a_cell_with_a_sample_that_cannot_be_flown_is_none(tmp_path, monkeypatch
 
     monkeypatch.setattr(monte_carlo, "fly_batch", fly_some)
     with pytest.raises(RuntimeError, match="sample 1 of hover could not be flown: ArithmeticError: sample 1 is cursed"):
-        _fly_cell(load_scenario("diagrams/hover.yaml", ["duration=0.1"]), 2, tmp_path)
+        _fly_cell(load_scenario("diagrams/hover.yaml", ["duration=0.1"]), 2, tmp_path, compiled=True)
 
 
 class Here:
@@ -157,13 +157,14 @@ class Here:
 def test_as_many_settings_fly_in_a_fleet_as_there_is_room_for(count, sizes):
     """At least one; as many vehicles as 1,024 otherwise, each on the same samples."""
     jobs, settings = _Jobs(Here(1)), q_settings()
-    submitted = _submit_sweep(jobs, "q", "a scenario", settings, count)
+    submitted = _submit_sweep(jobs, "q", "a scenario", settings, count, compiled=False)
     assert [job.flights for job in submitted] == [size * count for size in sizes]
     assert {job.what for job in submitted} == {"q"}
     first = 0
     for job, size in zip(submitted, sizes, strict=True):
         function, (scenario, part, samples) = job.call.func, job.call.args
         assert (function, scenario, samples) == (fly_settings, "a scenario", range(count))
+        assert job.call.keywords == {"compiled": False}
         for name, values in settings.items():
             np.testing.assert_array_equal(part[name], values[first : first + size])
         first += size
@@ -182,7 +183,7 @@ def test_recorded_samples_are_the_first_of_the_cell_and_only_what_is_missing_is_
     monkeypatch.setattr(StudyRows, "add_rows", add_and_tell)
     study = scenario("low_wind_pd_t2fnn", "duration=0.3")
     for count in (3, 5):
-        first, numbers = _record_cell(study, count, tmp_path, 2)
+        first, numbers = _record_cell(study, count, tmp_path, 2, compiled=True)
         found = read_study(tmp_path)
         assert found.samples.tolist() == list(range(count))
         assert list(numbers) == ["twice", "once"]
@@ -198,21 +199,23 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
     sizes = Sizes(cells=6, recorded=3, sweep=4, grid=2, map=3, legs=2)
     cells, told = {}, []
 
-    def fly_cell(scenario, count, folder):
+    def fly_cell(scenario, count, folder, *, compiled):
+        assert not compiled
         assert not (folder / "old").exists()
         cells[scenario] = (count, folder, None)
 
-    def record_cell(scenario, count, folder, recorded):
-        fly_cell(scenario, count, folder)
+    def record_cell(scenario, count, folder, recorded, *, compiled):
+        fly_cell(scenario, count, folder, compiled=compiled)
         cells[scenario] = (count, folder, recorded)
         return _Recorded(f"flight of {scenario}", {"pd_fade": np.arange(recorded) + len(scenario)})
 
-    def fly_settings(scenario, settings, samples):
+    def fly_settings(scenario, settings, samples, *, compiled):
+        assert not compiled
         number = next(iter(settings.values()))[:, np.newaxis] + 100.0 * np.arange(len(samples)) + len(scenario)
         return Metrics(*(place + number for place in range(len(Metrics._fields))))
 
-    def fly_legs(scenario, settings, samples):
-        assert scenario == "no_wind_pd"
+    def fly_legs(scenario, settings, samples, *, compiled):
+        assert (scenario, compiled) == ("no_wind_pd", False)
         rows = settings["k_p"][:, np.newaxis] + 10.0 * settings["k_d"][:, np.newaxis] + 100.0 * np.array(samples)
         return LegMetrics(rows, rows + 1000.0, rows + 2000.0)
 
@@ -225,7 +228,7 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
     stale.touch()
     workers = Here(3)
     found = fly_experiment(
-        lambda cell: cell.scenario, sizes, tmp_path, workers, progress=lambda *each: told.append(each)
+        lambda cell: cell.scenario, sizes, tmp_path, workers, compiled=False, progress=lambda *each: told.append(each)
     )
     assert workers.most == 3
     assert found == {cell: f"flight of {cell.scenario}" for cell in cells_of(CONTROLLERS)}
@@ -265,9 +268,9 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
         assert list(sweep.settings) == list(settings)
         for number, values in settings.items():
             np.testing.assert_array_equal(sweep.settings[number], values)
-        np.testing.assert_array_equal(sweep.metrics, fly_settings(flown, settings, range(count)))
+        np.testing.assert_array_equal(sweep.metrics, fly_settings(flown, settings, range(count), compiled=False))
     legs = load_sweep(tmp_path / "legs.csv", LegMetrics)
-    np.testing.assert_array_equal(legs.metrics, fly_legs("no_wind_pd", best_gain_settings(2), [0, 1]))
+    np.testing.assert_array_equal(legs.metrics, fly_legs("no_wind_pd", best_gain_settings(2), [0, 1], compiled=False))
     np.testing.assert_array_equal(legs.settings["k_p"], best_gain_settings(2)["k_p"])
     assert (legs.samples.tolist(), len(SLOPES)) == ([0, 1], 7)
 
@@ -288,5 +291,5 @@ def test_a_cell_is_flown_in_one_fleet(tmp_path, monkeypatch):
 
     monkeypatch.setattr(monte_carlo, "fly_batch", fly_and_tell)
     for count in (4, 7):
-        _fly_cell(load_scenario("diagrams/hover.yaml", ["duration=0.1"]), count, tmp_path)
+        _fly_cell(load_scenario("diagrams/hover.yaml", ["duration=0.1"]), count, tmp_path, compiled=True)
     assert sizes == [4, 3]

@@ -43,7 +43,7 @@ def test_fleets_are_the_largest_and_its_halves_each_built_once(job, fleet):
     assert sizes == {10: 10, 6: 10, 5: 5, 4: 5, 3: 3, 2: 2, 1: 1}
     assert [num_vehicles for _, num_vehicles, _ in fleet.built] == [10, 5, 3, 2, 1]
     assert all(
-        scenario is job.scenario and options == {"plan": job.plan, "own": UserSystems()}
+        scenario is job.scenario and options == {"plan": job.plan, "own": UserSystems(), "compiled": True}
         for scenario, _, options in fleet.built
     )
 
@@ -63,7 +63,7 @@ def test_systems_of_ones_own_go_into_the_fleets(job, fleet):
         own = UserSystems(**{name: Fleet})
         other = job._replace(key=name, code=code_of(own), own=own)
         flying._fleet(other, 10)
-        assert fleet.built[-1][2] == {"plan": job.plan, "own": own}
+        assert fleet.built[-1][2] == {"plan": job.plan, "own": own, "compiled": True}
 
 
 def test_a_worker_that_refused_refuses_again(job, fleet):

@@ -13,7 +13,12 @@ from drake_quad.studies import study_folder
 from drake_quad.studies.crew import Outcome
 from drake_quad.studies.results_file import Found
 from drake_quad.studies.study import columns_of, read_record, read_study, rows_of
-from drake_quad.studies.study_folder import StudyRows, _difference, open_study
+from drake_quad.studies.study_folder import StudyRows, _difference
+from drake_quad.studies.study_folder import open_study as open_any
+
+
+def open_study(*study, resume):
+    return open_any(*study, compiled=True, resume=resume)
 
 
 @pytest.fixture
@@ -56,14 +61,14 @@ def test_time_is_flown_until_the_end_or_the_crash_by_what_is_new(hover):
 
 
 def test_without_a_folder_nothing_is_written(hover):
-    with open_study(None, hover, 3, 2.0, UserSystems(), compiled=True, resume=False) as rows:
+    with open_study(None, hover, 3, 2.0, UserSystems(), resume=False) as rows:
         rows.add_rows(table([1]))
     assert (rows.num_samples, len(rows), rows.saved) == (3, 1, "nothing was written")
 
 
 def test_a_folder_holds_the_study_in_order_at_the_end(hover, tmp_path):
     folder = tmp_path / "a" / "study"
-    with open_study(folder, hover, 3, 2.0, UserSystems(wind=table), compiled=True, resume=False) as rows:
+    with open_study(folder, hover, 3, 2.0, UserSystems(wind=table), resume=False) as rows:
         assert read_record(folder).wind == f"{__name__}:table"
         rows.add_rows(table([2]))
         assert rows.saved == f"1 of 3 samples are in {folder / 'results.csv'}"
@@ -80,43 +85,43 @@ def test_a_folder_holds_the_study_in_order_at_the_end(hover, tmp_path):
 
 
 def test_failures_are_told_until_all_is_flown(hover, tmp_path):
-    with open_study(tmp_path, hover, 2, 2.0, UserSystems(), compiled=True, resume=False) as rows:
+    with open_study(tmp_path, hover, 2, 2.0, UserSystems(), resume=False) as rows:
         rows.add(Outcome([1], reason="cursed"))
     assert (tmp_path / "failed.csv").read_text() == "sample,reason\n1,cursed\n"
-    with open_study(tmp_path, hover, 2, 2.0, UserSystems(), compiled=True, resume=True) as rows:
+    with open_study(tmp_path, hover, 2, 2.0, UserSystems(), resume=True) as rows:
         assert rows.missing == [0, 1]
         rows.add_rows(table([0, 1]))
     assert not (tmp_path / "failed.csv").exists()
 
 
 def test_a_study_may_grow_and_not_shrink(hover, tmp_path):
-    with open_study(tmp_path, hover, 3, 2.0, UserSystems(), compiled=True, resume=True) as rows:
+    with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True) as rows:
         rows.add_rows(table([2]))
-    with open_study(tmp_path, hover, 3, 2.0, UserSystems(), compiled=True, resume=True) as rows:
+    with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True) as rows:
         assert rows.missing == [0, 1]
     words = r"results\.csv holds sample 2 already, but the study is to have only 2 samples"
     with (
         pytest.raises(InputError, match=words),
-        open_study(tmp_path, hover, 2, 2.0, UserSystems(), compiled=True, resume=True),
+        open_study(tmp_path, hover, 2, 2.0, UserSystems(), resume=True),
     ):
         pass
     assert read_record(tmp_path).samples == 3
-    with open_study(tmp_path, hover, 9, 2.0, UserSystems(), compiled=True, resume=True) as rows:
+    with open_study(tmp_path, hover, 9, 2.0, UserSystems(), resume=True) as rows:
         assert len(rows.missing) == 8
     assert read_record(tmp_path).samples == 9
 
 
 @pytest.mark.parametrize("name", ["position_controller", "control", "wind"])
 def test_a_study_with_another_system_is_another_study(hover, tmp_path, name):
-    with open_study(tmp_path, hover, 3, 2.0, UserSystems(**{name: table}), compiled=True, resume=False):
+    with open_study(tmp_path, hover, 3, 2.0, UserSystems(**{name: table}), resume=False):
         pass
     words = rf"is of another study: its {name} is {__name__}:table, not None"
     with (
         pytest.raises(InputError, match=words),
-        open_study(tmp_path, hover, 3, 2.0, UserSystems(), compiled=True, resume=True),
+        open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True),
     ):
         pass
-    with open_study(tmp_path, hover, 3, 2.0, UserSystems(**{name: table}), compiled=True, resume=True):
+    with open_study(tmp_path, hover, 3, 2.0, UserSystems(**{name: table}), resume=True):
         pass
 
 
@@ -126,10 +131,10 @@ def test_a_folder_with_a_scenario_is_written_to_if_it_is_the_study_s(hover, tmp_
     words = r"scenario\.yaml would be overwritten, and is no study's; choose another folder"
     with (
         pytest.raises(InputError, match=words),
-        open_study(tmp_path, hover, 3, 2.0, UserSystems(), compiled=True, resume=False),
+        open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=False),
     ):
         pass
-    with open_study(tmp_path, other, 3, 2.0, UserSystems(), compiled=True, resume=False):
+    with open_study(tmp_path, other, 3, 2.0, UserSystems(), resume=False):
         pass
     assert read_study(tmp_path).scenario == other
 
@@ -143,7 +148,7 @@ def test_what_a_study_is_stands_there_before_its_first_row(hover, tmp_path, monk
     monkeypatch.setattr(study_folder, "open_results", ended)
     with (
         pytest.raises(KeyboardInterrupt),
-        open_study(tmp_path, hover, 3, 2.0, UserSystems(), compiled=True, resume=False),
+        open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=False),
     ):
         pass
     assert read_record(tmp_path).samples == 3
@@ -151,7 +156,7 @@ def test_what_a_study_is_stands_there_before_its_first_row(hover, tmp_path, monk
 
 
 def test_a_study_without_its_record_cannot_be_gone_on_with(hover, tmp_path):
-    with open_study(tmp_path, hover, 3, 2.0, UserSystems(), compiled=True, resume=False):
+    with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=False):
         pass
     for name in ("study.yaml", "scenario.yaml"):
         text = (tmp_path / name).read_text()
@@ -159,11 +164,11 @@ def test_a_study_without_its_record_cannot_be_gone_on_with(hover, tmp_path):
         words = rf"results\.csv cannot be gone on with: .*{name}"
         with (
             pytest.raises(InputError, match=words),
-            open_study(tmp_path, hover, 3, 2.0, UserSystems(), compiled=True, resume=True),
+            open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True),
         ):
             pass
         (tmp_path / name).write_text(text)
-    with open_study(tmp_path, hover, 3, 2.0, UserSystems(), compiled=True, resume=True):
+    with open_study(tmp_path, hover, 3, 2.0, UserSystems(), resume=True):
         pass
     # The versions stand there once, however often it is gone on with.
     assert len(read_record(tmp_path).versions) == 1
