@@ -276,8 +276,8 @@ def test_an_experiment_leaves_every_number_where_it_is_read(tmp_path, monkeypatc
 
     stale.parent.mkdir(exist_ok=True)
     stale.touch()
-    monkeypatch.setattr(experiment, "_record_cell", lambda *_: _Recorded(None, {"pd_fade": np.zeros(1)}))
-    fly_experiment(lambda cell: cell.scenario, sizes, tmp_path, Here(1), resume=True)
+    monkeypatch.setattr(experiment, "_record_cell", lambda *_, compiled: _Recorded(None, {"pd_fade": np.zeros(1)}))
+    fly_experiment(lambda cell: cell.scenario, sizes, tmp_path, Here(1), resume=True, compiled=False)
     assert stale.exists()
 
 
