@@ -1,15 +1,27 @@
-"""Measures the speed of single flights, fleets, studies and planning, and prints it as tables in Markdown."""
+"""Measures the speed of single flights, fleets, studies and planning, and prints it as tables in Markdown.
+
+Others fly the same pieces by turns if they are there: the commit before diagrams were compiled, and crazyflow:
+
+    git worktree add ../before d4354ba && make -C ../before .venv/.installed
+    pip install --constraint constraints.txt crazyflow==0.4.0
+    python scripts/benchmark.py --before ../before
+"""
 
 import argparse
 import gc
 import itertools
+import math
 import os
 import platform
 import statistics
+import subprocess
+import sys
 import tempfile
 import time
 from collections.abc import Callable, Sequence
+from contextlib import ExitStack
 from importlib.metadata import version
+from importlib.util import find_spec
 from pathlib import Path
 from typing import Any, NamedTuple
 
@@ -22,9 +34,8 @@ from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
 from drake_quad import Scenario, load_scenario
 from drake_quad.assembly.planning import flight_duration, plan_route
-from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
-from drake_quad.flight.fleet_simulation import fly
+from drake_quad.flight.fleet_simulation import simulate_fleet
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.path_problem import Box, Limits, PathProblem
 from drake_quad.reference.plan import to_piecewise_polynomial
@@ -53,28 +64,122 @@ _EVERYTHING = [
 
 
 def main() -> None:
-    parser = argparse.ArgumentParser(description=__doc__, epilog="example: python scripts/benchmark.py --quick")
-    parser.add_argument("--quick", action="store_true", help="fewer repetitions and sizes")
-    quick = parser.parse_args().quick
+    options = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="example: python scripts/benchmark.py --quick",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    options.add_argument("--quick", action="store_true", help="fewer repetitions and sizes")
+    options.add_argument("--before", type=Path, metavar="FOLDER", help="a checkout of d4354ba with its environment")
+    options.add_argument("--beside", action="store_true", help="nothing but what others fly, too")
+    arguments = options.parse_args()
+    quick = arguments.quick
     repetitions = 5 if quick else 15
-    print(f"{machine()}; medians (and best) of {repetitions} runs on one core, of studies {repetitions // 3}.\n")
-    print_flights(repetitions, (1, 64, 1024) if quick else (1, 64, 256, 1024, 2048, 3072, 4096))
+    print(f"{machine()}\n")
+    print_beside(arguments.before, 3 if quick else 12, quick=quick)
+    if arguments.beside:
+        return
+    print(f"\nMedians (and best) of {repetitions} runs on one core, of studies {repetitions // 3}.\n")
+    print_flights(repetitions, (1, 64, 1024) if quick else (1, 64, 256, 1024, 4096))
     print_ticks(repetitions)
     print_studies(repetitions // 3, 3_000 if quick else 10_000)
     print_planning(repetitions)
 
 
+# What others fly, too: the piece of `contestants.py`, and its words.
+_PIECES = {
+    "circle_1": "one recorded flight, ideal circle",
+    "ideal_1": "one recorded flight, ideal figure eight",
+    "everything_1": "one recorded flight, everything and networks",
+    "circle_1000": "1,000 vehicles, ideal circle",
+    "everything_1024": "1,024 vehicles, everything and networks",
+    "python_1": "one recorded flight, position controller in plain Python",
+    "python_1000": "1,000 vehicles, position controller in plain Python",
+    "study_10000": "study of 10,000 of `robustness.yaml`, two workers, start included",
+}
+
+
+def print_beside(before: Path | None, rounds: int, *, quick: bool) -> None:
+    """Prints how fast short pieces are flown by those who can, by turns, and the ratios."""
+    with ExitStack() as stack:
+        who: dict[str, list[str]] = {"compiled": [], "wired": []}
+        if before is not None:
+            who["before"] = [str(before / "scripts")]
+        if find_spec("crazyflow") is not None:
+            who["crazyflow"] = []
+        flyers = {
+            name: stack.enter_context(Contestant(name, rest, None if name != "before" else before))
+            for name, rest in who.items()
+        }
+        print("| vehicle-seconds per second of the processor: best | " + " | ".join(flyers) + " | compiled × |")
+        print("|---" * (len(flyers) + 2) + "|")
+        for piece, words in _PIECES.items():
+            if piece.startswith("study") and quick:
+                continue
+            times = 2 if piece.startswith("study") else rounds
+            costs = [{name: flyer.cost(piece) for name, flyer in flyers.items()} for _ in range(times)]
+            best = {name: min(each[name] for each in costs) for name in flyers}
+            speeds = ["–" if math.isnan(cost) else f"{1.0 / cost:,.0f}" for cost in best.values()]
+            others = [name for name in flyers if name != "compiled" and not math.isnan(best[name])]
+            ratios = ", ".join(f"{name} {best[name] / best['compiled']:.3g}" for name in others)
+            print(f"| {words} | {' | '.join(speeds)} | {ratios} |", flush=True)
+
+
+class Contestant:
+    """A process that flies pieces when it is asked to; see `contestants.py`.
+
+    Args:
+        name: of who flies.
+        rest: of its arguments.
+        before: the checkout whose environment it runs in; this one's if None.
+    """
+
+    def __init__(self, name: str, rest: list[str], before: Path | None) -> None:
+        self._name = name
+        python = sys.executable if before is None else str(before / ".venv" / "bin" / "python")
+        environment = dict(os.environ) | ({} if before is None else {"PYTHONPATH": str(before)})
+        command = [python, str(Path(__file__).with_name("contestants.py")), name, *rest]
+        pipe = subprocess.PIPE
+        self._process = subprocess.Popen(
+            command, env=environment, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True
+        )
+
+    def __enter__(self) -> "Contestant":
+        return self
+
+    def __exit__(self, *_: object) -> None:
+        self._process.kill()
+        self._process.communicate()
+
+    def cost(self, piece: str) -> float:
+        """The processor's seconds for a second of a vehicle's flight; not a number for a piece that it does not have.
+
+        Raises:
+            RuntimeError: the process ended.
+        """
+        assert self._process.stdin is not None
+        assert self._process.stdout is not None
+        self._process.stdin.write(f"{piece}\n")
+        self._process.stdin.flush()
+        answer = self._process.stdout.readline()
+        if not answer:
+            raise RuntimeError(f"{self._name} does not fly {piece}")
+        return float(answer)
+
+
 def print_flights(repetitions: int, sizes: Sequence[int]) -> None:
-    """Prints how fast fleets fly, by their size."""
+    """Prints how fast fleets fly, by their size, compiled and as they are wired."""
     ideal = load_scenario(_DIAGRAMS / "figure_eight.yaml")
     real = load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", _EVERYTHING)
     learning = load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", _EVERYTHING, layers=[_NETWORK])
     print("| | ideal laboratory | with every imperfection, noise and wind | and type-2 networks on X and Y |")
     print("|---|---|---|---|")
-    for size in sizes:
+    for size, compiled in itertools.product(sizes, (True, False)):
         name = f"fleet of {size:,}, vehicle-seconds per second" if size > 1 else "one recorded flight, × real time"
-        costs = interleaved([Stepper(scenario, size) for scenario in (ideal, real, learning)], repetitions)
-        print(f"| {name} | {' | '.join(spread(cost, size) for cost in costs)} |")
+        how = "compiled" if compiled else "as it is wired"
+        steppers = [Stepper(scenario, size, compiled=compiled) for scenario in (ideal, real, learning)]
+        costs = interleaved(steppers, repetitions)
+        print(f"| {name}, {how} | {' | '.join(spread(cost, size) for cost in costs)} |", flush=True)
 
 
 def print_ticks(repetitions: int) -> None:
@@ -124,11 +229,13 @@ class StudyTime(NamedTuple):
         return (self.seconds - shorter.seconds) / (self.flown - shorter.flown)
 
 
-def study(scenario: Scenario, num_samples: int, num_workers: int) -> StudyTime:
+def study(scenario: Scenario, num_samples: int, num_workers: int, *, compiled: bool = True) -> StudyTime:
     """Flies a study into a temporary folder, and returns the time that it took."""
     with tempfile.TemporaryDirectory() as folder:
         began = time.perf_counter()
-        flown = run_monte_carlo(scenario, num_samples, folder=folder, num_workers=num_workers).flown_time
+        flown = run_monte_carlo(
+            scenario, num_samples, folder=folder, num_workers=num_workers, compiled=compiled
+        ).flown_time
         return StudyTime(time.perf_counter() - began, flown)
 
 
@@ -171,23 +278,23 @@ def network_tick(size: int) -> Callable[[], float]:
 
 
 class Stepper:
-    """A tracking diagram that is flown from the start again and again: to the end for one vehicle, for 1 s for a fleet.
+    """A fleet that is flown from the start again and again: to the end if it is one vehicle, else for 1 s.
 
     Args:
         scenario: that is flown, each vehicle a sample.
         num_vehicles: N.
+        compiled: whether the diagram is compiled.
     """
 
-    def __init__(self, scenario: Scenario, num_vehicles: int) -> None:
-        batch, plan = Batch.draw(scenario, range(num_vehicles)), plan_route(scenario)
-        self._diagram = build_fleet_diagram(batch, plan, record=num_vehicles == 1)
+    def __init__(self, scenario: Scenario, num_vehicles: int, *, compiled: bool) -> None:
+        self._batch, plan = Batch.draw(scenario, range(num_vehicles)), plan_route(scenario)
+        self._simulation = simulate_fleet(self._batch, plan, record=num_vehicles == 1, compiled=compiled)
         self._duration = flight_duration(scenario, plan) if num_vehicles == 1 else 1.0
 
     def cost(self) -> float:
         """Seconds of computing for a second of flight."""
-        simulator = Simulator(self._diagram)
-        simulator.Initialize()
-        return timed(lambda: fly(simulator, self._duration)) / self._duration
+        self._simulation.reset(self._batch)
+        return timed(lambda: self._simulation.fly(self._duration)) / self._duration
 
 
 def interleaved(steppers: list[Stepper], repetitions: int) -> list[list[float]]:

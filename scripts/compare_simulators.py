@@ -22,13 +22,13 @@ from benchmark import machine, timed
 from command_line import remark, run
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
 from tqdm import tqdm
 
-from drake_quad import build_tracking_diagram, load_scenario
-from drake_quad.flight.fleet_simulation import fly, read_metrics
+from drake_quad import Scenario, load_scenario
+from drake_quad.flight.fleet_simulation import simulate_fleet
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import hermite_path
+from drake_quad.scenario import Batch
 
 _DIAGRAMS = Path(__file__).parent.parent / "diagrams"
 # One turn of 1 m radius, 1 m above the ground, at 0.63 m/s.
@@ -112,22 +112,27 @@ def _apart(folder: str) -> None:
         os.dup2(nowhere, stream)
 
 
-def drake_quad_flight(num_vehicles: int) -> Flight:
-    """The PD cascade with feed-forward of the ideal laboratory; from rest, where the others begin in motion."""
+def circle() -> tuple[Scenario, Plan]:
+    """The circle, and the ideal laboratory with a PD cascade and feed-forward that flies it."""
     times = np.linspace(0.0, _DURATION, 41)
     turns = [[_RATE**order * f(_RATE * times + 0.5 * math.pi * order) for f in (np.cos, np.sin)] for order in range(4)]
     height = np.outer([1.0, 0.0, 0.0, 0.0], np.ones_like(times))
     knots = np.stack([[*turn, up] for turn, up in zip(turns, height, strict=True)]).transpose(2, 0, 1)
     window = [f"duration={_DURATION}", f"metrics.start={0.5 * _DURATION}"]
     scenario = load_scenario(_DIAGRAMS / "figure_eight.yaml", window)
-    plan = Plan.facing(hermite_path(times, knots))
-    diagram = build_tracking_diagram(scenario, num_vehicles, plan=plan, record=num_vehicles == 1)
+    return scenario, Plan.facing(hermite_path(times, knots))
+
+
+def drake_quad_flight(num_vehicles: int, *, compiled: bool) -> Flight:
+    """Our circle; from rest, where the others begin in motion."""
+    scenario, plan = circle()
+    batch = Batch.draw(scenario, range(num_vehicles))
+    simulation = simulate_fleet(batch, plan, record=num_vehicles == 1, compiled=compiled)
 
     def flight() -> float:
-        simulator = Simulator(diagram)
-        simulator.Initialize()
-        fly(simulator, _DURATION)
-        return float(read_metrics(diagram, simulator.get_context()).rmse[0])
+        simulation.reset(batch)
+        simulation.fly(_DURATION)
+        return float(simulation.metrics().rmse[0])
 
     return flight
 
@@ -260,8 +265,11 @@ _LIKE_OURS: dict[str, Any] = {
     "integrator": "rk4",
 }
 
+_OURS = "100 Hz, Runge-Kutta 4, control at 50 Hz"
+
 CONTENDERS = (
-    Contender("drake_quad", "100 Hz, Runge-Kutta 4, control at 50 Hz", drake_quad_flight),
+    Contender("drake_quad", f"compiled, {_OURS}", partial(drake_quad_flight, compiled=True)),
+    Contender("drake_quad", f"as it is wired, {_OURS}", partial(drake_quad_flight, compiled=False)),
     Contender("crazyflow", "100 Hz, Runge-Kutta 4", partial(crazyflow_flight, **_LIKE_OURS)),
     Contender("crazyflow", "as it comes: 500 Hz, Euler", crazyflow_flight),
     Contender("rotorpy", "as it comes: 100 Hz; fleet: Runge-Kutta 4", rotorpy_flight, repetitions=2),

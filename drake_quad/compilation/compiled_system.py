@@ -1,14 +1,15 @@
 """A compiled diagram as a Drake system."""
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from drake_quad.compilation.program import Event, Program
+from drake_quad.compilation.program import Event, Program, Shown
 from drake_quad.compilation.topology import Exported, Port
+from drake_quad.compilation.trace import INPUTS, STATE
 from drake_quad.framework.fleet_system import FleetSystem
 
 # Tables of shared numbers that are kept for the next flight, and the events in one where each comes alone.
@@ -45,7 +46,7 @@ class CompiledSystem(LeafSystem):
             source: self.DeclareVectorInputPort(input_name(program, source), rows * program.num_vehicles).get_index()
             for source, (_, rows) in program.places.inputs.items()
         }
-        self._ports: dict[Port, Event] = {}
+        self._ports: dict[Port, Event | Shown] = {}
         for name, port in program.topology.outputs.items():
             self._show(name, port)
         for path, system in program.others.items():
@@ -163,10 +164,11 @@ class CompiledSystem(LeafSystem):
         period = instants * self.program.base
 
         def advance(context: Context, values: Any) -> None:
-            first = round(context.get_time() / period)
-            last, count = context.get_numeric_parameter(self._end).value()[0], ticks
-            while count and (first + count - 1) * period > last:
-                count -= 1
+            first, count = round(context.get_time() / period), ticks
+            if ticks > 1:
+                last = context.get_numeric_parameter(self._end).value()[0]
+                while count and (first + count - 1) * period > last:
+                    count -= 1
             if count:
                 numbers = values.get_mutable_value(self._state)
                 self._advance(events[first % len(events)], context, numbers, first, count)
@@ -185,10 +187,11 @@ class CompiledSystem(LeafSystem):
             if first == 0:
                 parts.clear()
             parts.append(log)
-        parameters = context.get_numeric_parameter(self._parameters).value()
-        event.loop.run(state, parameters, self._seen(event, context), self._table(event, first, count), log, n)
+        parameters = self._parameters_of(context).value()
+        seen = self._seen(event.inputs, context)
+        event.loop.run(state, parameters, seen, self._table(event, first, count), log, n)
 
-    def _table(self, event: Event, first: int, count: int) -> np.ndarray:
+    def _table(self, event: Event | Shown, first: int, count: int) -> np.ndarray:
         """The shared numbers of some events, which are kept for the next flight; many are made at a time."""
         begin, size = (first - first % _TABLE, _TABLE) if count == 1 else (first, count)
         key = id(event), begin, size
@@ -200,22 +203,25 @@ class CompiledSystem(LeafSystem):
 
     def _run(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
         """Lets one event pass at the context's time, and returns what it logs."""
-        n, time = self.program.num_vehicles, context.get_time()
-        shared = self.program.table(event, np.array([[time] * (event.instants + 1)]))
+        n = self.program.num_vehicles
+        shared = self._shared_at(event, context.get_time())[None]
         log = np.empty((1, event.loop.num_logged, event.loop.padded(n)))
-        parameters = context.get_numeric_parameter(self._parameters).value()
-        event.loop.run(state, parameters, self._seen(event, context), shared, log, n)
+        parameters = self._parameters_of(context).value()
+        event.loop.run(state, parameters, self._seen(event.inputs, context), shared, log, n)
         return log[0, :, :n]
 
-    def _seen(self, event: Event, context: Context) -> np.ndarray:
-        """What comes from elsewhere, where an event looks at it."""
-        n = self.program.num_vehicles
-        inputs = np.empty(self.program.sizes.inputs * n)
-        for source in event.inputs:
+    def _seen(self, sources: Iterable[Port | Exported], context: Context) -> np.ndarray:
+        """What comes from elsewhere; nothing sensible where it is not asked for."""
+        n, sizes = self.program.num_vehicles, self.program.sizes
+        inputs = np.empty(sizes.inputs * n)
+        for source in sources:
             first, rows = self.program.places.inputs[source]
             vector = self.EvalVectorInput(context, self._inputs[source])
             if vector is None:
                 raise ValueError(f"the input port {input_name(self.program, source)} is not connected")
+            if rows == sizes.inputs:
+                whole: np.ndarray = vector.value()
+                return whole
             inputs[first * n : (first + rows) * n] = vector.value()
         return inputs
 
@@ -226,15 +232,40 @@ class CompiledSystem(LeafSystem):
         def calc(context: Context, output: BasicVector) -> None:
             if port not in self._ports:
                 self._ports[port] = self.program.port(port)
-            event = self._ports[port]
-            # It writes none of the state.
-            shown = self._run(event, context, context.get_discrete_state(self._state).value())
-            output.SetFromVector(shown.ravel())
+            code, shown = self._ports[port], output.get_mutable_value()
+            if isinstance(code, Event):
+                # It writes none of the state.
+                shown[:] = self._run(code, context, context.get_discrete_state(self._state).value()).ravel()
+            elif code.group is None:
+                numbers = self._shared_at(code, context.get_time())[code.first :][: code.num_rows]
+                shown.reshape(code.num_rows, -1)[:] = numbers[:, None]
+            else:
+                n = self.program.num_vehicles
+                numbers = self._numbers(code.group, context, port)
+                shown[:] = numbers[code.first * n : (code.first + code.num_rows) * n]
 
         reached = self.program.reach(port)
         tickets = {self.xd_ticket(), self.pn_ticket(), self.time_ticket()}
         tickets |= {self.input_port_ticket(self._inputs[source]) for source in reached}
         self.DeclareVectorOutputPort(name, size, calc, tickets)
+
+    def _numbers(self, group: int, context: Context, port: Port) -> np.ndarray:
+        """The rows of a group that a port shows."""
+        if group == INPUTS:
+            return self._seen(self.program.reach(port), context)
+        vector = context.get_discrete_state(self._state) if group == STATE else self._parameters_of(context)
+        numbers: np.ndarray = vector.value()
+        return numbers
+
+    def _parameters_of(self, context: Context) -> BasicVector:
+        return context.get_numeric_parameter(self._parameters)
+
+    def _shared_at(self, code: Event | Shown, time: float) -> np.ndarray:
+        """The shared numbers at a time; at an instant, from those that are kept."""
+        instant = round(time / self.program.base)
+        if instant * self.program.base == time:
+            return self._table(code, instant, 1)[0]
+        return self.program.table(code, np.full((1, code.instants + 1), time))[0]
 
 
 def input_name(program: Program, source: Port | Exported) -> str:

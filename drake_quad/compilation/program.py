@@ -16,6 +16,7 @@ from drake_quad.compilation.topology import Exported, Port, Topology
 from drake_quad.compilation.trace import Places, Trace
 from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
+from drake_quad.framework.symbols import Symbol
 
 # Of instants until everything happens together again.
 _LONGEST_CYCLE = 64
@@ -38,6 +39,24 @@ class Event(NamedTuple):
     shared: SharedNumbers
     instants: int
     inputs: frozenset[Port | Exported]
+
+
+class Shown(NamedTuple):
+    """What a port shows without that anything is computed.
+
+    Attributes:
+        group: of the rows that it shows; None for shared numbers.
+        first: of the rows.
+        num_rows: that it shows.
+        shared: the numbers.
+        instants: as for an event.
+    """
+
+    group: int | None
+    first: int
+    num_rows: int
+    shared: SharedNumbers
+    instants: int = 1
 
 
 class Program:
@@ -148,15 +167,16 @@ class Program:
         trace.advance(works, first=True)
         return self._event(trace, shared, 1, logged)
 
-    def port(self, port: Port) -> Event:
-        """The machine code that logs a leaf's output port, and changes nothing."""
+    def port(self, port: Port) -> Event | Shown:
+        """What a leaf's output port shows, or the machine code that logs it and changes nothing."""
 
-        def make() -> Event:
+        def make() -> Event | Shown:
             trace, shared = self._trace(1)
-            return self._event(trace, shared, 1, trace.output(port))
+            rows = trace.output(port)
+            return _shown(trace, shared, rows) or self._event(trace, shared, 1, rows)
 
-        event: Event = self._kept(("port", port), make)
-        return event
+        found: Event | Shown = self._kept(("port", port), make)
+        return found
 
     def strides(self, recorded: Sequence[Port]) -> list[Event] | None:
         """What is done in a cycle, from the discrete updates of an instant until those of a later one begin.
@@ -201,7 +221,7 @@ class Program:
         times: np.ndarray = (begins[:, None] + np.arange(instants + 1)) * self.base
         return times
 
-    def table(self, event: Event, times: np.ndarray) -> np.ndarray:
+    def table(self, event: Event | Shown, times: np.ndarray) -> np.ndarray:
         """The (events, width) numbers that all vehicles share at the (events, instants) times (s)."""
 
         def values(path: str, output: int, time: float) -> np.ndarray:
@@ -326,3 +346,17 @@ class Program:
             for path, index, vector in self._groups(name, context):
                 first, rows = places[path, index]
                 yield vector, numbers[first * self.num_vehicles : (first + rows) * self.num_vehicles]
+
+
+def _shown(trace: Trace, shared: SharedNumbers, rows: Sequence[Any]) -> Shown | None:
+    """What is shown where rows stand one after another somewhere, or are shared numbers; None if they do not."""
+    if not all(row.__class__ is Symbol for row in rows):
+        return None
+    operations = [trace.listing.operations[row.line] for row in rows]
+    (name,) = names if len(names := {operation.name for operation in operations}) == 1 else (None,)
+    if name not in ("row", "shared"):
+        return None
+    places = [operation.operands for operation in operations]
+    *group, first = places[0]
+    in_order = places == [(*group, first + place) for place in range(len(rows))]
+    return Shown(group[0] if group else None, first, len(rows), shared) if in_order else None

@@ -166,8 +166,8 @@ def exp(x: Symbol) -> Symbol:
     return mantissa * _number_of((bits_of(rounded) + _BIAS) << _EXPONENT_BITS)
 
 
-def log(x: Symbol) -> Symbol:
-    """Natural logarithm."""
+def log(x: Symbol, *, normal: bool) -> Symbol:
+    """Natural logarithm; quicker of what is known to be a positive, normal number."""
     # With these bits added, the exponent is one more from the square root of a half on.
     bits = bits_of(x) + (_ONE - _ROOT_OF_HALF)
     f = _number_of((bits & _MANTISSA) + _ROOT_OF_HALF) - 1.0
@@ -178,6 +178,8 @@ def log(x: Symbol) -> Symbol:
     z, half = s * s, 0.5 * f * f
     rest = fused(exponent, _LN_2[1], s * (half + z * polynomial(z, _LOG)))
     result = fused(exponent, _LN_2[0], f - (half - rest))
+    if normal:
+        return result
     result = select(x >= _SMALLEST_NORMAL, result, select(x >= 0.0, -math.inf, math.nan))
     return select(x < math.inf, result, x)
 
@@ -187,7 +189,7 @@ def log_of_1_plus(x: Symbol) -> Symbol:
     rounded = 1.0 + x
     lost = rounded == 1.0
     # What was lost in the sum is lost in the difference, too.
-    return select(lost, x, log(rounded) * (x / select(lost, 1.0, rounded - 1.0)))
+    return select(lost, x, log(rounded, normal=False) * (x / select(lost, 1.0, rounded - 1.0)))
 
 
 def arctan(x: Symbol) -> Symbol:

@@ -71,11 +71,11 @@ def exp(x: Row) -> Row:
     return _untyped(approximations.exp(x)) if x.__class__ is Symbol else np.exp(x)
 
 
-def log(x: Row) -> Row:
-    """Natural logarithm."""
+def log(x: Row, *, normal: bool = False) -> Row:
+    """Natural logarithm; it is quicker where it is known that x is positive, finite and not below 1e-307: normal."""
     if x.__class__ is float:
         return math.log(x)
-    return _untyped(approximations.log(x)) if x.__class__ is Symbol else np.log(x)
+    return _untyped(approximations.log(x, normal=normal)) if x.__class__ is Symbol else np.log(x)
 
 
 def log_of_1_plus(x: Row) -> Row:

@@ -121,7 +121,7 @@ def uniform_number(state: Any) -> Row:
 def normal_pair(state: Any) -> tuple[Row, Row]:
     """Two normal numbers, by Box and Muller: √(-2 ln u) times sine and cosine of 2π v, u and v of 32 bits each."""
     word = mixed(state)
-    radius = sqrt(-2.0 * log((float_of(word & _LOW_HALF) + 0.5) * 2.0**-32))
+    radius = sqrt(-2.0 * log((float_of(word & _LOW_HALF) + 0.5) * 2.0**-32, normal=True))
     sine, cosine = sin_cos(float_of(word >> _HALF) * (math.tau * 2.0**-32))
     return radius * sine, radius * cosine
 

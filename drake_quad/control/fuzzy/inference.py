@@ -66,9 +66,9 @@ def elliptic_membership(u: Row, exponent: Row) -> Row:
     """
     distance = abs(u)
     within = minimum(maximum(distance, _TINY), _BELOW_ONE)
-    rest = maximum(1.0 - exp(exponent * log(within)), _TINY)
+    rest = maximum(1.0 - exp(exponent * log(within, normal=True)), _TINY)
     # A triangle has no rounded powers.
-    arc = where(exponent == 1.0, 1.0 - within, exp((1.0 / exponent) * log(rest)))
+    arc = where(exponent == 1.0, 1.0 - within, exp((1.0 / exponent) * log(rest, normal=True)))
     return where(distance < 1.0, arc, 0.0 * distance)
 
 
