@@ -10,6 +10,7 @@ from drake_quad.compilation.program import Program
 from drake_quad.compilation.stand_in import StandIn
 from drake_quad.compilation.topology import Exported, Port, Topology
 from drake_quad.errors import InputError
+from drake_quad.framework.formulas import INTERPRETED
 
 # What a compiled diagram calls its compiled system.
 COMPILED = "compiled"
@@ -35,6 +36,8 @@ def compile_diagram(diagram: Diagram, *, ticks: int | None = None, record: bool 
     Raises:
         InputError: the diagram cannot be compiled, and why.
     """
+    if INTERPRETED:
+        raise InputError("DRAKE_QUAD_INTERPRETED is set, so formulas run as they are written; fly the diagram as wired")
     program = Program(diagram)
     for path, system in program.others.items():
         if not isinstance(system, StandIn):

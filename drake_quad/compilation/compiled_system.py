@@ -75,7 +75,7 @@ class CompiledSystem(LeafSystem):
         return self.program.cycle * self.program.base
 
     def read(self, context: Context, diagram_context: Context) -> None:
-        """Takes time, state and parameters of the compiled systems from a context of the diagram."""
+        """Takes state and parameters of the compiled systems from a context of the diagram."""
         state, parameters = self.program.read(diagram_context)
         context.get_mutable_discrete_state(self._state).SetFromVector(state)
         context.get_mutable_numeric_parameter(self._parameters).SetFromVector(parameters)

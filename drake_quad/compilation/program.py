@@ -42,7 +42,7 @@ class Event(NamedTuple):
 
 
 class Shown(NamedTuple):
-    """What a port shows without that anything is computed.
+    """What a port shows that need not be computed.
 
     Attributes:
         group: of the rows that it shows; None for shared numbers.
@@ -131,10 +131,8 @@ class Program:
 
     def read(self, context: Context) -> tuple[np.ndarray, np.ndarray]:
         """The (rows · N,) state and parameters in a context of the diagram."""
-        state, parameters = (
-            np.empty(self.sizes.state * self.num_vehicles),
-            np.empty(self.sizes.parameters * self.num_vehicles),
-        )
+        n = self.num_vehicles
+        state, parameters = np.empty(self.sizes.state * n), np.empty(self.sizes.parameters * n)
         for vector, numbers in self._vectors(context, state, parameters):
             numbers[:] = vector.CopyToVector()
         return state, parameters
@@ -164,7 +162,7 @@ class Program:
         logged = [row for port in recorded for row in trace.output(port)]
         if not works and not logged:
             return None
-        trace.advance(works, first=True)
+        trace.advance(works, first=not instant)
         return self._event(trace, shared, 1, logged)
 
     def port(self, port: Port) -> Event | Shown:
@@ -181,7 +179,8 @@ class Program:
     def strides(self, recorded: Sequence[Port]) -> list[Event] | None:
         """What is done in a cycle, from the discrete updates of an instant until those of a later one begin.
 
-        There are several events where something from elsewhere is looked at more than once; None if that cannot be.
+        There are several events where something from elsewhere is looked at more than once; None if that cannot be, or
+        if an unrestricted update does something at time zero.
 
         Args:
             recorded: ports that are logged at the first instant.
@@ -190,6 +189,8 @@ class Program:
         return events
 
     def _strides(self, recorded: Sequence[Port]) -> list[Event] | None:
+        if any(work.at_start for _, work in self.works(0, unrestricted=True)):
+            return None
         for instants in (each for each in range(self.cycle, 0, -1) if self.cycle % each == 0):
             events = []
             for first in range(0, self.cycle, instants):
