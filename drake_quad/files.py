@@ -65,7 +65,8 @@ def write_table(path: Path, columns: Mapping[str, Iterable[Any]], *, digits: int
             return "" if plain != plain else repr(plain) if digits == 17 else f"{plain:.{digits}g}"
         return str(plain)
 
-    rows = zip(*(map(cell, values) for values in columns.values()), strict=True)
+    plain = (values.tolist() if isinstance(values, np.ndarray) else values for values in columns.values())
+    rows = zip(*(map(cell, values) for values in plain), strict=True)
 
     def write(target: Path) -> None:
         with target.open("w", newline="", encoding="utf-8") as file:

@@ -7,19 +7,14 @@ import sys
 from collections.abc import Callable, Iterable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import get_args
+from typing import Any, get_args
 
 from interruption import SENTENCE, raise_interruptions
-
-from tqdm import tqdm
 
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.scenario import Mission, Override, load_mission
 from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector
-
-# Worker processes are forked only from a process with a single thread, and tqdm's monitor would be a second one.
-tqdm.monitor_interval = 0
 
 
 def parser(description: str, example: str, *, output: str | None, scenario: str) -> argparse.ArgumentParser:
@@ -114,10 +109,19 @@ def mission_of(arguments: argparse.Namespace) -> Mission:
     return load_mission(arguments.scenario, overrides_of(arguments.set))
 
 
+def new_bar(*items: Any, **options: Any) -> Any:
+    """Returns a progress bar of tqdm, which is only seen on a terminal and only while it is under way."""
+    from tqdm import tqdm
+
+    # Worker processes are forked only from a process with a single thread, and tqdm's monitor would be a second one.
+    tqdm.monitor_interval = 0
+    return tqdm(*items, leave=False, disable=None, **options)
+
+
 @contextmanager
 def flight_progress() -> Iterator[Callable[[float, float], None]]:
     """Shows a bar on a terminal if a flight takes long; gives the function to tell the time flown and to fly, s."""
-    with tqdm(total=0.0, desc="flying", delay=1.0, leave=False, bar_format=_BAR, disable=None) as bar:
+    with new_bar(total=0.0, desc="flying", delay=1.0, bar_format=_BAR) as bar:
 
         def show(flown: float, duration: float) -> None:
             bar.total = duration
@@ -129,7 +133,7 @@ def flight_progress() -> Iterator[Callable[[float, float], None]]:
 @contextmanager
 def study_progress(name: str) -> Iterator[Callable[[int, int], None]]:
     """Shows a bar on a terminal; gives the function that is told how many samples are done, and how many there are."""
-    with tqdm(desc=name, unit=" flights", leave=False, disable=None, mininterval=0.2) as bar:
+    with new_bar(desc=name, unit=" flights", mininterval=0.2) as bar:
 
         def show(done: int, total: int) -> None:
             if bar.total is None:
@@ -142,7 +146,7 @@ def study_progress(name: str) -> Iterator[Callable[[int, int], None]]:
 
 def bar_over(items: Sequence[str], words: str) -> Iterator[str]:
     """Gives items one after another and shows a bar on a terminal."""
-    with tqdm(items, desc=words, leave=False, disable=None) as bar:
+    with new_bar(items, desc=words) as bar:
         for item in bar:
             bar.set_postfix_str(item)
             yield item

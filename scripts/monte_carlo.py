@@ -38,7 +38,6 @@ from drake_quad.studies.statistics import (
     with_crashes,
     worst,
 )
-from drake_quad.visualization.study_plots import plot_convergence, plot_distribution, plot_influences
 from drake_quad.visualization.style import Vector, save_figures
 
 # The metrics that are printed: name, unit, size of the unit in SI units, and digits.
@@ -153,6 +152,9 @@ def save_plots(studies: Mapping[str, Study], folder: Path, metric: str, vector: 
     studies = {name: study for name, study in studies.items() if len(study.samples)}
     if not studies:
         return []
+    # Matplotlib takes half a second to load, which an error, or a worker process, need not wait for.
+    from drake_quad.visualization.study_plots import plot_convergence, plot_distribution, plot_influences
+
     figures = {"distribution": plot_distribution(studies, metric), "convergence": plot_convergence(studies, metric)}
     for name, study in studies.items():
         suffix = f"_{name}" if len(studies) > 1 else ""

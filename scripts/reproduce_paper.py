@@ -7,9 +7,7 @@ from collections.abc import Callable, Iterator, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 
-from command_line import add_vector, add_wired, print_columns, print_files, run
-
-from tqdm import tqdm
+from command_line import add_vector, add_wired, new_bar, print_columns, print_files, run
 
 from drake_quad import Scenario, load_scenario
 from drake_quad.files import output_folder, read_table, write_text
@@ -49,7 +47,7 @@ def main() -> None:
     findings = findings_of(found, read_table(folder / "calibration.csv"))
     files = write_findings(folder, findings)
     drawings = output_folder(folder / "figures")
-    with tqdm(total=len(FIGURES), desc="drawing", leave=False, disable=None) as bar:
+    with new_bar(total=len(FIGURES), desc="drawing") as bar:
         for name, figure in paper_figures(found, flights):
             save_small(figure, drawings / f"{name}.png")
             if arguments.vector is not None:
@@ -87,7 +85,7 @@ def load(cell: Cell) -> Scenario:
 @contextmanager
 def flights_bar(total: int) -> Iterator[Callable[[str, int], None]]:
     """Shows a bar on a terminal; gives the function that is told what was flown and how many flights are done."""
-    with tqdm(total=total, desc="flying", unit=" flights", leave=False, disable=None) as bar:
+    with new_bar(total=total, desc="flying", unit=" flights") as bar:
 
         def show(what: str, done: int) -> None:
             bar.set_postfix_str(what, refresh=False)

@@ -15,10 +15,6 @@ from drake_quad.assembly.planning import plan_route
 from drake_quad.files import output_folder
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import draw_sample
-from drake_quad.visualization.plots import save_plots
-from drake_quad.visualization.replay.live import LiveView
-from drake_quad.visualization.replay.page import draw_replay, save_replay
-from drake_quad.visualization.replay.scene import local_meshcat
 
 
 def main() -> None:
@@ -51,6 +47,10 @@ def main() -> None:
         flight = simulate(
             scenario, sample=sample, plan=plan, compiled=arguments.compiled, prepare=prepare, progress=progress
         )
+    # Matplotlib takes half a second to load, which an error need not wait for.
+    from drake_quad.visualization.plots import save_plots
+    from drake_quad.visualization.replay.page import save_replay
+
     replay = save_replay({scenario.name: flight}, folder / "replay.html")
     files = [*flight.save(folder), *save_plots(flight, folder, vector=arguments.vector), replay]
     which = [("sample", str(sample), f"of seed {scenario.seed}")] if sample is not None else []
@@ -62,6 +62,8 @@ def main() -> None:
 
 def opened_meshcat() -> Meshcat:
     """Starts Meshcat; on a terminal, waits until somebody has opened it in a browser."""
+    from drake_quad.visualization.replay.scene import local_meshcat
+
     meshcat = local_meshcat()
     print(f"open {meshcat.web_url()} in a browser on this machine", flush=True)
     if sys.stdin.isatty():
@@ -73,12 +75,16 @@ def opened_meshcat() -> Meshcat:
 
 def live_view(meshcat: Meshcat, scenario: Scenario, plan: Plan, rate: float) -> Callable[[Simulator], None]:
     """Draws the scene of a flight, and returns a function that has a simulator show the flight in it."""
+    from drake_quad.visualization.replay.live import LiveView
+
     view = LiveView(meshcat, scenario, plan)
     return lambda simulator: view.watch(simulator, rate)
 
 
 def show_again(meshcat: Meshcat, name: str, flight: Flight) -> None:
     """Hands the whole flight to the browser to play and scrub; on a terminal, waits for Enter."""
+    from drake_quad.visualization.replay.page import draw_replay
+
     meshcat.Delete()
     draw_replay(meshcat, {name: flight})
     if sys.stdin.isatty():

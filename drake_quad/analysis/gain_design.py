@@ -19,8 +19,7 @@ from dataclasses import dataclass, replace
 from typing import NamedTuple, Protocol
 
 import numpy as np
-import scipy.linalg
-import scipy.optimize
+import scipy
 from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 
 from drake_quad.analysis.margins import FastMargins, Margins, fast_margins, frequencies, margins

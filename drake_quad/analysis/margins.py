@@ -3,7 +3,6 @@
 import math
 from typing import NamedTuple
 
-import control
 import numpy as np
 
 from drake_quad.analysis.sampled_system import SampledSystem
@@ -43,6 +42,8 @@ def margins(loop: SampledSystem) -> Margins:
     Gain and phase margins are of the frequency response at 2,000 points, interpolated by splines: a polynomial in z for
     a dozen states loses the digits that they need.
     """
+    import control
+
     grid = frequencies(loop.period)
     system = loop.to_state_space()
     response = loop.response(np.exp(1j * grid * loop.period))[:, 0, 0]

@@ -5,7 +5,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-import scipy.linalg
+import scipy
 
 # How much of a mode a state must carry to be named, and how near poles count as one, 1/s: repeated eigenvalues are
 # found with errors of that size.

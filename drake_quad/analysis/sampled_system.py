@@ -15,9 +15,8 @@ as it is. For a closed loop A is the monodromy matrix and its eigenvalues are th
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
-import control
 import numpy as np
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.systems.analysis import InitializeParams, Simulator, Simulator_
@@ -26,6 +25,9 @@ from pydrake.systems.framework import Context, Diagram
 from drake_quad.analysis.context_vector import ContextVector, leaf_paths, port_rows, undotted
 from drake_quad.errors import InputError
 from drake_quad.framework.wiring import subsystem
+
+if TYPE_CHECKING:
+    import control
 
 
 @dataclass(frozen=True)
@@ -52,8 +54,10 @@ class SampledSystem:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
 
-    def to_state_space(self) -> control.StateSpace:
+    def to_state_space(self) -> "control.StateSpace":
         """The same as python-control's StateSpace."""
+        import control
+
         names = {"states": undotted(self.states), "inputs": undotted(self.inputs), "outputs": undotted(self.outputs)}
         return control.ss(self.A, self.B, self.C, self.D, self.period, **names)
 

@@ -1,9 +1,8 @@
 """Operating points of the vehicle, and its linear models there."""
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import TYPE_CHECKING, NamedTuple
 
-import control
 import numpy as np
 from pydrake.autodiffutils import ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.solvers import MathematicalProgram, SnoptSolver
@@ -22,6 +21,9 @@ from drake_quad.signals import RotorSpeed, State, Wind
 from drake_quad.vehicle.dynamics import Motion, equations_of_motion, hover_rotor_speeds, rotor_action
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import KINEMATICS, Kinematics, Quadrotor, QuadrotorNumbers
+
+if TYPE_CHECKING:
+    import control
 
 _NUM_ROTORS, _NUM_WIND = len(RotorSpeed._fields), len(Wind._fields)
 OUTPUTS = port_rows("state", len(State._fields))
@@ -129,8 +131,10 @@ def affine_vehicle(trim: Trim, parameters: QuadrotorParameters, *, kinematics: K
     return FirstOrderTaylorApproximation(diagram, context)
 
 
-def to_state_space(system: LinearSystem) -> control.StateSpace:
+def to_state_space(system: LinearSystem) -> "control.StateSpace":
     """The model as python-control's StateSpace, named, in deviations from the operating point."""
+    import control
+
     names = {"states": undotted(STATES), "inputs": undotted(INPUTS), "outputs": undotted(OUTPUTS)}
     return control.ss(system.A(), system.B(), system.C(), system.D(), **names)
 

@@ -25,8 +25,8 @@ from functools import cached_property
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.linalg import cho_solve_banded, cholesky_banded
 
 from drake_quad.errors import InputError
 from drake_quad.reference.polynomial_path import PolynomialPath, hermite_matrix, power_basis
@@ -230,7 +230,7 @@ class MinimumSnap:
             bands[distance, : size - distance] *= free[: size - distance] * free[distance:]
         bands[0] = 1.0
         self._unit = unit
-        self._factor = cholesky_banded(bands, lower=True, check_finite=False)
+        self._factor = scipy.linalg.cholesky_banded(bands, lower=True, check_finite=False)
 
     def _hold(self) -> None:
         """Prepares the contacts: how the path answers to a unit force at each."""
@@ -276,7 +276,7 @@ class MinimumSnap:
     def _solve(self, pull: np.ndarray) -> np.ndarray:
         """(waypoints, 3, columns) the derivatives in the waypoints' units that answer to a pull."""
         right_side = pull.reshape(len(self._unit), -1) * self._unit[:, np.newaxis]
-        solution = cho_solve_banded((self._factor, True), right_side, overwrite_b=True, check_finite=False)
+        solution = scipy.linalg.cho_solve_banded((self._factor, True), right_side, overwrite_b=True, check_finite=False)
         return np.asarray(solution * self._unit[:, np.newaxis]).reshape(pull.shape)
 
 

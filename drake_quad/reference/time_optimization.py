@@ -10,7 +10,7 @@ from contextlib import suppress
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import linprog, minimize
+import scipy
 
 from drake_quad.reference.minimum_snap import DEGREE, FROM_BOUNDARY, Contact, MinimumSnap
 from drake_quad.reference.path_problem import Limits
@@ -72,7 +72,7 @@ def least_snap_durations(
     # A step of the search may reach durations so unequal that the form is no longer positive definite in floating
     # point; what was found before stands.
     with suppress(np.linalg.LinAlgError):
-        minimize(logarithm_of_cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
+        scipy.optimize.minimize(logarithm_of_cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     return best[1]
 
 
@@ -205,7 +205,7 @@ def _best_change(
     slope = np.append(durations / durations.sum(), price)
     rows = np.column_stack([gradients[matters], np.full(int(matters.sum()), -1.0)])
     bounds = [*zip(low, high, strict=True), (floor - worst if floor > -math.inf else None, None)]
-    result = linprog(slope, A_ub=rows, b_ub=worst - excess[matters], bounds=bounds, method="highs")
+    result = scipy.optimize.linprog(slope, A_ub=rows, b_ub=worst - excess[matters], bounds=bounds, method="highs")
     if not result.success:
         return np.zeros(segments), 0.0
     return result.x[:segments], -float(result.fun)

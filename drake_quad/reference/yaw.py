@@ -7,9 +7,8 @@ import itertools
 import math
 
 import numpy as np
+import scipy
 from numpy.typing import ArrayLike
-from scipy.interpolate import CubicSpline
-from scipy.linalg import solveh_banded
 
 from drake_quad.errors import InputError
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path
@@ -122,13 +121,13 @@ def _smoothing_spline(times: np.ndarray, values: np.ndarray, weights: np.ndarray
         bands[0, end] = 1.0
         for distance in range(1, min(end, 3) + 1):
             bands[distance, end - distance] = 0.0
-    knots = solveh_banded(bands, right_side, lower=True, check_finite=False).reshape(len(times), 2, 1)
+    knots = scipy.linalg.solveh_banded(bands, right_side, lower=True, check_finite=False).reshape(len(times), 2, 1)
     knots[:, 1] /= unit
     return hermite_path(times, knots)
 
 
 def _spline(times: np.ndarray, angles: np.ndarray) -> PolynomialPath:
-    spline = CubicSpline(times, angles, bc_type="clamped")
+    spline = scipy.interpolate.CubicSpline(times, angles, bc_type="clamped")
     # SciPy's highest power comes first, in seconds since the knot.
     coefficients = spline.c[::-1].T * np.diff(times)[:, np.newaxis] ** np.arange(4)
     return PolynomialPath(times, coefficients[:, :, np.newaxis])

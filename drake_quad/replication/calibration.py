@@ -10,7 +10,7 @@ from functools import partial
 from typing import NamedTuple
 
 import numpy as np
-from scipy.optimize import brentq
+import scipy
 
 from drake_quad.errors import InputError
 from drake_quad.flight import StudyFleet
@@ -164,7 +164,7 @@ def _fitted(number: FreeNumber, errors: Callable[[list[str]], np.ndarray], targe
             f"{number.words} from {number.low:g} to {number.high:g} leaves the error {ends[0]:+.3g} to {ends[1]:+.3g} m"
             f" from {target:g} m; there is nothing to fit"
         )
-    return float(brentq(excess, number.low, number.high, rtol=_TOLERANCE, xtol=1e-9))
+    return float(scipy.optimize.brentq(excess, number.low, number.high, rtol=_TOLERANCE, xtol=1e-9))
 
 
 def _errors(scenario: Scenario, num_samples: int, *, compiled: bool = True) -> np.ndarray:

@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Literal, NamedTuple
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from drake_quad.files import write_table
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
@@ -401,7 +401,7 @@ def _mean(values: np.ndarray) -> Interval:
 def _welch(first: str, second: str) -> str:
     """Welch's test of whether the printed runs of two controllers in low wind differ, in words."""
     runs = [printed_table()[Cell("low_wind", name)].rmse.runs for name in (first, second)]
-    return f"Welch, p = {stats.ttest_ind(*runs, equal_var=False).pvalue:.2f}"
+    return f"Welch, p = {scipy.stats.ttest_ind(*runs, equal_var=False).pvalue:.2f}"
 
 
 def _levels(controller: str) -> str:

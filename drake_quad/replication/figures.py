@@ -35,9 +35,9 @@ from drake_quad.visualization.style import (
     ORANGE,
     PURPLE,
     REFERENCE,
-    SHADING,
     VERMILION,
     new_figure,
+    shading,
     styled,
 )
 
@@ -100,7 +100,7 @@ def figure_4() -> Figure:
         grid = figure.subplots(2, 2, sharex=True, sharey=True)
         for axes, (a1, a2) in zip(grid.flat, PAPER_EXPONENTS, strict=True):
             upper, lower = elliptic_membership(u, a1), elliptic_membership(u, a2)
-            axes.fill_between(u, lower, upper, color=SHADING(0.5), linewidth=0)
+            axes.fill_between(u, lower, upper, color=shading()(0.5), linewidth=0)
             axes.plot(u, upper, color=BLUE, label="upper, $a_1$")
             axes.plot(u, lower, color=VERMILION, linestyle="--", label="lower, $a_2$")
             axes.set_title(f"$a_1$ = {a1:g}, $a_2$ = {a2:g}")
@@ -368,7 +368,7 @@ def gain_figure(found: Experiment) -> Figure:
             k_p, k_d, error = errors[name]
             axes.set_facecolor("0.8")
             norm = LogNorm(least, largest)
-            shades = axes.pcolormesh(k_d, k_p, error, cmap=SHADING, norm=norm, shading="nearest")
+            shades = axes.pcolormesh(k_d, k_p, error, cmap=shading(), norm=norm, shading="nearest")
             axes.contour(k_d, k_p, error, [1.2 * np.nanmin(error)], colors=VERMILION, linewidths=1.2)
             gains = calibrated.k_d[0], calibrated.k_p[0]
             axes.plot(*gains, "*", color=BLACK, markersize=9, markeredgecolor="white", markeredgewidth=0.6)

@@ -4,7 +4,7 @@ from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
-from scipy.spatial import KDTree
+import scipy
 
 from drake_quad.flight import Flight
 
@@ -130,7 +130,7 @@ def _after_over_before(flight: Flight) -> float:
 
 
 def _path_error(flight: Flight) -> float:
-    path = KDTree(flight.plan.derivative(0).vector_values(np.arange(0.0, flight.time[-1], _FINE)).T)
+    path = scipy.spatial.KDTree(flight.plan.derivative(0).vector_values(np.arange(0.0, flight.time[-1], _FINE)).T)
     state = flight.record("state")
     distance, _ = path.query(np.column_stack([state.x, state.y, state.z]))
     return float(np.sqrt(np.mean(distance**2)))

@@ -4,9 +4,9 @@ from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, LiteralString
 
 import numpy as np
+import scipy
 from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
 from pydantic_core import PydanticCustomError
-from scipy.special import ndtr, ndtri
 
 from drake_quad.errors import listed
 from drake_quad.scenario.limits import LARGEST, SMALLEST
@@ -129,9 +129,9 @@ class Normal(Model):
     def quantile(self, probability: Any) -> Any:
         """The value below which this share of all values lies."""
         mean, deviation, low, high = (getattr(self.normal, name) for name in type(self.normal).model_fields)
-        below = 0.0 if low is None else ndtr((low - mean) / deviation)
-        above = 1.0 if high is None else ndtr((high - mean) / deviation)
-        value = mean + deviation * ndtri(below + probability * (above - below))
+        below = 0.0 if low is None else scipy.special.ndtr((low - mean) / deviation)
+        above = 1.0 if high is None else scipy.special.ndtr((high - mean) / deviation)
+        value = mean + deviation * scipy.special.ndtri(below + probability * (above - below))
         return np.clip(value, low, high)
 
 

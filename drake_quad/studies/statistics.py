@@ -8,7 +8,7 @@ import math
 from typing import Any, NamedTuple
 
 import numpy as np
-from scipy import stats
+import scipy
 
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.studies.interval import Interval
@@ -35,8 +35,8 @@ def quantile_interval(values: np.ndarray, probability: float, confidence: float 
     ordered, n = np.sort(values), len(values)
     # The number of values below the quantile is binomial: each end leaves out at most half of what may be missed.
     missed = 0.5 * (1.0 - confidence)
-    first = int(stats.binom.ppf(missed, n, probability))
-    last = int(stats.binom.ppf(1.0 - missed, n, probability)) + 1
+    first = int(scipy.stats.binom.ppf(missed, n, probability))
+    last = int(scipy.stats.binom.ppf(1.0 - missed, n, probability)) + 1
     return Interval(
         float(ordered[max(math.ceil(n * probability) - 1, 0)]),
         float(ordered[first - 1]) if first >= 1 else -math.inf,
@@ -48,7 +48,7 @@ def share_interval(count: int, total: int, confidence: float = CONFIDENCE) -> In
     """A probability from so many of a total, with the exact interval of Clopper and Pearson."""
     if total == 0:
         return Interval(math.nan, 0.0, 1.0)
-    found = stats.binomtest(count, total).proportion_ci(confidence, method="exact")
+    found = scipy.stats.binomtest(count, total).proportion_ci(confidence, method="exact")
     return Interval(count / total, float(found.low), float(found.high))
 
 
@@ -60,8 +60,8 @@ def rank_correlation(x: np.ndarray, y: np.ndarray, confidence: float = CONFIDENC
     """
     if len(x) < 4 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         return Interval(math.nan, math.nan, math.nan)
-    rho = float(stats.spearmanr(x, y).statistic)
-    reach = stats.norm.ppf(0.5 * (1.0 + confidence)) * math.sqrt((1.0 + 0.5 * rho * rho) / (len(x) - 3))
+    rho = float(scipy.stats.spearmanr(x, y).statistic)
+    reach = scipy.stats.norm.ppf(0.5 * (1.0 + confidence)) * math.sqrt((1.0 + 0.5 * rho * rho) / (len(x) - 3))
     centre = math.atanh(max(min(rho, 1.0 - 1e-15), -1.0 + 1e-15))
     return Interval(rho, math.tanh(centre - reach), math.tanh(centre + reach))
 
@@ -98,7 +98,7 @@ def running_mean(values: np.ndarray, confidence: float = CONFIDENCE) -> tuple[np
 
 def _reach(deviation: Any, count: Any, confidence: float) -> Any:
     """Half of Student's interval of a mean."""
-    return stats.t.ppf(0.5 * (1.0 + confidence), count - 1) * deviation / np.sqrt(count)
+    return scipy.stats.t.ppf(0.5 * (1.0 + confidence), count - 1) * deviation / np.sqrt(count)
 
 
 class Influence(NamedTuple):
@@ -185,7 +185,7 @@ def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparis
         share_interval(int(np.sum(value < reference)), len(value)),
         only,
         baseline_only,
-        float(stats.binomtest(only, only + baseline_only).pvalue) if only + baseline_only else 1.0,
+        float(scipy.stats.binomtest(only, only + baseline_only).pvalue) if only + baseline_only else 1.0,
     )
 
 

@@ -11,7 +11,7 @@ from drake_quad.assembly.control import antecedents
 from drake_quad.control.fuzzy.inference import Antecedents, elliptic_membership, firing_strengths
 from drake_quad.flight import Flight
 from drake_quad.scenario.controllers import Type1Position, Type2Position
-from drake_quad.visualization.style import BLUE, GREEN, PLATE, SHADING, VERMILION, new_figure, styled
+from drake_quad.visualization.style import BLUE, GREEN, PLATE, VERMILION, new_figure, shading, styled
 
 # The pairs of exponents of the paper's Fig. 4.
 PAPER_EXPONENTS = ((1.0, 1.0), (1.2, 0.8), (1.4, 0.6), (1.6, 0.4))
@@ -31,7 +31,7 @@ def plot_memberships(exponents: Sequence[tuple[float, float]] = PAPER_EXPONENTS)
         row = figure.subplots(1, len(exponents), sharey=True, squeeze=False)[0]
         for axes, (a1, a2) in zip(row, exponents, strict=True):
             upper, lower = elliptic_membership(u, a1), elliptic_membership(u, a2)
-            axes.fill_between(u, lower, upper, color=SHADING(0.5), linewidth=0)
+            axes.fill_between(u, lower, upper, color=shading()(0.5), linewidth=0)
             axes.plot(u, upper, color=BLUE, label="upper")
             axes.plot(u, lower, color=VERMILION, label="lower")
             axes.set(title=f"a1 = {a1:g}, a2 = {a2:g}", xlabel="(x - c) / d")

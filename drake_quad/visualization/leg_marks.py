@@ -6,6 +6,8 @@ from typing import NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.lines import Line2D
+from matplotlib.path import Path
+from matplotlib.textpath import TextPath
 
 from drake_quad.reference.plan import Plan
 from drake_quad.visualization.style import PLATE
@@ -67,9 +69,15 @@ def number_legs(axes: Axes, plan: Plan, *, distance: float = 11.0) -> None:
 def leg_names(plan: Plan) -> list[Line2D]:
     """Handles of a legend that says what the numbers mean."""
     return [
-        Line2D([], [], linestyle="none", marker=f"${mark.number}$", color="0.35", label=leg.name)
+        Line2D([], [], linestyle="none", marker=_outline(str(mark.number)), color="0.35", label=leg.name)
         for mark, leg in zip(leg_marks(plan), plan.legs, strict=False)
     ]
+
+
+def _outline(text: str) -> Path:
+    """A text as a marker, about its middle; a formula, as in `$1$`, would take a parser of formulas, and its time."""
+    path = TextPath((0.0, 0.0), text)
+    return Path(path.vertices - path.get_extents().get_points().mean(axis=0), path.codes)
 
 
 def shade_legs(axes: Axes, plan: Plan, last_time: float, *, height: float) -> None:

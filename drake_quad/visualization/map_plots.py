@@ -14,7 +14,7 @@ from matplotlib.ticker import NullLocator
 from drake_quad.analysis.gain_design import AxisGains
 from drake_quad.analysis.stability_map import StabilityMap
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.visualization.style import BLACK, SHADING, VERMILION, new_figure, styled
+from drake_quad.visualization.style import BLACK, VERMILION, new_figure, shading, styled
 
 _EDGE: dict[str, Any] = {"color": BLACK, "linewidth": 2.2, "linestyle": "-"}
 _DAMPING: dict[str, Any] = {"color": BLACK, "linewidth": 0.9, "linestyle": "-"}
@@ -98,7 +98,7 @@ def _draw(axes: Axes, panel: MapPanel, error: np.ndarray, k_p: np.ndarray, k_d: 
     half_p, half_d = 0.5 * (k_p[1] - k_p[0]), 0.5 * (k_d[1] - k_d[0])
     edges = (k_d[0] - half_d, k_d[-1] + half_d, k_p[0] - half_p, k_p[-1] + half_p)
     axes.set_facecolor(_CRASHED)
-    shades = axes.imshow(error, origin="lower", extent=edges, aspect="auto", cmap=SHADING, norm=norm)
+    shades = axes.imshow(error, origin="lower", extent=edges, aspect="auto", cmap=shading(), norm=norm)
     if not panel.linear.stable.all():
         axes.contour(k_d, k_p, panel.linear.size, [1.0], **_contour(_EDGE))
     damping = axes.contour(k_d, k_p, panel.linear.damping, _DAMPINGS, **_contour(_DAMPING))

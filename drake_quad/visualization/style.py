@@ -1,18 +1,19 @@
 """The style of all figures, and how figures are written."""
 
+import functools
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
-import matplotlib
 import numpy as np
-from matplotlib import colormaps
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.colors import LinearSegmentedColormap
-from matplotlib.figure import Figure
 
 from drake_quad.files import write_whole
+
+# Matplotlib takes half a second to load, which whoever wants only a colour, or a `Vector`, does not wait for.
+if TYPE_CHECKING:
+    from matplotlib.colors import Colormap
+    from matplotlib.figure import Figure
 
 # M. Okabe and K. Ito, "Color universal design", 2008: distinguishable with any colour vision.
 BLACK, ORANGE, SKY, GREEN, YELLOW, BLUE, VERMILION, PURPLE = (
@@ -30,8 +31,6 @@ LIMIT: dict[str, Any] = {"color": "0.3", "linestyle": ":", "linewidth": 1.2}
 # Keeps text legible where it crosses a line.
 PLATE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0}
 AXES = {"x": BLUE, "y": VERMILION, "z": GREEN}
-# Light enough for lines and arrows on top.
-SHADING = LinearSegmentedColormap.from_list("shading", colormaps["Blues"](np.linspace(0.0, 0.6, 64)))
 ROTORS = (BLUE, VERMILION, GREEN, PURPLE)
 
 _SETTINGS: Any = {
@@ -56,21 +55,35 @@ Vector = Literal["pdf", "svg"]
 _UNDATED: dict[str, Any] = {"pdf": {"CreationDate": None}, "svg": {"Date": None}}
 
 
+@functools.cache
+def shading() -> "Colormap":
+    """The colours of areas, light enough for lines and arrows on top."""
+    from matplotlib import colormaps
+    from matplotlib.colors import LinearSegmentedColormap
+
+    return LinearSegmentedColormap.from_list("shading", colormaps["Blues"](np.linspace(0.0, 0.6, 64)))
+
+
 @contextmanager
 def styled() -> Iterator[None]:
     """A context in which figures are drawn in the style of the project; Matplotlib's settings stay as they are."""
+    import matplotlib
+
     with matplotlib.rc_context(_SETTINGS):
         yield
 
 
-def new_figure(width: float, height: float) -> Figure:
+def new_figure(width: float, height: float) -> "Figure":
     """Returns an empty figure of a size in inches, which no window or notebook shows by itself."""
+    from matplotlib.backends.backend_agg import FigureCanvasAgg
+    from matplotlib.figure import Figure
+
     figure = Figure(figsize=(width, height), layout="constrained")
     FigureCanvasAgg(figure)
     return figure
 
 
-def save_figures(figures: Mapping[str, Figure], folder: Path, *, vector: Vector | None = None) -> list[Path]:
+def save_figures(figures: Mapping[str, "Figure"], folder: Path, *, vector: Vector | None = None) -> list[Path]:
     """Writes each figure as a PNG of its name, and in a vector format too if one is given; returns the files."""
     files = []
     for name, figure in figures.items():
@@ -81,7 +94,7 @@ def save_figures(figures: Mapping[str, Figure], folder: Path, *, vector: Vector 
     return files
 
 
-def save_vector(figure: Figure, path: Path, kind: Vector) -> Path:
+def save_vector(figure: "Figure", path: Path, kind: Vector) -> Path:
     """Writes a figure as PDF or SVG, with the same bytes each time, and returns the path."""
     with styled():
         return write_whole(path, lambda target: figure.savefig(target, format=kind, metadata=_UNDATED[kind]))

@@ -12,7 +12,7 @@ from drake_quad.flight import Flight
 from drake_quad.laboratory.wind.fans import Jet, jet_speed
 from drake_quad.signals import State
 from drake_quad.visualization.places import place_by_axis
-from drake_quad.visualization.style import AXES, BLACK, PLATE, REFERENCE, SHADING, new_figure, styled
+from drake_quad.visualization.style import AXES, BLACK, PLATE, REFERENCE, new_figure, shading, styled
 
 # Arrows and shades along a map, and what the map shows beyond path and fans, m.
 _ARROWS, _SHADES, _MARGIN = 30, 300, 0.7
@@ -132,7 +132,7 @@ def _mean_wind(flight: Flight, plane: _Plane, room: _Room) -> _Field:
 def _draw_map(axes: Axes, plane: _Plane, field: _Field, top: float) -> QuadMesh:
     """Draws the speed as shades, and the velocity as arrows where there is any to speak of."""
     across, up, velocity, speed = field
-    shades = axes.pcolormesh(across, up, speed, cmap=SHADING, vmin=0.0, vmax=top, rasterized=True)
+    shades = axes.pcolormesh(across, up, speed, cmap=shading(), vmin=0.0, vmax=top, rasterized=True)
     every = _SHADES // _ARROWS
     thin = slice(every // 2, None, every), slice(every // 2, None, every)
     felt = speed[thin] > 0.03 * top

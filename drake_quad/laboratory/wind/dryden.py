@@ -19,8 +19,8 @@ import math
 from typing import NamedTuple
 
 import numpy as np
+import scipy
 from pydrake.common import RandomDistribution
-from scipy.special import gammainc
 
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.signals import Angle, Number, Row, VelocityW, Wind
@@ -148,7 +148,7 @@ class SampledTurbulence(NamedTuple):
         turbulence = numbers.turbulence
         u, v, w = (period * turbulence.airspeed / length for length in turbulence.length)
         return cls(
-            Filter(np.exp(-u), np.sqrt(gammainc(1.0, 2.0 * u))),
+            Filter(np.exp(-u), np.sqrt(scipy.special.gammainc(1.0, 2.0 * u))),
             _across(v),
             _across(w),
             turbulence.deviation,
@@ -158,9 +158,9 @@ class SampledTurbulence(NamedTuple):
 
 
 def _across(eta: Row) -> FilterAcross:
-    noise_f = np.sqrt(gammainc(1.0, 2.0 * eta))
-    shared = 0.5 * gammainc(2.0, 2.0 * eta) / noise_f
-    own = np.sqrt(0.5 * gammainc(3.0, 2.0 * eta) - shared * shared)
+    noise_f = np.sqrt(scipy.special.gammainc(1.0, 2.0 * eta))
+    shared = 0.5 * scipy.special.gammainc(2.0, 2.0 * eta) / noise_f
+    own = np.sqrt(0.5 * scipy.special.gammainc(3.0, 2.0 * eta) - shared * shared)
     return FilterAcross(np.exp(-eta), noise_f, eta * np.exp(-eta), shared, own)
 
 

@@ -1,0 +1,64 @@
+"""What is loaded when: nobody waits for a library that nobody uses."""
+
+import ast
+import importlib
+import inspect
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+import drake_quad
+
+ROOT = Path(__file__).parent.parent
+SELDOM = [
+    *("control", "markdown", "matplotlib", "tqdm"),
+    *(f"scipy.{part}" for part in ("integrate", "interpolate", "linalg", "optimize", "signal", "spatial", "stats")),
+]
+HEAVY = [*SELDOM, "llvmlite", "numpy", "pydantic", "pydrake", "ruamel.yaml", "scipy"]
+# What a flight needs besides: the banded matrices of its plan.
+FLIGHT = "from drake_quad import load_scenario, simulate; simulate(load_scenario('diagrams/figure_eight.yaml'))"
+
+
+def loaded_by(statement):
+    """The modules that a new process has loaded after a statement."""
+    command = f"import sys; sys.path.insert(0, 'scripts'); {statement}; print(*sys.modules)"
+    return subprocess.run(
+        [sys.executable, "-c", command], cwd=ROOT, check=True, capture_output=True, text=True
+    ).stdout.split()
+
+
+def test_the_package_alone_loads_no_library():
+    assert not {*HEAVY} & {*loaded_by("import drake_quad")}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("statement", "wanted", "absent"),
+    [
+        ("from drake_quad import InputError", [], HEAVY),
+        ("from drake_quad import load_scenario", ["pydantic"], SELDOM),
+        ("from drake_quad import *", ["drake_quad.studies.study"], SELDOM),
+        ("import simulate, monte_carlo", ["command_line"], SELDOM),
+        (FLIGHT, ["scipy.linalg"], [name for name in SELDOM if name != "scipy.linalg"]),
+    ],
+)
+def test_nothing_loads_a_library_that_it_does_not_use(statement, wanted, absent):
+    loaded = {*loaded_by(statement)}
+    assert {*wanted} <= loaded
+    assert not {*absent} & loaded
+
+
+def test_the_package_has_the_names_that_type_checkers_see():
+    (block,) = (node for node in ast.parse(inspect.getsource(drake_quad)).body if isinstance(node, ast.If))
+    seen = {alias.name: node.module for node in block.body for alias in node.names}
+    assert sorted(seen) == drake_quad.__all__
+    assert {*drake_quad.__all__} <= {*dir(drake_quad)}
+    for name, module in seen.items():
+        assert getattr(drake_quad, name) is getattr(importlib.import_module(module), name)
+
+
+def test_a_name_that_the_package_has_not_is_an_attribute_error():
+    with pytest.raises(AttributeError, match="'drake_quad' has no attribute 'simulat'"):
+        drake_quad.simulat  # noqa: B018
