@@ -60,7 +60,7 @@ def test_a_script_runs_in_a_process_of_its_own_from_anywhere(tmp_path):
     assert (result.returncode, result.stderr) == (0, "")
 
 
-# What a script imports after `interruption`: by `command_line`, by itself, by Drake's.
+# Interrupts a script as it comes to import a module.
 INTERRUPTED = """
 import os, runpy, signal, sys
 
@@ -78,10 +78,18 @@ runpy.run_path(script, run_name="__main__")
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("module", ["tqdm", "numpy", "pydrake", "drake_quad.visualization.replay.live"])
-def test_an_interruption_while_a_script_begins_is_told_in_a_sentence(module):
+@pytest.mark.parametrize(
+    "module",
+    [
+        *("numpy", "pydrake", "drake_quad.scenario.models", "pydrake.geometry", "drake_quad.flight.simulation"),
+        # Loaded when first used: for the plan, the bar, the plots and the replay.
+        *("scipy.linalg", "tqdm", "matplotlib", "drake_quad.visualization.replay.page"),
+    ],
+)
+def test_an_interruption_while_a_script_loads_something_is_told_in_a_sentence(module, tmp_path):
     script = str(ROOT / "scripts" / "simulate.py")
-    command = [sys.executable, "-c", INTERRUPTED, module, script]
+    flight = [str(ROOT / "diagrams" / "figure_eight.yaml"), "--set", "duration=1", "--output", str(tmp_path)]
+    command = [sys.executable, "-c", INTERRUPTED, module, script, *flight]
     result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
     assert (result.returncode, result.stdout, result.stderr) == (1, "", "interrupted: nothing was written\n")
 
