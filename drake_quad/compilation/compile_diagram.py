@@ -15,7 +15,9 @@ from drake_quad.errors import InputError
 COMPILED = "compiled"
 
 
-def compile_diagram(diagram: Diagram, *, ticks: int | None = None, record: bool = False) -> Diagram:
+def compile_diagram(
+    diagram: Diagram, *, ticks: int | None = None, tick: float | None = None, record: bool = False
+) -> Diagram:
     """Compiles a diagram to machine code.
 
     What declares its formulas is compiled, and so are the simplest of Drake's own systems. Every other system, such as
@@ -24,8 +26,10 @@ def compile_diagram(diagram: Diagram, *, ticks: int | None = None, record: bool 
     Args:
         diagram: of systems with discrete state, for any number of vehicles. It is kept, and not changed.
         ticks: None for events at every instant at which something happens in the diagram: state and ports are those of
-            the diagram at any time. Else how many ticks, the longest of all periods, an event takes at once where
-            nothing else looks in between: ports then show what holds at their end.
+            the diagram at any time. Else how many ticks an event takes at once where nothing else looks in between:
+            ports then show what holds at their end.
+        tick: the time between two ticks, one of the periods, s; if not given, that after which everything happens
+            together again.
         record: whether the output ports are recorded at every tick, as discrete updates see them.
 
     Returns:
@@ -39,7 +43,7 @@ def compile_diagram(diagram: Diagram, *, ticks: int | None = None, record: bool 
     for path, system in program.others.items():
         if not isinstance(system, StandIn):
             _check_other(path, system)
-    core = CompiledSystem(program, ticks=ticks, record=record)
+    core = CompiledSystem(program, ticks=ticks, tick=tick, record=record)
     builder = DiagramBuilder()
     builder.AddNamedSystem(COMPILED, core)
     others = {}

@@ -19,6 +19,8 @@ from drake_quad.framework.fleet_system import FleetSystem
 
 # Of instants until everything happens together again.
 _LONGEST_CYCLE = 64
+# By which a quotient of two periods may differ from a whole number.
+_ROUNDING = 1e-9
 # Events of diagrams that are alike but for their numbers are made once.
 _MOST_MADE = 256
 _made: dict[Any, Any] = {}
@@ -158,22 +160,36 @@ class Program:
         event: Event = self._kept(("port", port), make)
         return event
 
-    def strides(self, recorded: Sequence[Port]) -> list[Event] | None:
+    def instants_of(self, period: float) -> int:
+        """How many instants a period (s) takes, of something that happens."""
+        instants = round(period / self.base)
+        if not instants or abs(period / self.base - instants) > _ROUNDING or self.cycle % instants:
+            raise InputError(f"{self.diagram.get_name()} cannot be compiled: nothing happens in it every {period:g} s")
+        return instants
+
+    def strides(self, recorded: Sequence[Port], longest: int) -> list[Event] | None:
         """What is done in a cycle, from the discrete updates of an instant until those of a later one begin.
 
-        There are several events where something from elsewhere is looked at more than once; None if that cannot be.
+        There are several events where something from elsewhere is looked at more than once, or where they may not take
+        a whole cycle; None if that cannot be.
 
         Args:
-            recorded: ports that are logged at the first instant.
+            recorded: ports that are logged every `longest` instants, from the first on.
+            longest: instants that an event may take, of which a cycle is a multiple.
         """
-        events: list[Event] | None = self._kept(("strides", *recorded), lambda: self._strides(recorded))
+        events: list[Event] | None = self._kept(
+            ("strides", longest, *recorded), lambda: self._strides(recorded, longest)
+        )
         return events
 
-    def _strides(self, recorded: Sequence[Port]) -> list[Event] | None:
-        for instants in (each for each in range(self.cycle, 0, -1) if self.cycle % each == 0):
+    def _strides(self, recorded: Sequence[Port], longest: int) -> list[Event] | None:
+        if any(work.at_start for _, work in self.works(0, unrestricted=True)):
+            # Nothing but an event of their own can do them at time zero.
+            return None
+        for instants in (each for each in range(longest, 0, -1) if longest % each == 0):
             events = []
             for first in range(0, self.cycle, instants):
-                event = self._stride(first, instants, [] if first else recorded)
+                event = self._stride(first, instants, [] if first % longest else recorded)
                 if event is None:
                     break
                 events.append(event)
@@ -260,7 +276,7 @@ class Program:
             raise InputError(f"{self.diagram.get_name()} cannot be compiled: nothing happens in it")
         base = min(periods.values())
         for path, period in periods.items():
-            if abs(period / base - round(period / base)) > 1e-9:
+            if abs(period / base - round(period / base)) > _ROUNDING:
                 raise InputError(f"{path} cannot be compiled: its period, {period:g} s, is no multiple of {base:g} s")
         cycle = math.lcm(*(round(period / base) for period in periods.values()))
         if cycle > _LONGEST_CYCLE:
