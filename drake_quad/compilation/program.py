@@ -11,16 +11,14 @@ from pydrake.systems.framework import Context, Diagram
 from drake_quad.compilation.blocks import Block, Work, block_of
 from drake_quad.compilation.loop import Loop, Sizes
 from drake_quad.compilation.shared_numbers import SharedNumbers
-from drake_quad.compilation.stand_in import system_of
+from drake_quad.compilation.stand_in import remembers, system_of
 from drake_quad.compilation.topology import Exported, Port, Topology
-from drake_quad.compilation.trace import Places, Trace
+from drake_quad.compilation.trace import ROUNDING, Places, Trace
 from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
 
 # Of instants until everything happens together again.
 _LONGEST_CYCLE = 64
-# By which a quotient of two periods may differ from a whole number.
-_ROUNDING = 1e-9
 # Events of diagrams that are alike but for their numbers are made once.
 _MOST_MADE = 256
 _made: dict[Any, Any] = {}
@@ -71,7 +69,9 @@ class Program:
             if block is not None:
                 self.blocks[path] = block
         fleets = {system.num_vehicles for system in leaves.values() if isinstance(system, FleetSystem)}
-        if len(fleets) != 1:
+        if not fleets:
+            raise InputError(f"{diagram.get_name()} cannot be compiled: none of its systems is made for a fleet")
+        if len(fleets) > 1:
             raise InputError(
                 f"{diagram.get_name()} cannot be compiled: its systems are made for {sorted(fleets)} vehicles"
             )
@@ -88,7 +88,7 @@ class Program:
     @property
     def others_remember(self) -> bool:
         """Whether a system that is not compiled has a state of its own."""
-        return any(system_of(other).CreateDefaultContext().num_total_states() for other in self.others.values())
+        return any(remembers(system_of(other)) for other in self.others.values())
 
     def works(self, instant: int | None, *, unrestricted: bool = False) -> list[tuple[str, Work]]:
         """What is done, and by whom: at an instant of the cycle, or when a simulation begins."""
@@ -163,7 +163,7 @@ class Program:
     def instants_of(self, period: float) -> int:
         """How many instants a period (s) takes, of something that happens."""
         instants = round(period / self.base)
-        if not instants or abs(period / self.base - instants) > _ROUNDING or self.cycle % instants:
+        if not instants or abs(period / self.base - instants) > ROUNDING or self.cycle % instants:
             raise InputError(f"{self.diagram.get_name()} cannot be compiled: nothing happens in it every {period:g} s")
         return instants
 
@@ -269,16 +269,19 @@ class Program:
 
     def _grid(self) -> tuple[float, int]:
         """The time between two instants, and the number of instants of a cycle."""
-        periods = {
-            path: work.period for path, block in self.blocks.items() for work in block.works if work.period is not None
-        }
+        periods = [
+            (path, work.period)
+            for path, block in self.blocks.items()
+            for work in block.works
+            if work.period is not None
+        ]
         if not periods:
             raise InputError(f"{self.diagram.get_name()} cannot be compiled: nothing happens in it")
-        base = min(periods.values())
-        for path, period in periods.items():
-            if abs(period / base - round(period / base)) > _ROUNDING:
+        base = min(period for _, period in periods)
+        for path, period in periods:
+            if abs(period / base - round(period / base)) > ROUNDING:
                 raise InputError(f"{path} cannot be compiled: its period, {period:g} s, is no multiple of {base:g} s")
-        cycle = math.lcm(*(round(period / base) for period in periods.values()))
+        cycle = math.lcm(*(round(period / base) for _, period in periods))
         if cycle > _LONGEST_CYCLE:
             raise InputError(
                 f"{self.diagram.get_name()} cannot be compiled: its periods come together only every {cycle * base:g} s"

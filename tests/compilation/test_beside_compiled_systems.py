@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 from both_ways import assert_alike, assert_flights_alike, assert_metrics_alike
+from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import DiscreteTimeDelay, FirstOrderLowPassFilter, ZeroOrderHold
@@ -84,6 +85,23 @@ class Lags(Own):
 
     def _show(self, context, output):
         output.SetFromVector(self.pd(context) + context.get_continuous_state_vector().CopyToVector())
+
+
+class Counts(Own):
+    """With an abstract state, which its unrestricted updates change."""
+
+    def __init__(self, num_vehicles=1):
+        super().__init__(num_vehicles)
+        self._seen = self.DeclareAbstractState(AbstractValue.Make([0, 0.0]))
+        self.DeclarePeriodicUnrestrictedUpdateEvent(0.04, 0.0, self._count)
+
+    def _count(self, context, state):
+        count, total = context.get_abstract_state(self._seen).get_value()
+        state.get_mutable_abstract_state(self._seen).set_value([count + 1, total + self.error(context)])
+
+    def _show(self, context, output):
+        count, total = context.get_abstract_state(self._seen).get_value()
+        output.SetFromVector(self.pd(context) + total / (1 + count))
 
 
 def every_30_ms(num_vehicles=1):
@@ -174,7 +192,17 @@ def remembering_breeze(num_vehicles=1):
 
 
 OWN = {
-    "position_controller": [Own, Integrates, every_30_ms, every_5_ms, Lags, with_a_filter, with_a_hold, with_a_delay],
+    "position_controller": [
+        Own,
+        Integrates,
+        every_30_ms,
+        every_5_ms,
+        Lags,
+        Counts,
+        with_a_filter,
+        with_a_hold,
+        with_a_delay,
+    ],
     "control": [Cascade, integrating_cascade],
     "wind": [Breeze, remembering_breeze],
 }
