@@ -182,14 +182,19 @@ def _signature(shown: Computation | StateGroup) -> tuple[Any, ...]:
     reads: list[tuple[Any, ...]] = []
     for read in shown.reads:
         if isinstance(read, Input):
-            reads.append(("input", int(read.index), read.layout, read.absent))
+            reads.append(("input", int(read.index), read.layout, *_constant(read.absent)))
         elif isinstance(read, Parameter):
             reads.append(("parameter", int(read.index), read.layout))
         elif isinstance(read, StateGroup):
             reads.append(("state", _number(read), read.layout))
         else:
-            reads.append(("constant", read))
+            reads.append(("constant", *_constant(read)))
     return shown.formula, *reads, *shown.results, *map(_number, shown.writes)
+
+
+def _constant(value: Any) -> tuple[Any, str]:
+    """A constant, told from those that are equal to it and yet others: -0.0 from 0.0, and 1 from 1.0."""
+    return value, repr(value)
 
 
 def _writing(computation: Computation) -> Callable[[Surroundings], dict[int, Rows]]:
@@ -257,7 +262,7 @@ class _Adder(Block):
 class _Gain(Block):
     @property
     def signature(self) -> tuple[Any, ...]:
-        return *super().signature, *self._factors
+        return *super().signature, *map(_constant, self._factors)
 
     @property
     def _factors(self) -> list[float]:
