@@ -6,7 +6,7 @@ from both_ways import assert_alike, assert_flights_alike, assert_metrics_alike
 from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import DiscreteTimeDelay, FirstOrderLowPassFilter, ZeroOrderHold
+from pydrake.systems.primitives import Adder, DiscreteTimeDelay, FirstOrderLowPassFilter, ZeroOrderHold
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
 from drake_quad.assembly.planning import plan_route
@@ -16,6 +16,8 @@ from drake_quad.compilation.stand_in import StandIn
 from drake_quad.control.axes import PerAxis
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.flight import StudyFleet
+from drake_quad.laboratory.wind.wind import SteadyWind
+from drake_quad.signals import Wind
 
 
 @pytest.fixture(scope="module")
@@ -292,3 +294,67 @@ def test_a_stand_in_shows_what_its_system_shows():
             for system, context in zip((own, shown), contexts, strict=True)
         )
         np.testing.assert_array_equal(found, expected)
+
+
+class Scales(LeafSystem):
+    """Two rows in, two rows out, times the time."""
+
+    def __init__(self, size):
+        super().__init__()
+        first, second = (self.DeclareVectorInputPort(name, size) for name in ("first", "second"))
+
+        def show(context, output):
+            output.SetFromVector(first.Eval(context) + context.get_time() * second.Eval(context))
+
+        self.DeclareVectorOutputPort("scaled", size, show)
+
+
+def hand_in_hand():
+    """Of a compiled hold and systems that are not, each of which sees others, the hold and inputs of the diagram."""
+    builder = DiagramBuilder()
+    n = 2
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.02, 3 * n))
+    wind = builder.AddNamedSystem("steady", SteadyWind(num_vehicles=n, numbers=Wind(1.0, 2.0, 3.0)))
+    first, second = (builder.AddNamedSystem(name, Scales(3 * n)) for name in ("first", "second"))
+    builder.ExportInput(second.GetInputPort("second"), "v")
+    builder.ExportInput(first.GetInputPort("first"), "u")
+    builder.Connect(wind.get_output_port(), first.GetInputPort("second"))
+    builder.Connect(first.get_output_port(), second.GetInputPort("first"))
+    adder = builder.AddNamedSystem("adder", Adder(4, 3 * n))
+    builder.Connect(second.get_output_port(), adder.get_input_port(0))
+    builder.ConnectInput("u", adder.get_input_port(1))
+    builder.Connect(wind.get_output_port(), adder.get_input_port(2))
+    builder.ExportInput(adder.get_input_port(3), "w")
+    builder.Connect(adder.get_output_port(), hold.get_input_port())
+    builder.ExportOutput(first.get_output_port(), "first")
+    builder.ExportOutput(hold.get_output_port(), "held")
+    builder.ExportOutput(adder.get_output_port(), "sum")
+    diagram = builder.Build()
+    diagram.set_name("hand_in_hand")
+    return diagram
+
+
+@pytest.mark.parametrize("ticks", [None, 3])
+def test_systems_that_are_not_compiled_see_each_other_and_inputs_of_the_diagram(ticks):
+    diagrams = [hand_in_hand(), compile_diagram(hand_in_hand(), ticks=ticks)]
+    simulators = [Simulator(diagram) for diagram in diagrams]
+    for diagram, simulator in zip(diagrams, simulators, strict=True):
+        assert [diagram.get_input_port(i).get_name() for i in range(3)] == ["v", "u", "w"]
+        for number, name in enumerate("vuw"):
+            diagram.GetInputPort(name).FixValue(simulator.get_mutable_context(), number + np.arange(6.0))
+    for time in (0.0, 0.011, 0.02, 0.041):
+        for simulator in simulators:
+            simulator.AdvanceTo(time)
+        for name in ("first", "held", "sum"):
+            expected, found = (each.get_system().GetOutputPort(name).Eval(each.get_context()) for each in simulators)
+            assert_alike(found, expected, f"{name} at {time} s")
+
+
+def test_an_input_that_is_needed_and_not_there_is_named():
+    compiled = compile_diagram(hand_in_hand())
+    context = compiled.CreateDefaultContext()
+    for name in "uv":
+        compiled.GetInputPort(name).FixValue(context, np.zeros(6))
+    np.testing.assert_array_equal(compiled.GetOutputPort("held").Eval(context), np.zeros(6))
+    with pytest.raises(ValueError, match="the input port w is not connected"):
+        compiled.GetOutputPort("sum").Eval(context)
