@@ -2,13 +2,15 @@
 
 import numpy as np
 import pytest
-from both_ways import assert_flown_alike, assert_metrics_alike
+from both_ways import assert_flights_alike, assert_flown_alike, assert_metrics_alike
 
-from drake_quad import load_scenario, simulate
+from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.flight import StudyFleet, simulate_samples
 from drake_quad.flight.fleet_simulation import simulate_fleet
+from drake_quad.framework.fleet_system import FleetSystem, fleet_system
 from drake_quad.scenario import Batch
+from drake_quad.signals import Acceleration, State
 
 
 @pytest.fixture(scope="module")
@@ -120,3 +122,47 @@ def test_a_flight_ends_when_the_last_vehicle_has_crashed(diagrams):
     assert (metrics.crash_time < flown[-1]).all()
     assert_metrics_alike(metrics, StudyFleet(study, 9, compiled=False).fly(range(9)))
     assert flight_duration(study, plan_route(study)) == 5.0
+
+
+def command(held, reference, measurement):
+    """A PD on what is measured now and at the last tick of one's own."""
+    return Acceleration(
+        2.0 * (reference.x - held.x) + 2.5 * (reference.v_x - measurement.v_x),
+        2.0 * (reference.y - held.y) + 2.5 * (reference.v_y - measurement.v_y),
+        5.0 * (reference.z - held.z) + 3.0 * (reference.v_z - measurement.v_z),
+    )
+
+
+@fleet_system(float)
+class Slow(FleetSystem):
+    """A position controller with a period of its own."""
+
+    def declare(self, *, period):
+        measurement, reference = self.input("measurement"), self.input("reference")
+        held = self.state("held", lambda _: State(*[0.0] * 12))
+        self.update(period, lambda measurement: measurement, measurement, writes=[held])
+        self.output("acceleration_command", command, held, reference, measurement)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("period", [0.03, 0.04])
+def test_a_controller_that_is_compiled_may_have_a_period_of_its_own(diagrams, period):
+    """The flight still ends, and is recorded, at the ticks of the control."""
+    study = load_scenario(diagrams / "figure_eight.yaml", ["duration=0.26"])
+    flights = [
+        simulate(study, position_controller=Slow(period=period), compiled=compiled) for compiled in (True, False)
+    ]
+    assert_flights_alike(*flights)
+    assert len(flights[0].time) == 14
+
+
+def test_a_controller_whose_period_does_not_fit_is_refused(diagrams):
+    study = load_scenario(diagrams / "hover.yaml")
+    with pytest.raises(InputError, match=r"^\S+ cannot be compiled: its period, 0.015 s, is no multiple of 0.01 s$"):
+        simulate(study, position_controller=Slow(period=0.015), compiled=True)
+
+
+def test_a_continuous_vehicle_is_refused(diagrams):
+    study = load_scenario(diagrams / "hover.yaml", ["vehicle.time_step=0"])
+    with pytest.raises(InputError, match=r"^laboratory.vehicle, a Quadrotor, cannot be compiled: its state is contin"):
+        simulate(study, compiled=True)
