@@ -71,7 +71,7 @@ def assert_alike_at(wired, compiled, context):
 
 ENTIRE = [
     ("pid", 1, ()),
-    ("pd_t2fnn", 3, ("laboratory.motion_capture.period=0.02", "vehicle.time_step=0.005")),
+    ("pd_t1fnn", 2, ("laboratory.motion_capture.period=0.02", "vehicle.time_step=0.005")),
 ]
 
 

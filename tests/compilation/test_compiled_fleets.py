@@ -43,15 +43,15 @@ def test_a_fleet_of_any_size_flies_as_wired(study, plan, wired, n):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("n", [1, 7, 8, 9, 40])
+@pytest.mark.parametrize("n", [1, 9, 40])
 def test_a_recorded_fleet_of_any_size_flies_as_wired(study, plan, n):
     assert_flown_alike(Batch.draw(study, range(3, 3 + n)), plan=plan)
 
 
 @pytest.mark.slow
 def test_a_vehicle_of_a_compiled_fleet_flies_as_it_does_alone_to_the_bit(study, plan):
-    fleet = simulate_samples(study, range(11), plan=plan, compiled=True)
-    for sample in (0, 7, 8, 10):
+    fleet = simulate_samples(study, range(9), plan=plan, compiled=True)
+    for sample in (0, 8):
         alone = simulate(study, sample=sample, plan=plan, compiled=True)
         for name, values in alone.signals.items():
             np.testing.assert_array_equal(fleet[sample][name], values, err_msg=name)
@@ -75,7 +75,7 @@ def test_nothing_of_a_batch_is_left_in_the_next_one(study, plan, wired):
 @pytest.mark.slow
 def test_a_recorded_fleet_that_is_reset_has_recorded_nothing_yet(study, plan):
     """Another flight of the same batch leaves the same record, and no more."""
-    batch = Batch.draw(study, range(3))
+    batch = Batch.draw(study, range(9))
     simulation = simulate_fleet(batch, plan, record=True, compiled=True)
     records = []
     for _ in range(2):
@@ -112,10 +112,8 @@ def test_cameras_that_are_slower_than_the_control_leave_its_ticks_as_they_are(di
 @pytest.mark.slow
 def test_a_flight_ends_when_the_last_vehicle_has_crashed(diagrams):
     """It is looked at after each stride, which is longer in compiled diagrams: the metrics are those of the crash."""
-    study = load_scenario(
-        diagrams / "robustness.yaml",
-        ["duration=5", "crash.position_error=0.03", "laboratory.command_link.delay_ticks=1"],
-    )
+    mass = "vehicle.mass={uniform: {min: 0.66, max: 0.67}}"
+    study = load_scenario(diagrams / "figure_eight.yaml", ["duration=5", "crash.position_error=0.03", mass])
     flown = []
     metrics = StudyFleet(study, 9).fly(range(9), progress=lambda time, _: flown.append(time))
     assert flown[-1] < 5.0
