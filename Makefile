@@ -1,6 +1,6 @@
 # make fly   sets up a virtual environment and flies the figure eight
 # make test  sets it up and runs the tests
-# make fuzz  reads and flies ten thousand mutated scenarios
+# make fuzz  reads and flies ten thousand mutated scenarios, and a hundred structures in compiled diagrams
 # make paper  flies the paper's experiment again and writes a report
 # make lint  checks style, spelling and types
 # make docs  builds the pages and the reference in out/docs
@@ -30,7 +30,7 @@ test: $(VENV)/.installed-test
 	$(VENV)/bin/python -m pytest --numprocesses auto --maxprocesses 4 --dist loadfile
 
 fuzz: $(VENV)/.installed-test
-	FUZZ_CASES=10000 $(VENV)/bin/python -m pytest tests/scenario/test_fuzz.py
+	FUZZ_CASES=10000 $(VENV)/bin/python -m pytest tests/scenario/test_fuzz.py tests/compilation/test_compiled_scenarios.py
 
 paper: $(VENV)/.installed
 	$(VENV)/bin/python scripts/reproduce_paper.py

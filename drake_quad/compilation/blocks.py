@@ -9,6 +9,7 @@ from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
 
 import numpy as np
+from pydrake.systems.framework import PortDataType
 from pydrake.systems.primitives import (
     Adder,
     ConstantVectorSource,
@@ -20,6 +21,7 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
+from drake_quad.errors import InputError
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import Computation, FleetSystem, Input, Parameter, StateGroup
 from drake_quad.framework.formulas import TIME, TickOf, flattened
@@ -98,7 +100,7 @@ def block_of(system: Any) -> Block | None:
     """The leaf system as the compiler sees it; None if it cannot."""
     kind = next((_BLOCKS[base] for base in type(system).__mro__ if base in _BLOCKS), None)
     if kind is not None:
-        return kind(system)
+        return kind(system) if has_vectors(system) and _begins_at_zero(system) else None
     if isinstance(system, FleetSystem) and _is_declared(system):
         return _Declared(system)
     return None
@@ -111,6 +113,20 @@ def why_not(system: Any) -> str:
             return "its state is continuous"
         return "it declares ports or states by Drake's own methods"
     return "only systems that declare formulas can be, and the simplest of Drake's own"
+
+
+def has_vectors(system: Any) -> bool:
+    """Whether all of a system's ports hold vectors."""
+    ports = [
+        *map(system.get_input_port, range(system.num_input_ports())),
+        *map(system.get_output_port, range(system.num_output_ports())),
+    ]
+    return all(port.get_data_type() == PortDataType.kVectorValued for port in ports)
+
+
+def _begins_at_zero(system: Any) -> bool:
+    timing = system.GetUniquePeriodicDiscreteUpdateAttribute()
+    return timing is None or timing.offset_sec() == 0.0
 
 
 def _is_declared(system: FleetSystem) -> bool:
@@ -166,14 +182,19 @@ def _signature(shown: Computation | StateGroup) -> tuple[Any, ...]:
     reads: list[tuple[Any, ...]] = []
     for read in shown.reads:
         if isinstance(read, Input):
-            reads.append(("input", int(read.index), read.layout, read.absent))
+            reads.append(("input", int(read.index), read.layout, *_constant(read.absent)))
         elif isinstance(read, Parameter):
             reads.append(("parameter", int(read.index), read.layout))
         elif isinstance(read, StateGroup):
             reads.append(("state", _number(read), read.layout))
         else:
-            reads.append(("constant", read))
+            reads.append(("constant", *_constant(read)))
     return shown.formula, *reads, *shown.results, *map(_number, shown.writes)
+
+
+def _constant(value: Any) -> tuple[Any, str]:
+    """A constant, told from those that are equal to it and yet others: -0.0 from 0.0, and 1 from 1.0."""
+    return value, repr(value)
 
 
 def _writing(computation: Computation) -> Callable[[Surroundings], dict[int, Rows]]:
@@ -217,8 +238,10 @@ class _Demultiplexer(Block):
     def output(self, index: int, around: Surroundings) -> Rows:
         rows = _connected(around.input(0))
         unit = self.system.get_input_port().size() // len(rows)
-        sizes = [self.system.get_output_port(other).size() // unit for other in range(index + 1)]
-        return rows[sum(sizes[:index]) : sum(sizes)]
+        sizes = [self.system.get_output_port(other).size() for other in range(index + 1)]
+        if any(size % unit for size in sizes):
+            raise InputError(f"{self.system.get_name()} cannot be compiled: it takes the vehicles of a fleet apart")
+        return rows[sum(sizes[:index]) // unit : sum(sizes) // unit]
 
 
 class _Multiplexer(Block):
@@ -239,7 +262,7 @@ class _Adder(Block):
 class _Gain(Block):
     @property
     def signature(self) -> tuple[Any, ...]:
-        return *super().signature, *self._factors
+        return *super().signature, *map(_constant, self._factors)
 
     @property
     def _factors(self) -> list[float]:
@@ -251,8 +274,10 @@ class _Gain(Block):
 
     def output(self, index: int, around: Surroundings) -> Rows:
         rows = _connected(around.input(0))
-        factors = self._factors
-        return [factor * row for factor, row in zip(factors[:: len(factors) // len(rows)], rows, strict=True)]
+        factors = np.reshape(self._factors, (len(rows), -1))
+        if (factors != factors[:, :1]).any():
+            raise InputError(f"{self.system.get_name()} cannot be compiled: its gain differs from vehicle to vehicle")
+        return [factor * row for factor, row in zip(factors[:, 0].tolist(), rows, strict=True)]
 
 
 class _Constant(Block):

@@ -1,13 +1,14 @@
 """From a built diagram to a compiled one."""
 
+from collections import defaultdict
 from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from drake_quad.compilation.blocks import block_of, why_not
+from drake_quad.compilation.blocks import block_of, has_vectors, why_not
 from drake_quad.compilation.compiled_system import CompiledSystem, input_name
 from drake_quad.compilation.program import Program
-from drake_quad.compilation.stand_in import StandIn
+from drake_quad.compilation.stand_in import StandIn, remembers
 from drake_quad.compilation.topology import Exported, Port, Topology
 from drake_quad.errors import InputError
 from drake_quad.framework.formulas import INTERPRETED
@@ -16,7 +17,9 @@ from drake_quad.framework.formulas import INTERPRETED
 COMPILED = "compiled"
 
 
-def compile_diagram(diagram: Diagram, *, ticks: int | None = None, record: bool = False) -> Diagram:
+def compile_diagram(
+    diagram: Diagram, *, ticks: int | None = None, tick: float | None = None, record: bool = False
+) -> Diagram:
     """Compiles a diagram to machine code.
 
     What declares its formulas is compiled, and so are the simplest of Drake's own systems. Every other system, such as
@@ -25,8 +28,10 @@ def compile_diagram(diagram: Diagram, *, ticks: int | None = None, record: bool 
     Args:
         diagram: of systems with discrete state, for any number of vehicles. It is kept, and not changed.
         ticks: None for events at every instant at which something happens in the diagram: state and ports are those of
-            the diagram at any time. Else how many ticks, the longest of all periods, an event takes at once where
-            nothing else looks in between: ports then show what holds at their end.
+            the diagram at any time. Else how many ticks an event takes at once where nothing else looks in between:
+            ports then show what holds at their end.
+        tick: the time between two ticks, one of the periods, s; if not given, that after which everything happens
+            together again.
         record: whether the output ports are recorded at every tick, as discrete updates see them.
 
     Returns:
@@ -42,19 +47,28 @@ def compile_diagram(diagram: Diagram, *, ticks: int | None = None, record: bool 
     for path, system in program.others.items():
         if not isinstance(system, StandIn):
             _check_other(path, system)
-    core = CompiledSystem(program, ticks=ticks, record=record)
+    core = CompiledSystem(program, ticks=ticks, tick=tick, record=record)
     builder = DiagramBuilder()
     builder.AddNamedSystem(COMPILED, core)
     others = {}
     for path, system in program.others.items():
         others[path] = builder.AddNamedSystem(path, system.system if isinstance(system, StandIn) else StandIn(system))
     for source in program.places.inputs:
-        if isinstance(source, Exported):
-            builder.ExportInput(core.GetInputPort(source.name), source.name)
-        else:
+        if isinstance(source, Port):
             port = others[source.path].get_output_port(source.number)
             builder.Connect(port, core.GetInputPort(input_name(program, source)))
-    _connect_others(builder, program, core, others)
+    exported = _connect_others(builder, program, core, others)
+    # In the order of the diagram's.
+    for number in range(diagram.num_input_ports()):
+        name = diagram.get_input_port(number).get_name()
+        ports = exported[name]
+        if any(isinstance(source, Exported) and source.name == name for source in program.places.inputs):
+            ports.append(core.GetInputPort(name))
+        for port in ports:
+            if port is ports[0]:
+                builder.ExportInput(port, name)
+            else:
+                builder.ConnectInput(name, port)
     for name in program.topology.outputs:
         builder.ExportOutput(core.GetOutputPort(name), name)
     compiled = builder.Build()
@@ -77,9 +91,11 @@ def or_stand_in(system: Any) -> Any:
     return system if all(map(block_of, leaves)) else StandIn(system)
 
 
-def _connect_others(builder: DiagramBuilder, program: Program, core: Any, others: dict[str, Any]) -> None:
-    """Connects the inputs of what is not compiled."""
-    exported = set()
+def _connect_others(
+    builder: DiagramBuilder, program: Program, core: Any, others: dict[str, Any]
+) -> dict[str, list[Any]]:
+    """Connects the inputs of what is not compiled; returns those that are the diagram's, by name."""
+    exported: dict[str, list[Any]] = defaultdict(list)
     for path, system in others.items():
         for index, source in enumerate(program.topology.sources(path)):
             port = system.get_input_port(index)
@@ -88,20 +104,22 @@ def _connect_others(builder: DiagramBuilder, program: Program, core: Any, others
                     builder.Connect(others[source.path].get_output_port(source.number), port)
                 else:
                     builder.Connect(core.GetOutputPort(f"{path}.{port.get_name()}"), port)
-            elif source is not None and (source in program.places.inputs or source.name in exported):
-                builder.ConnectInput(source.name, port)
             elif source is not None:
-                builder.ExportInput(port, source.name)
-                exported.add(source.name)
+                exported[source.name].append(port)
+    return exported
 
 
 def _check_other(path: str, system: Any) -> None:
     """Raises InputError if a system of another diagram cannot be shown here."""
-    context = system.CreateDefaultContext()
-    if context.num_total_states():
+    if remembers(system):
         raise InputError(
             f"{path}, a {type(system).__name__}, cannot be compiled: {why_not(system)}; and it cannot stand beside"
             " compiled systems, since it has a state of its own"
+        )
+    if not has_vectors(system):
+        raise InputError(
+            f"{path}, a {type(system).__name__}, cannot be compiled, nor stand beside compiled systems: what some of"
+            " its ports hold are no vectors"
         )
     if not system.num_output_ports():
         raise InputError(

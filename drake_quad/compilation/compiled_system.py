@@ -32,12 +32,23 @@ class CompiledSystem(LeafSystem):
         program: of the diagram.
         ticks: that an event takes at once where nothing else looks in between; None for events at every instant, as in
             the diagram.
+        tick: the time between two ticks, one of the periods, s; None for the time after which all happens again.
         record: whether the diagram's output ports are recorded at every tick.
+
+    Attributes:
+        program: of the diagram.
+        tick: the time between two ticks, s.
+        recorded: the ports that are recorded, by name.
+
+    Raises:
+        InputError: nothing happens with the period of the ticks.
     """
 
-    def __init__(self, program: Program, *, ticks: int | None, record: bool) -> None:
+    def __init__(self, program: Program, *, ticks: int | None, tick: float | None, record: bool) -> None:
         super().__init__()
         self.program = program
+        self._instants = program.cycle if tick is None else program.instants_of(tick)
+        self.tick = self._instants * program.base
         state, parameters = program.read(program.diagram.CreateDefaultContext())
         self._state = self.DeclareDiscreteState(BasicVector(state))
         self._parameters = self.DeclareNumericParameter(BasicVector(parameters))
@@ -60,19 +71,14 @@ class CompiledSystem(LeafSystem):
         alone = not program.places.inputs
         strides = None
         if ticks is not None and (alone or not program.others_remember):
-            strides = program.strides(list(self.recorded.values()))
+            strides = program.strides(list(self.recorded.values()), self._instants)
         if strides is None:
             self._declare_instants()
         else:
-            self._declare_strides(strides, ticks if alone and ticks is not None else 1)
+            self._declare_strides(strides, ticks if len(strides) == 1 and alone and ticks is not None else 1)
         self._first = program.stage(None)
         if self._first is not None:
             self.DeclareInitializationDiscreteUpdateEvent(self._begin)
-
-    @property
-    def tick(self) -> float:
-        """The longest of all periods, s."""
-        return self.program.cycle * self.program.base
 
     def read(self, context: Context, diagram_context: Context) -> None:
         """Takes state and parameters of the compiled systems from a context of the diagram."""
@@ -137,7 +143,9 @@ class CompiledSystem(LeafSystem):
     def _declare_instants(self) -> None:
         """Declares events at every instant, as the diagram has them."""
         program, ports = self.program, list(self.recorded.values())
-        discrete = [program.stage(instant, [] if instant else ports) for instant in range(program.cycle)]
+        discrete = [
+            program.stage(instant, [] if instant % self._instants else ports) for instant in range(program.cycle)
+        ]
         unrestricted = [program.stage(instant, unrestricted=True) for instant in range(program.cycle)]
         starts = any(work.at_start for _, work in program.works(0, unrestricted=True))
 

@@ -11,9 +11,9 @@ from pydrake.systems.framework import Context, Diagram
 from drake_quad.compilation.blocks import Block, Work, block_of
 from drake_quad.compilation.loop import Loop, Sizes
 from drake_quad.compilation.shared_numbers import SharedNumbers
-from drake_quad.compilation.stand_in import system_of
+from drake_quad.compilation.stand_in import remembers, system_of
 from drake_quad.compilation.topology import Exported, Port, Topology
-from drake_quad.compilation.trace import Places, Trace
+from drake_quad.compilation.trace import ROUNDING, Places, Trace
 from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.symbols import Symbol
@@ -88,7 +88,9 @@ class Program:
             if block is not None:
                 self.blocks[path] = block
         fleets = {system.num_vehicles for system in leaves.values() if isinstance(system, FleetSystem)}
-        if len(fleets) != 1:
+        if not fleets:
+            raise InputError(f"{diagram.get_name()} cannot be compiled: none of its systems is made for a fleet")
+        if len(fleets) > 1:
             raise InputError(
                 f"{diagram.get_name()} cannot be compiled: its systems are made for {sorted(fleets)} vehicles"
             )
@@ -105,7 +107,7 @@ class Program:
     @property
     def others_remember(self) -> bool:
         """Whether a system that is not compiled has a state of its own."""
-        return any(system_of(other).CreateDefaultContext().num_total_states() for other in self.others.values())
+        return any(remembers(system_of(other)) for other in self.others.values())
 
     def works(self, instant: int | None, *, unrestricted: bool = False) -> list[tuple[str, Work]]:
         """What is done, and by whom: at an instant of the cycle, or when a simulation begins."""
@@ -176,25 +178,36 @@ class Program:
         found: Event | Shown = self._kept(("port", port), make)
         return found
 
-    def strides(self, recorded: Sequence[Port]) -> list[Event] | None:
+    def instants_of(self, period: float) -> int:
+        """How many instants a period (s) takes, of something that happens."""
+        instants = round(period / self.base)
+        if not instants or abs(period / self.base - instants) > ROUNDING or self.cycle % instants:
+            raise InputError(f"{self.diagram.get_name()} cannot be compiled: nothing happens in it every {period:g} s")
+        return instants
+
+    def strides(self, recorded: Sequence[Port], longest: int) -> list[Event] | None:
         """What is done in a cycle, from the discrete updates of an instant until those of a later one begin.
 
-        There are several events where something from elsewhere is looked at more than once; None if that cannot be, or
-        if an unrestricted update does something at time zero.
+        There are several events where something from elsewhere is looked at more than once, or where they may not take
+        a whole cycle; None if that cannot be.
 
         Args:
-            recorded: ports that are logged at the first instant.
+            recorded: ports that are logged every `longest` instants, from the first on.
+            longest: instants that an event may take, of which a cycle is a multiple.
         """
-        events: list[Event] | None = self._kept(("strides", *recorded), lambda: self._strides(recorded))
+        events: list[Event] | None = self._kept(
+            ("strides", longest, *recorded), lambda: self._strides(recorded, longest)
+        )
         return events
 
-    def _strides(self, recorded: Sequence[Port]) -> list[Event] | None:
+    def _strides(self, recorded: Sequence[Port], longest: int) -> list[Event] | None:
         if any(work.at_start for _, work in self.works(0, unrestricted=True)):
+            # Nothing but an event of their own can do them at time zero.
             return None
-        for instants in (each for each in range(self.cycle, 0, -1) if self.cycle % each == 0):
+        for instants in (each for each in range(longest, 0, -1) if longest % each == 0):
             events = []
             for first in range(0, self.cycle, instants):
-                event = self._stride(first, instants, [] if first else recorded)
+                event = self._stride(first, instants, [] if first % longest else recorded)
                 if event is None:
                     break
                 events.append(event)
@@ -274,16 +287,19 @@ class Program:
 
     def _grid(self) -> tuple[float, int]:
         """The time between two instants, and the number of instants of a cycle."""
-        periods = {
-            path: work.period for path, block in self.blocks.items() for work in block.works if work.period is not None
-        }
+        periods = [
+            (path, work.period)
+            for path, block in self.blocks.items()
+            for work in block.works
+            if work.period is not None
+        ]
         if not periods:
             raise InputError(f"{self.diagram.get_name()} cannot be compiled: nothing happens in it")
-        base = min(periods.values())
-        for path, period in periods.items():
-            if abs(period / base - round(period / base)) > 1e-9:
+        base = min(period for _, period in periods)
+        for path, period in periods:
+            if abs(period / base - round(period / base)) > ROUNDING:
                 raise InputError(f"{path} cannot be compiled: its period, {period:g} s, is no multiple of {base:g} s")
-        cycle = math.lcm(*(round(period / base) for period in periods.values()))
+        cycle = math.lcm(*(round(period / base) for _, period in periods))
         if cycle > _LONGEST_CYCLE:
             raise InputError(
                 f"{self.diagram.get_name()} cannot be compiled: its periods come together only every {cycle * base:g} s"

@@ -43,3 +43,10 @@ class StandIn(LeafSystem):
 def system_of(system: Any) -> Any:
     """The system that another stands in for, or itself."""
     return system.system if isinstance(system, StandIn) else system
+
+
+def remembers(system: Any) -> bool:
+    """Whether a system has a state."""
+    context = system.CreateDefaultContext()
+    # Drake does not count them all together where some are abstract: it ends the process.
+    return bool(context.num_continuous_states() or context.num_discrete_state_groups() or context.num_abstract_states())

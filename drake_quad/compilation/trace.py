@@ -16,6 +16,8 @@ from drake_quad.framework.symbols import Kind, Listing, Symbol
 
 # The groups of a listing.
 STATE, PARAMETERS, INPUTS = range(3)
+# By which a quotient of two periods may differ from a whole number.
+ROUNDING = 1e-9
 
 
 class Places(NamedTuple):
@@ -113,7 +115,8 @@ class Trace:
         Where an event takes whole pairs of ticks it is known which tick of a pair this is, and both see the same.
         """
         step = round(ticks.period / self._base)
-        if self._instants % (2 * step) == 0 and self.instant % step == 0:
+        on_grid = step > 0 and abs(ticks.period / self._base - step) < ROUNDING
+        if on_grid and self._instants % (2 * step) == 0 and self.instant % step == 0:
             pair, place = divmod(self.instant // step, 2)
             return Tick(_untyped(self.listing.shared(self._shared.place(pair * 2 * step, ticks))), place == 1)
         number = self.listing.shared(self._shared.place(self.instant, ticks))

@@ -101,13 +101,15 @@ class CompiledSimulation(FleetSimulation):
     compiled = True
 
     def __init__(self, batch: Batch, plan: Plan, *, own: UserSystems, record: bool) -> None:
-        self._plan, self._period = plan, batch.scenario.laboratory.command_link.period
+        self._plan = plan
         self._own = UserSystems(**{name: or_stand_in(system) for name, system in own.given.items()})
         # The compiled diagram takes its numbers from here, and gives its state back to be read.
         self._wired = build_fleet_diagram(batch, plan, own=self._own)
         self._wired_context = self._wired.CreateDefaultContext()
         ticks = _TICKS_ALONE if len(batch) == 1 else _TICKS
-        self._diagram = compile_diagram(self._wired, ticks=ticks, record=record)
+        # A flight ends, and is recorded, by the ticks of the control, which are not always the longest.
+        tick = batch.scenario.laboratory.command_link.period
+        self._diagram = compile_diagram(self._wired, ticks=ticks, tick=tick, record=record)
         self._compiled = compiled_part(self._diagram)
         super().__init__(self._diagram, ticks * self._compiled.tick)
 

@@ -233,7 +233,7 @@ def float_of(word: Symbol) -> Symbol:
 
 
 def word_of(x: Symbol) -> Symbol:
-    """The word of a whole number from 0 to 2**52."""
+    """The word of a whole number from 0 on, below 2**52."""
     return bits_of(x + _WHOLE) ^ _BITS_OF_WHOLE
 
 

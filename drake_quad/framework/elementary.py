@@ -136,7 +136,7 @@ def nearest(x: Row) -> Row:
 
 
 def word_of(x: Row) -> Any:
-    """The 64 bits of a whole number from 0 to 2**52, uint64: a symbol, or an array even for one vehicle."""
+    """The 64 bits of a whole number from 0 on, below 2**52, uint64: a symbol, or an array even for one vehicle."""
     if x.__class__ is Symbol:
         return approximations.word_of(_untyped(x))
     return np.atleast_1d(np.asarray(plain(x), dtype=float)).astype(np.uint64)

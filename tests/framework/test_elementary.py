@@ -102,3 +102,15 @@ def test_sine_and_cosine_together(angle):
     sine, cosine = elementary.sin_cos(AutoDiffXd(angle, [1.0]))
     assert (sine.value(), cosine.value()) == pytest.approx(expected, abs=1e-15)
     assert (sine.derivatives()[0], cosine.derivatives()[0]) == pytest.approx((cosine.value(), -sine.value()), abs=1e-15)
+
+
+@pytest.mark.parametrize("number", [0.0, 1.0, 2.0**32 + 1.0, 2.0**52 - 1.0])
+def test_a_word_holds_the_whole_number_that_it_is_made_of(number):
+    """Of whichever type, without derivatives, and back again."""
+    for value in (number, np.array([number]), AutoDiffXd(number, [1.0]), np.array([AutoDiffXd(number, [1.0])])):
+        word = elementary.word_of(value)
+        assert word.dtype == np.uint64
+        assert word.tolist() == [int(number)]
+        assert elementary.float_of(word).tolist() == [number]
+    words = elementary.word_of(np.array([number, 3.0]))
+    assert words.tolist() == [int(number), 3]

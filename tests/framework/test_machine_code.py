@@ -40,6 +40,14 @@ def sine(x):
     return elementary.sin_cos(x)[0]
 
 
+def there_and_back(x):
+    return elementary.float_of(elementary.word_of(x))
+
+
+def lower_half(x, y):
+    return elementary.float_of((elementary.word_of(x) + elementary.word_of(y)) & np.uint64(2**26 - 1))
+
+
 def smallest_normal(x):
     return x if abs(x) > 2.3e-308 else 0.0
 
@@ -84,6 +92,17 @@ def test_functions_of_two(x, y):
     assert difference == pytest.approx(0.0, abs=2e-13)
     assert abs(machine(elementary.wrapped, x)) <= math.pi + 1e-15
     assert machine(elementary.nearest, x) == round(x)
+
+
+WHOLE = st.integers(0, 2**52 - 1) | st.integers(0, 9)
+
+
+@settings(max_examples=50, deadline=None)
+@given(WHOLE, WHOLE)
+def test_words_are_whole_numbers_and_back(x, y):
+    """What is made of them is what integers of 64 bits make."""
+    assert machine(there_and_back, float(x)) == x
+    assert machine(lower_half, float(x), float(y)) == (x + y) % 2**26
 
 
 def test_special_values():

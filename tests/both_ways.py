@@ -1,0 +1,42 @@
+"""Flights in diagrams as they are wired, and in compiled ones."""
+
+import numpy as np
+
+from drake_quad.flight.simulation import simulate_batch
+
+# Relative to the size of a signal, or to 1 in its units.
+TOLERANCE = 1e-9
+
+
+def assert_alike(found, expected, what=""):
+    """That numbers are alike, NaN and infinities among them."""
+    found, expected = np.asarray(found), np.asarray(expected)
+    assert found.shape == expected.shape, what
+    size = max(1.0, np.max(np.abs(expected[np.isfinite(expected)]), initial=0.0))
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=TOLERANCE * size, err_msg=what)
+
+
+def assert_flights_alike(found, expected):
+    """That two flights have the same ticks, signals and metrics, and end in the same crash at the same tick."""
+    np.testing.assert_array_equal(found.time, expected.time)
+    assert found.signals.keys() == expected.signals.keys()
+    for name, values in expected.signals.items():
+        assert_alike(found[name], values, name)
+    assert_metrics_alike(found.metrics, expected.metrics)
+
+
+def assert_metrics_alike(found, expected):
+    np.testing.assert_array_equal(found.crash_time, expected.crash_time)
+    for name, values in expected._asdict().items():
+        assert_alike(getattr(found, name), values, name)
+
+
+def assert_flown_alike(batch, *, plan=None):
+    """That a batch flies compiled as it does wired; returns its flights."""
+    wired = simulate_batch(batch, plan=plan)
+    compiled = simulate_batch(batch, plan=plan, compiled=True)
+    assert all(flight.compiled for flight in compiled)
+    assert not any(flight.compiled for flight in wired)
+    for found, expected in zip(compiled, wired, strict=True):
+        assert_flights_alike(found, expected)
+    return compiled

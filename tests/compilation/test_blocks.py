@@ -1,0 +1,265 @@
+"""Drake's own systems, and what a FleetSystem can declare, compiled: they hold and compute what they do wired."""
+
+from typing import NamedTuple
+
+import numpy as np
+import pytest
+from both_ways import assert_alike
+from pydrake.common.value import AbstractValue
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import (
+    Adder,
+    ConstantValueSource,
+    ConstantVectorSource,
+    Demultiplexer,
+    Gain,
+    Multiplexer,
+    PassThrough,
+    TrajectorySource,
+    ZeroOrderHold,
+)
+from pydrake.trajectories import PiecewisePolynomial
+
+from drake_quad import InputError
+from drake_quad.compilation import compile_diagram, compiled_part
+from drake_quad.framework.broadcast import Broadcast
+from drake_quad.framework.elementary import exp, where
+from drake_quad.framework.fleet_system import TIME, FleetSystem, TickOf, fleet_system
+from drake_quad.framework.records import layout_of
+from drake_quad.signals import Row
+
+
+class Pair(NamedTuple):
+    a: Row
+    b: Row
+
+
+PAIR = layout_of(Pair)
+
+
+def counted(memory, seen, by, time, tick):
+    return Pair(memory.a + by * seen.a + time, seen.b + tick.pair + where(tick.second, 0.5, 0.0))
+
+
+def begun(memory, by, time):
+    return Pair(memory.a + exp(by), memory.b + time + 1.0)
+
+
+def mixed(memory, seen, by):
+    return Pair(memory.a - seen.b, by * memory.b)
+
+
+def later(steps, memory):
+    return Pair(steps.a + 1.0, steps.b + memory.a)
+
+
+@fleet_system(float)
+class Counter(FleetSystem):
+    """Everything that can be declared, with a memory of its input's rows."""
+
+    def declare(self, *, period=0.02, step=0.01, at_start=False, tick=0.02, numbers=0.25):
+        seen = self.input("seen", layout=PAIR, absent=Pair(0.1, 0.2))
+        by = self.parameter("by", lambda by: Pair(by, 2.0 * by))
+        memory = self.state("memory", lambda by: Pair(by, 1.0))
+        steps = self.state("steps", lambda _: Pair(0.0, 0.5))
+        self.initialize(lambda memory, by, time: begun(memory, by.a, time), memory, by, TIME, writes=[memory])
+        reads = memory, seen, by, TIME, TickOf(tick)
+        self.update(period, lambda m, seen, by, *at: counted(m, seen, by.b, *at), *reads, writes=[memory])
+        self.update(step, later, steps, memory, writes=[steps], unrestricted=True, at_start=at_start)
+        self.output("mixed", lambda m, s, by: mixed(m, s, by.a), memory, seen, by, layout=PAIR)
+        self.state_output(memory)
+        self.state_output(steps)
+
+
+def wired_and_compiled(connect, **options):
+    """A diagram that a function makes of a builder, as it is wired and compiled."""
+    builder = DiagramBuilder()
+    for name, port in connect(builder).items():
+        builder.ExportOutput(port, name)
+    diagram = builder.Build()
+    diagram.set_name("small")
+    return diagram, compile_diagram(diagram, **options)
+
+
+def assert_same_ports(wired, compiled, times=(0.0, 0.007, 0.01, 0.02, 0.033, 0.04, 0.041, 0.1)):
+    simulators = [Simulator(diagram) for diagram in (wired, compiled)]
+    for simulator in simulators:
+        simulator.Initialize()
+    for time in times:
+        for simulator in simulators:
+            simulator.AdvanceTo(time)
+        for number in range(wired.num_output_ports()):
+            expected, found = (
+                simulator.get_system().get_output_port(number).Eval(simulator.get_context()) for simulator in simulators
+            )
+            assert_alike(found, expected, f"{wired.get_output_port(number).get_name()} at {time} s")
+
+
+def counters(builder, n, **structure):
+    """Two counters that see each other, the second by a hold; exported."""
+    one = builder.AddNamedSystem("one", Counter(num_vehicles=n, **structure))
+    two = builder.AddNamedSystem("two", Counter(num_vehicles=n, numbers=0.5 + np.arange(n) if n > 1 else 0.7))
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.04, 2 * n))
+    builder.Connect(one.GetOutputPort("mixed"), two.GetInputPort("seen"))
+    builder.Connect(two.GetOutputPort("mixed"), hold.get_input_port())
+    builder.Connect(hold.get_output_port(), one.GetInputPort("seen"))
+    return {
+        f"{name}.{port}": system.GetOutputPort(port)
+        for name, system in (("one", one), ("two", two))
+        for port in ("mixed", "memory", "steps")
+    }
+
+
+STRUCTURES = [{}, {"at_start": True}, {"period": 0.03, "tick": 0.03}, {"step": 0.02}]
+
+
+@pytest.mark.parametrize("structure", STRUCTURES)
+@pytest.mark.parametrize("n", [1, 3])
+def test_all_that_can_be_declared_is_compiled(n, structure):
+    """Ticks, the time, initial updates, unrestricted ones that do or do not begin at zero."""
+    assert_same_ports(*wired_and_compiled(lambda builder: counters(builder, n, **structure)))
+
+
+@pytest.mark.parametrize("structure", STRUCTURES)
+def test_ticks_at_once_are_those_that_come_one_by_one(structure):
+    """Also where an unrestricted update is done at time zero, before anything else."""
+    logs = []
+    for ticks in (None, 5):
+        _, compiled = wired_and_compiled(lambda builder: counters(builder, 3, **structure), ticks=ticks, record=True)
+        simulator = Simulator(compiled)
+        part = compiled_part(compiled)
+        simulator.AdvanceTo(10.5 * part.tick)
+        logs.append(part.log(part.GetMyContextFromRoot(simulator.get_context())))
+    for name, values in logs[0].items():
+        assert len(values) == 11
+        assert_alike(logs[1][name][:11], values, name)
+
+
+@pytest.mark.parametrize("tick", [0.005, 0.015, 0.01, 0.04])
+def test_ticks_may_be_of_any_period(tick):
+    """Also of one that nothing else has, shorter or longer."""
+    assert_same_ports(*wired_and_compiled(lambda builder: counters(builder, 2, tick=tick)))
+
+
+TRAJECTORY = PiecewisePolynomial.FirstOrderHold([0.0, 0.05, 0.1], [[0.0, 1.0, 0.5], [2.0, 1.0, 3.0]])
+
+
+def natives(builder, n):
+    """Every one of Drake's own systems that is known, around a counter."""
+    counter = builder.AddNamedSystem("counter", Counter(num_vehicles=n))
+    memory, steps = counter.GetOutputPort("memory"), counter.GetOutputPort("steps")
+    constant = builder.AddNamedSystem("constant", ConstantVectorSource(np.arange(2.0 * n) - 1.0))
+    adder = builder.AddNamedSystem("adder", Adder(3, 2 * n))
+    gain = builder.AddNamedSystem("gain", Gain(np.repeat([2.0, -0.3], n)))
+    passed = builder.AddNamedSystem("passed", PassThrough(2 * n))
+    both = builder.AddNamedSystem("both", Multiplexer([2 * n, 2 * n]))
+    parts = builder.AddNamedSystem("parts", Demultiplexer([n, 3 * n]))
+    hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.02, 3 * n))
+    reference = builder.AddNamedSystem("reference", TrajectorySource(TRAJECTORY))
+    tripled = builder.AddNamedSystem("tripled", Gain(3.0, 2))
+    fleet = builder.AddNamedSystem("fleet", Broadcast(num_vehicles=n, num_rows=2))
+    builder.Connect(reference.get_output_port(), tripled.get_input_port())
+    builder.Connect(tripled.get_output_port(), fleet.get_input_port())
+    for number, port in enumerate((memory, constant.get_output_port(), fleet.get_output_port())):
+        builder.Connect(port, adder.get_input_port(number))
+    for source, target in ((adder, gain), (gain, passed), (passed, counter)):
+        builder.Connect(source.get_output_port(), target.get_input_port())
+    builder.Connect(steps, both.get_input_port(0))
+    builder.Connect(gain.get_output_port(), both.get_input_port(1))
+    builder.Connect(both.get_output_port(), parts.get_input_port())
+    builder.Connect(parts.get_output_port(1), hold.get_input_port())
+    ports = {"sum": adder, "gain": gain, "passed": passed, "both": both, "held": hold, "reference": fleet}
+    return {
+        **{name: system.get_output_port() for name, system in ports.items()},
+        "part": parts.get_output_port(0),
+        "rest": parts.get_output_port(1),
+    }
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_drake_s_own_systems_are_compiled(n):
+    wired, compiled = wired_and_compiled(lambda builder: natives(builder, n))
+    assert list(compiled.GetSystems()) == [compiled_part(compiled)]
+    assert_same_ports(wired, compiled)
+
+
+def refused(connect):
+    with pytest.raises(InputError) as caught:
+        wired_and_compiled(connect, record=True)
+    return str(caught.value)
+
+
+def test_a_gain_that_differs_from_vehicle_to_vehicle_is_refused():
+    def connect(builder):
+        counter = builder.AddNamedSystem("counter", Counter(num_vehicles=2))
+        gain = builder.AddNamedSystem("gain", Gain(np.array([1.0, 2.0, 3.0, 4.0])))
+        builder.Connect(counter.GetOutputPort("memory"), gain.get_input_port())
+        return {"gain": gain.get_output_port()}
+
+    assert refused(connect) == "gain cannot be compiled: its gain differs from vehicle to vehicle"
+
+
+def test_a_hold_that_begins_later_is_refused():
+    def connect(builder):
+        counter = builder.AddNamedSystem("counter", Counter())
+        hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.02, 2, 0.005))
+        builder.Connect(counter.GetOutputPort("memory"), hold.get_input_port())
+        return {"held": hold.get_output_port()}
+
+    assert refused(connect).startswith("hold, a ZeroOrderHold, cannot be compiled: ")
+
+
+def test_a_vehicle_that_is_taken_out_of_its_fleet_is_refused():
+    def connect(builder):
+        counter = builder.AddNamedSystem("counter", Counter(num_vehicles=2))
+        parts = builder.AddNamedSystem("parts", Demultiplexer(4, 1))
+        builder.Connect(counter.GetOutputPort("memory"), parts.get_input_port())
+        return {"first": parts.get_output_port(0)}
+
+    assert refused(connect) == "parts cannot be compiled: it takes the vehicles of a fleet apart"
+
+
+def test_what_holds_no_vector_is_refused():
+    def connect(builder):
+        builder.AddNamedSystem("counter", Counter())
+        text = builder.AddNamedSystem("text", ConstantValueSource(AbstractValue.Make("text")))
+        return {"text": text.get_output_port()}
+
+    assert refused(connect).startswith("text, a ConstantValueSource, cannot be compiled, nor stand beside ")
+
+
+def test_fleets_of_several_sizes_or_none_are_refused():
+    def two(builder):
+        return {
+            f"{n}": builder.AddNamedSystem(f"counter_{n}", Counter(num_vehicles=n)).GetOutputPort("memory")
+            for n in (2, 3)
+        }
+
+    def none(builder):
+        return {"value": builder.AddNamedSystem("constant", ConstantVectorSource([1.0])).get_output_port()}
+
+    assert refused(two) == "small cannot be compiled: its systems are made for [2, 3] vehicles"
+    assert refused(none) == "small cannot be compiled: none of its systems is made for a fleet"
+
+
+@pytest.mark.parametrize(
+    ("period", "sentence"),
+    [
+        (0.015, "hold cannot be compiled: its period, 0.015 s, is no multiple of 0.01 s"),
+        (0.67, "small cannot be compiled: its periods come together only every 1.34 s"),
+    ],
+)
+def test_periods_that_do_not_fit_together_are_refused(period, sentence):
+    def connect(builder):
+        counter = builder.AddNamedSystem("counter", Counter())
+        hold = builder.AddNamedSystem("hold", ZeroOrderHold(period, 2))
+        builder.Connect(counter.GetOutputPort("memory"), hold.get_input_port())
+        return {"held": hold.get_output_port()}
+
+    assert refused(connect) == sentence
+
+
+def test_a_tick_that_nothing_has_is_refused():
+    with pytest.raises(InputError, match=r"^small cannot be compiled: nothing happens in it every 0.03 s$"):
+        wired_and_compiled(lambda builder: counters(builder, 1), tick=0.03)

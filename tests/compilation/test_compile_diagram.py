@@ -1,0 +1,315 @@
+"""A compiled diagram is, at any time, what its diagram is."""
+
+import numpy as np
+import pytest
+from all_systems import DIAGRAMS
+from both_ways import assert_alike
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, EventStatus
+from pydrake.systems.primitives import Sine, VectorLogSink, ZeroOrderHold
+
+from drake_quad import InputError, build_tracking_diagram, load_scenario
+from drake_quad.assembly.planning import plan_route
+from drake_quad.compilation import compile_diagram, compiled_part
+from drake_quad.framework.wiring import subsystem
+from drake_quad.laboratory.laboratory import build_laboratory
+from drake_quad.laboratory.wind.wind import build_wind
+
+
+@pytest.fixture(scope="module")
+def figure_eight(diagrams):
+    """The figure eight and its plan."""
+    scenario = load_scenario(diagrams / "figure_eight.yaml")
+    return scenario, plan_route(scenario)
+
+
+@pytest.fixture(scope="module")
+def wired(figure_eight):
+    scenario, plan = figure_eight
+    return build_tracking_diagram(scenario, plan=plan)
+
+
+@pytest.fixture(scope="module")
+def compiled(wired):
+    """With events at every instant."""
+    return compile_diagram(wired)
+
+
+@pytest.fixture(scope="module")
+def strided(wired):
+    """Ten ticks at a time, recorded."""
+    return compile_diagram(wired, ticks=10, record=True)
+
+
+def part_of(simulator):
+    """The compiled system of a simulator's diagram, and its context."""
+    system = compiled_part(simulator.get_system())
+    return system, system.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+
+
+def state_of(context):
+    groups = [context.get_discrete_state(i).CopyToVector() for i in range(context.num_discrete_state_groups())]
+    return np.concatenate(groups)
+
+
+def names_of(diagram):
+    inputs = [diagram.get_input_port(i).get_name() for i in range(diagram.num_input_ports())]
+    return inputs, [diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())]
+
+
+def assert_alike_at(wired, compiled, context):
+    """That two simulators are in the same state and show the same; `context` is one of the wired diagram, to use."""
+    diagram = wired.get_system()
+    system, part = part_of(compiled)
+    context.SetTime(wired.get_context().get_time())
+    system.write(part, context)
+    assert_alike(state_of(context), state_of(wired.get_context()), "state")
+    for name in names_of(diagram)[1]:
+        expected = diagram.GetOutputPort(name).Eval(wired.get_context())
+        assert_alike(compiled.get_system().GetOutputPort(name).Eval(compiled.get_context()), expected, name)
+
+
+ENTIRE = [
+    ("pid", 1, ()),
+    ("pd_t1fnn", 2, ("laboratory.motion_capture.period=0.02", "vehicle.time_step=0.005")),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("name", "n", "overrides"), ENTIRE)
+def test_state_and_ports_are_those_of_the_diagram_at_and_between_all_instants(asymmetric, name, n, overrides):
+    wired = build_tracking_diagram(asymmetric(name, *overrides), n)
+    compiled = compile_diagram(wired)
+    assert compiled.get_name() == wired.get_name()
+    assert names_of(compiled) == names_of(wired)
+    simulators, context = [Simulator(wired), Simulator(compiled)], wired.CreateDefaultContext()
+    for simulator in simulators:
+        simulator.Initialize()
+    for step in range(25):
+        for simulator in simulators:
+            simulator.AdvanceTo(0.005 * step)
+        assert_alike_at(*simulators, context)
+    for simulator in simulators:
+        simulator.AdvancePendingEvents()
+    assert_alike_at(*simulators, context)
+
+
+def in_a_bigger_diagram(laboratory):
+    """A laboratory with N = 2 that is told wrenches and crashes, beside Drake's own systems that look at it."""
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("laboratory", laboratory)
+    heavy = np.repeat([0.5, 0.01, 0.02, 0.005], 2)
+    wrench = builder.AddNamedSystem("wrench", Sine(heavy, 3.0 + heavy, 0.3 + np.arange(8.0), True))
+    crashed = builder.AddNamedSystem("crashed", Sine(np.zeros(2), np.ones(2), np.zeros(2), True))
+    builder.Connect(wrench.get_output_port(0), laboratory.GetInputPort("wrench"))
+    builder.Connect(crashed.get_output_port(0), laboratory.GetInputPort("crashed"))
+    for name in ("measurement", "rotor_speed_command", "wind"):
+        port = laboratory.GetOutputPort(name)
+        hold = builder.AddNamedSystem(f"hold_{name}", ZeroOrderHold(0.02, port.size()))
+        logs = [VectorLogSink(port.size(), 0.015), VectorLogSink(port.size(), 0.01)]
+        for number, (log, source) in enumerate(zip(logs, (port, hold.get_output_port()), strict=True)):
+            builder.Connect(source, builder.AddNamedSystem(f"log_{number}_{name}", log).get_input_port())
+        builder.Connect(port, hold.get_input_port())
+    return builder.Build()
+
+
+def make_of(builder):
+    return next(make for function, make in DIAGRAMS if function is builder)
+
+
+@pytest.mark.slow
+def test_a_compiled_diagram_has_its_place_in_a_bigger_one():
+    """It is told and shows the same, also in its initial wind; two make no other."""
+    logs = []
+    for laboratory in (make_of(build_laboratory)(), compile_diagram(make_of(build_laboratory)())):
+        diagram = in_a_bigger_diagram(laboratory)
+        simulator = Simulator(diagram)
+        simulator.AdvanceTo(0.3)
+        sinks = {system.get_name(): system for system in diagram.GetSystems() if isinstance(system, VectorLogSink)}
+        logs.append({name: sink.FindLog(simulator.get_context()).data() for name, sink in sinks.items()})
+    assert len(logs[0]) == 6
+    for name, expected in logs[0].items():
+        assert expected.shape[1] > 20
+        assert_alike(logs[1][name], expected, name)
+
+
+@pytest.mark.slow
+def test_inputs_are_exported_as_in_the_diagram():
+    """In the same order and of the same sizes, whatever is looked at first."""
+    for function in (build_laboratory, build_wind):
+        diagram = make_of(function)()
+        compiled = compile_diagram(diagram)
+        assert names_of(compiled) == names_of(diagram)
+        for number in range(diagram.num_input_ports()):
+            assert compiled.get_input_port(number).size() == diagram.get_input_port(number).size()
+
+
+def test_state_and_parameters_are_taken_from_and_given_to_a_context_of_the_diagram(wired, compiled):
+    system = compiled_part(compiled)
+    contexts = [wired.CreateDefaultContext() for _ in range(2)]
+    part = system.CreateDefaultContext()
+    vehicle = subsystem(wired, ("laboratory", "vehicle"))
+    own = vehicle.GetMyMutableContextFromRoot(contexts[0])
+    vehicle.set_state(own, "state", vehicle.get_state(own, "state")._replace(x=0.7, r=-0.2))
+    rng = np.random.default_rng(0)
+    pd = subsystem(wired, ("control", "position", "pd"))
+    gains = pd.GetMyMutableContextFromRoot(contexts[0]).get_mutable_numeric_parameter(0)
+    gains.SetFromVector(rng.uniform(1.0, 2.0, gains.size()))
+    system.read(part, contexts[0])
+    system.write(part, contexts[1])
+    np.testing.assert_array_equal(state_of(contexts[1]), state_of(contexts[0]))
+    for i in range(contexts[0].num_numeric_parameter_groups()):
+        found, expected = (context.get_numeric_parameter(i).CopyToVector() for context in reversed(contexts))
+        np.testing.assert_array_equal(found, expected)
+    assert system.get_state(part, "laboratory.vehicle", "state") == vehicle.get_state(own, "state")
+    own_pd = pd.GetMyContextFromRoot(contexts[0])
+    assert system.get_parameter(part, "control.position.pd", "gains") == pd.get_parameter(own_pd, "gains")
+
+
+@pytest.mark.slow
+def test_it_goes_on_from_any_state_and_with_any_parameters(wired, compiled):
+    """Those that were read, a vehicle that moves and is heavier in the pull of gentler gains."""
+    simulators = [Simulator(wired), Simulator(compiled)]
+    context = simulators[0].get_mutable_context()
+    vehicle, pd = (subsystem(wired, path) for path in (("laboratory", "vehicle"), ("control", "position", "pd")))
+    own = vehicle.GetMyMutableContextFromRoot(context)
+    vehicle.set_state(own, "state", vehicle.get_state(own, "state")._replace(x=0.2, v_y=0.3, yaw=0.4))
+    gains = pd.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(0)
+    gains.SetFromVector(0.8 * gains.CopyToVector())
+    system, part = part_of(simulators[1])
+    system.read(part, context)
+    for time in (0.0, 0.1, 0.203):
+        for simulator in simulators:
+            simulator.AdvanceTo(time)
+        assert_alike_at(*simulators, wired.CreateDefaultContext())
+    assert system.get_state(part, "laboratory.vehicle", "state").y > 0.02
+
+
+def test_records_are_rows_of_vehicles_in_a_fleet(figure_eight):
+    scenario, plan = figure_eight
+    wired = build_tracking_diagram(scenario, 3, plan=plan)
+    system = compiled_part(compile_diagram(wired, ticks=1))
+    found = system.get_state(system.CreateDefaultContext(), "laboratory.vehicle", "rotor_speed")
+    vehicle = subsystem(wired, ("laboratory", "vehicle"))
+    expected = vehicle.get_state(vehicle.CreateDefaultContext(), "rotor_speed")
+    assert expected[0].shape == (3,)
+    np.testing.assert_array_equal(found, expected)
+
+
+def test_a_record_is_a_copy(compiled):
+    system = compiled_part(compiled)
+    context = system.CreateDefaultContext()
+    before = system.get_state(context, "laboratory.vehicle", "rotor_speed")
+    context.get_mutable_discrete_state(0).SetFromVector(np.full(context.get_discrete_state(0).size(), 7.0))
+    assert before != system.get_state(context, "laboratory.vehicle", "rotor_speed")
+    assert before[0] > 100.0
+
+
+@pytest.mark.parametrize("path", ["laboratory.nobody", "reference.trajectory", "laboratory"])
+def test_records_of_what_is_no_compiled_system_are_refused(compiled, path):
+    system = compiled_part(compiled)
+    context = system.CreateDefaultContext()
+    for ask in (system.get_state, system.get_parameter):
+        with pytest.raises(KeyError, match=f"{path} is no compiled system, as .*laboratory.vehicle.* are"):
+            ask(context, path, "state")
+
+
+@pytest.mark.slow
+def test_a_monitor_sees_the_flight_as_it_is_wired(wired, compiled):
+    """At the same times, and ends it at the same."""
+    seen = []
+    for diagram in (wired, compiled):
+        simulator = Simulator(diagram)
+        states = []
+
+        def watch(root, diagram=diagram, states=states):
+            state = diagram.GetOutputPort("state").Eval(root)
+            states.append([root.get_time(), *state])
+            if root.get_time() > 0.175:
+                return EventStatus.ReachedTermination(diagram, "far enough")
+            return EventStatus.DidNothing()
+
+        simulator.set_monitor(watch)
+        simulator.AdvanceTo(1.0)
+        seen.append(states)
+    assert len(seen[0]) > 15
+    assert_alike(seen[1], seen[0])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("last", [0.0, 0.1, 0.2, 0.21])
+def test_nothing_happens_after_the_end(strided, last):
+    """What begins no later than that is done, whole ticks at a time."""
+    simulators = [Simulator(strided) for _ in range(2)]
+    system, part = part_of(simulators[0])
+    system.set_end(part, last)
+    logs = []
+    for simulator in simulators:
+        simulator.AdvanceTo(0.5)
+        own, context = part_of(simulator)
+        logs.append(own.log(context))
+    ticks = round(last / 0.02 + 0.25) + 1 if last != 0.21 else 11
+    assert all(len(values) == ticks for values in logs[0].values())
+    assert all(len(values) == 30 for values in logs[1].values())
+    for name, values in logs[0].items():
+        np.testing.assert_array_equal(values, logs[1][name][:ticks])
+
+
+@pytest.mark.slow
+def test_ticks_are_recorded_as_discrete_updates_see_them(wired, strided, compiled):
+    """Whether an event takes one or ten; the first at time zero."""
+    often = compile_diagram(wired, record=True)
+    logs = []
+    for diagram in (strided, often):
+        simulator = Simulator(diagram)
+        simulator.AdvanceTo(0.39)
+        system, part = part_of(simulator)
+        assert system.tick == 0.02
+        logs.append(system.log(part))
+    assert logs[0].keys() == logs[1].keys() == set(names_of(wired)[1])
+    for name, values in logs[1].items():
+        assert len(values) == 20
+        np.testing.assert_array_equal(logs[0][name], values)
+    # Between two ticks it shows what it was at the first of them, but where the vehicle has moved on.
+    simulator = Simulator(wired)
+    simulator.AdvanceTo(0.3)
+    assert_alike(logs[1]["wrench"][15], wired.GetOutputPort("wrench").Eval(simulator.get_context()))
+
+
+@pytest.mark.slow
+def test_contexts_of_one_compiled_diagram_are_apart(strided):
+    """Each flight has a record of its own; a clone goes on by itself."""
+    simulators = [Simulator(strided) for _ in range(2)]
+    for simulator, time in zip(simulators, (0.19, 0.39), strict=True):
+        simulator.AdvanceTo(time)
+    clone = simulators[0].get_context().Clone()
+    Simulator(strided, clone)
+    lengths = [len(part_of(simulator)[0].log(part_of(simulator)[1])["state"]) for simulator in simulators]
+    assert lengths == [10, 20]
+
+
+REFUSED = [
+    (
+        ("vehicle.time_step=0",),
+        {},
+        r"^laboratory.vehicle, a Quadrotor, cannot be compiled: its state is continuous; and ",
+    ),
+    (
+        (),
+        {"record": True},
+        r"^recorder.log, a VectorLogSink\w*, cannot be compiled: it has no output, and what it does",
+    ),
+    (
+        ("laboratory.motion_capture.position_noise=0.001",),
+        {"drake_random": True},
+        r"^laboratory.random_motion_capture.camera_noise, a RandomSource\w*, cannot be compiled: only .* its own$",
+    ),
+]
+
+
+@pytest.mark.parametrize(("overrides", "options", "sentence"), REFUSED)
+def test_what_cannot_be_compiled_is_named_in_a_sentence(diagrams, figure_eight, overrides, options, sentence):
+    scenario = load_scenario(diagrams / "figure_eight.yaml", overrides)
+    wired = build_tracking_diagram(scenario, plan=figure_eight[1], **options)
+    with pytest.raises(InputError, match=sentence):
+        compile_diagram(wired)

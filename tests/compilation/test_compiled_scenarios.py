@@ -1,0 +1,64 @@
+"""Every scenario flies compiled as it does wired."""
+
+import os
+from pathlib import Path
+
+import numpy as np
+import pytest
+from both_ways import assert_flown_alike
+from random_scenarios import scenario_of, structures
+from ruamel.yaml import YAML
+
+from drake_quad import load_scenario
+from drake_quad.assembly.planning import plan_route
+from drake_quad.scenario import Batch
+
+pytestmark = pytest.mark.slow
+
+ROOT = Path(__file__).parents[2]
+# Machine code is made for each structure; each is flown with several sets of numbers. `make fuzz` asks for more.
+CASES = os.environ.get("FUZZ_CASES")
+NUMBERS, AT_ONCE = 8, 8
+STRUCTURES = int(CASES) // 100 if CASES else AT_ONCE
+
+
+def specs():
+    """Every scenario in `diagrams`, and those that show what symmetry hides."""
+    for path in sorted((ROOT / "diagrams").glob("*.yaml")):
+        yield from (f"{path}:{name}" for name in YAML(typ="safe").load(path))
+    yield from (f"{ROOT}/tests/asymmetric.yaml:{name}" for name in ("pid", "pd_t2fnn", "pd_t1fnn"))
+
+
+SPECS = list(specs())
+
+
+@pytest.fixture(scope="module")
+def plan_of():
+    """The plan of a scenario; to make one takes longer than to fly it, and many fly the same."""
+    plans = {}
+
+    def plan(scenario):
+        key = str(scenario.route), str(scenario.nominal)
+        if key not in plans:
+            plans[key] = plan_route(scenario)
+        return plans[key]
+
+    return plan
+
+
+@pytest.mark.parametrize("spec", SPECS, ids=lambda spec: Path(spec).name)
+def test_every_scenario_that_is_shipped_flies_as_wired(spec, plan_of):
+    scenario = load_scenario(spec, ["duration=1.0", "metrics={start: 0, end: null}"])
+    (flight,) = assert_flown_alike(Batch.draw(scenario, [3]), plan=plan_of(scenario))
+    assert len(flight.time) == 51
+
+
+@pytest.mark.parametrize("number", range(STRUCTURES))
+def test_random_scenarios_fly_as_wired(number, tmp_path):
+    rng = np.random.default_rng([number, 1])
+    structure = structures(np.random.default_rng(number // AT_ONCE), AT_ONCE)[number % AT_ONCE]
+    scenario = scenario_of(structure, rng, tmp_path, duration=0.7)
+    flights = assert_flown_alike(Batch.draw(scenario, range(NUMBERS)))
+    assert len({flight.metrics.rmse for flight in flights}) == NUMBERS
+    if CASES:
+        assert_flown_alike(Batch.draw(scenario, [number]))

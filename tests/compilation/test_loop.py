@@ -1,0 +1,210 @@
+"""Machine code of events, made of listings by hand."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from drake_quad.compilation import loop as loop_module
+from drake_quad.compilation.loop import Loop, Sizes
+from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
+from drake_quad.framework import elementary
+from drake_quad.framework.instructions import LANES
+from drake_quad.framework.symbols import Listing
+
+NUM_VEHICLES = [1, 3, LANES, LANES + 3]
+
+
+def run(listing, changes, logged, *, state, parameters=(), inputs=(), shared, width=None, lone=False):
+    """State and log after events, of (rows, N) groups and (events, width) shared numbers."""
+    state = np.array(state, dtype=float)
+    n = state.shape[1]
+    parameters, inputs = (np.array(rows, dtype=float).reshape(-1, n) for rows in (parameters, inputs))
+    shared = np.array(shared, dtype=float)
+    sizes = Sizes(len(state), len(parameters), len(inputs))
+    loop = Loop(listing, changes, logged, sizes=sizes, width=shared.shape[1] if width is None else width, lone=lone)
+    flat, log = state.ravel(), np.full((len(shared), loop.num_logged, loop.padded(n)), np.nan)
+    loop.run(flat, parameters.ravel(), inputs.ravel(), shared, log, n)
+    return flat.reshape(-1, n), log[:, :, :n]
+
+
+def rows_of(listing, group, count):
+    return [listing.row(group, place) for place in range(count)]
+
+
+@pytest.mark.parametrize(("n", "lone"), [(1, True), *((n, False) for n in NUM_VEHICLES)])
+def test_events_follow_each_other_for_every_vehicle(n, lone):
+    """Each reads what the one before has left, and numbers of its own; what it logs is from before."""
+    listing = Listing()
+    x, v = rows_of(listing, STATE, 2)
+    ((stiffness,), (push,), step) = rows_of(listing, PARAMETERS, 1), rows_of(listing, INPUTS, 1), listing.shared(1)
+    changes = {0: x + step * v, 1: v + step * (push - elementary.exp(stiffness) * x)}
+    rng = np.random.default_rng(n)
+    state, parameters, inputs = rng.normal(size=(2, n)), rng.normal(size=(1, n)), rng.normal(size=(1, n))
+    shared = rng.uniform(0.1, 0.2, (5, 2))
+    found, log = run(
+        listing, changes, [x * v, 7.0, x], state=state, parameters=parameters, inputs=inputs, shared=shared, lone=lone
+    )
+    for event, (_, h) in enumerate(shared):
+        a, b = state
+        np.testing.assert_allclose(log[event], [a * b, np.full(n, 7.0), a], rtol=1e-13, atol=1e-15)
+        state = np.array([a + h * b, b + h * (inputs[0] - np.exp(parameters[0]) * a)])
+    np.testing.assert_allclose(found, state, rtol=1e-13)
+
+
+@pytest.mark.parametrize("n", NUM_VEHICLES)
+def test_nothing_but_the_rows_that_change_is_written(n):
+    """Not beyond the fleet either, nor by no events at all."""
+    listing = Listing()
+    (x, *_) = rows_of(listing, STATE, 3)
+    loop = Loop(listing, {1: x + 1.0}, [], sizes=Sizes(3, 0, 0), width=0, lone=False)
+    for events in (0, 1):
+        state = np.arange(3.0 * n + 5.0)
+        none = np.empty(0)
+        loop.run(state[: 3 * n], none, none, np.empty((events, 1)), np.empty((events, 0, loop.padded(n))), n)
+        expected = np.arange(3.0 * n + 5.0)
+        if events:
+            expected[n : 2 * n] = expected[:n] + 1.0
+        np.testing.assert_array_equal(state, expected)
+
+
+def test_a_log_has_room_for_whole_vectors():
+    listing = Listing()
+    loops = [
+        Loop(listing, {}, [listing.row(STATE, 0)], sizes=Sizes(1, 0, 0), width=0, lone=lone) for lone in (True, False)
+    ]
+    assert loops[0].padded(1) == 1
+    assert [loops[1].padded(n) for n in (1, LANES, LANES + 1)] == [LANES, LANES, 2 * LANES]
+    assert [loop.num_logged for loop in loops] == [1, 1]
+
+
+@pytest.fixture
+def short_parts(monkeypatch):
+    """Functions of so many lines, however short."""
+
+    def shorten(length):
+        monkeypatch.setattr(loop_module, "_LENGTH", length)
+
+    return shorten
+
+
+def tangled():
+    """A listing in which everything is needed again much later: numbers, truth values, words, parameters."""
+    listing = Listing()
+    state, parameters = rows_of(listing, STATE, 6), rows_of(listing, PARAMETERS, 3)
+    (push,) = rows_of(listing, INPUTS, 1)
+    masks = [a > b for a, b in itertools.pairwise(state)]
+    words = [elementary.word_of(abs(x)) for x in state]
+    values = list(state)
+    for turn in range(4):
+        for i in range(6):
+            fixed = parameters[i % 3] * (parameters[(i + 1) % 3] + float(turn))
+            where_fixed = elementary.where(parameters[0] < parameters[1], fixed, -fixed)
+            values[i] = 0.5 * values[i] + 0.25 * values[(i + turn) % 6] + where_fixed * push + listing.shared(0)
+    for i, mask in enumerate(masks):
+        values[i] = elementary.where(mask & masks[0] | (values[5] > 0.0), values[i], state[i])
+        values[i] = values[i] + elementary.float_of(words[i] + words[5])
+    return listing, {i: values[i] for i in (3, 0, 5, 1, 4)}, [state[3], values[2], values[5], parameters[1]]
+
+
+@pytest.mark.parametrize("n", [1, LANES + 1])
+@pytest.mark.parametrize("length", [1, 2, 3, 7, 40])
+def test_many_parts_do_what_one_does(short_parts, length, n):
+    rng = np.random.default_rng(3)
+    numbers = {
+        "state": rng.uniform(-9.0, 9.0, (6, n)),
+        "parameters": rng.normal(size=(3, n)),
+        "inputs": rng.normal(size=(1, n)),
+        "shared": rng.normal(size=(3, 1)),
+    }
+    expected, expected_log = run(*tangled(), **numbers)
+    short_parts(length)
+    found, log = run(*tangled(), **numbers)
+    np.testing.assert_array_equal(found, expected)
+    np.testing.assert_array_equal(log, expected_log)
+    assert not np.array_equal(found, numbers["state"])
+
+
+@pytest.mark.parametrize("order", list(itertools.permutations(range(4)))[::3], ids=str)
+def test_rows_that_move_from_place_to_place_are_not_overwritten_before(short_parts, order):
+    """A delay line: the first row is computed late, the others move up, and one goes round, in any order."""
+    short_parts(2)
+    listing = Listing()
+    rows = rows_of(listing, STATE, 4)
+    fresh = rows[0]
+    for number in range(7):
+        fresh = fresh * 0.5 + float(number)
+    moves = {0: fresh, 1: rows[0], 2: rows[1], 3: rows[2]}
+    logged = [rows[3], rows[order[0]] + fresh]
+    found, log = run(
+        listing, {row: moves[row] for row in order}, logged, state=[[1.0], [2.0], [3.0], [4.0]], shared=[[0.0]] * 3
+    )
+    state, expected_log = [1.0, 2.0, 3.0, 4.0], []
+    for _ in range(3):
+        new = state[0]
+        for number in range(7):
+            new = new * 0.5 + number
+        expected_log.append([state[3], state[order[0]] + new])
+        state = [new, *state[:3]]
+    np.testing.assert_array_equal(found[:, 0], state)
+    np.testing.assert_array_equal(log[:, :, 0], expected_log)
+
+
+@pytest.mark.parametrize("targets", list(itertools.permutations(range(3))), ids=str)
+def test_rows_that_are_exchanged_are(short_parts, targets):
+    """Beside others that are computed from them, early and late."""
+    short_parts(1)
+    listing = Listing()
+    rows = rows_of(listing, STATE, 4)
+    early, late = rows[0] * 2.0, rows[1] + rows[2]
+    for _ in range(4):
+        late = late * rows[2]
+    changes = {**{row: rows[target] for row, target in enumerate(targets)}, 3: early + late}
+    (found, _) = run(listing, changes, [], state=[[1.0], [2.0], [3.0], [4.0]], shared=[[0.0]])
+    np.testing.assert_array_equal(found[:3, 0], 1.0 + np.array(targets))
+    assert found[3, 0] == 2.0 + 5.0 * 3.0**4
+
+
+def names_of(listing):
+    return [operation.name for operation in listing.operations]
+
+
+def test_what_follows_from_parameters_alone_is_computed_before():
+    listing = Listing()
+    (x,), (k, c) = rows_of(listing, STATE, 1), rows_of(listing, PARAMETERS, 2)
+    decay = elementary.sqrt(k * c + 1.0)
+    results = [decay * x, elementary.where(k > c, x, -x), k]
+    before, event, symbols = loop_module._divided(listing, results)
+    assert {"square_root", "multiply"} <= set(names_of(before.listing))
+    assert "square_root" not in names_of(event)
+    assert all(operation.operands[0] != PARAMETERS for operation in event.operations if operation.name == "row")
+    assert len(symbols) == 3
+    assert all(symbol.listing is event for symbol in symbols)
+    # In rows of their own, one after another.
+    assert [target for target, _ in before.stores] == [(3, row) for row in range(len(before.stores))]
+
+
+def test_what_nothing_needs_is_left_out():
+    listing = Listing()
+    x, k = listing.row(STATE, 0), listing.row(PARAMETERS, 0)
+    elementary.exp(x + k)
+    elementary.exp(k)
+    before, event, _ = loop_module._divided(listing, [x + 1.0])
+    assert before.stores == []
+    assert sorted(names_of(event)) == ["add", "constant", "row"]
+
+
+def test_a_cut_listing_has_parts_of_some_lines_and_few_rows_between_them(short_parts):
+    """A row that nothing reads any more is taken again."""
+    short_parts(10)
+    listing = Listing()
+    x = value = listing.row(STATE, 0)
+    for number in range(100):
+        value = value + float(number) * x
+    parts, num_kept = loop_module._cut(listing, [((STATE, 0), value)], 5)
+    lines = [sum(name in ("add", "multiply") for name in names_of(part.listing)) for part in parts]
+    assert sum(lines) == len([name for name in names_of(listing) if name in ("add", "multiply")])
+    assert max(lines) == 10
+    assert len(parts) >= 20
+    assert 5 < num_kept <= 7
+    assert parts[-1].stores[0][0] == (STATE, 0)

@@ -1,0 +1,152 @@
+"""Events are made once for diagrams that are alike, and anew for those that are not."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, Gain, ZeroOrderHold
+
+from drake_quad.compilation import compile_diagram, compiled_part, program
+from drake_quad.framework.fleet_system import FleetSystem, fleet_system
+from drake_quad.framework.records import ROW
+
+
+def grown(x, by, constant, seen):
+    return (x[0] + by[0] * constant + seen,)
+
+
+def shrunk(x, by, constant, seen):
+    return (x[0] - by[0] * constant - seen,)
+
+
+def turned_over(x, constant):
+    return constant / (1.0 + x[0] * x[0])
+
+
+@fleet_system(float)
+class Grows(FleetSystem):
+    """A row that changes by a formula, with a constant, at a period."""
+
+    def declare(self, *, formula=shrunk, constant=2.0, absent=0.0, period=0.01, at_start=True, numbers=1.0):
+        seen = self.input("seen", layout=ROW, absent=absent)
+        by = self.parameter("by", lambda number: (number,))
+        x = self.state("x", lambda number: (0.5 * number,))
+        self.update(period, formula, x, by, constant, seen, writes=[x], at_start=at_start)
+        self.output("turned", turned_over, x, constant, layout=ROW)
+        self.state_output(x)
+
+
+def diagram_of(n=1, *, hold=0.02, gain=3.0, connected=True, value=4.0, name="small", **structure):
+    builder = DiagramBuilder()
+    grows = builder.AddNamedSystem("grows", Grows(num_vehicles=n, **structure))
+    held = builder.AddNamedSystem("hold", ZeroOrderHold(hold, n))
+    factor = builder.AddNamedSystem("gain", Gain(gain, n))
+    constant = builder.AddNamedSystem("constant", ConstantVectorSource(np.full(n, value)))
+    builder.Connect(grows.GetOutputPort("x"), held.get_input_port())
+    builder.Connect(held.get_output_port() if connected else constant.get_output_port(), factor.get_input_port())
+    builder.Connect(factor.get_output_port(), grows.GetInputPort("seen"))
+    builder.ExportOutput(grows.GetOutputPort("x"), "x")
+    builder.ExportOutput(grows.GetOutputPort("turned"), "turned")
+    diagram = builder.Build()
+    diagram.set_name(name)
+    return diagram
+
+
+@pytest.fixture
+def made(monkeypatch):
+    """The loops that are made from now on; before, none had been."""
+    monkeypatch.setattr(program, "_made", {})
+    loops, make = [], program.Loop
+
+    def count(*args, **options):
+        loops.append(make(*args, **options))
+        return loops[-1]
+
+    monkeypatch.setattr(program, "Loop", count)
+    return loops
+
+
+def flown(diagram, **options):
+    """The state after a while."""
+    compiled = compile_diagram(diagram, **options)
+    simulator = Simulator(compiled)
+    simulator.AdvanceTo(0.055)
+    return [compiled.GetOutputPort(name).Eval(simulator.get_context()) for name in ("x", "turned")]
+
+
+def wired(diagram):
+    simulator = Simulator(diagram)
+    simulator.AdvanceTo(0.055)
+    return [diagram.GetOutputPort(name).Eval(simulator.get_context()) for name in ("x", "turned")]
+
+
+def test_diagrams_that_differ_by_their_numbers_have_the_same_events(made):
+    """In parameters, the initial state and the name."""
+    first = flown(diagram_of())
+    count = len(made)
+    assert count > 0
+    other = diagram_of(numbers=0.7, value=-1.0, name="other")
+    np.testing.assert_allclose(flown(other), wired(other), rtol=1e-12)
+    assert len(made) == count
+    assert not np.array_equal(flown(other), first)
+
+
+DIFFERENT = [
+    {"formula": grown},
+    {"constant": 2.5},
+    {"absent": 0.25, "connected": False},
+    {"period": 0.02},
+    {"at_start": False},
+    {"hold": 0.04},
+    {"gain": 5.0},
+    {"connected": False},
+    {"n": 2},
+    {"constant": -0.0},
+]
+
+
+@pytest.mark.parametrize("difference", DIFFERENT, ids=str)
+def test_diagrams_that_differ_in_what_they_do_have_events_of_their_own(made, difference):
+    before = {"constant": 0.0} if difference.get("constant") == 0.0 else {}
+    flown(diagram_of(**before))
+    count = len(made)
+    other = diagram_of(**difference)
+    found = flown(other)
+    assert len(made) > count
+    np.testing.assert_allclose(found, wired(other), rtol=1e-12)
+    np.testing.assert_array_equal(np.signbit(found), np.signbit(wired(other)))
+
+
+def test_what_is_recorded_and_how_much_at_once_make_other_events_too(made):
+    counts = []
+    for options in ({}, {"record": True}, {"ticks": 3}, {"ticks": 3, "record": True}, {"ticks": 3, "tick": 0.01}):
+        compile_diagram(diagram_of(), **options)
+        counts.append(len(made))
+    assert counts == sorted(set(counts))
+    for options in ({"ticks": 5, "record": True}, {"record": True}):
+        compile_diagram(diagram_of(), **options)
+    assert len(made) == counts[-1]
+
+
+def test_events_that_are_made_anew_when_too_many_are_kept_do_the_same(made, monkeypatch):
+    monkeypatch.setattr(program, "_MOST_MADE", 2)
+    diagram = diagram_of()
+    first = flown(diagram)
+    assert len(program._made) <= 2
+    np.testing.assert_array_equal(flown(diagram), first)
+
+
+def test_tables_that_are_made_anew_when_too_many_are_kept_say_the_same(monkeypatch):
+    diagram = diagram_of()
+    logs = []
+    for most in (256, 1):
+        monkeypatch.setattr("drake_quad.compilation.compiled_system._MOST_TABLES", most)
+        compiled = compile_diagram(diagram, ticks=2, record=True)
+        part = compiled_part(compiled)
+        for _ in range(2):
+            simulator = Simulator(compiled)
+            simulator.AdvanceTo(3.0)
+            logs.append(part.log(part.GetMyContextFromRoot(simulator.get_context()))["x"])
+        assert len(part._tables) <= most
+    for log in logs[1:]:
+        np.testing.assert_array_equal(log, logs[0])

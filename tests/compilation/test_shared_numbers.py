@@ -1,0 +1,60 @@
+"""The table of what all vehicles share."""
+
+import numpy as np
+import pytest
+
+from drake_quad.compilation.shared_numbers import TIME_ITSELF, SharedNumbers, Source
+from drake_quad.framework.formulas import TickOf
+
+
+def nothing(path, output, time):
+    raise AssertionError(path)
+
+
+def test_what_is_asked_for_twice_has_one_column():
+    shared = SharedNumbers()
+    ticks = TickOf(0.02)
+    places = [
+        shared.place(0, TIME_ITSELF),
+        shared.place(1, TIME_ITSELF),
+        shared.place(0, ticks),
+        shared.second(0, ticks),
+        shared.place(0, TickOf(0.04)),
+    ]
+    assert places == [0, 1, 2, 3, 4]
+    assert shared.place(1, TIME_ITSELF) == 1
+    assert shared.place(0, TickOf(0.02)) == 2
+    assert shared.second(0, TickOf(0.02)) == 3
+    assert shared.width == 5
+
+
+def test_times_and_ticks_are_those_of_each_event_and_instant():
+    shared = SharedNumbers()
+    ticks = TickOf(0.02)
+    columns = [shared.place(1, TIME_ITSELF), shared.place(0, ticks), shared.second(0, ticks), shared.second(1, ticks)]
+    assert columns == [0, 1, 2, 3]
+    times = np.array([[0.0, 0.02], [0.06, 0.08], [0.08, 0.1]])
+    np.testing.assert_array_equal(
+        shared.table(times, nothing), [[0.02, 0.0, 0.0, 1.0], [0.08, 1.0, 1.0, 0.0], [0.1, 2.0, 0.0, 1.0]]
+    )
+
+
+def test_a_source_is_asked_once_for_all_its_elements():
+    shared = SharedNumbers()
+    for element in (2, 0):
+        shared.place(1, Source("reference", 0, element))
+    shared.place(0, Source("reference", 0, 1))
+    asked = []
+
+    def values(path, output, time):
+        asked.append((path, output, time))
+        return time + np.array([10.0, 20.0, 30.0])
+
+    table = shared.table(np.array([[0.0, 1.0], [2.0, 3.0]]), values)
+    np.testing.assert_array_equal(table, [[31.0, 11.0, 20.0], [33.0, 13.0, 22.0]])
+    assert asked == [("reference", 0, time) for time in (1.0, 3.0, 0.0, 2.0)]
+
+
+@pytest.mark.parametrize("events", [0, 2])
+def test_a_table_of_nothing_still_has_a_row_for_each_event(events):
+    assert SharedNumbers().table(np.zeros((events, 1)), nothing).shape == (events, 1)

@@ -1,0 +1,56 @@
+"""What is connected with what, through diagrams in diagrams."""
+
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Adder, ConstantVectorSource, Gain
+
+from drake_quad.compilation.topology import Exported, Port, Topology
+
+
+def named(builder, name, system):
+    return builder.AddNamedSystem(name, system)
+
+
+@pytest.fixture(scope="module")
+def topology():
+    """A gain in a diagram in a diagram, and an adder beside it.
+
+    u ──┬──▶ outer( inner( gain ) ──▶ twice ) ──┐
+        └──────────────────────────────▶ adder ◀┘ ◀── constant
+    """
+    inner = DiagramBuilder()
+    gain = named(inner, "gain", Gain(2.0, 3))
+    inner.ExportInput(gain.get_input_port(), "in")
+    inner.ExportOutput(gain.get_output_port(), "out")
+    outer = DiagramBuilder()
+    inside, twice = named(outer, "inner", inner.Build()), named(outer, "twice", Gain(2.0, 3))
+    outer.ExportInput(inside.get_input_port(), "in")
+    outer.Connect(inside.get_output_port(), twice.get_input_port())
+    outer.ExportOutput(twice.get_output_port(), "twice")
+    outer.ExportOutput(inside.get_output_port(), "once")
+    whole = DiagramBuilder()
+    nested, adder = named(whole, "outer", outer.Build()), named(whole, "adder", Adder(4, 3))
+    constant = named(whole, "constant", ConstantVectorSource([1.0, 2.0, 3.0]))
+    whole.ExportInput(nested.get_input_port(), "u")
+    whole.ConnectInput("u", adder.get_input_port(1))
+    whole.Connect(nested.GetOutputPort("twice"), adder.get_input_port(0))
+    whole.Connect(constant.get_output_port(), adder.get_input_port(3))
+    whole.ExportOutput(adder.get_output_port(), "sum")
+    whole.ExportOutput(nested.GetOutputPort("once"), "once")
+    return Topology(whole.Build())
+
+
+def test_leaves_have_the_names_on_the_way(topology):
+    assert list(topology.leaves) == ["outer.inner.gain", "outer.twice", "adder", "constant"]
+
+
+def test_an_input_is_traced_to_the_leaf_or_the_port_of_the_diagram_that_feeds_it(topology):
+    u = Exported("u", 3)
+    assert topology.sources("outer.inner.gain") == [u]
+    assert topology.sources("outer.twice") == [Port("outer.inner.gain", 0)]
+    assert topology.sources("adder") == [Port("outer.twice", 0), u, None, Port("constant", 0)]
+    assert topology.sources("constant") == []
+
+
+def test_an_output_is_that_of_a_leaf(topology):
+    assert topology.outputs == {"sum": Port("adder", 0), "once": Port("outer.inner.gain", 0)}

@@ -1,0 +1,54 @@
+"""Ticks among the arguments of a formula."""
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import AutoDiffXd
+
+from drake_quad.framework.elementary import where
+from drake_quad.framework.formulas import TIME, Tick, TickOf, at_time, interpret, kernel
+from drake_quad.framework.records import ROW, layout_of
+
+PERIODS = [0.02, 0.01, 0.1, 1.0 / 3.0, 7.0, 1e-4]
+
+
+@pytest.mark.parametrize("period", PERIODS)
+def test_ticks_are_counted_in_pairs(period):
+    """At the times at which Drake's events are, and as well a little before and after."""
+    ticks = TickOf(period)
+    for number in [*range(9), 1001, 123_456]:
+        for time in (number * period, (number + 0.3) * period, (number - 0.3) * period):
+            pair, second = ticks.at(time)
+            assert 2.0 * float(pair) + float(second) == number
+    pairs, seconds = ticks.at(period * np.arange(7.0))
+    np.testing.assert_array_equal(pairs, [0, 0, 1, 1, 2, 2, 3])
+    np.testing.assert_array_equal(seconds, [False, True] * 3 + [False])
+
+
+def test_ticks_have_no_derivatives():
+    tick = TickOf(0.02).at(AutoDiffXd(0.06, [1.0]))
+    assert tick == Tick(1.0, True)
+
+
+def test_ticks_of_a_time_are_found_where_they_stand_among_arguments():
+    assert at_time(TickOf(0.5), 1.5) == Tick(1.0, True)
+    assert at_time(TIME, 1.5) == 1.5
+    assert at_time("x", 1.5) == "x"
+
+
+def counted(x, tick, by):
+    return x + 10.0 * tick.pair + where(tick.second, by, 0.0)
+
+
+@pytest.mark.parametrize("n", [1, 11])
+def test_machine_code_gets_the_tick_that_a_formula_in_python_gets(n):
+    arguments, x = (ROW, TickOf(0.02), 0.5), np.arange(float(n))
+    run = kernel(counted, arguments, (ROW,), lone=n == 1)
+    for number in (0, 1, 2, 3, 50, 51):
+        found = np.empty(n)
+        run(n, 0.02 * number, found, x)
+        np.testing.assert_array_equal(found, x + 10.0 * (number // 2) + 0.5 * (number % 2))
+        layout = layout_of(tuple[float])
+        (interpreted,) = interpret(
+            lambda x, *rest: (counted(x[0], *rest),), (layout, *arguments[1:]), [x], [layout], n, 0.02 * number
+        )
+        np.testing.assert_array_equal(interpreted, found)

@@ -1,0 +1,230 @@
+"""Scenarios at random: what the language can say, in every combination, of systems that fly."""
+
+import json
+
+import numpy as np
+
+from drake_quad import load_scenario
+
+# What a scenario is built of. Each list is gone through before anything of it comes again.
+STRUCTURES = {
+    "position": [
+        "pd",
+        "pid",
+        *(f"{kind} {law}" for kind in ("pd_t1fnn", "pd_t2fnn") for law in ("covariance", "gradient", "sign")),
+    ],
+    "derivative": ["tracking_error", "measurement"],
+    "feed_forward": ["none", "acceleration", "jerk", "snap"],
+    "axes": [["x", "y"], ["z"], ["y", "z"], ["x", "y", "z"], ["x"]],
+    "sets": [(3, 3), (2, 3), (3, 2), (2, 2)],
+    "reset": ["never", "at_segments"],
+    "limited": [False, True],
+    "leaks": [False, True],
+    "deadzone": [False, True],
+    "kinematics": ["exact", "small_angle"],
+    "drag": ["", "linear quadratic", "linear", "quadratic"],
+    "failure": [False, True, True],
+    "sags": [False, True],
+    "unbalanced": [False, True],
+    "lags": [False, True],
+    "noise": ["", "position attitude", "position", "attitude"],
+    "misaligned": [False, True],
+    "filtered": [False, True],
+    "loses_frames": [False, True],
+    "latency": [[0], [1], [2], [0, 3]],
+    "delay": [[0], [1], [1, 3], [2]],
+    "loses_packets": [False, True],
+    "wind": [
+        "",
+        "steady",
+        "gust gust steady",
+        "dryden",
+        "fan",
+        "steady dryden dryden",
+        "fan steady fan",
+        "gust dryden fan",
+        "steady gust dryden fan fan dryden steady gust",
+    ],
+    # Of vehicle, cameras and link, s.
+    "periods": [
+        (0.01, 0.01, 0.02),
+        (0.005, 0.01, 0.02),
+        (0.01, 0.02, 0.02),
+        (0.01, 0.04, 0.02),
+        (0.02, 0.02, 0.02),
+        (0.01, 0.01, 0.01),
+        (0.0025, 0.005, 0.02),
+        (0.01, 0.02, 0.01),
+        (0.008, 0.016, 0.032),
+    ],
+    "route": ["figure_eight", "hover", "circle", "waypoints", "trajectory"],
+    "window": [False, True],
+    "crash": [5.0, 0.3, 5.0, 0.1],
+}
+
+
+def structures(rng, count):
+    """So many structures."""
+    columns = {name: rng.permutation(np.arange(count) % len(options)) for name, options in STRUCTURES.items()}
+    return [{name: STRUCTURES[name][column[i]] for name, column in columns.items()} for i in range(count)]
+
+
+def scenario_of(structure, rng, folder, *, duration):
+    """A scenario of a structure, of whose quantities each is distributed about a number at random.
+
+    Args:
+        structure: one of `structures`.
+        rng: NumPy's.
+        folder: for its file.
+        duration: of the flight, s.
+    """
+    path = folder / "random.yaml"
+    path.write_text(json.dumps({"random": _tree(structure, rng, duration)}))
+    return load_scenario(f"{path}:random")
+
+
+def _tree(structure, rng, duration):
+    draw = _Draw(rng)
+    time_step, frames, ticks = structure["periods"]
+    vehicle = {
+        "mass": draw(0.64, 0.74),
+        "inertia": [draw(0.0065, 0.0075), draw(0.0075, 0.0085), draw(0.012, 0.0135)],
+        "attitude_kinematics": structure["kinematics"],
+        "time_step": time_step,
+    }
+    vehicle |= {f"{name}_drag": draw(0.05, 0.2) for name in structure["drag"].split()}
+    if structure["failure"]:
+        vehicle["rotor_failure"] = {
+            "rotor": {"choice": [1, 2, 3, 4]},
+            "time": draw(0.0, duration),
+            "speed_factor": draw(0.8, 0.95),
+        }
+    if structure["sags"]:
+        vehicle["battery_sag"] = draw(0.01, 0.05)
+    if structure["unbalanced"]:
+        vehicle["thrust_factor_error"] = [draw.signed(0.02) for _ in range(4)]
+        vehicle["centre_of_mass"] = [draw.signed(0.002) for _ in range(2)]
+    if structure["lags"]:
+        vehicle["rotor_time_constant"] = draw(0.03, 0.06)
+    cameras = {"period": frames, "latency_frames": {"choice": structure["latency"]}}
+    cameras |= {f"{name}_noise": draw(0.0005, 0.003) for name in structure["noise"].split()}
+    if structure["misaligned"]:
+        cameras["misalignment"] = [draw.signed(0.02) for _ in range(3)]
+    if structure["filtered"]:
+        cameras["derivative_bandwidth"] = draw(50.0, 90.0)
+    if structure["loses_frames"]:
+        cameras["dropout_rate"] = draw(0.05, 0.3)
+    link = {"period": ticks, "delay_ticks": {"choice": structure["delay"]}}
+    if structure["loses_packets"]:
+        link["loss_rate"] = draw(0.05, 0.3)
+    return {
+        "route": _route(structure["route"], rng),
+        "vehicle": vehicle,
+        "laboratory": {
+            "motion_capture": cameras,
+            "command_link": link,
+            "wind": [_wind(kind, draw, duration) for kind in structure["wind"].split()],
+        },
+        "control": {
+            "position": _position(structure, draw),
+            "attitude": {
+                "k_p": [draw(8.0, 12.0), draw(8.0, 12.0), draw(4.0, 6.0)],
+                "k_d": [draw(5.0, 7.0), draw(5.0, 7.0), draw(2.5, 4.0)],
+            },
+            "thrust_vectoring": {"max_tilt": draw(0.15, 0.6)},
+        },
+        "metrics": {"start": 0.21, "end": 0.7 * duration} if structure["window"] else {},
+        "crash": {"position_error": structure["crash"]},
+        "duration": duration,
+        "seed": int(rng.integers(2**62)),
+    }
+
+
+class _Draw:
+    """Distributions about numbers at random."""
+
+    def __init__(self, rng):
+        self._rng = rng
+
+    def __call__(self, low, high):
+        """Within a part of an interval."""
+        ends = sorted(self._rng.uniform(low, high, 2).tolist())
+        return {"uniform": {"min": ends[0], "max": ends[1]}}
+
+    def signed(self, size):
+        return self(-size, size)
+
+
+def _position(structure, draw):
+    kind, *law = structure["position"].split()
+    position = {
+        "kind": kind,
+        "k_p": [draw(1.0, 2.0), draw(1.0, 2.0), draw(4.0, 6.0)],
+        "k_d": [draw(1.2, 1.8), draw(1.2, 1.8), draw(2.5, 3.5)],
+        "derivative": structure["derivative"],
+        "feed_forward": structure["feed_forward"],
+    }
+    if kind == "pid":
+        position |= {"k_i": [draw(0.1, 1.0) for _ in range(3)], "integral_limit": draw(0.01, 0.1)}
+    if law:
+        network = {name: _sets(count, draw) for name, count in zip(("error", "rate"), structure["sets"], strict=True)}
+        if kind == "pd_t2fnn":
+            network |= {"a1": draw(1.1, 1.4), "a2": draw(0.6, 0.9), "q": draw(0.2, 0.8)}
+        position |= {"axes": structure["axes"], "network": network, "learning": _learning(law[0], structure, draw)}
+    return position
+
+
+def _sets(count, draw):
+    centres = [-1.0, 0.1, 1.2] if count == 3 else [-0.8, 0.9]
+    return {"scale": draw(0.8, 2.0), "centres": centres, "widths": [draw(1.0, 1.4) for _ in centres]}
+
+
+def _learning(kind, structure, draw):
+    learning = {"kind": kind, "initial_weight": draw.signed(0.1)}
+    match kind:
+        case "covariance":
+            learning |= {"gain": draw(0.5, 1.0), "initial_covariance": draw(1.0, 6.0), "slope": draw(1.0, 2.0)}
+            learning |= {"reset": structure["reset"], "forgetting": draw(0.98, 1.0)}
+        case "gradient":
+            learning |= {"rate": draw(0.5, 2.0), "slope": draw(1.0, 2.0)}
+        case "sign":
+            learning |= {"rate": draw(0.5, 2.0), "initial_slope": draw(0.0, 0.5)}
+    if structure["limited"]:
+        learning["weight_limit"] = draw(0.05, 0.3)
+    if structure["leaks"]:
+        learning["leakage"] = draw(0.01, 0.5)
+    if structure["deadzone"]:
+        learning["deadzone"] = draw(0.005, 0.05)
+    return learning
+
+
+def _wind(kind, draw, duration):
+    match kind:
+        case "steady":
+            motion = {"velocity": [draw.signed(2.0) for _ in range(3)]}
+            return {"kind": kind} | motion
+        case "gust":
+            shape = {"start": draw(0.0, 0.6 * duration), "rise_time": draw(0.1, 0.5), "hold_time": draw(0.0, 0.3)}
+            return {"kind": kind, "speed": draw(0.5, 3.0), "heading": draw.signed(3.0), **shape}
+        case "dryden":
+            numbers = {"intensity": draw(0.2, 1.0), "height": draw(3.1, 10.0), "airspeed": draw(1.0, 5.0)}
+            return {"kind": kind, "level": "light", "heading": draw.signed(3.0), **numbers}
+    numbers = {"flow": draw(1.5, 3.0), "diameter": draw(0.5, 0.8), "turbulence": draw(0.1, 0.3)}
+    place = {"position": [draw(-3.0, -2.0), draw.signed(1.0), draw(0.5, 1.5)]}
+    return {"kind": kind, "direction": [1.0, draw.signed(0.3), draw.signed(0.2)], **place, **numbers}
+
+
+def _route(kind, rng):
+    yaw = float(rng.uniform(-3.0, 3.0))
+    match kind:
+        case "figure_eight":
+            return {"kind": kind, "heading": "along_path"}
+        case "hover":
+            return {"kind": kind, "position": [0.3, -0.2, 1.0], "yaw": yaw, "duration": 2.0}
+        case "circle":
+            return {"kind": kind, "radius": 0.8, "laps": 1, "yaw": yaw}
+        case "waypoints":
+            times = {"waypoints": [[0.0, 0.0, 1.0], [0.2, 0.1, 1.1], [0.1, 0.3, 0.9]], "times": [0.0, 0.7, 1.6]}
+            return {"kind": kind, "heading": "along_path", "top_acceleration": None, **times}
+    knots = [{"time": time, "position": [0.1 * time, 0.05, 1.0 + 0.1 * time]} for time in (0.0, 0.5, 2.0)]
+    return {"kind": kind, "knots": knots, "yaw_knots": [{"time": 0.0, "yaw": yaw}, {"time": 2.0, "yaw": yaw + 0.4}]}
