@@ -105,7 +105,7 @@ DIFFERENT = [
 ]
 
 
-@pytest.mark.parametrize("difference", DIFFERENT, ids=str)
+@pytest.mark.parametrize("difference", DIFFERENT, ids=" ".join)
 def test_diagrams_that_differ_in_what_they_do_have_events_of_their_own(made, difference):
     before = {"constant": 0.0} if difference.get("constant") == 0.0 else {}
     flown(diagram_of(**before))
