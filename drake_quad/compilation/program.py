@@ -302,8 +302,10 @@ class Program:
             sizes[name] = first
         first = 0
         for source, size in self._elsewhere().items():
-            exported = isinstance(source, Exported)
-            what = f"the input port {source.name}" if exported else f"output {source.number} of {source.path}"
+            if isinstance(source, Exported):
+                what = f"the input port {source.name}"
+            else:
+                what = f"output {source.number} of {source.path}"
             inputs[source] = first, self._num_rows(size, what)
             first += inputs[source][1]
         return Places(states, parameters, inputs), Sizes(sizes["state"], sizes["parameters"], first)
