@@ -194,6 +194,11 @@ def _signature(shown: Computation | StateGroup) -> tuple[Any, ...]:
 
 def _constant(value: Any) -> tuple[Any, str]:
     """A constant, told from those that are equal to it and yet others: -0.0 from 0.0, and 1 from 1.0."""
+    try:
+        hash(value)
+    except TypeError:
+        # What may change, such as a list, is like nothing else.
+        return object(), ""
     return value, repr(value)
 
 

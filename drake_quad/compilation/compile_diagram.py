@@ -29,7 +29,7 @@ def compile_diagram(
         diagram: of systems with discrete state, for any number of vehicles. It is kept, and not changed.
         ticks: None for events at every instant at which something happens in the diagram: state and ports are those of
             the diagram at any time. Else how many ticks an event takes at once where nothing else looks in between:
-            ports then show what holds at their end.
+            ports then show what holds at their end, and simulations begin at time zero.
         tick: the time between two ticks, one of the periods, s; if not given, that after which everything happens
             together again.
         record: whether the output ports are recorded at every tick, as discrete updates see them.

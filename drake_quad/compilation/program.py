@@ -320,7 +320,11 @@ class Program:
             sizes[name] = first
         first = 0
         for source, size in self._elsewhere().items():
-            inputs[source] = first, self._num_rows(size, str(source))
+            if isinstance(source, Exported):
+                what = f"the input port {source.name}"
+            else:
+                what = f"output {source.number} of {source.path}"
+            inputs[source] = first, self._num_rows(size, what)
             first += inputs[source][1]
         return Places(states, parameters, inputs), Sizes(sizes["state"], sizes["parameters"], first)
 

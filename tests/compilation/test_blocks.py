@@ -1,5 +1,6 @@
 """Drake's own systems, and what a FleetSystem can declare, compiled: they hold and compute what they do wired."""
 
+import re
 from typing import NamedTuple
 
 import numpy as np
@@ -7,7 +8,7 @@ import pytest
 from both_ways import assert_alike
 from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import (
     Adder,
     ConstantValueSource,
@@ -16,6 +17,7 @@ from pydrake.systems.primitives import (
     Gain,
     Multiplexer,
     PassThrough,
+    Sine,
     TrajectorySource,
     ZeroOrderHold,
 )
@@ -27,7 +29,8 @@ from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.elementary import exp, where
 from drake_quad.framework.fleet_system import TIME, FleetSystem, TickOf, fleet_system
 from drake_quad.framework.records import layout_of
-from drake_quad.signals import Row
+from drake_quad.laboratory.wind.wind import SteadyWind
+from drake_quad.signals import Row, Wind
 
 
 class Pair(NamedTuple):
@@ -220,13 +223,53 @@ def test_a_vehicle_that_is_taken_out_of_its_fleet_is_refused():
     assert refused(connect) == "parts cannot be compiled: it takes the vehicles of a fleet apart"
 
 
-def test_what_holds_no_vector_is_refused():
+class Speaks(LeafSystem):
+    """Of its ports one holds a vector, and one a text."""
+
+    def __init__(self):
+        super().__init__()
+        self.DeclareVectorOutputPort("vector", 1, lambda context, output: None)
+        self.DeclareAbstractOutputPort("text", lambda: AbstractValue.Make(""), lambda context, output: None)
+
+
+@pytest.mark.parametrize("make", [lambda: ConstantValueSource(AbstractValue.Make("")), Speaks], ids=["all", "some"])
+def test_what_holds_no_vector_is_refused(make):
     def connect(builder):
         builder.AddNamedSystem("counter", Counter())
-        text = builder.AddNamedSystem("text", ConstantValueSource(AbstractValue.Make("text")))
-        return {"text": text.get_output_port()}
+        return {"text": builder.AddNamedSystem("text", make()).get_output_port(0)}
 
-    assert refused(connect).startswith("text, a ConstantValueSource, cannot be compiled, nor stand beside ")
+    assert re.match(r"text, a \w+, cannot be compiled, nor stand beside compiled systems: ", refused(connect))
+
+
+@pytest.mark.parametrize(
+    ("make", "what"),
+    [
+        (None, "the input port u"),
+        (lambda: ConstantVectorSource(np.ones(3)), "parameters 0 of source"),
+        (lambda: Sine(np.ones(3), np.ones(3), np.ones(3), True), "output 0 of source"),
+    ],
+    ids=["input", "parameter", "output"],
+)
+def test_what_is_not_made_for_the_fleet_is_refused(make, what):
+    def connect(builder):
+        builder.AddNamedSystem("counter", Counter(num_vehicles=2))
+        passed = builder.AddNamedSystem("passed", PassThrough(3))
+        if make is None:
+            builder.ExportInput(passed.get_input_port(), "u")
+        else:
+            port = builder.AddNamedSystem("source", make()).get_output_port(0)
+            builder.Connect(port, passed.get_input_port())
+        return {"passed": passed.get_output_port()}
+
+    assert refused(connect) == f"{what} cannot be compiled: it has 3 elements, no multiple of 2 vehicles"
+
+
+def test_a_diagram_in_which_nothing_happens_is_refused():
+    def connect(builder):
+        wind = builder.AddNamedSystem("steady", SteadyWind(numbers=Wind(1.0, 2.0, 3.0)))
+        return {"wind": wind.get_output_port()}
+
+    assert refused(connect) == "small cannot be compiled: nothing happens in it"
 
 
 def test_fleets_of_several_sizes_or_none_are_refused():

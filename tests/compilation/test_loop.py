@@ -208,3 +208,13 @@ def test_a_cut_listing_has_parts_of_some_lines_and_few_rows_between_them(short_p
     assert len(parts) >= 20
     assert 5 < num_kept <= 7
     assert parts[-1].stores[0][0] == (STATE, 0)
+
+
+def test_a_long_chain_of_operations_is_not_followed_in_depth():
+    """Neither of what follows from parameters alone nor of the rest."""
+    listing = Listing()
+    x, k = listing.row(STATE, 0), listing.row(PARAMETERS, 0)
+    for _ in range(3000):
+        x, k = x + 1.0, k + 1.0
+    before, event, _ = loop_module._divided(listing, [x + k])
+    assert (len(before.listing.operations), len(event.operations)) == (3002, 3004)

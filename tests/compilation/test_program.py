@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, Gain, ZeroOrderHold
+from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Gain, ZeroOrderHold
 
 from drake_quad.compilation import compile_diagram, compiled_part, program
 from drake_quad.framework.fleet_system import FleetSystem, fleet_system
@@ -115,6 +115,43 @@ def test_diagrams_that_differ_in_what_they_do_have_events_of_their_own(made, dif
     assert len(made) > count
     np.testing.assert_allclose(found, wired(other), rtol=1e-12)
     np.testing.assert_array_equal(np.signbit(found), np.signbit(wired(other)))
+
+
+@pytest.mark.parametrize("first", [1, 2])
+def test_rows_that_are_split_in_other_places_are_others(first):
+    """Of diagrams that are alike but for that."""
+    builder = DiagramBuilder()
+    grows = builder.AddNamedSystem("grows", Grows())
+    numbers = builder.AddNamedSystem("numbers", ConstantVectorSource([1.0, 2.0, 3.0]))
+    parts = builder.AddNamedSystem("parts", Demultiplexer([first, 3 - first]))
+    builder.Connect(numbers.get_output_port(), parts.get_input_port())
+    builder.ExportOutput(grows.GetOutputPort("x"), "x")
+    builder.ExportOutput(parts.get_output_port(1), "second")
+    compiled = compile_diagram(builder.Build())
+    found = compiled.GetOutputPort("second").Eval(compiled.CreateDefaultContext())
+    np.testing.assert_array_equal(found, [2.0, 3.0][first - 1 :])
+
+
+@fleet_system(float)
+class Begins(FleetSystem):
+    """With a list of numbers by which it begins."""
+
+    def declare(self, *, by):
+        x = self.state("x", lambda _: (1.0,))
+        self.initialize(lambda x, by: (x[0] + sum(by),), x, by, writes=[x])
+        self.update(0.01, lambda x: (2.0 * x[0],), x, writes=[x])
+        self.state_output(x)
+
+
+def test_lists_among_constants_are_taken_as_they_are():
+    for by in ([1.0, 2.0], [5.0]):
+        builder = DiagramBuilder()
+        builder.ExportOutput(builder.AddNamedSystem("begins", Begins(by=by)).GetOutputPort("x"), "x")
+        diagram = builder.Build()
+        for each in (diagram, compile_diagram(diagram)):
+            simulator = Simulator(each)
+            simulator.AdvanceTo(0.015)
+            assert each.GetOutputPort("x").Eval(simulator.get_context()) == [4.0 * (1.0 + sum(by))]
 
 
 def test_what_is_recorded_and_how_much_at_once_make_other_events_too(made):
