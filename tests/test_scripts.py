@@ -520,7 +520,7 @@ def test_simulators_are_compared_as_far_as_they_are_there():
     command = [sys.executable, str(ROOT / "scripts" / "compare_simulators.py"), "--quick"]
     result = subprocess.run(command, capture_output=True, text=True, timeout=240, check=True)
     assert re.search(
-        r"^\| drake_quad \S+, 100 Hz.* \| [\d,.]+ \([\d,.]+\) \| [\d,.]+ \([\d,.]+\) \|$", result.stdout, re.MULTILINE
+        r"^\| drake_quad \S+, compiled, 100 Hz.* \| [\d,.]+ \([\d,.]+\) \| [\d,.]+ \([\d,.]+\) \|$", result.stdout, re.M
     )
     for package in ("crazyflow", "rotorpy"):
         told = f"{package} is not installed, so it is not measured" in result.stderr
