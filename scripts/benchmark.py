@@ -32,7 +32,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
-from drake_quad import Scenario, load_scenario
+from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
 from drake_quad.flight.fleet_simulation import simulate_fleet
@@ -73,10 +73,12 @@ def main() -> None:
     options.add_argument("--before", type=Path, metavar="FOLDER", help="a checkout of d4354ba with its environment")
     options.add_argument("--beside", action="store_true", help="nothing but what others fly, too")
     arguments = options.parse_args()
-    quick = arguments.quick
+    quick, before = arguments.quick, None if arguments.before is None else arguments.before.resolve()
+    if before is not None and not (before / ".venv" / "bin" / "python").exists():
+        raise InputError(f"--before is {arguments.before}, which has no environment in .venv")
     repetitions = 5 if quick else 15
     print(f"{machine()}\n")
-    print_beside(arguments.before, 3 if quick else 12, quick=quick)
+    print_beside(before, 3 if quick else 8, quick=quick)
     if arguments.beside:
         return
     print(f"\nMedians (and best) of {repetitions} runs on one core, of studies {repetitions // 3}.\n")
@@ -138,10 +140,17 @@ class Contestant:
         self._name = name
         python = sys.executable if before is None else str(before / ".venv" / "bin" / "python")
         environment = dict(os.environ) | ({} if before is None else {"PYTHONPATH": str(before)})
-        command = [python, str(Path(__file__).with_name("contestants.py")), name, *rest]
+        command = [python, str(Path(__file__).resolve().with_name("contestants.py")), name, *rest]
         pipe = subprocess.PIPE
         self._process = subprocess.Popen(
-            command, env=environment, stdin=pipe, stdout=pipe, stderr=subprocess.DEVNULL, text=True
+            command,
+            # crazyflow leaves a log where it runs.
+            cwd=tempfile.gettempdir(),
+            env=environment,
+            stdin=pipe,
+            stdout=pipe,
+            stderr=subprocess.DEVNULL,
+            text=True,
         )
 
     def __enter__(self) -> "Contestant":
