@@ -10,7 +10,7 @@ from typing import Any, NamedTuple
 from drake_quad.compilation.blocks import Block, Rows, Work
 from drake_quad.compilation.shared_numbers import TIME_ITSELF, SharedNumbers, Source
 from drake_quad.compilation.topology import Exported, Port, Topology
-from drake_quad.framework.elementary import where
+from drake_quad.framework.elementary import untyped, where
 from drake_quad.framework.formulas import TIME, Tick, TickOf
 from drake_quad.framework.symbols import Kind, Listing, Symbol
 
@@ -87,7 +87,7 @@ class Trace:
             for group, rows in work.compute(_Around(self, path)).items():
                 if first and not work.at_start:
                     begins, before = self.time() == 0.0, self.state(path, group)
-                    rows = [where(_untyped(begins), old, new) for old, new in zip(before, rows, strict=True)]
+                    rows = [where(untyped(begins), old, new) for old, new in zip(before, rows, strict=True)]
                 after[path, group] = rows
         self._states |= after
         self._outputs.clear()
@@ -118,10 +118,10 @@ class Trace:
         on_grid = step > 0 and abs(ticks.period / self._base - step) < ROUNDING
         if on_grid and self._instants % (2 * step) == 0 and self.instant % step == 0:
             pair, place = divmod(self.instant // step, 2)
-            return Tick(_untyped(self.listing.shared(self._shared.place(pair * 2 * step, ticks))), place == 1)
+            return Tick(untyped(self.listing.shared(self._shared.place(pair * 2 * step, ticks))), place == 1)
         number = self.listing.shared(self._shared.place(self.instant, ticks))
         second = self.listing.shared(self._shared.second(self.instant, ticks))
-        return Tick(_untyped(number), _untyped(second == 1.0))
+        return Tick(untyped(number), untyped(second == 1.0))
 
     def source(self, source: Source) -> Symbol:
         """An element of a port that depends on the time alone."""
@@ -173,8 +173,3 @@ class _Around:
 
     def source(self, output: int, element: int) -> Any:
         return self._trace.source(Source(self._path, output, element))
-
-
-def _untyped(x: Any) -> Any:
-    """The same; a type checker, for which a row is a float, shall not ask what it is here."""
-    return x

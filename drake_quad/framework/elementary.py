@@ -30,7 +30,7 @@ def sin_cos(x: Row) -> tuple[Row, Row]:
     if x.__class__ is float:
         return math.sin(x), math.cos(x)
     if x.__class__ is Symbol:
-        return _untyped(approximations.sin_cos(x))
+        return untyped(approximations.sin_cos(x))
     return np.sin(x), np.cos(x)
 
 
@@ -38,21 +38,21 @@ def sqrt(x: Row) -> Row:
     """Square root; NaN, not an error, for a negative float that came from a diverged vehicle."""
     if x.__class__ is float:
         return math.sqrt(x) if x >= 0.0 else math.nan
-    return _untyped(approximations.sqrt(x)) if x.__class__ is Symbol else np.sqrt(x)
+    return untyped(approximations.sqrt(x)) if x.__class__ is Symbol else np.sqrt(x)
 
 
 def arctan(x: Row) -> Row:
     """Inverse tangent, rad."""
     if x.__class__ is float:
         return math.atan(x)
-    return _untyped(approximations.arctan(x)) if x.__class__ is Symbol else np.arctan(x)
+    return untyped(approximations.arctan(x)) if x.__class__ is Symbol else np.arctan(x)
 
 
 def arcsin(x: Row) -> Row:
     """Inverse sine, rad; NaN, not an error, for a float outside [-1, 1]."""
     if x.__class__ is float:
         return math.asin(x) if -1.0 <= x <= 1.0 else math.nan
-    return _untyped(approximations.arcsin(x)) if x.__class__ is Symbol else np.arcsin(x)
+    return untyped(approximations.arcsin(x)) if x.__class__ is Symbol else np.arcsin(x)
 
 
 def arctan2(y: Row, x: Row) -> Row:
@@ -60,7 +60,7 @@ def arctan2(y: Row, x: Row) -> Row:
     if x.__class__ is float and y.__class__ is float:
         return math.atan2(y, x)
     if x.__class__ is Symbol or y.__class__ is Symbol:
-        return _untyped(approximations.arctan2(y, x))
+        return untyped(approximations.arctan2(y, x))
     return np.arctan2(y, x)
 
 
@@ -68,20 +68,20 @@ def exp(x: Row) -> Row:
     """Exponential."""
     if x.__class__ is float:
         return math.exp(x)
-    return _untyped(approximations.exp(x)) if x.__class__ is Symbol else np.exp(x)
+    return untyped(approximations.exp(x)) if x.__class__ is Symbol else np.exp(x)
 
 
 def log(x: Row, *, normal: bool = False) -> Row:
     """Natural logarithm; it is quicker where it is known that x is positive, finite and not below 1e-307: normal."""
     if x.__class__ is float:
         return math.log(x)
-    return _untyped(approximations.log(x, normal=normal)) if x.__class__ is Symbol else np.log(x)
+    return untyped(approximations.log(x, normal=normal)) if x.__class__ is Symbol else np.log(x)
 
 
 def log_of_1_plus(x: Row) -> Row:
     """Natural logarithm of 1 + x, accurate for small x, which must not be negative."""
     if x.__class__ is Symbol:
-        return _untyped(approximations.log_of_1_plus(x))
+        return untyped(approximations.log_of_1_plus(x))
     if x.__class__ is float or (isinstance(x, np.ndarray) and x.dtype == float):
         return np.log1p(x)
     if isinstance(x, np.ndarray):
@@ -114,11 +114,11 @@ def where(mask: bool, x: _Rows, y: _Rows) -> _Rows:
     if isinstance(mask, _TRUTH):
         return x if mask else y
     if isinstance(x, tuple):
-        rows = [where(mask, row, other) for row, other in zip(x, _untyped(y), strict=True)]
-        return _untyped(x._make(rows) if hasattr(x, "_make") else tuple(rows))
+        rows = [where(mask, row, other) for row, other in zip(x, untyped(y), strict=True)]
+        return untyped(x._make(rows) if hasattr(x, "_make") else tuple(rows))
     if mask.__class__ is Symbol:
-        return _untyped(x if x is y else approximations.select(mask, x, y))
-    return _untyped(_of_one_type(np.where(mask, x, y)))
+        return untyped(x if x is y else approximations.select(mask, x, y))
+    return untyped(_of_one_type(np.where(mask, x, y)))
 
 
 def wrapped(angle: Row) -> Row:
@@ -126,35 +126,35 @@ def wrapped(angle: Row) -> Row:
     if angle.__class__ is float:
         return math.remainder(angle, math.tau) if math.isfinite(angle) else math.nan
     if angle.__class__ is Symbol:
-        return _untyped(approximations.wrapped(angle))
+        return untyped(approximations.wrapped(angle))
     return angle - math.tau * np.rint(plain(angle) / math.tau)
 
 
 def nearest(x: Row) -> Row:
     """The nearest whole number, without derivatives. Not for Expression."""
-    return _untyped(approximations.nearest(x)) if x.__class__ is Symbol else np.rint(plain(x))
+    return untyped(approximations.nearest(x)) if x.__class__ is Symbol else np.rint(plain(x))
 
 
 def word_of(x: Row) -> Any:
     """The 64 bits of a whole number from 0 on, below 2**52, uint64: a symbol, or an array even for one vehicle."""
     if x.__class__ is Symbol:
-        return approximations.word_of(_untyped(x))
+        return approximations.word_of(untyped(x))
     return np.atleast_1d(np.asarray(plain(x), dtype=float)).astype(np.uint64)
 
 
 def float_of(word: Any) -> Row:
     """The number that 64 bits below 2**52 are."""
-    return _untyped(approximations.float_of(word) if word.__class__ is Symbol else word.astype(float))
+    return untyped(approximations.float_of(word) if word.__class__ is Symbol else word.astype(float))
 
 
 def plain(x: Row) -> Row:
     """The values of a row, without their derivatives. Not for Expression."""
     if isinstance(x, np.ndarray):
         return np.array([value.value() for value in x]) if x.dtype == object else x
-    return x if isinstance(x, float | Symbol) else _untyped(x).value()
+    return x if isinstance(x, float | Symbol) else untyped(x).value()
 
 
-def _untyped(x: Any) -> Any:
+def untyped(x: Any) -> Any:
     """The same; a type checker, for which a row is a float, shall not ask what it is here."""
     return x
 

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.framework.elementary import float_of, log, sin_cos, sqrt, where, word_of
+from drake_quad.framework.elementary import float_of, log, sin_cos, sqrt, untyped, where, word_of
 from drake_quad.framework.formulas import Tick
 from drake_quad.randomness.seeding import child_words
 from drake_quad.signals import Number, Row
@@ -74,7 +74,7 @@ class StreamState(NamedTuple):
     @classmethod
     def of(cls, states: np.ndarray) -> "StreamState":
         """The halves of uint64 states."""
-        return cls(_untyped((states >> _HALF).astype(float)), _untyped((states & _LOW_HALF).astype(float)))
+        return cls(untyped((states >> _HALF).astype(float)), untyped((states & _LOW_HALF).astype(float)))
 
     @property
     def word(self) -> Any:
@@ -128,9 +128,4 @@ def normal_pair(state: Any) -> tuple[Row, Row]:
 
 def parameter_numbers(seed: int, samples: Sequence[int], path: str) -> np.ndarray:
     """The (N,) numbers in (0, 1) from which the field at a path is drawn."""
-    return _untyped(uniform_number(moved(stream_states(seed, samples, Kind.PARAMETERS, path), 0.0)))
-
-
-def _untyped(x: Any) -> Any:
-    """The same; a type checker, for which a row is a float, shall not ask what it is here."""
-    return x
+    return untyped(uniform_number(moved(stream_states(seed, samples, Kind.PARAMETERS, path), 0.0)))
