@@ -24,7 +24,7 @@ from pydrake.systems.primitives import (
 from drake_quad.errors import InputError
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import Computation, FleetSystem, Input, Parameter, StateGroup
-from drake_quad.framework.formulas import TIME, TickOf, flattened
+from drake_quad.framework.formulas import TIME, TickOf, flattened, told_apart
 
 # The rows of a port, of a state or of a parameter: symbols, or numbers.
 Rows = list[Any]
@@ -111,7 +111,7 @@ def why_not(system: Any) -> str:
     if isinstance(system, FleetSystem):
         if "continuous" in system.states:
             return "its state is continuous"
-        return "it declares ports or states by Drake's own methods"
+        return "it declares ports, states or events by Drake's own methods"
     return "only systems that declare formulas can be, and the simplest of Drake's own"
 
 
@@ -134,6 +134,7 @@ def _is_declared(system: FleetSystem) -> bool:
     return (
         system.num_output_ports() == len(system.outputs)
         and context.num_discrete_state_groups() == len(system.states)
+        and system.num_events == len(system.updates) + len(system.initializations)
         and not context.num_continuous_states()
         and not context.num_abstract_states()
     )
@@ -182,24 +183,14 @@ def _signature(shown: Computation | StateGroup) -> tuple[Any, ...]:
     reads: list[tuple[Any, ...]] = []
     for read in shown.reads:
         if isinstance(read, Input):
-            reads.append(("input", int(read.index), read.layout, *_constant(read.absent)))
+            reads.append(("input", int(read.index), read.layout, *told_apart(read.absent)))
         elif isinstance(read, Parameter):
             reads.append(("parameter", int(read.index), read.layout))
         elif isinstance(read, StateGroup):
             reads.append(("state", _number(read), read.layout))
         else:
-            reads.append(("constant", *_constant(read)))
+            reads.append(("constant", *told_apart(read)))
     return shown.formula, *reads, *shown.results, *map(_number, shown.writes)
-
-
-def _constant(value: Any) -> tuple[Any, str]:
-    """A constant, told from those that are equal to it and yet others: -0.0 from 0.0, and 1 from 1.0."""
-    try:
-        hash(value)
-    except TypeError:
-        # What may change, such as a list, is like nothing else.
-        return object(), ""
-    return value, repr(value)
 
 
 def _writing(computation: Computation) -> Callable[[Surroundings], dict[int, Rows]]:
@@ -267,7 +258,7 @@ class _Adder(Block):
 class _Gain(Block):
     @property
     def signature(self) -> tuple[Any, ...]:
-        return *super().signature, *map(_constant, self._factors)
+        return *super().signature, *map(told_apart, self._factors)
 
     @property
     def _factors(self) -> list[float]:

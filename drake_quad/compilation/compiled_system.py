@@ -9,7 +9,8 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from drake_quad.compilation.program import Event, Program, Shown
 from drake_quad.compilation.topology import Exported, Port
-from drake_quad.compilation.trace import INPUTS, STATE
+from drake_quad.compilation.trace import INPUTS, ROUNDING, STATE
+from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
 
 # Tables of shared numbers that are kept for the next flight, and the events in one where each comes alone.
@@ -120,7 +121,8 @@ class CompiledSystem(LeafSystem):
         """The (ticks, rows · N) signals that were recorded since time zero, by name."""
         parts = context.get_abstract_parameter(self._log).get_value().parts
         n = self.program.num_vehicles
-        rows = np.concatenate(parts)[:, :, :n]
+        num_rows = sum(self.GetOutputPort(name).size() for name in self.recorded) // n
+        rows = np.concatenate(parts)[:, :, :n] if parts else np.empty((0, num_rows, n))
         signals, first = {}, 0
         for name in self.recorded:
             size = self.GetOutputPort(name).size() // n
@@ -181,6 +183,15 @@ class CompiledSystem(LeafSystem):
                 numbers = values.get_mutable_value(self._state)
                 self._advance(events[first % len(events)], context, numbers, first, count)
 
+        def check(context: Context, values: Any) -> None:
+            begin = context.get_time() / (period * ticks)
+            if abs(begin - round(begin)) > ROUNDING:
+                raise InputError(
+                    f"a simulation cannot begin at {context.get_time():g} s where an event takes {ticks} ticks at once,"
+                    f" since events are {period * ticks:g} s apart; compile the diagram with ticks=None"
+                )
+
+        self.DeclareInitializationDiscreteUpdateEvent(check)
         self.DeclarePeriodicDiscreteUpdateEvent(period * ticks, 0.0, advance)
 
     def _begin(self, context: Context, values: Any) -> None:

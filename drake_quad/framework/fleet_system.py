@@ -262,6 +262,7 @@ class FleetSystem(_Base):
         updates: what is computed at periodic events.
         initializations: what is computed when a simulation begins.
         packed: the layouts of the signals that the only output port packs, by name; empty if it packs none.
+        num_events: how many events were declared, by `update`, by `initialize` or by Drake's own methods.
     """
 
     scalar: type
@@ -274,6 +275,7 @@ class FleetSystem(_Base):
     updates: list["Update"]
     initializations: list[Computation]
     packed: dict[str, Layout]
+    num_events: int
     _numbers: Any
 
     def begin(self) -> None:
@@ -281,6 +283,7 @@ class FleetSystem(_Base):
         self.parameters, self.states, self.random_inputs = {}, {}, {}
         self.outputs, self.updates, self.initializations, self.packed = {}, [], [], {}
         self._derivative: Computation | None = None
+        self.num_events = 0
 
     def declare(self, *args: Any, **options: Any) -> None:
         """Declares ports, state, parameters and events; every subclass has its own."""
@@ -526,6 +529,24 @@ class Update(NamedTuple):
     at_start: bool
 
 
+# Drake's methods that declare events which happen by themselves.
+_EVENTS = [
+    f"Declare{when}{what}Event"
+    for when in ("Initialization", "Periodic", "PerStep")
+    for what in ("", "DiscreteUpdate", "Publish", "UnrestrictedUpdate")
+]
+
+
+def _counted(declare: Callable[..., None]) -> Callable[..., None]:
+    """A method of Drake's that declares an event, which is counted."""
+
+    def counted(self: FleetSystem, *args: Any, **options: Any) -> None:
+        self.num_events += 1
+        declare(self, *args, **options)
+
+    return counted
+
+
 @contextmanager
 def _quick_templates() -> Iterator[None]:
     """Spares Drake the search for the module in which a method is made a template.
@@ -572,6 +593,8 @@ def fleet_system(*scalars: type) -> Callable[[type[FleetSystem]], Any]:
                 def _construct_copy(self, other: Any, converter: Any = None) -> None:
                     Impl._construct(self, other.num_vehicles, converter=converter, **other._options)
 
+            for name in _EVENTS:
+                setattr(Impl, name, _counted(getattr(LeafSystem_[T], name)))
             return Impl
 
         template.add_instantiations(instantiate, [(T,) for T in scalars])

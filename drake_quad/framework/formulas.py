@@ -4,7 +4,6 @@ A formula is a plain function of records and constants. On numbers it runs as ma
 AutoDiffXd, Expression, and wherever the environment variable DRAKE_QUAD_INTERPRETED is set, it runs as it is written.
 """
 
-import functools
 import os
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple
@@ -59,7 +58,9 @@ class TickOf(NamedTuple):
         return Tick(pair, number > 2.0 * pair)
 
 
-@functools.cache
+_kernels: dict[Any, Callable[..., None]] = {}
+
+
 def kernel(
     formula: Callable[..., Any], arguments: tuple[Any, ...], results: tuple[Layout, ...], *, lone: bool
 ) -> Callable[..., None]:
@@ -74,6 +75,26 @@ def kernel(
     Raises:
         TypeError: the formula returns something else, or branches on a row.
     """
+    key = formula, tuple(map(told_apart, arguments)), results, lone
+    if key not in _kernels:
+        _kernels[key] = _made(formula, arguments, results, lone)
+    return _kernels[key]
+
+
+def told_apart(constant: Any) -> tuple[Any, str]:
+    """A constant, told from those that are equal to it and yet others: -0.0 from 0.0, and 1 from 1.0."""
+    try:
+        hash(constant)
+    except TypeError:
+        # What may change, such as a list, is like nothing else.
+        return object(), ""
+    return constant, repr(constant)
+
+
+def _made(
+    formula: Callable[..., Any], arguments: Sequence[Any], results: Sequence[Layout], lone: bool
+) -> Callable[..., None]:
+    """The machine code of a formula, made now."""
     listing = Listing()
     values: list[Any] = []
     sizes: list[int] = []

@@ -241,6 +241,36 @@ def test_what_holds_no_vector_is_refused(make):
     assert re.match(r"text, a \w+, cannot be compiled, nor stand beside compiled systems: ", refused(connect))
 
 
+@fleet_system(float)
+class Publishes(FleetSystem):
+    """It has a state that changes in an event of Drake's own."""
+
+    def declare(self, when):
+        self.memory = self.state("memory", lambda _: Pair(1.0, 2.0))
+        self.state_output(self.memory)
+        if when == "Periodic":
+            self.DeclarePeriodicDiscreteUpdateEvent(0.02, 0.0, self.change)
+        elif when == "PerStep":
+            self.DeclarePerStepDiscreteUpdateEvent(self.change)
+        else:
+            self.DeclareInitializationDiscreteUpdateEvent(self.change)
+
+    def change(self, context, values):
+        """Adds one."""
+        values.get_mutable_vector(0).SetFromVector(context.get_discrete_state(0).CopyToVector() + 1.0)
+
+
+@pytest.mark.parametrize("when", ["Periodic", "PerStep", "Initialization"])
+def test_what_declares_an_event_by_a_method_of_drake_s_is_refused(when):
+    def connect(builder):
+        builder.AddNamedSystem("counter", Counter())
+        return {"memory": builder.AddNamedSystem("own", Publishes(when=when)).get_output_port()}
+
+    assert refused(connect).startswith(
+        "own, a Publishes, cannot be compiled: it declares ports, states or events by Drake's own methods; and it "
+    )
+
+
 @pytest.mark.parametrize(
     ("make", "what"),
     [

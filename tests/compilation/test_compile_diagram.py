@@ -255,6 +255,22 @@ def test_nothing_happens_after_the_end(strided, last):
         np.testing.assert_array_equal(values, logs[1][name][:ticks])
 
 
+def test_before_the_first_tick_nothing_is_recorded(strided):
+    system, context = part_of(Simulator(strided))
+    assert {name: values.shape for name, values in system.log(context).items()} == {
+        name: (0, strided.GetOutputPort(name).size()) for name in names_of(strided)[1]
+    }
+
+
+def test_a_simulation_does_not_begin_between_events_that_take_several_ticks(strided):
+    simulator = Simulator(strided)
+    simulator.get_mutable_context().SetTime(0.1)
+    with pytest.raises(InputError, match=r"cannot begin at 0.1 s where an event takes 10 ticks at once, .* 0.2 s apart"):
+        simulator.AdvanceTo(0.3)
+    simulator.get_mutable_context().SetTime(0.4)
+    simulator.Initialize()
+
+
 @pytest.mark.slow
 def test_ticks_are_recorded_as_discrete_updates_see_them(wired, strided, compiled):
     """Whether an event takes one or ten; the first at time zero."""

@@ -35,6 +35,17 @@ def test_ticks_of_a_time_are_found_where_they_stand_among_arguments():
     assert at_time("x", 1.5) == "x"
 
 
+@pytest.mark.parametrize(("one", "other"), [(0.0, -0.0), (-0.0, 0.0)])
+def test_machine_code_tells_constants_apart_that_are_equal(one, other):
+    def scaled(x, zero):
+        return x * zero
+
+    for zero in (one, other):
+        found = np.empty(9)
+        kernel(scaled, (ROW, zero), (ROW,), lone=False)(9, 0.0, found, np.ones(9))
+        np.testing.assert_array_equal(np.signbit(found), np.signbit(zero))
+
+
 def counted(x, tick, by):
     return x + 10.0 * tick.pair + where(tick.second, by, 0.0)
 
