@@ -1,9 +1,22 @@
+import os
 from pathlib import Path
 
 import pytest
 
 from drake_quad import load_scenario
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters, ThrustFactors
+
+# Files that wait for other processes or take long: they begin first, and the others fill the gaps.
+_FIRST = ("test_cluster", "test_docs", "test_scripts", "test_replay", "test_report", "test_fuzz")
+
+
+def pytest_xdist_auto_num_workers() -> int:
+    """One process more than there are cores, since some tests wait; each takes a few hundred MB."""
+    return min(4, (os.cpu_count() or 1) + 1)
+
+
+def pytest_collection_modifyitems(items) -> None:
+    items.sort(key=lambda item: item.path.stem not in _FIRST)
 
 
 @pytest.fixture(scope="session")
