@@ -23,18 +23,14 @@ from contextlib import ExitStack
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 from command_line import run
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
 
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.assembly.planning import flight_duration, plan_route
-from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
 from drake_quad.flight.fleet_simulation import simulate_fleet
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.path_problem import Box, Limits, PathProblem
@@ -82,8 +78,8 @@ def main() -> None:
     if arguments.beside:
         return
     print(f"\nMedians (and best) of {repetitions} runs on one core, of studies {repetitions // 3}.\n")
-    print_flights(repetitions, (1, 64, 1024) if quick else (1, 64, 256, 1024, 4096))
-    print_ticks(repetitions)
+    print_flights(repetitions, (1, 64, 1024) if quick else (1, 8, 64, 512, 1024, 4096, 16384))
+    print_rules(repetitions)
     print_studies(repetitions // 3, 3_000 if quick else 10_000)
     print_planning(repetitions)
 
@@ -191,15 +187,34 @@ def print_flights(repetitions: int, sizes: Sequence[int]) -> None:
         print(f"| {name}, {how} | {' | '.join(spread(cost, size) for cost in costs)} |", flush=True)
 
 
-def print_ticks(repetitions: int) -> None:
-    """Prints how long a tick of a network takes."""
-    print("\n| a tick of a type-2 network on three axes, with its learning | |")
-    print("|---|---|")
-    for size in (1, 1024, 3072):
-        tick = network_tick(size)
-        times = [1e6 * tick() / size for _ in range(3 * repetitions)]
-        name = f"in a fleet of {size:,}, per vehicle" if size > 1 else "of one vehicle"
-        print(f"| {name} | {statistics.median(times):.3g} ({min(times):.3g}) µs |")
+def print_rules(repetitions: int) -> None:
+    """Prints how fast fleets fly by the rules of their networks, compiled."""
+    print("\n| type-2 networks on X and Y in the ideal laboratory, vehicle-seconds per second | one vehicle | 1,024 |")
+    print("|---|---|---|")
+    none = load_scenario(_DIAGRAMS / "figure_eight.yaml")
+    scenarios = {"none": none} | {f"{sets**2} rules each": with_rules(sets) for sets in (2, 3, 5, 7)}
+    sizes = (1, 1024)
+    costs = {
+        size: interleaved([Stepper(each, size, compiled=True) for each in scenarios.values()], repetitions)
+        for size in sizes
+    }
+    for row, name in enumerate(scenarios):
+        print(f"| {name} | {' | '.join(spread(costs[size][row], size) for size in sizes)} |", flush=True)
+
+
+def with_rules(sets: int) -> Scenario:
+    """The figure eight with type-2 networks that have so many sets on each of their two inputs."""
+    centres, widths = np.linspace(-1.0, 1.0, sets).tolist(), [2.0 / (sets - 1)] * sets
+    position = "control.position"
+    return load_scenario(
+        _DIAGRAMS / "figure_eight.yaml",
+        [
+            f"{position}.network.{signal}.{name}={values}"
+            for signal in ("error", "rate")
+            for name, values in (("centres", centres), ("widths", widths))
+        ],
+        layers=[_NETWORK],
+    )
 
 
 def print_studies(repetitions: int, largest: int) -> None:
@@ -261,29 +276,6 @@ def print_planning(repetitions: int) -> None:
 def spread(costs: list[float], size: int) -> str:
     """Vehicle-seconds per second: the median, and the best in parentheses."""
     return f"{size / statistics.median(costs):,.0f} ({size / min(costs):,.0f})"
-
-
-def network_tick(size: int) -> Callable[[], float]:
-    """A function that advances a network of a fleet by some ticks and returns the seconds that one takes."""
-    builder = DiagramBuilder()
-    options: dict[str, Any] = {"num_vehicles": size, "axes": ("x", "y", "z")}
-    rules, learning = FuzzyRules(**options), WeightLearning(**options)
-    network = builder.AddNamedSystem("network", build_fuzzy_network(rules=rules, learning=learning))
-    rng = np.random.default_rng(0)
-    for name in ("error", "error_rate"):
-        source = builder.AddNamedSystem(name, ConstantVectorSource(0.3 * rng.normal(size=3 * size)))
-        builder.Connect(source.get_output_port(), network.GetInputPort(name))
-    hold = builder.AddNamedSystem("hold", ZeroOrderHold(0.02, 3 * size))
-    builder.Connect(network.GetOutputPort("correction"), hold.get_input_port())
-    simulator = Simulator(builder.Build())
-    simulator.Initialize()
-    ticks = 200 if size == 1 else 10
-
-    def advance() -> float:
-        until = simulator.get_context().get_time() + 0.02 * ticks
-        return timed(lambda: simulator.AdvanceTo(until)) / ticks
-
-    return advance
 
 
 class Stepper:
