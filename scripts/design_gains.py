@@ -6,7 +6,7 @@ import shlex
 import sys
 from pathlib import Path
 
-from command_line import add_vector, folder_of, parser, print_columns, print_files, run, scenario_of
+from command_line import add_vector, all_overrides_of, folder_of, parser, print_columns, print_files, run
 
 from ruamel.yaml import YAML
 
@@ -16,6 +16,7 @@ from drake_quad.analysis.closed_loop import ClosedLoop, as_believed, closed_loop
 from drake_quad.analysis.gain_design import PolePair, Regulator
 from drake_quad.analysis.modes import modes
 from drake_quad.files import output_folder, write_whole
+from drake_quad.scenario import load_undesigned, save_scenario
 from drake_quad.visualization.design_plots import DESIGN_PLOTS, plot_steps
 from drake_quad.visualization.style import save_figures
 
@@ -39,18 +40,22 @@ def main() -> None:
     add_design_options(options)
     add_vector(options)
     arguments = options.parse_args()
-    scenario = scenario_of(arguments)
+    scenario = load_undesigned(arguments.scenario, all_overrides_of(arguments))
     period = scenario.laboratory.command_link.period
     design = design_cascade(scenario, design_options(arguments, period))
     designed = with_gains(scenario, design.gains())
     loop = closed_loop(as_believed(designed))
     folder = output_folder(folder_of(arguments, scenario.name))
-    files = [write_whole(folder / "gains.yaml", lambda path: write_gains(design, path))]
+    files = [
+        write_whole(folder / "gains.yaml", lambda path: write_gains(design, path)),
+        write_whole(folder / "scenario.yaml", lambda path: save_scenario(designed, path)),
+    ]
     figures = {name: plot(design) for name, plot in DESIGN_PLOTS.items()} | {"steps": plot_steps(loop)}
     files += save_figures(figures, folder, vector=arguments.vector)
     print_design(design, period)
     print_modes(loop)
-    print(f"\na scenario takes the gains by `extends: [FILE:NAME, {files[0]}]`, in this order")
+    print(f"\na scenario takes the gains by `extends: [FILE:NAME, {files[0]}]`, in this order; or fly it as it is:")
+    print(f"  python scripts/simulate.py {files[1]}")
     print_files(files)
 
 

@@ -246,6 +246,23 @@ def test_design_gains_states_margins_and_writes_what_a_scenario_extends(run, tmp
 
 
 @pytest.mark.slow
+def test_gains_are_designed_for_a_vehicle_alone_and_fly(run, tmp_path):
+    vehicle = (
+        "{nominal: {mass: 0.5, inertia: [0.003, 0.0032, 0.006], thrust_factor: 3.0e-5}, vehicle: {battery_sag: 0.01}}"
+    )
+    (tmp_path / "vehicle.yaml").write_text(f"small: {vehicle}\n", encoding="utf-8")
+    result = run("design_gains.py", tmp_path / "vehicle.yaml", "--output", tmp_path / "gains")
+    assert (result.returncode, result.stderr) == (0, "")
+    command = re.search(r"python scripts/simulate.py (\S+)", result.stdout)
+    assert run("simulate.py", command[1], "--output", tmp_path / "flight").returncode == 0
+    with (tmp_path / "flight" / "metrics.csv").open() as file:
+        (metrics,) = csv.DictReader(file)
+    assert float(metrics["rmse"]) < 0.1
+    scenario = load_scenario(command[1])
+    assert (scenario.vehicle.mass, scenario.vehicle.battery_sag, scenario.route.kind) == (0.5, 0.01, "figure_eight")
+
+
+@pytest.mark.slow
 def test_stability_map_counts_and_draws(run, tmp_path):
     result = run("stability_map.py", "--quick", "--loop", "attitude", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")

@@ -1,7 +1,7 @@
 """The scenario language: a closed loop described in YAML."""
 
 from drake_quad.scenario.batch import Batch, draw_sample
-from drake_quad.scenario.loading import Override, load_mission, load_scenario
+from drake_quad.scenario.loading import Override, load_mission, load_scenario, load_undesigned
 from drake_quad.scenario.models import Mission, Scenario
 from drake_quad.scenario.paths import distributions_in
 from drake_quad.scenario.saving import save_scenario
@@ -15,5 +15,6 @@ __all__ = [
     "draw_sample",
     "load_mission",
     "load_scenario",
+    "load_undesigned",
     "save_scenario",
 ]

@@ -57,6 +57,30 @@ def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequen
     return _validated(Scenario, _loaded(spec, overrides, layers))
 
 
+# What a scenario has whose gains are still to be designed, unless it says otherwise: the gains do not matter.
+_UNDESIGNED = """
+route: {kind: figure_eight}
+control:
+  position: {kind: pd, k_p: [1.0, 1.0, 1.0], k_d: [1.0, 1.0, 1.0], feed_forward: snap}
+  attitude: {k_p: [1.0, 1.0, 1.0], k_d: [1.0, 1.0, 1.0]}
+"""
+
+
+def load_undesigned(spec: str | Path, overrides: Overrides = ()) -> Scenario:
+    """Loads a scenario whose gains are to be designed, such as a vehicle: it need have neither route nor control.
+
+    Without a route it flies the paper's figure eight, without a position controller a PD with feed-forward.
+
+    Args:
+        spec: FILE, or FILE:NAME where the file holds several scenarios.
+        overrides: assignments `field.path=value` with the value in YAML; they win.
+
+    Raises:
+        InputError: as `load_scenario`.
+    """
+    return _validated(Scenario, _loaded(spec, overrides, beneath=_UNDESIGNED))
+
+
 def load_mission(spec: str | Path, overrides: Overrides = ()) -> Mission:
     """Loads what flies where, from a scenario of which nothing else need be there, or from a table of waypoints.
 
@@ -79,9 +103,11 @@ def load_mission(spec: str | Path, overrides: Overrides = ()) -> Mission:
     return _validated(Mission, Tree({key: value for key, value in tree.value.items() if key not in others}, tree.mark))
 
 
-def _loaded(spec: str | Path, overrides: Overrides, layers: Sequence[str | Path] = ()) -> Tree:
+def _loaded(spec: str | Path, overrides: Overrides, layers: Sequence[str | Path] = (), *, beneath: str = "") -> Tree:
     library = Library()
     name, tree = library.find(spec)
+    if beneath:
+        tree = merged(library.parse(beneath, "what is not written", numbered=False), tree)._replace(mark=tree.mark)
     for layer in layers:
         tree = merged(tree, library.find(layer)[1])
     for override in map(Override.of, overrides):

@@ -7,7 +7,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from drake_quad.errors import InputError
-from drake_quad.scenario import Scenario, distributions_in, load_scenario
+from drake_quad.scenario import Scenario, distributions_in, load_scenario, load_undesigned
 
 BODY = """\
   route: {kind: hover}
@@ -87,6 +87,17 @@ def test_another_kind_or_distribution_replaces_as_a_whole(write):
 def test_bad_extensions_are_explained(write, text, words):
     with pytest.raises(InputError, match=words):
         load_scenario(f"{write(text)}:a")
+
+
+def test_what_is_to_be_designed_needs_neither_route_nor_gains(write):
+    spec = write("mine: {vehicle: {linear_drag: 0.2}, control: {position: {k_p: [2, 2, 2]}}}")
+    scenario = load_undesigned(spec, ["vehicle.quadratic_drag=0.1"])
+    assert (scenario.vehicle.linear_drag, scenario.vehicle.quadratic_drag, scenario.name) == (0.2, 0.1, "mine")
+    assert (scenario.route.kind, scenario.control.position.k_p) == ("figure_eight", (2.0, 2.0, 2.0))
+    with pytest.raises(InputError, match=r"route"):
+        load_scenario(spec)
+    with pytest.raises(InputError, match=r":1: vehicle.masss"):
+        load_undesigned(write("mine: {vehicle: {masss: 0.2}}"))
 
 
 def test_overrides_win_and_are_named(write):
