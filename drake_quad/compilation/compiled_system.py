@@ -126,7 +126,7 @@ class CompiledSystem(LeafSystem):
         signals, first = {}, 0
         for name in self.recorded:
             size = self.GetOutputPort(name).size() // n
-            signals[name] = rows[:, first : first + size].reshape(len(rows), -1)
+            signals[name] = rows[:, first : first + size].reshape(len(rows), size * n)
             first += size
         return signals
 
