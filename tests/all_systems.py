@@ -26,6 +26,7 @@ from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence, PerDirection, Turbulence, TurbulenceNumbers
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
+from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind, build_held_wind, build_wind
 from drake_quad.randomness.noise import NoiseSource, Samples, Stream, random_streams
 from drake_quad.randomness.streams import Kind
@@ -133,6 +134,7 @@ FLEET_SYSTEMS = [
     Example(FlightMonitor, num_vehicles=3),
     Example(FuzzyRules, SETS, num_vehicles=2),
     Example(Gust, GUST),
+    Example(SineWind, SineNumbers(Wind(1.0, 2.0, 3.0), 1.1, 2.2)),
     Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), num_vehicles=2),
     Example(MotionCapture, CAMERAS, ALL_ERRORS, num_vehicles=2),
     Example(MotionCapture, CAMERAS, ALL_ERRORS),

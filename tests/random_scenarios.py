@@ -37,7 +37,7 @@ STRUCTURES = {
     "wind": [
         "",
         "steady",
-        "gust gust steady",
+        "gust sine steady",
         "dryden",
         "fan",
         "steady dryden dryden",
@@ -206,6 +206,8 @@ def _wind(kind, draw, duration):
         case "gust":
             shape = {"start": draw(0.0, 0.6 * duration), "rise_time": draw(0.1, 0.5), "hold_time": draw(0.0, 0.3)}
             return {"kind": kind, "speed": draw(0.5, 3.0), "heading": draw.signed(3.0), **shape}
+        case "sine":
+            return {"kind": kind, "velocity": [draw.signed(1.5) for _ in range(3)], "frequency": draw(0.5, 9.0)}
         case "dryden":
             numbers = {"intensity": draw(0.2, 1.0), "height": draw(3.1, 10.0), "airspeed": draw(1.0, 5.0)}
             return {"kind": kind, "level": "light", "heading": draw.signed(3.0), **numbers}

@@ -29,6 +29,7 @@ from drake_quad.laboratory.motion_capture import MotionCapture
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence
 from drake_quad.laboratory.wind.fans import Fans
 from drake_quad.laboratory.wind.gust import Gust
+from drake_quad.laboratory.wind.sine import SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind
 from drake_quad.randomness.noise import NoiseSource
 from drake_quad.vehicle.allocation import Allocation
@@ -270,6 +271,7 @@ DEFAULTS = {
         "numbers": (1.2, 0.8, 0.5, *[(1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0))] * 2),
     },
     Gust: {"period": 0.01},
+    SineWind: {"period": 0.01},
     IntegralCorrection: {"period": 0.02},
     MotionCapture: {
         "period": 0.01,

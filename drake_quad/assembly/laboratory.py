@@ -17,6 +17,7 @@ from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture
 from drake_quad.laboratory.wind.dryden import WIND_AT_20_FEET, DrydenTurbulence, Turbulence, TurbulenceNumbers
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
+from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind
 from drake_quad.randomness.noise import Samples
 from drake_quad.reference.plan import Plan
@@ -131,8 +132,8 @@ def _check_step(fleet: Any) -> None:
     """Raises InputError if drag stops a vehicle so fast that its steps would not be stable."""
     vehicle, sources = fleet.vehicle, fleet.laboratory.wind
     steady = [_velocity(source) for source in sources if source.kind == "steady"]
-    gusts = [_velocity(source) for source in sources if source.kind == "gust"]
-    speeds = [np.sqrt(sum(part * part for part in velocity)) for velocity in (_total(steady), *gusts)]
+    passing = [_velocity(source) for source in sources if source.kind in ("gust", "sine")]
+    speeds = [np.sqrt(sum(part * part for part in velocity)) for velocity in (_total(steady), *passing)]
     airspeed = sum(speeds) + sum(jet.exit_speed for jet in jets(sources))
     rate = np.max((vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed) / vehicle.mass)
     if vehicle.time_step * rate > _STABLE:
@@ -201,6 +202,8 @@ def _wind(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
                 hold_time = math.inf if source.hold_time is None else source.hold_time
                 numbers = GustNumbers(_velocity(source), source.start, source.rise_time, hold_time)
                 recipes[name] = Recipe(Gust, held, numbers)
+            case "sine":
+                recipes[name] = Recipe(SineWind, held, SineNumbers(_velocity(source), source.frequency, source.phase))
             case "dryden":
                 recipes[name] = Recipe(DrydenTurbulence, held, _dryden(source, mean))
     if jets(sources):
@@ -228,7 +231,7 @@ def _total(velocities: list[Wind]) -> Wind:
 
 
 def _velocity(source: Any) -> Wind:
-    """The velocity of the air of steady wind or a gust."""
+    """The velocity of the air of steady wind, of a gust or of a sine, at its height."""
     if source.velocity is not None:
         return Wind(*source.velocity)
     sin_heading, cos_heading = sin_cos(source.heading)

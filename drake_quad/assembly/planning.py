@@ -7,6 +7,7 @@ import numpy as np
 
 from drake_quad.errors import InputError
 from drake_quad.reference.feasibility import first_violation, sample_times
+from drake_quad.reference.lissajous import lissajous
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, Timing, passing_times, plan_path
@@ -16,7 +17,14 @@ from drake_quad.reference.time_allocation import stretch_factor, trapezoid_times
 from drake_quad.reference.yaw import constant_yaw, yaw_along, yaw_through
 from drake_quad.scenario import Mission, Scenario, distributions_in, routes
 from drake_quad.scenario.limits import LONGEST, MOST_TICKS
-from drake_quad.scenario.routes import CircleRoute, FigureEightRoute, HoverRoute, TrajectoryRoute, WaypointRoute
+from drake_quad.scenario.routes import (
+    CircleRoute,
+    FigureEightRoute,
+    HoverRoute,
+    LissajousRoute,
+    TrajectoryRoute,
+    WaypointRoute,
+)
 from drake_quad.signals import Jerk, Reference, Snap
 from drake_quad.vehicle.inverse_dynamics import RotorDemand, rotor_demand
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters, ThrustFactors
@@ -45,6 +53,9 @@ def plan_route(mission: Mission) -> Plan:
     match route:
         case HoverRoute():
             plan = Plan.hover(route.position, duration=route.duration, yaw=route.yaw)
+        case LissajousRoute():
+            names = ("centre", "amplitude", "turns", "phase", "period", "laps")
+            plan = Plan.facing(lissajous(**{name: getattr(route, name) for name in names}), route.yaw)
         case TrajectoryRoute():
             plan = _trajectory(route)
         case WaypointRoute():

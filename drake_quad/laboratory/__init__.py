@@ -8,6 +8,7 @@ from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence, PerDirection, Turbulence, TurbulenceNumbers
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
+from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind, build_wind
 
 __all__ = [
@@ -26,6 +27,8 @@ __all__ = [
     "MotionCapture",
     "Outlet",
     "PerDirection",
+    "SineNumbers",
+    "SineWind",
     "SteadyWind",
     "Turbulence",
     "TurbulenceNumbers",

@@ -14,6 +14,8 @@ from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.limits import LONGEST, MOST_WAYPOINTS, SHORTEST
 from drake_quad.scenario.quantities import Number, PlainMoment, PlainPositive, PlainSpan, Point, Position, Positive
 
+# Of a sine in a lap.
+_Turns = Annotated[int, Field(ge=0, le=20)]
 # Path of a field, and its number.
 _End = tuple[tuple[str | int, ...], float | None]
 
@@ -67,6 +69,28 @@ class CircleRoute(_Moving):
     radius: Positive = Field(default=1.5, description="radius (m)")
     height: Number = Field(default=1.0, description="height (m)")
     laps: Annotated[int, Field(ge=1, le=100)] = Field(default=2, description="number of turns")
+
+
+class LissajousRoute(Model):
+    """Laps of a sine of time along each axis, at given times: centre + amplitude · sin(2π turns t / period + phase).
+
+    The path moves from its first moment on, where the vehicle hovers: `metrics.start` leaves the transient out.
+    """
+
+    kind: Literal["lissajous"]
+    centre: Point = Field(default=(0.0, 0.0, 1.0), description="in W (m)")
+    amplitude: Point = Field(description="along X, Y, Z (m)")
+    turns: Annotated[tuple[_Turns, _Turns, _Turns], Field(strict=False)] = Field(
+        default=(1, 1, 2), description="of each sine in a lap (1)"
+    )
+    phase: Point = Field(default=(0.0, 0.0, 0.0), description="of each sine (rad)")
+    period: PlainSpan = Field(description="time for a lap (s)")
+    laps: Annotated[int, Field(ge=1, le=100)] = Field(default=2, description="number of laps")
+    yaw: Real = Field(default=0.0, description="constant yaw of the reference (rad)")
+
+    def known_end(self) -> _End:
+        """As for the others."""
+        return ("route", "laps"), self.laps * self.period
 
 
 class HoverRoute(Model):
@@ -360,5 +384,6 @@ class TrajectoryRoute(Model):
 
 
 Route = Annotated[
-    FigureEightRoute | CircleRoute | HoverRoute | WaypointRoute | TrajectoryRoute, Field(discriminator="kind")
+    FigureEightRoute | CircleRoute | LissajousRoute | HoverRoute | WaypointRoute | TrajectoryRoute,
+    Field(discriminator="kind"),
 ]

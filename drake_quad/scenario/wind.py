@@ -45,6 +45,14 @@ class Gust(_Blowing):
     )
 
 
+class Sine(_Blowing):
+    """A wind that swells and fades as a sine, to both sides."""
+
+    kind: Literal["sine"]
+    frequency: Positive = Field(description="angular frequency (rad/s)")
+    phase: Number = Field(default=0.0, description="at time zero (rad)")
+
+
 class Dryden(Model):
     """Continuous turbulence of MIL-F-8785C at low altitude."""
 
@@ -88,4 +96,4 @@ class Fan(Model):
         return direction
 
 
-Wind = Annotated[SteadyWind | Gust | Dryden | Fan, Field(discriminator="kind")]
+Wind = Annotated[SteadyWind | Gust | Sine | Dryden | Fan, Field(discriminator="kind")]

@@ -11,7 +11,7 @@ FOOT, KNOT = 0.3048, 1852.0 / 3600.0
 
 
 def velocity_of(source):
-    """Of a steady wind or a gust."""
+    """Of a steady wind, a gust or a sine."""
     if source.velocity is not None:
         return np.array(source.velocity)
     return source.speed * np.array([math.cos(source.heading), math.sin(source.heading), 0.0])
@@ -35,6 +35,16 @@ class Gust:
         else:
             share = 0.5 * (1.0 + math.cos(math.pi * (time - rise - hold) / rise))
         return share * self.velocity
+
+
+class Sine:
+    """A sine; what is held over a step is that of its middle."""
+
+    def __init__(self, source, h):
+        self.source, self.h, self.velocity = source, h, velocity_of(source)
+
+    def sample(self, k, place):
+        return math.sin(self.source.frequency * (k + 0.5) * self.h + self.source.phase) * self.velocity
 
 
 class Dryden:
@@ -128,6 +138,7 @@ class Wind:
     def __init__(self, sources, h, seed, sample):
         self.steady = sum((velocity_of(source) for source in sources if source.kind == "steady"), start=np.zeros(3))
         self.parts = [Gust(source, h) for source in sources if source.kind == "gust"]
+        self.parts += [Sine(source, h) for source in sources if source.kind == "sine"]
         for i, source in enumerate(source for source in sources if source.kind == "dryden"):
             stream = Stream(seed, sample, WIND, f"dryden_{i}.turbulence_noise", 5)
             self.parts.append(Dryden(source, self.steady, h, stream))

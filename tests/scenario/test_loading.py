@@ -186,7 +186,10 @@ FAN = "kind: fan, position: [0, 0, 1]"
             r"wind.0.direction is .* a part that cannot be zero",
         ),
         (f"wind: [{{{FAN}, direction: [1, 0, 0], diameter: 1}}]", r"wind.0.flow is missing"),
-        ("wind: [{kind: breeze}]", r"wind.0.kind is 'breeze', but must be one of 'steady', 'gust', 'dryden', 'fan'"),
+        (
+            "wind: [{kind: breeze}]",
+            r"wind.0.kind is 'breeze', but must be one of 'steady', 'gust', 'sine', 'dryden', 'fan'",
+        ),
         (
             "wind: [{kind: dryden, level: mild}]",
             r"wind.0.level is 'mild', but must be 'light', 'moderate' or 'severe'",
@@ -261,7 +264,7 @@ def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehi
     [
         (
             "{kind: oval}",
-            "2: route.kind is 'oval', but must be one of 'figure_eight', 'circle', 'hover', 'waypoints'",
+            "2: route.kind is 'oval', but must be one of 'figure_eight', 'circle', 'lissajous', 'hover', 'waypoints'",
         ),
         ("{radius: 1}", "2: route.kind is missing"),
         (

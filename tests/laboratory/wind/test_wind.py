@@ -14,6 +14,7 @@ from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.flight import StudyFleet
 from drake_quad.laboratory.wind.fans import Direction, Jet, Outlet, jet_speed
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
+from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind
 from drake_quad.signals import State, Wind
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -84,6 +85,22 @@ def test_response_to_a_gust():
         t = time - 0.5
         expected = rising(t) if t < rise else height + (rising(rise) - height) * math.exp(-a * (t - rise))
         assert velocity == pytest.approx(expected, rel=0.01)
+
+
+@pytest.mark.parametrize("n", [1, 3])
+def test_a_sine_is_held_as_it_is_in_the_middle_of_a_step(n):
+    rows = np.arange(float(n)) if n > 1 else 0.0
+    numbers = SineNumbers(Wind(-2.4 + rows, 0.5, 0.1), 1.3, 0.2 + rows)
+    wind = SineWind(num_vehicles=n, period=0.02, numbers=numbers)
+    simulator = Simulator(wind)
+    for tick in (0, 1, 57):
+        simulator.AdvanceTo(0.02 * tick)
+        simulator.AdvancePendingEvents()
+        found = wind.get_output_port().Eval(simulator.get_context()).reshape(3, n)
+        share = np.sin(1.3 * (0.02 * tick + 0.01) + 0.2 + rows)
+        np.testing.assert_allclose(
+            found, share * np.array([-2.4 + rows, 0.5 + 0 * rows, 0.1 + 0 * rows]).reshape(3, n), rtol=1e-12
+        )
 
 
 def test_response_to_a_gust_agrees_with_an_independent_solver():
