@@ -1,4 +1,5 @@
 import os
+import signal
 from pathlib import Path
 
 import pytest
@@ -18,6 +19,14 @@ def pytest_xdist_auto_num_workers() -> int:
 
 def pytest_collection_modifyitems(items) -> None:
     items.sort(key=lambda item: item.path.stem not in _FIRST)
+
+
+@pytest.fixture(autouse=True)
+def _ctrl_c():
+    """What a script does with Ctrl-C while it begins must not reach other tests: it ends the process."""
+    before = signal.getsignal(signal.SIGINT)
+    yield
+    signal.signal(signal.SIGINT, before)
 
 
 @pytest.fixture(scope="session")
