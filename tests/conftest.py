@@ -23,8 +23,8 @@ def pytest_collection_modifyitems(items) -> None:
 
 @pytest.fixture(autouse=True)
 def _ctrl_c():
-    """What a script does with Ctrl-C while it begins must not reach other tests: it ends the process."""
-    before = signal.getsignal(signal.SIGINT)
+    """Ctrl-C is an exception in every test, however pytest was started and whatever a script has made of it before."""
+    before = signal.signal(signal.SIGINT, signal.default_int_handler)
     yield
     signal.signal(signal.SIGINT, before)
 
