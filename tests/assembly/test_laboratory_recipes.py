@@ -40,14 +40,14 @@ def recipes(asymmetric):
 def test_the_vehicle_is_as_the_scenario_has_it(asymmetric, recipes):
     vehicle = asymmetric("pid").vehicle
     found = vehicle_parameters(vehicle)
-    np.testing.assert_allclose(found.thrust_factor, [4.1492e-5, 4.018e-5, 4.1656e-5, 4.1205e-5], rtol=1e-12)
+    np.testing.assert_allclose(found.rotors.thrust_factors, [4.1492e-5, 4.018e-5, 4.1656e-5, 4.1205e-5], rtol=1e-12)
     assert found.centre_of_mass == CentreOfMass(-0.0003, 0.0008)
     assert found.inertia == Inertia(0.0071, 0.0079, 0.0131)
-    for name in set(found._fields) - {"thrust_factor", "centre_of_mass", "inertia"}:
+    for name in set(found._fields) - {"rotors", "centre_of_mass", "inertia"}:
         assert getattr(found, name) == getattr(vehicle, name)
     recipe = recipes["vehicle"]
     assert recipe.numbers.parameters == found
-    assert recipe.structure == {"time_step": 0.01, "kinematics": "exact", "faulty": True}
+    assert recipe.structure == {"time_step": 0.01, "kinematics": "exact", "faulty": True, "paired": True}
 
 
 def test_the_battery_sags_over_the_whole_flight(recipes):

@@ -1,0 +1,75 @@
+"""Which wrenches four rotors can give at all."""
+
+import numpy as np
+
+from drake_quad.vehicle.mixer import mixer_of
+from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.rotors import Rotors
+
+# A layout is refused if some part of a wrench takes so many times the effort of another: then a thousandth of the arm,
+# or of the drag factor, would have to give it.
+_LEAST_SHARE = 1e-3
+# Parts of a direction that are not worth a word.
+_NOTHING = 0.02
+_PARTS = ("thrust", "roll torque", "pitch torque", "yaw torque")
+
+
+def missing_direction(rotors: Rotors) -> str | None:
+    """Says which part of a wrench four rotors cannot give; None if they can give all.
+
+    Args:
+        rotors: of one vehicle, or of several, of which the first to lack something counts.
+    """
+    columns = [
+        np.broadcast_arrays(1.0, rotor.y, -rotor.x, -rotor.direction * rotor.drag_factor / rotor.thrust_factor)
+        for rotor in rotors
+    ]
+    # (vehicles, 4, 4): from forces to the wrench.
+    maps = np.array(np.broadcast_arrays(*[row for column in columns for row in column]), dtype=float)
+    maps = maps.reshape(4, 4, -1).transpose(2, 1, 0)
+    for forward in maps:
+        arm, lever = np.abs(forward[1:3]).max(), np.abs(forward[3]).max()
+        if arm == 0.0:
+            return "roll and pitch torque, since its rotors are all in the middle"
+        left, sizes, _ = np.linalg.svd(forward / np.array([[1.0], [arm], [arm], [lever]]))
+        if sizes[-1] < _LEAST_SHARE * sizes[0]:
+            return _lacking(left[:, -1])
+    return None
+
+
+def _lacking(direction: np.ndarray) -> str:
+    """What is missing, given the direction of a scaled wrench that no rotor has a part in."""
+    thrust, roll, pitch, yaw = np.abs(direction) > _NOTHING
+    if roll and pitch and not thrust and not yaw:
+        _, x, y, _ = direction / np.linalg.norm(direction[1:3])
+        sign = 1.0 if x > 0.0 else -1.0
+        return f"torque about the axis ({sign * x:.2f}, {sign * y:.2f}, 0), since its rotors are in a line"
+    # What is tied to the thrust, or to another torque: a torque that cannot be had without it.
+    names = [name for name, part in zip(_PARTS, (thrust, roll, pitch, yaw), strict=True) if part]
+    *others, lacking = names
+    if not others:
+        return f"{lacking}, since its rotors are in a line" if lacking != "yaw torque" else lacking
+    reason = ", since its rotors all turn the same way" if names == ["thrust", "yaw torque"] else ""
+    return f"{lacking} without {' and '.join(others)}{reason}"
+
+
+def hover_flaw(rotors: Rotors, *, min_speed: float, max_speed: float) -> str | None:
+    """Says why four rotors cannot give thrust without torque; None if they can.
+
+    Args:
+        rotors: of one vehicle, which can give any direction of a wrench.
+        min_speed: idle, rad/s.
+        max_speed: the largest, rad/s.
+    """
+    shares = [float(row.thrust) for row in mixer_of(QuadrotorParameters(rotors=rotors))]
+    for number, share in enumerate(shares, start=1):
+        if not share > 1e-9 * max(shares):
+            return f"rotor {number} would have to {'stand still' if share > -1e-9 * max(shares) else 'push down'}"
+    slowest, fastest = (np.sqrt(part / max(shares)) for part in (min(shares), max(shares)))
+    if not min_speed < max_speed * slowest / fastest:
+        number = shares.index(min(shares)) + 1
+        return (
+            f"rotor {number} would have to turn {slowest:.2g} times as fast as the fastest, less than min_rotor_speed"
+            " over max_rotor_speed"
+        )
+    return None
