@@ -96,7 +96,17 @@ def test_the_vehicle_starts_where_the_plan_does(recipes):
 
 def test_on_board_and_on_the_link_the_nominal_numbers_hold(recipes):
     rotors, radio = recipes["allocation"].numbers, recipes["command_link"]
-    assert tuple(rotors) == pytest.approx((4.0e-5, 1.1e-6, 0.16, 194.0, 223.0), rel=1e-12)
+    # A plus: per thrust of all, roll torque of 2 and 4, pitch torque of 1 and 3, yaw torque of all.
+    per_thrust, per_tilt, per_yaw = 0.25 / 4.0e-5, 0.5 / (0.16 * 4.0e-5), 0.25 / 1.1e-6
+    expected = [
+        [per_thrust, 0.0, -per_tilt, per_yaw],
+        [per_thrust, -per_tilt, 0.0, -per_yaw],
+        [per_thrust, 0.0, per_tilt, per_yaw],
+        [per_thrust, per_tilt, 0.0, -per_yaw],
+    ]
+    np.testing.assert_allclose(rotors.mixer, expected, rtol=1e-12)
+    assert (rotors.min_speed, rotors.max_speed) == (194.0, 223.0)
+    assert recipes["allocation"].structure == {"paired": True}
     assert radio.numbers == LinkNumbers(1, 0.03, Wrench(pytest.approx(0.7 * 9.79), 0.0, 0.0, 0.0))
     assert radio.structure == {"period": 0.02, "longest_delay": 1, "loses_packets": True}
 
