@@ -156,8 +156,8 @@ def test_a_rotor_without_room_leaves_alone_what_asks_nothing_of_it():
     speeds, shortfall = allocate(Wrench(20.0, 0.2, 0.0, 0.0), model)
     assert shortfall == pytest.approx((20.0 - 4.0 * 0.8 * 4.13e-5 * 300.0**2, 0.0, 0.0, 0.0), abs=1e-12)
     assert speeds.rotor_1 == pytest.approx(300.0)
-    _, shortfall = allocate(Wrench(20.0, 0.0, 0.1, 0.0), model)
-    assert shortfall.tau_y == pytest.approx(0.1)
+    _, shortfall = allocate(Wrench(20.0, 0.0, -0.1, 0.0), model)
+    assert shortfall.tau_y == pytest.approx(-0.1)
 
 
 def test_a_yaw_torque_that_does_not_fit_leaves_roll_untouched():
