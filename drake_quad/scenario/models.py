@@ -99,8 +99,11 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
             return
         written: Any = self.arm_length
         implied = implied_arms(self.layout)
-        if not all(abs(arm - written) <= _ROUNDING * arm for arm in implied):
-            arms = " and ".join(dict.fromkeys(f"{arm:.4g}" for arm in implied))
+        if not implied:
+            return
+        shortest, longest = min(implied), max(implied)
+        if not (1.0 - _ROUNDING) * shortest <= written <= (1.0 + _ROUNDING) * longest:
+            arms = " to ".join(dict.fromkeys(f"{arm:.4g}" for arm in (shortest, longest)))
             demand = "must be {arms}, as the distances in the layout imply, or be left out"
             raise self.wrong("arm_length", kind="arm", demand=demand, arms=arms)
 
