@@ -33,9 +33,7 @@ class _Measured(_Alternating):
     def _both_or_none(self) -> "_Measured":
         if (self.length is None) != (self.width is None):
             given, other = ("length", "width") if self.width is None else ("width", "length")
-            raise PydanticCustomError(
-                "distances", "must have {other} beside {given}", {"other": other, "given": given}
-            )
+            raise PydanticCustomError("distances", "must have {other} beside {given}", {"other": other, "given": given})
         return self
 
 

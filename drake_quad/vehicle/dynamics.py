@@ -114,9 +114,7 @@ def paired_rotor_action(speed: RotorSpeed, parameters: QuadrotorParameters) -> R
         x * thrust - rotor_3.x * pair_13 - rotor_4.x * pair_24,
         -rotor_1.direction * rotor_1.drag_factor * (w_1 - w_2 + w_3 - w_4),
     )
-    return RotorAction(
-        wrench, rotor_2.direction * (speed.rotor_2 + speed.rotor_4 - speed.rotor_1 - speed.rotor_3)
-    )
+    return RotorAction(wrench, rotor_2.direction * (speed.rotor_2 + speed.rotor_4 - speed.rotor_1 - speed.rotor_3))
 
 
 def _sum(rows: Sequence[Row]) -> Row:

@@ -55,9 +55,7 @@ def mixer_of(parameters: QuadrotorParameters) -> Mixer:
 
 
 def _lever(rotor: Rotor, centre: CentreOfMass) -> _Lever:
-    return _Lever(
-        rotor.y - centre.y, centre.x - rotor.x, -rotor.direction * (rotor.drag_factor / rotor.thrust_factor)
-    )
+    return _Lever(rotor.y - centre.y, centre.x - rotor.x, -rotor.direction * (rotor.drag_factor / rotor.thrust_factor))
 
 
 def _difference(a: _Lever, b: _Lever) -> _Lever:

@@ -11,10 +11,7 @@ ALTERNATING = (-1.0, 1.0, -1.0, 1.0)
 
 def layout(places, turns=ALTERNATING, drag_factors=(8.5e-7,) * 4):
     return Rotors(
-        *(
-            Rotor(x, y, 0.0, turn, 4.13e-5, d)
-            for (x, y), turn, d in zip(places, turns, drag_factors, strict=True)
-        )
+        *(Rotor(x, y, 0.0, turn, 4.13e-5, d) for (x, y), turn, d in zip(places, turns, drag_factors, strict=True))
     )
 
 
