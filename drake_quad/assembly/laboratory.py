@@ -25,8 +25,8 @@ from drake_quad.scenario.layouts import are_paired, rotors_of
 from drake_quad.scenario.quantities import can_differ_from_zero, extremes
 from drake_quad.signals import Attitude, Row, Wind, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
-from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
 from drake_quad.vehicle.authority import missing_direction
+from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
 

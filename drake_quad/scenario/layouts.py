@@ -44,7 +44,7 @@ class PlusLayout(_Measured):
 
 
 class XLayout(_Measured):
-    """Rotors in front on the right (1), at the back on the right (2), at the back on the left (3), in front (4)."""
+    """Rotors on the right in front (1) and at the back (2), on the left at the back (3) and in front (4)."""
 
     kind: Literal["x"]
 

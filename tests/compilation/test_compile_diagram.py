@@ -265,9 +265,7 @@ def test_before_the_first_tick_nothing_is_recorded(strided):
 def test_a_simulation_does_not_begin_between_events_that_take_several_ticks(strided):
     simulator = Simulator(strided)
     simulator.get_mutable_context().SetTime(0.1)
-    with pytest.raises(
-        InputError, match=r"cannot begin at 0.1 s where an event takes 10 ticks at once, .* 0.2 s apart"
-    ):
+    with pytest.raises(InputError, match=r"cannot begin at 0.1 s where an event takes 10 ticks at once, .* 0.2 s apart"):
         simulator.AdvanceTo(0.3)
     simulator.get_mutable_context().SetTime(0.4)
     simulator.Initialize()
