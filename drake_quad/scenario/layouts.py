@@ -106,15 +106,15 @@ def has_distances(layout: Layout) -> bool:
     return isinstance(layout, RotorsLayout) or layout.length is not None
 
 
-def implied_arms(layout: Layout) -> tuple[Row, ...]:
-    """How far the rotors are from the middle, seen from above (m), where a layout of numbers says it; else nothing."""
-    if isinstance(layout, RotorsLayout):
-        return tuple([sqrt(x * x + y * y) for x, y, _ in (place.position for place in layout.rotors)])
-    if layout.length is None or layout.width is None:
-        return ()
-    if isinstance(layout, PlusLayout):
-        return 0.5 * layout.length, 0.5 * layout.width
-    return (0.5 * sqrt(layout.length**2 + layout.width**2),)
+def implied_arms(layout: Any) -> tuple[float, float]:
+    """How far the nearest and the farthest rotor are from the middle, seen from above (m), in a layout of numbers."""
+    if layout.kind == "rotors":
+        arms = [sqrt(x * x + y * y) for x, y, _ in (place.position for place in layout.rotors)]
+    elif layout.kind == "plus":
+        arms = [0.5 * layout.length, 0.5 * layout.width]
+    else:
+        arms = [0.5 * sqrt(layout.length**2 + layout.width**2)]
+    return min(arms), max(arms)
 
 
 def _distances(airframe: Any) -> tuple[Row, Row]:

@@ -90,18 +90,14 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
 
     def _check_arm(self) -> None:
         """What is written twice must be the same: a mistaken arm length would not be noticed."""
-        if "arm_length" not in self.model_fields_set:
-            return
-        if any(path.startswith(("layout", "arm_length")) for path in distributions_in(self)):
-            if has_distances(self.layout):
-                demand = "must be left out where distances in the layout, or the arm, are distributions"
-                raise self.wrong("arm_length", kind="arm", demand=demand)
+        if "arm_length" not in self.model_fields_set or not has_distances(self.layout):
             return
         written: Any = self.arm_length
-        implied = implied_arms(self.layout)
-        if not implied:
+        if not isinstance(written, float):
+            raise self.wrong("arm_length", kind="arm", demand="must be left out, since the layout has distances")
+        if distributions_in(self.layout):
             return
-        shortest, longest = min(implied), max(implied)
+        shortest, longest = implied_arms(self.layout)
         if not (1.0 - _ROUNDING) * shortest <= written <= (1.0 + _ROUNDING) * longest:
             arms = " to ".join(dict.fromkeys(f"{arm:.4g}" for arm in (shortest, longest)))
             demand = "must be {arms}, as the distances in the layout imply, or be left out"

@@ -82,8 +82,9 @@ def allocate(wrench: Wrench, rotors: RotorModel) -> Allocated:
     mixer, min_speed, max_speed = rotors
     low, high = min_speed * min_speed, max_speed * max_speed
 
-    least_thrust, most_thrust = low / mixer.rotor_1.thrust, high / mixer.rotor_1.thrust
-    for row in mixer[1:]:
+    least_thrust: Row = -_ENDLESS
+    most_thrust: Row = _ENDLESS
+    for row in mixer:
         least_thrust, most_thrust = maximum(low / row.thrust, least_thrust), minimum(high / row.thrust, most_thrust)
     given = minimum(maximum(thrust, least_thrust), most_thrust)
     demands = [

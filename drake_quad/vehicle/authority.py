@@ -20,20 +20,22 @@ def missing_direction(rotors: Rotors) -> str | None:
     Args:
         rotors: of one vehicle, or of several, of which the first to lack something counts.
     """
-    columns = [
-        np.broadcast_arrays(1.0, rotor.y, -rotor.x, -rotor.direction * rotor.drag_factor / rotor.thrust_factor)
+    rows = [
+        row
         for rotor in rotors
+        for row in (1.0, rotor.y, -rotor.x, -rotor.direction * rotor.drag_factor / rotor.thrust_factor)
     ]
-    # (vehicles, 4, 4): from forces to the wrench.
-    maps = np.array(np.broadcast_arrays(*[row for column in columns for row in column]), dtype=float)
-    maps = maps.reshape(4, 4, -1).transpose(2, 1, 0)
+    # From forces to the wrench of each vehicle.
+    maps = np.array(np.broadcast_arrays(*rows), dtype=float).reshape(4, 4, -1).T
     for forward in maps:
-        arm, lever = np.abs(forward[1:3]).max(), np.abs(forward[3]).max()
+        _, roll, pitch, yaw = forward
+        arm, lever = np.hypot(roll, pitch).max(), np.abs(yaw).max()
         if arm == 0.0:
             return "roll and pitch torque, since its rotors are all in the middle"
-        left, sizes, _ = np.linalg.svd(forward / np.array([[1.0], [arm], [arm], [lever]]))
-        if sizes[-1] < _LEAST_SHARE * sizes[0]:
-            return _lacking(left[:, -1])
+        left, (largest, *_, least), _ = np.linalg.svd(forward / np.array([[1.0], [arm], [arm], [lever]]))
+        if least < _LEAST_SHARE * largest:
+            *_, direction = left.T
+            return _lacking(direction)
     return None
 
 
@@ -41,9 +43,9 @@ def _lacking(direction: np.ndarray) -> str:
     """What is missing, given the direction of a scaled wrench that no rotor has a part in."""
     thrust, roll, pitch, yaw = np.abs(direction) > _NOTHING
     if roll and pitch and not thrust and not yaw:
-        _, x, y, _ = direction / np.linalg.norm(direction[1:3])
-        sign = 1.0 if x > 0.0 else -1.0
-        return f"torque about the axis ({sign * x:.2f}, {sign * y:.2f}, 0), since its rotors are in a line"
+        _, x, y, _ = direction
+        size = np.copysign(np.hypot(x, y), x)
+        return f"torque about the axis ({x / size:.2f}, {y / size:.2f}, 0), since its rotors are in a line"
     # What is tied to the thrust, or to another torque: a torque that cannot be had without it.
     names = [name for name, part in zip(_PARTS, (thrust, roll, pitch, yaw), strict=True) if part]
     *others, lacking = names

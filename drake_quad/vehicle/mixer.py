@@ -46,10 +46,10 @@ def mixer_of(parameters: QuadrotorParameters) -> Mixer:
     rotors, centre = parameters.rotors, parameters.centre_of_mass
     levers = [_lever(rotor, centre) for rotor in rotors]
     rows = []
-    for i, rotor in enumerate(rotors):
-        a, b, c = levers[:i] + levers[i + 1 :]
+    for rotor, lever in zip(rotors, levers, strict=True):
+        a, b, c = (other for other in levers if other is not lever)
         normal = _cross(_difference(b, a), _difference(c, a))
-        scale = 1.0 / (_dot(normal, _difference(levers[i], a)) * rotor.thrust_factor)
+        scale = 1.0 / (_dot(normal, _difference(lever, a)) * rotor.thrust_factor)
         rows.append(PerWrench(-_dot(normal, a) * scale, normal.x * scale, normal.y * scale, normal.z * scale))
     return Mixer._make(rows)
 

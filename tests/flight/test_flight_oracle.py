@@ -122,6 +122,8 @@ def test_a_flight_is_what_its_equations_make_it(flown, name):
 DRAWN = [
     "duration=4",
     "vehicle.mass={uniform: {min: 0.68, max: 0.76}}",
+    "nominal.layout={kind: x}",
+    "vehicle.layout={kind: x, length: {uniform: {min: 0.22, max: 0.24}}, width: {uniform: {min: 0.22, max: 0.24}}}",
     "vehicle.thrust_factor_error.1={uniform: {min: -0.02, max: 0.0}}",
     "vehicle.battery_sag={uniform: {min: 0.0, max: 0.03}}",
     "vehicle.rotor_failure.rotor={choice: [1, 2, 3, 4]}",
