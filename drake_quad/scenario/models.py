@@ -14,7 +14,7 @@ from drake_quad.scenario.controllers import PositionController
 from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.layouts import Layout, PlusLayout, has_distances, implied_arms, rotors_of
 from drake_quad.scenario.limits import MOST_SOURCES, MOST_TICKS
-from drake_quad.scenario.paths import distributions_in
+from drake_quad.scenario.paths import distributions_in, steps_of
 from drake_quad.scenario.quantities import (
     Gains,
     Moment,
@@ -120,7 +120,8 @@ class Nominal(Airframe[PlainPositive, PlainNonNegative]):
     def _believed(cls, layout: Layout) -> Layout:
         for path in distributions_in(layout):
             demand = "must be a number, since it is what the ground believes"
-            raise layout.wrong(*_steps(path), kind="believed", demand=demand)
+            steps = [int(step) if step.isdecimal() else step for step in steps_of(path)]
+            raise layout.wrong(*steps, kind="believed", demand=demand)
         return layout
 
     @model_validator(mode="after")
@@ -130,11 +131,6 @@ class Nominal(Airframe[PlainPositive, PlainNonNegative]):
         if flaw:
             raise self.wrong("layout", kind="hover", demand="must give thrust without torque: {flaw}", flaw=flaw)
         return self
-
-
-def _steps(path: str) -> list[str | int]:
-    """The steps of a path."""
-    return [int(step) if step.isdecimal() else step for step in path.split(".")]
 
 
 class RotorFailure(Model):

@@ -210,8 +210,11 @@ def test_a_wrong_laboratory_gets_one_sentence(write, field, message):
             "rotor_failure: {rotor: 1, time: 1, speed_factor: 1}",
             "speed_factor is 1, but must be at least 0 and smaller",
         ),
-        ("thrust_factor_error: [0, 0, 0]", r"vehicle.thrust_factor_error.3 is missing"),
-        ("thrust_factor_error: [0, 0, 0, -1]", r"vehicle.thrust_factor_error.3 is -1, but must be larger than -1"),
+        ("thrust_factor_error: [0, 0, 0]", r"vehicle.thrust_factor_error.rotor_4 is missing"),
+        (
+            "thrust_factor_error: [0, 0, 0, -1]",
+            r"vehicle.thrust_factor_error.rotor_4 is -1, but must be larger than -1",
+        ),
         ("centre_of_mass: [0, 0, 0]", r"vehicle.centre_of_mass is \[0, 0, 0\], but must have at most 2 items, not 3"),
         ("battery_sag: 1", "vehicle.battery_sag is 1, but must be at least 0 and smaller than 1"),
         (
@@ -288,6 +291,18 @@ def test_what_is_believed_can_hover_and_is_no_distribution(write):
         write, f"a:\n{BODY}  vehicle: {{arm_length: {drawn}, layout: {{kind: h, length: 1, width: 1}}}}\n"
     )
     assert message.endswith("but must be left out, since the layout has distances")
+
+
+def test_overrides_name_rotors_as_messages_do(write):
+    text = f"a:\n{BODY}  vehicle: {{thrust_factor_error: [0, 0, 0, 0], layout: {rotors()}}}\n"
+    overrides = ["vehicle.thrust_factor_error.rotor_3=0.1", "vehicle.layout.rotors.rotor_2.position.0=-0.12"]
+    vehicle = load_scenario(write(text), overrides).vehicle
+    assert vehicle.thrust_factor_error == (0.0, 0.0, 0.1, 0.0)
+    assert [rotor.position[0] for rotor in vehicle.layout.rotors] == [0.1, -0.12, -0.1, 0.1]
+    message = refusal(write, text, "vehicle.layout.rotors.rotor_2.turns=up")
+    assert "vehicle.layout.rotors.rotor_2.turns is 'up'" in message
+    message = refusal(write, text, "vehicle.thrust_factor_error.1=0.1")
+    assert message.endswith("names no rotor: they are rotor_1, rotor_2, rotor_3 and rotor_4")
 
 
 def test_an_arm_length_that_agrees_with_the_layout_may_stand_beside_it(write):
