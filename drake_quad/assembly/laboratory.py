@@ -116,7 +116,8 @@ def _vehicle(vehicle: models.Vehicle, fleet: Any, plan: Plan, duration: float) -
         "paired": are_paired(vehicle.layout),
     }
     parameters = vehicle_parameters(fleet)
-    if missing := missing_direction(parameters.rotors):
+    # What is in pairs has all directions, whatever is drawn.
+    if not are_paired(vehicle.layout) and (missing := missing_direction(parameters.rotors)):
         raise InputError(f"vehicle.layout gives no {missing}")
     x, y, z = plan.waypoints[0]
     numbers = QuadrotorNumbers(

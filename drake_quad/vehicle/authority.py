@@ -27,15 +27,15 @@ def missing_direction(rotors: Rotors) -> str | None:
     ]
     # From forces to the wrench of each vehicle.
     maps = np.array(np.broadcast_arrays(*rows), dtype=float).reshape(4, 4, -1).T
-    for forward in maps:
-        _, roll, pitch, yaw = forward
-        arm, lever = np.hypot(roll, pitch).max(), np.abs(yaw).max()
-        if arm == 0.0:
-            return "roll and pitch torque, since its rotors are all in the middle"
-        left, (largest, *_, least), _ = np.linalg.svd(forward / np.array([[1.0], [arm], [arm], [lever]]))
-        if least < _LEAST_SHARE * largest:
-            *_, direction = left.T
-            return _lacking(direction)
+    _, *arms, levers = np.moveaxis(maps, 1, 0)
+    arm, lever = np.hypot(*arms).max(axis=1), np.abs(levers).max(axis=1)
+    if not arm.all():
+        return "roll and pitch torque, since its rotors are all in the middle"
+    scaled = maps / np.stack([np.ones_like(arm), arm, arm, lever], axis=1)[..., None]
+    largest, *_, least = np.linalg.svd(scaled, compute_uv=False).T
+    for flat in scaled[least < _LEAST_SHARE * largest]:
+        *_, direction = np.linalg.svd(flat).U.T
+        return _lacking(direction)
     return None
 
 

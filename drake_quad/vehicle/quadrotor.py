@@ -46,8 +46,12 @@ class QuadrotorNumbers(NamedTuple):
 
 def hover(parameters: QuadrotorParameters, place: Place) -> VehicleState:
     """The state of a vehicle that hovers in still air."""
-    body = State(place.x, place.y, place.z, 0.0, 0.0, place.yaw, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return VehicleState(body, hover_rotor_speeds(parameters))
+    return VehicleState(body_at_rest(place), hover_rotor_speeds(parameters))
+
+
+def body_at_rest(place: Place) -> State:
+    """The state of a rigid body that does not move."""
+    return State(place.x, place.y, place.z, 0.0, 0.0, place.yaw, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def _body(state: VehicleState) -> State:
@@ -119,8 +123,8 @@ class Quadrotor(FleetSystem):
         time = TIME if faulty else 0.0
         motion, action = KINEMATICS[kinematics], paired_rotor_action if paired else rotor_action
         if time_step > 0.0:
-            body = self.state("state", lambda numbers: hover(numbers.parameters, numbers.start).body)
-            rotors = self.state("rotor_speed", lambda numbers: hover(numbers.parameters, numbers.start).rotors)
+            body = self.state("state", lambda numbers: body_at_rest(numbers.start))
+            rotors = self.state("rotor_speed", lambda numbers: hover_rotor_speeds(numbers.parameters))
             reads = body, rotors, *inputs, parameters, faults, time, time_step, motion, action
             self.update(time_step, quadrotor_step, *reads, writes=[body, rotors], unrestricted=True, at_start=False)
             self.state_output(body)
