@@ -52,7 +52,8 @@ def _lacking(direction: np.ndarray) -> str:
     if not others:
         return f"{lacking}, since its rotors are in a line" if lacking != "yaw torque" else lacking
     reason = ", since its rotors all turn the same way" if names == ["thrust", "yaw torque"] else ""
-    return f"{lacking} without {' and '.join(others)}{reason}"
+    *more, last = others
+    return f"{lacking} without {', '.join(more) + ' and ' if more else ''}{last}{reason}"
 
 
 def hover_flaw(rotors: Rotors, *, min_speed: float, max_speed: float) -> str | None:

@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from drake_quad import InputError
+from drake_quad import InputError, load_scenario
 from drake_quad.assembly.laboratory import (
     build_monitor,
     laboratory_recipes,
@@ -48,6 +48,24 @@ def test_the_vehicle_is_as_the_scenario_has_it(asymmetric, recipes):
     recipe = recipes["vehicle"]
     assert recipe.numbers.parameters == found
     assert recipe.structure == {"time_step": 0.01, "kinematics": "exact", "faulty": True, "paired": True}
+
+
+def test_rotors_that_are_drawn_must_give_all_of_a_wrench_too(diagrams):
+    """Three of a square's and one that gives what they do: its torque over its thrust is in the plane of theirs."""
+    corners = {(0.1, -0.1): "clockwise", (-0.1, -0.1): "anticlockwise", (-0.1, 0.1): "clockwise"}
+    places = [f"{{position: [{x}, {y}, 0], turns: {turns}}}" for (x, y), turns in corners.items()]
+    places.append("{position: [0.1, 0.1, 0], turns: anticlockwise}")
+    layout = f"vehicle.layout={{kind: rotors, rotors: [{', '.join(places)}]}}"
+    scenario = load_scenario(diagrams / "hover.yaml", [layout])
+    batch, plan = Batch.draw(scenario, range(3)), plan_route(scenario)
+    field = "vehicle.layout.rotors.rotor_1.position.0"
+    fleet = batch.with_varying({field: np.array([0.1, 0.2, 0.3])})
+    recipe = laboratory_recipes(fleet, plan, DURATION)["vehicle"]
+    np.testing.assert_array_equal(recipe.numbers.parameters.rotors.rotor_1.x, [0.1, 0.2, 0.3])
+    assert recipe.structure["paired"] is False
+    words = "vehicle.layout gives no yaw torque without thrust, roll torque and pitch torque"
+    with pytest.raises(InputError, match=words):
+        laboratory_recipes(batch.with_varying({field: np.array([0.1, -0.3, 0.3])}), plan, DURATION)
 
 
 def test_the_battery_sags_over_the_whole_flight(recipes):
