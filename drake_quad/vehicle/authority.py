@@ -11,6 +11,8 @@ from drake_quad.vehicle.rotors import Rotors
 _LEAST_SHARE = 1e-3
 # Parts of a direction that are not worth a word.
 _NOTHING = 0.02
+# What a share of the thrust may be off, over the largest.
+_ROUNDING = 1e-9
 _PARTS = ("thrust", "roll torque", "pitch torque", "yaw torque")
 
 
@@ -50,7 +52,7 @@ def _lacking(direction: np.ndarray) -> str:
     names = [name for name, part in zip(_PARTS, (thrust, roll, pitch, yaw), strict=True) if part]
     *others, lacking = names
     if not others:
-        return f"{lacking}, since its rotors are in a line" if lacking != "yaw torque" else lacking
+        return f"{lacking}, since its rotors are in a line"
     reason = ", since its rotors all turn the same way" if names == ["thrust", "yaw torque"] else ""
     *more, last = others
     return f"{lacking} without {', '.join(more) + ' and ' if more else ''}{last}{reason}"
@@ -66,8 +68,8 @@ def hover_flaw(rotors: Rotors, *, min_speed: float, max_speed: float) -> str | N
     """
     shares = [float(row.thrust) for row in mixer_of(QuadrotorParameters(rotors=rotors))]
     for number, share in enumerate(shares, start=1):
-        if not share > 1e-9 * max(shares):
-            return f"rotor {number} would have to {'stand still' if share > -1e-9 * max(shares) else 'push down'}"
+        if not share > _ROUNDING * max(shares):
+            return f"rotor {number} would have to {'stand still' if share > -_ROUNDING * max(shares) else 'push down'}"
     slowest, fastest = (np.sqrt(part / max(shares)) for part in (min(shares), max(shares)))
     if not min_speed < max_speed * slowest / fastest:
         number = shares.index(min(shares)) + 1
