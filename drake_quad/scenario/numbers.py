@@ -39,7 +39,8 @@ def with_number(scenario: Scenario, path: str, value: float) -> Scenario:
     for key in keys[:-1]:
         whole = whole[key]
         if isinstance(node, dict):
-            node.setdefault(key, {} if isinstance(whole, dict) else whole)
+            # A mapping that has kinds is said as a whole.
+            node.setdefault(key, {} if isinstance(whole, dict) and "kind" not in whole else whole)
         node = node[key]
     node[keys[-1]] = value
     try:
