@@ -1,6 +1,6 @@
 """The signals of the loop: what the rows of each port mean, in what unit and along whose axes.
 
-World frame W: Z up. Body frame B: x towards rotor 1, y towards rotor 4, z up. The yaw turns from X towards Y.
+World frame W: Z up. Body frame B: x forward, y to the left, z up. The yaw turns from X towards Y.
 """
 
 from typing import Annotated, Any, NamedTuple, get_args, get_type_hints

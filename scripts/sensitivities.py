@@ -9,16 +9,30 @@ import numpy as np
 
 from drake_quad.analysis.sensitivity import DIFFERENTIABLE, Sensitivities, flight_sensitivities
 from drake_quad.files import output_folder, write_table
+from drake_quad.scenario import Scenario
+from drake_quad.scenario.layouts import has_distances
+from drake_quad.scenario.paths import leaves
 from drake_quad.visualization.sensitivity_plots import plot_sensitivities
 from drake_quad.visualization.style import save_figures
 
 # The default fields: numbers that a builder can get wrong, and numbers that a designer can choose.
-_FIELDS = (
-    *("vehicle.mass", "vehicle.inertia.0", "vehicle.inertia.1", "vehicle.thrust_factor", "vehicle.arm_length"),
+_MASSES = ("vehicle.mass", "vehicle.inertia.0", "vehicle.inertia.1", "vehicle.thrust_factor")
+_OTHERS = (
     *("vehicle.rotor_time_constant", "vehicle.linear_drag"),
     *(f"control.position.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1, 2)),
     *(f"control.attitude.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1)),
 )
+
+
+def default_fields(scenario: Scenario) -> tuple[str, ...]:
+    """The default fields, with those that say how far the rotors of the vehicle are apart."""
+    layout = scenario.vehicle.layout
+    if not has_distances(layout):
+        return (*_MASSES, "vehicle.arm_length", *_OTHERS)
+    places = [path for path, _ in leaves(layout) if path in ("length", "width") or ".position." in path]
+    # How high a rotor is changes nothing.
+    level = (f"vehicle.layout.{path}" for path in places if not path.endswith(".2"))
+    return (*_MASSES, *level, *_OTHERS)
 
 
 def main() -> None:
@@ -39,7 +53,7 @@ def main() -> None:
     arguments = options.parse_args()
     scenario = scenario_of(arguments)
     folder = output_folder(folder_of(arguments, scenario.name))
-    fields = tuple(dict.fromkeys(arguments.field or _FIELDS))
+    fields = tuple(dict.fromkeys(arguments.field or default_fields(scenario)))
     found = flight_sensitivities(scenario, fields, sample=arguments.sample)
     figure = plot_sensitivities(found, arguments.metric)
     files = [

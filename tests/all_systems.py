@@ -35,8 +35,9 @@ from drake_quad.reference.source import build_reference
 from drake_quad.signals import Attitude, State, Wind, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
-from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters, ThrustFactors
+from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.rotors import Rotor, Rotors
 
 
 class Example(NamedTuple):
@@ -86,9 +87,12 @@ VEHICLE = QuadrotorNumbers(
         mass=0.74,
         inertia=Inertia(0.0071, 0.0079, 0.0131),
         rotor_inertia=9.0e-5,
-        thrust_factor=ThrustFactors(4.15e-5, 4.02e-5, 4.17e-5, 4.12e-5),
-        drag_factor=1.0e-6,
-        arm_length=0.165,
+        rotors=Rotors(
+            Rotor(0.161, 0.012, 0.021, -1.0, 4.15e-5, 1.0e-6),
+            Rotor(-0.014, -0.168, 0.017, 1.0, 4.02e-5, 1.1e-6),
+            Rotor(-0.172, 0.009, 0.025, -1.0, 4.17e-5, 0.9e-6),
+            Rotor(0.011, 0.158, 0.019, 1.0, 4.12e-5, 1.05e-6),
+        ),
         gravity=9.8,
         linear_drag=0.12,
         quadratic_drag=0.02,
@@ -121,7 +125,8 @@ ALL_ERRORS = {"noisy": True, "loses_frames": True, "misaligned": True, "filtered
 LOSSY = {"longest_delay": 3, "loses_packets": True}
 
 FLEET_SYSTEMS = [
-    Example(Allocation, RotorModel(4.1e-5, 8.6e-7, 0.165, 61.0, 299.0)),
+    Example(Allocation, RotorModel.of(VEHICLE.parameters)),
+    Example(Allocation, RotorModel.of(VEHICLE.parameters), {"paired": True}, num_vehicles=2),
     Example(AttitudeController, ATTITUDE),
     Example(Broadcast, structure={"num_rows": 2}, num_vehicles=3),
     Example(CommandLink, LINK, LOSSY, num_vehicles=2),
@@ -142,7 +147,7 @@ FLEET_SYSTEMS = [
     Example(NoiseSource, SAMPLES, {"streams": STREAMS}, num_vehicles=2),
     Example(ProportionalDerivative, GAINS, {"feeds_forward": True}),
     Example(Quadrotor, VEHICLE, {"faulty": True}),
-    Example(Quadrotor, VEHICLE, num_vehicles=2),
+    Example(Quadrotor, VEHICLE, {"paired": True}, num_vehicles=2),
     Example(Quadrotor, VEHICLE, {"time_step": 0.0, "kinematics": "small_angle", "faulty": True}, num_vehicles=2),
     Example(SteadyWind, Wind(0.7, -0.5, 0.3), num_vehicles=2),
     Example(ThrustVectoring, VECTORING),

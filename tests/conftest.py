@@ -5,7 +5,8 @@ from pathlib import Path
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters, ThrustFactors
+from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
+from drake_quad.vehicle.rotors import Rotor, Rotors
 
 # Files that wait for other processes or take long: they begin first, and the others fill the gaps.
 _FIRST = ("test_cluster", "test_docs", "test_scripts", "test_replay", "test_report", "test_fuzz")
@@ -54,9 +55,12 @@ def asymmetric_vehicle() -> QuadrotorParameters:
         mass=0.74,
         inertia=Inertia(0.0071, 0.0079, 0.0131),
         rotor_inertia=9.0e-5,
-        thrust_factor=ThrustFactors(4.15e-5, 4.02e-5, 4.17e-5, 4.12e-5),
-        drag_factor=1.0e-6,
-        arm_length=0.165,
+        rotors=Rotors(
+            Rotor(0.161, 0.012, 0.021, -1.0, 4.15e-5, 1.0e-6),
+            Rotor(-0.014, -0.168, 0.017, 1.0, 4.02e-5, 1.1e-6),
+            Rotor(-0.172, 0.009, 0.025, -1.0, 4.17e-5, 0.9e-6),
+            Rotor(0.011, 0.158, 0.019, 1.0, 4.12e-5, 1.05e-6),
+        ),
         gravity=9.8,
         linear_drag=0.12,
         quadratic_drag=0.02,

@@ -26,6 +26,7 @@ STRUCTURES = {
     "failure": [False, True, True],
     "sags": [False, True],
     "unbalanced": [False, True],
+    "layout": ["plus", "x", "h", "rotors"],
     "lags": [False, True],
     "noise": ["", "position attitude", "position", "attitude"],
     "misaligned": [False, True],
@@ -119,7 +120,8 @@ def _tree(structure, rng, duration):
         link["loss_rate"] = draw(0.05, 0.3)
     return {
         "route": _route(structure["route"], rng),
-        "vehicle": vehicle,
+        "nominal": {"layout": _layout(structure["layout"], lambda size: size)},
+        "vehicle": vehicle | {"layout": _layout(structure["layout"], lambda size: draw(size - 0.002, size + 0.002))},
         "laboratory": {
             "motion_capture": cameras,
             "command_link": link,
@@ -153,6 +155,19 @@ class _Draw:
 
     def signed(self, size):
         return self(-size, size)
+
+
+def _layout(kind, about):
+    """A layout, given what is to be written for a number."""
+    if kind != "rotors":
+        return {"kind": kind, "length": about(0.3), "width": about(0.26), "rotor_1_turns": "anticlockwise"}
+    places = ((0.14, -0.12), (-0.12, -0.13), (-0.13, 0.11), (0.11, 0.14))
+    turns = ("clockwise", "anticlockwise") * 2
+    rotors = [
+        {"position": [about(x), about(y), about(0.02)], "turns": turn}
+        for (x, y), turn in zip(places, turns, strict=True)
+    ]
+    return {"kind": kind, "rotors": rotors}
 
 
 def _position(structure, draw):

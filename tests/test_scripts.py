@@ -339,6 +339,19 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
     assert (tmp_path / "sensitivities.png").stat().st_size > 500
 
 
+@pytest.mark.slow
+def test_sensitivities_are_by_the_distances_that_the_layout_has(run, tmp_path):
+    for layout, fields in (
+        ("{kind: x}", {"vehicle.arm_length"}),
+        ("{kind: h, length: 0.2, width: 0.3}", {"vehicle.layout.length", "vehicle.layout.width"}),
+    ):
+        given = ["--set", f"nominal.layout={layout}", "--set", "duration=0.5"]
+        result = run("sensitivities.py", *given, "--output", tmp_path / "out")
+        assert (result.returncode, result.stderr) == (0, "")
+        names = set(re.findall(r"^(vehicle\.[\w.]+) ", result.stdout, re.MULTILINE))
+        assert {name for name in names if "layout" in name or "arm" in name} == fields
+
+
 @pytest.mark.parametrize(
     ("script", "arguments", "words"),
     [

@@ -32,7 +32,8 @@ from drake_quad.laboratory.wind.gust import Gust
 from drake_quad.laboratory.wind.sine import SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind
 from drake_quad.randomness.noise import NoiseSource
-from drake_quad.vehicle.allocation import Allocation
+from drake_quad.vehicle.allocation import Allocation, RotorModel
+from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor
 
 
@@ -253,8 +254,12 @@ def test_a_system_that_is_dropped_is_gone(documented, make):
     assert [type(part).__name__ for part in left if part is not None] == []
 
 
+ROTORS = tuple(
+    (x, y, 0.0, direction, 4.13e-5, 8.5e-7)
+    for x, y, direction in ((0.17, 0.0, -1.0), (0.0, -0.17, 1.0), (-0.17, 0.0, -1.0), (0.0, 0.17, 1.0))
+)
 DEFAULTS = {
-    Allocation: {"numbers": (4.13e-5, 8.5e-7, 0.17, 60.0, 300.0)},
+    Allocation: {"paired": False, "numbers": RotorModel.of(QuadrotorParameters())},
     AttitudeController: {},
     Broadcast: {"num_rows": 1},
     CommandLink: {
@@ -288,9 +293,10 @@ DEFAULTS = {
         "time_step": 0.01,
         "kinematics": "exact",
         "faulty": False,
+        "paired": False,
         "numbers": (
             (
-                *(0.68, (0.007, 0.007, 0.012), 6.5e-5, (4.13e-5,) * 4, 8.5e-7, 0.17, 9.81, 0.0, 0.0),
+                *(0.68, (0.007, 0.007, 0.012), 6.5e-5, ROTORS, 9.81, 0.0, 0.0),
                 *(0.05, 60.0, 300.0, (0.0, 0.0)),
             ),
             (0.0, math.inf, (1.0, 1.0, 1.0, 1.0)),

@@ -13,10 +13,12 @@ from drake_quad.assembly.tracking import build_tracking_diagram
 from drake_quad.errors import InputError
 from drake_quad.randomness.noise import Samples
 from drake_quad.scenario import Batch, Scenario, distributions_in
+from drake_quad.scenario.layouts import are_paired
 from drake_quad.scenario.models import Nominal, Vehicle, Window
 from drake_quad.scenario.routes import HoverRoute
 from drake_quad.signals import RotorSpeed, Wrench
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
+from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # They watch the loop and do not act on it.
 WATCHERS = ("monitor", "recorder")
@@ -107,8 +109,17 @@ def as_believed(scenario: Scenario) -> Scenario:
 
 
 def _even(resting: Scenario) -> Scenario:
-    """A resting scenario in hover at (0, 0, 1) without what couples the axes: wind, uneven rotors, misalignment."""
-    even = {"thrust_factor_error": (0.0, 0.0, 0.0, 0.0), "centre_of_mass": (0.0, 0.0)}
+    """A resting scenario in hover at (0, 0, 1) without what couples the axes.
+
+    That is wind, uneven rotors, misalignment, and the spin that is left over where rotors hover at different speeds.
+    """
+    layouts = resting.vehicle.layout, resting.nominal.layout
+    even = {
+        "thrust_factor_error": (0.0, 0.0, 0.0, 0.0),
+        "centre_of_mass": (0.0, 0.0),
+        "rotor_inertia": 0.0,
+        "layout": layouts[0] if all(map(are_paired, layouts)) else layouts[1],
+    }
     cameras = resting.laboratory.motion_capture.model_copy(update={"misalignment": (0.0, 0.0, 0.0)})
     laboratory = resting.laboratory.model_copy(update={"wind": (), "motion_capture": cameras})
     vehicle = resting.vehicle.model_copy(update=even)
@@ -202,10 +213,17 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
             f"hover is not an equilibrium of {scenario.name}: {system.states[worst]} moves by {moved[worst]:.3g} a tick"
         )
     rotors = [system.states.index(f"vehicle.rotor_speed.{rotor}") for rotor in RotorSpeed._fields]
-    # From rotor speeds to four times the mean, and to the differences that make roll, pitch and yaw torque, eq (5).
-    pattern = np.array([[1.0, 1.0, 1.0, 1.0], [0.0, -1.0, 0.0, 1.0], [-1.0, 0.0, 1.0, 0.0], [1.0, -1.0, 1.0, -1.0]])
     names = [f"vehicle.rotors.{name}" for name in Wrench._fields]
+    pattern = _wrench_pattern(hover, parameters)
     return LaboratoryPlant(system.transformed(rotors, pattern, names), float(wrench.thrust / believed.mass))
+
+
+def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.ndarray:
+    """(4, 4) from rotor speeds to what makes thrust and torques near hover, eq (5); the largest of each row is 1."""
+    columns = [rotor_action(RotorSpeed(*column), parameters).wrench for column in np.diag(np.sqrt(hover))]
+    pattern = np.array(columns).T
+    scaled: np.ndarray = pattern / np.abs(pattern).max(axis=1, keepdims=True)
+    return scaled
 
 
 def _periods(scenario: Scenario) -> dict[str, float]:

@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram
 
-from drake_quad.assembly.planning import nominal_parameters
+from drake_quad.assembly.planning import airframe_parameters, nominal_parameters
 from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.errors import InputError
 from drake_quad.framework.elementary import sin_cos, where
@@ -22,11 +22,13 @@ from drake_quad.laboratory.wind.wind import SteadyWind
 from drake_quad.randomness.noise import Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario, models, wind
+from drake_quad.scenario.layouts import are_paired, rotors_of
 from drake_quad.scenario.quantities import can_differ_from_zero, extremes
 from drake_quad.signals import Attitude, Row, Wind, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
+from drake_quad.vehicle.authority import missing_direction
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
-from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters, ThrustFactors
+from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
 
 # A fourth-order Runge-Kutta step is stable up to 2.78 time constants of a decay.
@@ -49,7 +51,9 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
     _check_step(fleet)
     return {
         "vehicle": _vehicle(scenario.vehicle, fleet.vehicle, plan, duration),
-        "allocation": Recipe(Allocation, {}, RotorModel.of(nominal_parameters(scenario))),
+        "allocation": Recipe(
+            Allocation, {"paired": are_paired(scenario.nominal.layout)}, RotorModel.of(nominal_parameters(scenario))
+        ),
         "motion_capture": _motion_capture(scenario.laboratory.motion_capture, fleet.laboratory.motion_capture),
         "command_link": _command_link(scenario, fleet.laboratory.command_link),
         **{f"{_WIND}{name}": recipe for name, recipe in _wind(scenario, fleet).items()},
@@ -93,15 +97,15 @@ def build_monitor(scenario: Scenario, num_vehicles: int) -> FlightMonitor:
 
 def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
     """The parameters of the vehicle of a scenario, or of a `FleetScenario`, as it is."""
-    named = {name: getattr(vehicle, name) for name in QuadrotorParameters._fields}
-    factors = (vehicle.thrust_factor * (1.0 + error) for error in vehicle.thrust_factor_error)
+    rotors = rotors_of(vehicle)
+    factors = (b * (1.0 + error) for b, error in zip(rotors.thrust_factors, vehicle.thrust_factor_error, strict=True))
+    own = airframe_parameters(vehicle) | {"rotors": rotors.with_thrust_factors(*factors)}
     return QuadrotorParameters(
-        **named
-        | {
-            "inertia": Inertia(*vehicle.inertia),
-            "thrust_factor": ThrustFactors(*factors),
-            "centre_of_mass": CentreOfMass(*vehicle.centre_of_mass),
-        }
+        **own,
+        linear_drag=vehicle.linear_drag,
+        quadratic_drag=vehicle.quadratic_drag,
+        rotor_time_constant=vehicle.rotor_time_constant,
+        centre_of_mass=CentreOfMass(*vehicle.centre_of_mass),
     )
 
 
@@ -110,10 +114,15 @@ def _vehicle(vehicle: models.Vehicle, fleet: Any, plan: Plan, duration: float) -
         "time_step": vehicle.time_step,
         "kinematics": vehicle.attitude_kinematics,
         "faulty": vehicle.rotor_failure is not None or _can_differ(vehicle.battery_sag, fleet.battery_sag),
+        "paired": are_paired(vehicle.layout),
     }
+    parameters = vehicle_parameters(fleet)
+    # What is in pairs has all directions, whatever is drawn.
+    if not are_paired(vehicle.layout) and (missing := missing_direction(parameters.rotors)):
+        raise InputError(f"vehicle.layout gives no {missing}")
     x, y, z = plan.waypoints[0]
     numbers = QuadrotorNumbers(
-        vehicle_parameters(fleet), _faults(fleet, duration), Place(float(x), float(y), float(z), plan.initial_yaw)
+        parameters, _faults(fleet, duration), Place(float(x), float(y), float(z), plan.initial_yaw)
     )
     return Recipe(Quadrotor, structure, numbers)
 

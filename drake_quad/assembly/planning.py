@@ -2,6 +2,7 @@
 
 import math
 from collections.abc import Iterable
+from typing import Any
 
 import numpy as np
 
@@ -16,6 +17,7 @@ from drake_quad.reference.routes import Route, circle, figure_eight
 from drake_quad.reference.time_allocation import stretch_factor, trapezoid_times
 from drake_quad.reference.yaw import constant_yaw, yaw_along, yaw_through
 from drake_quad.scenario import Mission, Scenario, distributions_in, routes
+from drake_quad.scenario.layouts import rotors_of
 from drake_quad.scenario.limits import LONGEST, MOST_TICKS
 from drake_quad.scenario.routes import (
     CircleRoute,
@@ -27,15 +29,25 @@ from drake_quad.scenario.routes import (
 )
 from drake_quad.signals import Jerk, Reference, Snap
 from drake_quad.vehicle.inverse_dynamics import RotorDemand, rotor_demand
-from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters, ThrustFactors
+from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 
 
 def nominal_parameters(mission: Mission) -> QuadrotorParameters:
-    """What is believed of the vehicle: no drag, four rotors alike, the centre of mass in their middle."""
-    nominal = mission.nominal
-    fields = {name: getattr(nominal, name) for name in type(nominal).model_fields}
-    alike = ThrustFactors(*(nominal.thrust_factor,) * 4)
-    return QuadrotorParameters(**{**fields, "inertia": Inertia(*nominal.inertia), "thrust_factor": alike})
+    """What is believed of the vehicle: no drag, the centre of mass in the middle of its layout."""
+    return QuadrotorParameters()._replace(**airframe_parameters(mission.nominal))
+
+
+def airframe_parameters(airframe: Any) -> dict[str, Any]:
+    """The parameters that an airframe of a scenario, or of a `FleetScenario`, gives, by name."""
+    return {
+        "mass": airframe.mass,
+        "inertia": Inertia(*airframe.inertia),
+        "rotor_inertia": airframe.rotor_inertia,
+        "rotors": rotors_of(airframe),
+        "gravity": airframe.gravity,
+        "min_rotor_speed": airframe.min_rotor_speed,
+        "max_rotor_speed": airframe.max_rotor_speed,
+    }
 
 
 def plan_route(mission: Mission) -> Plan:

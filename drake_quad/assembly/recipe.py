@@ -27,7 +27,7 @@ class FleetScenario:
         self._path, self._varying = "", batch.varying
 
     def __getattr__(self, name: str) -> Any:
-        return _inside(getattr(self._value, name), joined(self._path, name).lstrip("."), self._varying)
+        return _inside(getattr(self._value, name), joined(self._path, name), self._varying)
 
 
 def _inside(value: Any, path: str, varying: Mapping[str, np.ndarray]) -> Any:

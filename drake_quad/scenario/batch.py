@@ -9,7 +9,7 @@ import numpy as np
 from drake_quad.errors import InputError
 from drake_quad.randomness.streams import parameter_numbers
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.paths import distributions_in, replaced
+from drake_quad.scenario.paths import distributions_in, replaced, steps_of
 
 
 @dataclass(frozen=True)
@@ -92,5 +92,5 @@ def _label(path: str) -> str:
 
     This was once how paths were written, and a study's samples stay the same.
     """
-    first, *steps = path.split(".")
+    first, *steps = steps_of(path)
     return first + "".join(f"[{step}]" if step.isdecimal() else f".{step}" for step in steps)

@@ -4,7 +4,7 @@ import re
 from typing import Any
 
 from drake_quad.scenario.models import Mission
-from drake_quad.scenario.paths import parts_of
+from drake_quad.scenario.paths import parts_of, steps_of
 
 
 def description_at(scenario: Mission, path: str) -> str:
@@ -16,7 +16,7 @@ def description_at(scenario: Mission, path: str) -> str:
     """
     value: Any = scenario
     text = ""
-    for step in path.split("."):
+    for step in steps_of(path):
         if not step.isdecimal():
             text = type(value).model_fields[step].description or text
         value = dict(parts_of(value))[step]

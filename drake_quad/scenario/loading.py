@@ -14,7 +14,7 @@ from drake_quad.scenario.library import Library, merged
 from drake_quad.scenario.limits import MOST_LEVELS
 from drake_quad.scenario.marked_tree import Mark, Tree
 from drake_quad.scenario.models import Mission, Scenario
-from drake_quad.scenario.paths import joined
+from drake_quad.scenario.paths import joined, steps_of
 
 _TAGS = ("number", *DISTRIBUTIONS)
 # Characters of an override, or of the path of a field, that a message shows; the longest path has seventy.
@@ -130,9 +130,12 @@ def _parsed(override: Override, library: Library) -> Tree:
     source = shortened(override.source, _MOST_OF_A_PATH)
     mark = Mark(source, 0)
     path, equals, text = override.assignment.partition("=")
-    keys = path.strip().split(".")
-    if not equals or not all(keys) or not text.strip():
+    if not equals or not all(path.strip().split(".")) or not text.strip():
         raise InputError(f"{mark}: must be field.path=value, for example vehicle.mass=0.7")
+    try:
+        keys = steps_of(path.strip())
+    except InputError as error:
+        raise InputError(f"{mark}: {error}") from None
     if len(keys) > MOST_LEVELS:
         raise InputError(f"{mark}: is nested too deep: a scenario may have {MOST_LEVELS} levels")
     tree = library.parse(text, source, numbered=False)

@@ -12,7 +12,9 @@ from pydantic_core import PydanticCustomError
 
 from drake_quad.scenario.controllers import PositionController
 from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.layouts import Layout, PlusLayout, has_distances, implied_arms, rotors_of
 from drake_quad.scenario.limits import MOST_SOURCES, MOST_TICKS
+from drake_quad.scenario.paths import distributions_in, steps_of
 from drake_quad.scenario.quantities import (
     Gains,
     Moment,
@@ -36,24 +38,26 @@ from drake_quad.scenario.quantities import (
 )
 from drake_quad.scenario.routes import Route
 from drake_quad.scenario.wind import Wind
-from drake_quad.vehicle.parameters import QuadrotorParameters, ThrustFactors
+from drake_quad.vehicle.authority import hover_flaw, missing_direction
+from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # What a scenario may be called, and with it folders and files.
 NAME = r"^[A-Za-z0-9_][A-Za-z0-9_.-]*$"
 
 
 _PAPER = QuadrotorParameters()
+_ROTOR = _PAPER.rotors.rotor_1
+# How far an arm length and measured distances may be from each other: data sheets give two digits or three.
+_ROUNDING = 0.01
 _Positive = TypeVar("_Positive")
 _NonNegative = TypeVar("_NonNegative")
 
 
-def _paper(name: str, symbol: str) -> Any:
+def _paper(name: str, symbol: str, record: Any = _PAPER) -> Any:
     """A field with the paper's number for default."""
-    value, hint = getattr(_PAPER, name), get_type_hints(QuadrotorParameters, include_extras=True)[name]
+    value, hint = getattr(record, name), get_type_hints(type(record), include_extras=True)[name]
     if isinstance(value, tuple):
         hint = next(iter(get_type_hints(type(value), include_extras=True).values()))
-    if isinstance(value, ThrustFactors):
-        value = value.rotor_1  # the paper's rotors are alike
     _, quantity = get_args(hint)
     return Field(default=value, description=f"{symbol} ({quantity.unit})")
 
@@ -66,12 +70,38 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
         "inertia", "I_xx, I_yy, I_zz"
     )
     rotor_inertia: _NonNegative = _paper("rotor_inertia", "J_r")
-    thrust_factor: _Positive = _paper("thrust_factor", "b")
-    drag_factor: _Positive = _paper("drag_factor", "d")
-    arm_length: _Positive = _paper("arm_length", "l")
+    thrust_factor: _Positive = _paper("thrust_factor", "b", _ROTOR)
+    drag_factor: _Positive = _paper("drag_factor", "d", _ROTOR)
+    arm_length: _Positive = _paper("x", "l, from the middle of a plus or an x to its rotors", _ROTOR)
+    layout: Layout = Field(default=PlusLayout(kind="plus"), description="where the rotors are and which way they turn")
     gravity: _Positive = _paper("gravity", "g")
     min_rotor_speed: _NonNegative = _paper("min_rotor_speed", "idle")
     max_rotor_speed: _Positive = _paper("max_rotor_speed", "top speed of the rotors")
+
+    def check_layout(self) -> None:
+        """Raises an error if the arm length is not that of the layout, or some part of a wrench cannot be given."""
+        self._check_arm()
+        rotors = "layout", "thrust_factor", "drag_factor", "arm_length"
+        if any(path.startswith(rotors) for path in distributions_in(self)):
+            return
+        if missing := missing_direction(rotors_of(self)):
+            demand = "must give thrust and all torques: it has no {missing}"
+            raise self.wrong("layout", kind="layout", demand=demand, missing=missing)
+
+    def _check_arm(self) -> None:
+        """What is written twice must be the same: a mistaken arm length would not be noticed."""
+        if "arm_length" not in self.model_fields_set or not has_distances(self.layout):
+            return
+        written: Any = self.arm_length
+        if not isinstance(written, float):
+            raise self.wrong("arm_length", kind="arm", demand="must be left out, since the layout has distances")
+        if distributions_in(self.layout):
+            return
+        shortest, longest = implied_arms(self.layout)
+        if not (1.0 - _ROUNDING) * shortest <= written <= (1.0 + _ROUNDING) * longest:
+            arms = " to ".join(dict.fromkeys(f"{arm:.4g}" for arm in (shortest, longest)))
+            demand = "must be {arms}, as the distances in the layout imply, or be left out"
+            raise self.wrong("arm_length", kind="arm", demand=demand, arms=arms)
 
 
 class Nominal(Airframe[PlainPositive, PlainNonNegative]):
@@ -84,6 +114,23 @@ class Nominal(Airframe[PlainPositive, PlainNonNegative]):
         if idle is not None and not top > idle:
             raise PydanticCustomError("idle", "must be larger than min_rotor_speed, {idle}", {"idle": idle})
         return top
+
+    @field_validator("layout")
+    @classmethod
+    def _believed(cls, layout: Layout) -> Layout:
+        for path in distributions_in(layout):
+            demand = "must be a number, since it is what the ground believes"
+            steps = [int(step) if step.isdecimal() else step for step in steps_of(path)]
+            raise layout.wrong(*steps, kind="believed", demand=demand)
+        return layout
+
+    @model_validator(mode="after")
+    def _can_fly(self) -> "Nominal":
+        self.check_layout()
+        flaw = hover_flaw(rotors_of(self), min_speed=self.min_rotor_speed, max_speed=self.max_rotor_speed)
+        if flaw:
+            raise self.wrong("layout", kind="hover", demand="must give thrust without torque: {flaw}", flaw=flaw)
+        return self
 
 
 class RotorFailure(Model):
@@ -253,6 +300,7 @@ class Scenario(Mission):
                 raise whole_vehicle.wrong("max_rotor_speed", kind="idle", demand=demand, idle=idle)
             demand = "must be smaller than max_rotor_speed, {top}"
             raise whole_vehicle.wrong("min_rotor_speed", kind="idle", demand=demand, top=top)
+        whole_vehicle.check_layout()
         return whole_vehicle
 
     @property

@@ -7,7 +7,7 @@ from pydantic import ValidationError
 from drake_quad.errors import InputError
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.paths import value_at
+from drake_quad.scenario.paths import steps_of, value_at
 
 
 def number_at(scenario: Scenario, path: str) -> float:
@@ -35,11 +35,12 @@ def with_number(scenario: Scenario, path: str, value: float) -> Scenario:
     whole: Any = scenario.model_dump(mode="json")
     tree = scenario.model_dump(mode="json", exclude_unset=True)
     node: Any = tree
-    keys = [int(step) if step.isdecimal() else step for step in path.split(".")]
+    keys = [int(step) if step.isdecimal() else step for step in steps_of(path)]
     for key in keys[:-1]:
         whole = whole[key]
         if isinstance(node, dict):
-            node.setdefault(key, {} if isinstance(whole, dict) else whole)
+            # A mapping that has kinds is said as a whole.
+            node.setdefault(key, {} if isinstance(whole, dict) and "kind" not in whole else whole)
         node = node[key]
     node[keys[-1]] = value
     try:

@@ -1,6 +1,7 @@
 """Fields of a scenario by their paths, such as `vehicle.mass` or `control.position.k_p.0`.
 
-Items of lists are counted from 0.
+Items of lists are counted from 0, but for those of rotors, which are called as everywhere else:
+`vehicle.thrust_factor_error.rotor_1`.
 """
 
 from collections.abc import Callable, Iterator
@@ -9,10 +10,36 @@ from typing import Any
 from drake_quad.errors import InputError
 from drake_quad.scenario.distributions import Distribution, Model
 
+# Fields that hold a list of one item for each rotor.
+_PER_ROTOR = ("thrust_factor_error", "rotors")
+_ROTOR = "rotor_"
+
 
 def joined(*steps: str | int) -> str:
-    """The path of these steps."""
-    return ".".join(map(str, steps))
+    """The path of these steps, each of which may be a path itself."""
+    path = ""
+    for step in map(str, steps):
+        if step.isdecimal() and path.rpartition(".")[2] in _PER_ROTOR:
+            step = f"{_ROTOR}{int(step) + 1}"
+        path = f"{path}.{step}" if path else step
+    return path
+
+
+def steps_of(path: str) -> list[str]:
+    """The steps of a path, where items of lists are counted from 0.
+
+    Raises:
+        InputError: it counts rotors from 0, or otherwise than by their names.
+    """
+    steps: list[str] = []
+    for step in path.split("."):
+        if steps and steps[-1] in _PER_ROTOR:
+            number = step.removeprefix(_ROTOR)
+            if number == step or number not in ("1", "2", "3", "4"):
+                raise InputError(f"{path} names no rotor: they are rotor_1, rotor_2, rotor_3 and rotor_4")
+            step = str(int(number) - 1)
+        steps.append(step)
+    return steps
 
 
 def parts_of(value: Any) -> Iterator[tuple[str, Any]]:
@@ -30,7 +57,7 @@ def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     inside = False
     for step, part in parts_of(value):
         inside = True
-        yield from leaves(part, joined(path, step) if path else step)
+        yield from leaves(part, joined(path, step))
     if not inside and not isinstance(value, tuple):
         yield path, value
 
@@ -47,7 +74,7 @@ def value_at(scenario: Model, path: str) -> Any:
         InputError: there is no such field.
     """
     value: Any = scenario
-    for step in path.split("."):
+    for step in steps_of(path):
         parts = dict(parts_of(value))
         if step not in parts:
             raise InputError(f"there is no field {path} in the scenario")
@@ -66,7 +93,7 @@ def replaced(value: Any, replace: Callable[[str, Any], Any], path: str = "") -> 
     parts = dict(parts_of(value))
     if not parts:
         return value if isinstance(value, tuple) else replace(path, value)
-    after = {step: replaced(part, replace, joined(path, step) if path else step) for step, part in parts.items()}
+    after = {step: replaced(part, replace, joined(path, step)) for step, part in parts.items()}
     changed = {step: part for step, part in after.items() if part is not parts[step]}
     if not changed:
         return value

@@ -76,6 +76,9 @@ what it `extends`: FILE, FILE:NAME, NAME of the same file, or a list of these, t
 anything else replaces, and so does a mapping of another `kind`. Where a distribution may stand, a study draws a number
 for each of its samples.
 
+A single field is named by the way to it: `vehicle.inertia.0`. Items of lists count from 0; only rotors have names, and
+count from 1, as everywhere: `vehicle.thrust_factor_error.rotor_1`.
+
 This page is made by `scripts/document_scenarios.py` from the models that read scenarios; `docs/scenario.schema.json`
 has the same for editors: with the YAML language server, a file in `diagrams/` begins with
 

@@ -2,8 +2,9 @@
 
 from drake_quad.vehicle.allocation import Allocation, RotorModel
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
-from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters, ThrustFactors
+from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.rotors import Rotor, Rotors
 
 __all__ = [
     "Allocation",
@@ -13,8 +14,9 @@ __all__ = [
     "Quadrotor",
     "QuadrotorNumbers",
     "QuadrotorParameters",
+    "Rotor",
     "RotorFaults",
     "RotorModel",
+    "Rotors",
     "SpeedFactors",
-    "ThrustFactors",
 ]

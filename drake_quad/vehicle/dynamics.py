@@ -1,27 +1,33 @@
 """The equations of motion, numbered as in the paper.
 
-World frame W: Z up. Body frame B: origin at the centre of mass, x towards rotor 1, y towards rotor 4, z up. Rotors
-1 and 3 turn clockwise, 2 and 4 anticlockwise, seen from above.
+World frame W: Z up. Body frame B: origin at the centre of mass, x forward, y to the left, z up. Rotor i is at (xᵢ, yᵢ)
+from the middle of the layout and turns in the direction sᵢ, 1 for anticlockwise seen from above and -1 for clockwise.
 
     (1) R_WB = Rz(ψ) Ry(θ) Rx(φ)
     (2) (p, q, r)ᵀ = [1 0 -sθ; 0 cφ sφcθ; 0 -sφ cφcθ] (φ̇, θ̇, ψ̇)ᵀ
     (3) translation: m v̇ = R_WB (0, 0, F_z)ᵀ - (0, 0, m g)ᵀ + D
+    (4) ω_r = Σ sᵢ ωᵢ
+    (5) F_z = Σ bᵢ ωᵢ², τ_x = Σ (yᵢ - c_y) bᵢ ωᵢ², τ_y = -Σ (xᵢ - c_x) bᵢ ωᵢ², τ_z = -Σ sᵢ dᵢ ωᵢ²
+
+with the centre of mass at (c_x, c_y) from the middle. The paper's vehicle is a plus: rotor 1 is in front, 2 to the
+right, 3 at the back, 4 to the left, all at l from the centre of mass; 1 and 3 turn clockwise. There
+
     (4) ω_r = -ω₁ + ω₂ - ω₃ + ω₄
     (5) F_z = Σ b ωᵢ², τ_x = l b (ω₄² - ω₂²), τ_y = l b (ω₃² - ω₁²), τ_z = d (ω₁² - ω₂² + ω₃² - ω₄²)
 
-Where the centre of mass is not in the middle of the rotors but at (x, y) from there, the thrust turns the body besides,
-by (-y F_z, x F_z, 0). Drag acts at the centre of mass.
+Drag acts at the centre of mass.
 
 The rotors' spin enters as the gyroscopic torque of the total angular momentum J_r ω_r along z; the reaction to its
 rate of change is left out, as in the paper.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt
 from drake_quad.signals import Angle, AngleRate, BodyRateB, BodyRates, RotorSpeed, Row, State, VelocityW, Wind, Wrench
 from drake_quad.vehicle.faults import SpeedFactors
+from drake_quad.vehicle.mixer import mixer_of
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # An airspeed of zero must not make the derivative of the square root infinite; 1e-200 changes no float above 1e-92.
@@ -70,21 +76,51 @@ class Tilt(NamedTuple):
 
 
 AttitudeKinematics = Callable[[BodyRates, Tilt], tuple[Row, Row, Row]]
+ActionOfRotors = Callable[[RotorSpeed, QuadrotorParameters], RotorAction]
 
 
 def rotor_action(speed: RotorSpeed, parameters: QuadrotorParameters) -> RotorAction:
     """Eqs (4) and (5): what the rotors do to the body at their speeds."""
+    rotors, centre = parameters.rotors, parameters.centre_of_mass
+    squares = [w * w for w in speed]
+    forces = [rotor.thrust_factor * square for rotor, square in zip(rotors, squares, strict=True)]
+    drag_torques = [
+        -rotor.direction * rotor.drag_factor * square for rotor, square in zip(rotors, squares, strict=True)
+    ]
+    wrench = Wrench(
+        _sum(forces),
+        _sum([(rotor.y - centre.y) * force for rotor, force in zip(rotors, forces, strict=True)]),
+        _sum([(centre.x - rotor.x) * force for rotor, force in zip(rotors, forces, strict=True)]),
+        _sum(drag_torques),
+    )
+    return RotorAction(wrench, _sum([rotor.direction * w for rotor, w in zip(rotors, speed, strict=True)]))
+
+
+def paired_rotor_action(speed: RotorSpeed, parameters: QuadrotorParameters) -> RotorAction:
+    """The same with fewer operations, where rotors 1 and 3, and 2 and 4, are pairs.
+
+    The rotors of a pair are opposite each other, at the same distance from the middle; those of the first turn one
+    way, those of the second the other way, and all have one drag factor. So it is in a plus, an x and an h.
+    """
     w_1, w_2, w_3, w_4 = (w * w for w in speed)
-    f_1, f_2, f_3, f_4 = (b * w for b, w in zip(parameters.thrust_factor, (w_1, w_2, w_3, w_4), strict=True))
+    rotor_1, rotor_2, rotor_3, rotor_4 = parameters.rotors
+    f_1, f_2 = rotor_1.thrust_factor * w_1, rotor_2.thrust_factor * w_2
+    f_3, f_4 = rotor_3.thrust_factor * w_3, rotor_4.thrust_factor * w_4
+    thrust, pair_13, pair_24 = f_1 + f_2 + f_3 + f_4, f_3 - f_1, f_4 - f_2
     x, y = parameters.centre_of_mass
-    thrust = f_1 + f_2 + f_3 + f_4
     wrench = Wrench(
         thrust,
-        parameters.arm_length * (f_4 - f_2) - y * thrust,
-        parameters.arm_length * (f_3 - f_1) + x * thrust,
-        parameters.drag_factor * (w_1 - w_2 + w_3 - w_4),
+        rotor_3.y * pair_13 + rotor_4.y * pair_24 - y * thrust,
+        x * thrust - rotor_3.x * pair_13 - rotor_4.x * pair_24,
+        -rotor_1.direction * rotor_1.drag_factor * (w_1 - w_2 + w_3 - w_4),
     )
-    return RotorAction(wrench, speed.rotor_2 + speed.rotor_4 - speed.rotor_1 - speed.rotor_3)
+    return RotorAction(wrench, rotor_2.direction * (speed.rotor_2 + speed.rotor_4 - speed.rotor_1 - speed.rotor_3))
+
+
+def _sum(rows: Sequence[Row]) -> Row:
+    """The sum, without a zero to begin with."""
+    first, *others = rows
+    return sum(others, first)
 
 
 def drag(airspeed: Wind, linear: Row, quadratic: Row) -> tuple[Row, Row, Row]:
@@ -175,20 +211,8 @@ def held_rotor_speed(command: RotorSpeed, parameters: QuadrotorParameters, facto
 def hover_rotor_speeds(parameters: QuadrotorParameters) -> RotorSpeed:
     """The rotor speeds at which nothing moves in still air: eq (5) balances the weight.
 
-    They differ where thrust factors do or where the centre of mass is not in the middle; zero for a rotor that would
-    have to pull down.
+    They differ where the rotors do or where the centre of mass is not in the middle; zero for a rotor that would have
+    to pull down.
     """
-    b_1, b_2, b_3, b_4 = parameters.thrust_factor
-    x, y = parameters.centre_of_mass
     weight = parameters.mass * parameters.gravity
-    # How much more the fourth rotor carries than the second, and the third than the first.
-    left, back = weight * y / parameters.arm_length, -weight * x / parameters.arm_length
-    # The pairs turn against each other: what they carry, over b, must be the same for both.
-    pair_13, pair_24 = 0.5 / b_1 + 0.5 / b_3, 0.5 / b_2 + 0.5 / b_4
-    uneven = left * (0.5 / b_4 - 0.5 / b_2) - back * (0.5 / b_3 - 0.5 / b_1)
-    carried_13 = (weight * pair_24 + uneven) / (pair_13 + pair_24)
-    carried_24 = weight - carried_13
-    forces = carried_13 - back, carried_24 - left, carried_13 + back, carried_24 + left
-    return RotorSpeed._make(
-        sqrt(maximum(0.5 * force / b, 0.0)) for force, b in zip(forces, parameters.thrust_factor, strict=True)
-    )
+    return RotorSpeed._make(sqrt(maximum(row.thrust * weight, 0.0)) for row in mixer_of(parameters))

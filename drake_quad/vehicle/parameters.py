@@ -3,11 +3,10 @@
 from typing import Annotated, NamedTuple
 
 from drake_quad.signals import Quantity, Row
+from drake_quad.vehicle.rotors import Length, Rotors
 
 _Mass = Annotated[Row, Quantity("kg")]
 _Inertia = Annotated[Row, Quantity("kg m²", "B")]
-_ThrustFactor = Annotated[Row, Quantity("N s²")]
-_Length = Annotated[Row, Quantity("m", "B")]
 
 
 class Inertia(NamedTuple):
@@ -18,35 +17,23 @@ class Inertia(NamedTuple):
     i_zz: _Inertia = 0.012
 
 
-class ThrustFactors(NamedTuple):
-    """Thrust over squared speed of each rotor."""
-
-    rotor_1: _ThrustFactor = 4.13e-5
-    rotor_2: _ThrustFactor = 4.13e-5
-    rotor_3: _ThrustFactor = 4.13e-5
-    rotor_4: _ThrustFactor = 4.13e-5
-
-
 class CentreOfMass(NamedTuple):
     """Where the centre of mass is, seen from the middle of the rotors."""
 
-    x: _Length = 0.0
-    y: _Length = 0.0
+    x: Length = 0.0
+    y: Length = 0.0
 
 
 class QuadrotorParameters(NamedTuple):
     """Parameters of the vehicle; the defaults are the paper's Table I where it has them.
 
-    Each row is a number for one vehicle or an (N,) array for a fleet. The thrust factor of Table I is large for an
-    8-inch propeller; it is kept, since everything in the paper rests on it.
+    Each row is a number for one vehicle or an (N,) array for a fleet.
 
     Attributes:
         mass: m.
         inertia: I_xx, I_yy, I_zz about the centre of mass.
         rotor_inertia: J_r of one rotor with its motor.
-        thrust_factor: b of each rotor.
-        drag_factor: d, torque over squared rotor speed.
-        arm_length: l, from the middle of the rotors to each.
+        rotors: where they are, which way they turn, and their factors b and d.
         gravity: g.
         linear_drag: drag force over airspeed. The paper ignores drag: 0.
         quadratic_drag: drag force over squared airspeed. The paper ignores drag: 0.
@@ -60,9 +47,7 @@ class QuadrotorParameters(NamedTuple):
     mass: _Mass = 0.68
     inertia: Inertia = Inertia()
     rotor_inertia: Annotated[Row, Quantity("kg m²")] = 6.5e-5
-    thrust_factor: ThrustFactors = ThrustFactors()
-    drag_factor: Annotated[Row, Quantity("N m s²")] = 8.5e-7
-    arm_length: Annotated[Row, Quantity("m")] = 0.17
+    rotors: Rotors = Rotors.plus()
     gravity: Annotated[Row, Quantity("m/s²")] = 9.81
     linear_drag: Annotated[Row, Quantity("N s/m")] = 0.0
     quadratic_drag: Annotated[Row, Quantity("N s²/m²")] = 0.0

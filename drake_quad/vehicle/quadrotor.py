@@ -6,7 +6,13 @@ from pydrake.systems.framework import Context
 
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, Expression, FleetSystem, fleet_system
 from drake_quad.signals import Angle, PositionW, RotorSpeed, State, Wind
-from drake_quad.vehicle.dynamics import hover_rotor_speeds, rigid_kinematics, small_angle_kinematics
+from drake_quad.vehicle.dynamics import (
+    hover_rotor_speeds,
+    paired_rotor_action,
+    rigid_kinematics,
+    rotor_action,
+    small_angle_kinematics,
+)
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.stepping import VehicleState, quadrotor_slope, quadrotor_step
@@ -40,8 +46,12 @@ class QuadrotorNumbers(NamedTuple):
 
 def hover(parameters: QuadrotorParameters, place: Place) -> VehicleState:
     """The state of a vehicle that hovers in still air."""
-    body = State(place.x, place.y, place.z, 0.0, 0.0, place.yaw, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
-    return VehicleState(body, hover_rotor_speeds(parameters))
+    return VehicleState(body_at_rest(place), hover_rotor_speeds(parameters))
+
+
+def body_at_rest(place: Place) -> State:
+    """The state of a rigid body that does not move."""
+    return State(place.x, place.y, place.z, 0.0, 0.0, place.yaw, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
 
 
 def _body(state: VehicleState) -> State:
@@ -90,6 +100,7 @@ class Quadrotor(FleetSystem):
         time_step: h in seconds, 10 ms by default; 0 for a continuous state.
         kinematics: "exact", or "small_angle" for the last three lines of eq (3) as the paper has them.
         faulty: whether rotors may have faults.
+        paired: whether the rotors are known to be in pairs, see `paired_rotor_action`, which spares a few operations.
         numbers: of the vehicles.
     """
 
@@ -99,6 +110,7 @@ class Quadrotor(FleetSystem):
         time_step: float = 0.01,
         kinematics: Kinematics = "exact",
         faulty: bool = False,
+        paired: bool = False,
         numbers: QuadrotorNumbers = QuadrotorNumbers(),
     ) -> None:
         """Declares the system."""
@@ -109,17 +121,17 @@ class Quadrotor(FleetSystem):
         inputs = command, self.input("wind", absent=Wind(0.0, 0.0, 0.0)), self.input("crashed")
         # Without faults nothing depends on the time; an Expression of it could not be compared.
         time = TIME if faulty else 0.0
-        motion = KINEMATICS[kinematics]
+        motion, action = KINEMATICS[kinematics], paired_rotor_action if paired else rotor_action
         if time_step > 0.0:
-            body = self.state("state", lambda numbers: hover(numbers.parameters, numbers.start).body)
-            rotors = self.state("rotor_speed", lambda numbers: hover(numbers.parameters, numbers.start).rotors)
-            reads = body, rotors, *inputs, parameters, faults, time, time_step, motion
+            body = self.state("state", lambda numbers: body_at_rest(numbers.start))
+            rotors = self.state("rotor_speed", lambda numbers: hover_rotor_speeds(numbers.parameters))
+            reads = body, rotors, *inputs, parameters, faults, time, time_step, motion, action
             self.update(time_step, quadrotor_step, *reads, writes=[body, rotors], unrestricted=True, at_start=False)
             self.state_output(body)
             self.state_output(rotors)
         else:
             state = self.continuous_state(lambda numbers: hover(numbers.parameters, numbers.start))
-            self.derivative(quadrotor_slope, state, *inputs, parameters, faults, time, motion)
+            self.derivative(quadrotor_slope, state, *inputs, parameters, faults, time, motion, action)
             self.output("state", _body, state)
             self.output("rotor_speed", _rotors, state)
 

@@ -10,6 +10,7 @@ from typing import NamedTuple
 from drake_quad.framework.elementary import exp, where
 from drake_quad.signals import Crashed, RotorSpeed, Row, State, Wind
 from drake_quad.vehicle.dynamics import (
+    ActionOfRotors,
     AttitudeKinematics,
     Motion,
     equations_of_motion,
@@ -39,6 +40,7 @@ def quadrotor_step(
     time: Row,
     time_step: float,
     kinematics: AttitudeKinematics,
+    action: ActionOfRotors = rotor_action,
 ) -> VehicleState:
     """The vehicle at the end of a step.
 
@@ -53,10 +55,11 @@ def quadrotor_step(
         time: at the end of the step, s.
         time_step: h, s.
         kinematics: `rigid_kinematics` or `small_angle_kinematics`.
+        action: of the rotors, for any layout, or for pairs: `paired_rotor_action`.
     """
     factors = SpeedFactors() if faults is None else speed_factors(faults, time - 0.5 * time_step)
     target = held_rotor_speed(command, parameters, factors)
-    after = step_of_flight(body, rotors, target, wind, parameters, time_step, kinematics)
+    after = step_of_flight(body, rotors, target, wind, parameters, time_step, kinematics, action)
     return after if crashed is None else where(crashed.crashed != 0.0, VehicleState(body, rotors), after)
 
 
@@ -68,12 +71,13 @@ def step_of_flight(
     parameters: QuadrotorParameters,
     time_step: float,
     kinematics: AttitudeKinematics,
+    action: ActionOfRotors = rotor_action,
 ) -> VehicleState:
     """The same for a vehicle that has not crashed and whose rotors are on their way to a target."""
     decay = exp(-0.5 * time_step / parameters.rotor_time_constant)
     middle = lagging(rotors, target, decay)
     end = lagging(middle, target, decay)
-    action_1, action_2, action_3 = (rotor_action(speed, parameters) for speed in (rotors, middle, end))
+    action_1, action_2, action_3 = (action(speed, parameters) for speed in (rotors, middle, end))
 
     motion_1 = Motion.of(body)
     slope_1 = equations_of_motion(motion_1, action_1, wind, parameters, kinematics)
@@ -112,11 +116,12 @@ def quadrotor_slope(
     faults: RotorFaults | None,
     time: Row,
     kinematics: AttitudeKinematics,
+    action: ActionOfRotors = rotor_action,
 ) -> VehicleState:
     """The time derivative of rigid body and rotors; arguments as for `quadrotor_step`."""
     factors = SpeedFactors() if faults is None else speed_factors(faults, time)
     target = held_rotor_speed(command, parameters, factors)
-    body = rigid_body_derivative(state.body, rotor_action(state.rotors, parameters), wind, parameters, kinematics)
+    body = rigid_body_derivative(state.body, action(state.rotors, parameters), wind, parameters, kinematics)
     lag = parameters.rotor_time_constant
     rotors = RotorSpeed._make((t - w) / lag for t, w in zip(target, state.rotors, strict=True))
     slope = VehicleState(body, rotors)

@@ -48,6 +48,7 @@ def fleet_after(scenario, start, equilibrium, deviations, end):
         (["laboratory.wind=[{kind: steady, velocity: [2, 1, 0]}]"], False),
         (["control.position.k_p=[1.6, 1.6, 6]"], True),
         (["laboratory.motion_capture.period=0.04"], False),
+        (["nominal.layout={kind: x}", "vehicle.layout={kind: x, length: 0.2, width: 0.29}"], False),
     ],
 )
 def test_multipliers_predict_how_a_fleet_decays_or_grows(laboratory, overrides, grows):
@@ -247,6 +248,47 @@ def test_the_rotors_state_is_a_thrust_and_three_torques(laboratory):
         np.testing.assert_allclose(decay, np.exp(-0.4) * np.array([other == name for other in names]), atol=1e-3)
     assert plant.inputs == ("wrench.thrust", "wrench.tau_x", "wrench.tau_y", "wrench.tau_z")
     assert plant.period == 0.02
+
+
+ANYWHERE = (
+    "{kind: rotors, rotors: [{position: [0.14, -0.11, 0.02], turns: clockwise},"
+    "{position: [-0.09, -0.13, 0.01], turns: anticlockwise, thrust_factor: 4.1e-5},"
+    "{position: [-0.13, 0.10, 0.0], turns: clockwise, drag_factor: 8.2e-7},"
+    "{position: [0.11, 0.14, 0.03], turns: anticlockwise}]}"
+)
+
+
+@pytest.mark.parametrize("layout", ["{kind: x}", "{kind: h, length: 0.2, width: 0.3}", ANYWHERE])
+def test_a_loop_does_not_see_the_layout_of_a_vehicle_that_is_as_believed(laboratory, layout):
+    """A wrench is a wrench, whoever gives it: the plant answers as that of the plus does."""
+    plus, _ = laboratory_plant(laboratory())
+    found, specific_thrust = laboratory_plant(laboratory(f"nominal.layout={layout}"))
+    assert specific_thrust == pytest.approx(9.81, rel=1e-12)
+    points = np.exp(1j * 0.02 * np.array([0.5, 3.0, 20.0, 100.0]))
+    scale = np.abs(plus.response(points)).max(axis=(0, 1))
+    difference = np.abs(found.response(points) - plus.response(points)).max(axis=(0, 1))
+    np.testing.assert_array_less(difference, 1e-9 * scale + 1e-9)
+    # What the rotors' speeds are turned into reaches what it is called after, and nothing else.
+    rates = [found.states.index(f"vehicle.state.{row}") for row in ("v_z", "p", "q", "r")]
+    rotors = [found.states.index(f"vehicle.rotors.{name}") for name in ("thrust", "tau_x", "tau_y", "tau_z")]
+    reached = found.A[np.ix_(rates, rotors)]
+    assert (np.diag(reached) > 0.0).all()
+    np.testing.assert_allclose(reached, np.diag(np.diag(reached)), atol=1e-9 * reached.max())
+
+
+def test_arms_that_are_longer_than_believed_are_gain_on_roll_and_pitch(laboratory):
+    """Of an x, by the share that they are longer, each distance on its own axis; yaw and thrust stay as they are."""
+    scenario = laboratory(
+        "nominal.layout={kind: x, length: 0.2, width: 0.3}", "vehicle.layout={kind: x, length: 0.22, width: 0.36}"
+    )
+    believed, real = (laboratory_plant(scenario, vehicle=vehicle).system for vehicle in ("believed", "as it is"))
+    point = np.exp([1j * 3.0 * 0.02])
+    for torque, angle, gain in (("tau_x", "roll", 1.2), ("tau_y", "pitch", 1.1), ("tau_z", "yaw", 1.0)):
+        gains = [
+            plant.between([f"wrench.{torque}"], [f"measurement.{angle}"]).response(point)[0, 0, 0]
+            for plant in (believed, real)
+        ]
+        assert gains[1] / gains[0] == pytest.approx(gain, rel=1e-9)
 
 
 def known(monkeypatch, moved, **entries):

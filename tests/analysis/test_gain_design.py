@@ -355,6 +355,7 @@ def test_a_vehicle_of_thirty_grams_gets_the_same_gains():
         "nominal.thrust_factor=2.9e-8",
         "nominal.drag_factor=7e-10",
         "nominal.arm_length=0.046",
+        "nominal.layout={kind: x, rotor_1_turns: anticlockwise}",
         "nominal.min_rotor_speed=200",
         "nominal.max_rotor_speed=2600",
     ]

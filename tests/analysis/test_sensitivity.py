@@ -210,3 +210,12 @@ def test_differences_are_exact_for_polynomials_of_the_fourth_degree(weights):
     """Beside the number itself, whose weight is what makes the sum zero; on one side, those of the second kind."""
     for power in range(1, 5):
         assert sum(weight * steps**power for steps, weight in weights.items()) == pytest.approx(float(power == 1))
+
+
+def test_a_number_of_a_layout_that_only_nominal_has_is_changed_for_the_vehicle_alone():
+    scenario = load_scenario(
+        ROOT / "diagrams" / "figure_eight.yaml", ["nominal.layout={kind: h, length: 0.2, width: 0.3}"]
+    )
+    changed = with_number(scenario, "vehicle.layout.width", 0.31)
+    assert (changed.vehicle.layout.length, changed.vehicle.layout.width) == (0.2, 0.31)
+    assert changed.nominal.layout == scenario.nominal.layout

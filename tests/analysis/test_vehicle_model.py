@@ -19,6 +19,7 @@ from drake_quad.analysis.vehicle_model import (
 from drake_quad.signals import RotorSpeed, State, Wind
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import KINEMATICS
+from drake_quad.vehicle.rotors import Rotors
 from drake_quad.vehicle.stepping import VehicleState, quadrotor_slope
 
 DRAGGED = QuadrotorParameters(linear_drag=0.1, quadratic_drag=0.01, centre_of_mass=CentreOfMass(0.003, -0.002))
@@ -51,6 +52,19 @@ def test_hover_is_what_one_derives_by_hand(drag):
     np.testing.assert_allclose(system.A(), A, atol=1e-12, rtol=0.0)
     np.testing.assert_allclose(system.B(), B, atol=1e-12, rtol=0.0)
     np.testing.assert_array_equal(system.C(), np.eye(12, 16))
+
+
+def test_hover_of_an_x_is_what_one_derives_by_hand():
+    """To 1e-12: all four rotors roll and pitch, 2 and 4 yaw the other way."""
+    length, width, b, d, speed = 0.2, 0.3, 4.13e-5, 8.5e-7, math.sqrt(0.68 * 9.81 / (4.0 * 4.13e-5))
+    parameters = QuadrotorParameters(rotors=Rotors.x(length=length, width=width))
+    system = linear_vehicle(find_trim(parameters), parameters)
+    A, B = hover_by_hand(0.0)
+    A[9, 12:16] = width * b * speed / 0.007 * np.array([-1.0, -1.0, 1.0, 1.0])
+    A[10, 12:16] = length * b * speed / 0.007 * np.array([-1.0, 1.0, 1.0, -1.0])
+    A[11, 12:16] = 2.0 * d * speed / 0.012 * np.array([1.0, -1.0, 1.0, -1.0])
+    np.testing.assert_allclose(system.A(), A, atol=1e-12, rtol=0.0)
+    np.testing.assert_allclose(system.B(), B, atol=1e-12, rtol=0.0)
 
 
 @pytest.mark.parametrize("kinematics", ["exact", "small_angle"])

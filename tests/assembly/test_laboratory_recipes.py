@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from drake_quad import InputError
+from drake_quad import InputError, load_scenario
 from drake_quad.assembly.laboratory import (
     build_monitor,
     laboratory_recipes,
@@ -40,14 +40,32 @@ def recipes(asymmetric):
 def test_the_vehicle_is_as_the_scenario_has_it(asymmetric, recipes):
     vehicle = asymmetric("pid").vehicle
     found = vehicle_parameters(vehicle)
-    np.testing.assert_allclose(found.thrust_factor, [4.1492e-5, 4.018e-5, 4.1656e-5, 4.1205e-5], rtol=1e-12)
+    np.testing.assert_allclose(found.rotors.thrust_factors, [4.1492e-5, 4.018e-5, 4.1656e-5, 4.1205e-5], rtol=1e-12)
     assert found.centre_of_mass == CentreOfMass(-0.0003, 0.0008)
     assert found.inertia == Inertia(0.0071, 0.0079, 0.0131)
-    for name in set(found._fields) - {"thrust_factor", "centre_of_mass", "inertia"}:
+    for name in set(found._fields) - {"rotors", "centre_of_mass", "inertia"}:
         assert getattr(found, name) == getattr(vehicle, name)
     recipe = recipes["vehicle"]
     assert recipe.numbers.parameters == found
-    assert recipe.structure == {"time_step": 0.01, "kinematics": "exact", "faulty": True}
+    assert recipe.structure == {"time_step": 0.01, "kinematics": "exact", "faulty": True, "paired": True}
+
+
+def test_rotors_that_are_drawn_must_give_all_of_a_wrench_too(diagrams):
+    """Three of a square's and one that gives what they do: its torque over its thrust is in the plane of theirs."""
+    corners = {(0.1, -0.1): "clockwise", (-0.1, -0.1): "anticlockwise", (-0.1, 0.1): "clockwise"}
+    places = [f"{{position: [{x}, {y}, 0], turns: {turns}}}" for (x, y), turns in corners.items()]
+    places.append("{position: [0.1, 0.1, 0], turns: anticlockwise}")
+    layout = f"vehicle.layout={{kind: rotors, rotors: [{', '.join(places)}]}}"
+    scenario = load_scenario(diagrams / "hover.yaml", [layout])
+    batch, plan = Batch.draw(scenario, range(3)), plan_route(scenario)
+    field = "vehicle.layout.rotors.rotor_1.position.0"
+    fleet = batch.with_varying({field: np.array([0.1, 0.2, 0.3])})
+    recipe = laboratory_recipes(fleet, plan, DURATION)["vehicle"]
+    np.testing.assert_array_equal(recipe.numbers.parameters.rotors.rotor_1.x, [0.1, 0.2, 0.3])
+    assert recipe.structure["paired"] is False
+    words = "vehicle.layout gives no yaw torque without thrust, roll torque and pitch torque"
+    with pytest.raises(InputError, match=words):
+        laboratory_recipes(batch.with_varying({field: np.array([0.1, -0.3, 0.3])}), plan, DURATION)
 
 
 def test_the_battery_sags_over_the_whole_flight(recipes):
@@ -96,7 +114,17 @@ def test_the_vehicle_starts_where_the_plan_does(recipes):
 
 def test_on_board_and_on_the_link_the_nominal_numbers_hold(recipes):
     rotors, radio = recipes["allocation"].numbers, recipes["command_link"]
-    assert tuple(rotors) == pytest.approx((4.0e-5, 1.1e-6, 0.16, 194.0, 223.0), rel=1e-12)
+    # A plus: per thrust of all, roll torque of 2 and 4, pitch torque of 1 and 3, yaw torque of all.
+    per_thrust, per_tilt, per_yaw = 0.25 / 4.0e-5, 0.5 / (0.16 * 4.0e-5), 0.25 / 1.1e-6
+    expected = [
+        [per_thrust, 0.0, -per_tilt, per_yaw],
+        [per_thrust, -per_tilt, 0.0, -per_yaw],
+        [per_thrust, 0.0, per_tilt, per_yaw],
+        [per_thrust, per_tilt, 0.0, -per_yaw],
+    ]
+    np.testing.assert_allclose(rotors.mixer, expected, rtol=1e-12)
+    assert (rotors.min_speed, rotors.max_speed) == (194.0, 223.0)
+    assert recipes["allocation"].structure == {"paired": True}
     assert radio.numbers == LinkNumbers(1, 0.03, Wrench(pytest.approx(0.7 * 9.79), 0.0, 0.0, 0.0))
     assert radio.structure == {"period": 0.02, "longest_delay": 1, "loses_packets": True}
 

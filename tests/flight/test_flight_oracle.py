@@ -53,6 +53,35 @@ FLIGHTS = {
             "metrics.end=null",
         ],
     ),
+    "an x of measured distances that turns the other way round": (
+        "pid",
+        [
+            "duration=4",
+            "nominal.layout={kind: x, length: 0.21, width: 0.24, rotor_1_turns: anticlockwise}",
+            "vehicle.layout={kind: x, length: 0.212, width: 0.25, rotor_1_turns: anticlockwise}",
+        ],
+    ),
+    "rotors anywhere that are too weak for all parts of the wrench": (
+        "pid",
+        [
+            "duration=6",
+            "nominal.layout={kind: rotors, rotors: ["
+            "{position: [0.14, -0.11, 0.02], turns: clockwise},"
+            "{position: [-0.09, -0.13, 0.01], turns: anticlockwise, thrust_factor: 4.1e-5},"
+            "{position: [-0.13, 0.10, 0.0], turns: clockwise, drag_factor: 1.2e-6},"
+            "{position: [0.11, 0.14, 0.03], turns: anticlockwise}]}",
+            "vehicle.layout={kind: rotors, rotors: ["
+            "{position: [0.141, -0.111, 0.02], turns: clockwise},"
+            "{position: [-0.091, -0.131, 0.01], turns: anticlockwise, thrust_factor: 4.05e-5},"
+            "{position: [-0.129, 0.099, 0.0], turns: clockwise, drag_factor: 1.1e-6},"
+            "{position: [0.109, 0.139, 0.03], turns: anticlockwise}]}",
+            "nominal.min_rotor_speed=190",
+            "nominal.max_rotor_speed=225",
+            "vehicle.min_rotor_speed=190",
+            "vehicle.max_rotor_speed=225",
+            "metrics.end=null",
+        ],
+    ),
     "a crash": ("pid", ["crash.position_error=1.1", "control.position.k_p.2=1.5", "control.position.k_i.2=0"]),
 }
 
@@ -93,7 +122,9 @@ def test_a_flight_is_what_its_equations_make_it(flown, name):
 DRAWN = [
     "duration=4",
     "vehicle.mass={uniform: {min: 0.68, max: 0.76}}",
-    "vehicle.thrust_factor_error.1={uniform: {min: -0.02, max: 0.0}}",
+    "nominal.layout={kind: x}",
+    "vehicle.layout={kind: x, length: {uniform: {min: 0.22, max: 0.24}}, width: {uniform: {min: 0.22, max: 0.24}}}",
+    "vehicle.thrust_factor_error.rotor_2={uniform: {min: -0.02, max: 0.0}}",
     "vehicle.battery_sag={uniform: {min: 0.0, max: 0.03}}",
     "vehicle.rotor_failure.rotor={choice: [1, 2, 3, 4]}",
     "vehicle.rotor_failure.time={uniform: {min: 0.0, max: 4.0}}",

@@ -5,9 +5,34 @@ import math
 import numpy as np
 
 X, Y, Z = np.eye(3)
-# Of the rotors: where they are, over the arm's length, and how they turn the body, clockwise ones anticlockwise.
-ARMS = np.array([X, -Y, -X, Y])
-REACTION = np.array([1.0, -1.0, 1.0, -1.0])
+# Of the rotors of a plus and of an x: on which sides of the middle they are.
+PLUS = np.array([X, -Y, -X, Y])
+CORNERS = np.array([X - Y, -X - Y, -X + Y, X + Y])
+
+
+class Rotors:
+    """Where the rotors are, how they turn the body, clockwise ones anticlockwise, and their factors.
+
+    Args:
+        numbers: of the scenario's vehicle, or the nominal ones.
+    """
+
+    def __init__(self, numbers):
+        layout = numbers.layout
+        if layout.kind == "rotors":
+            self.places = np.array([rotor.position for rotor in layout.rotors])
+            self.reaction = np.array([1.0 if rotor.turns == "clockwise" else -1.0 for rotor in layout.rotors])
+            self.b = np.array([rotor.thrust_factor or numbers.thrust_factor for rotor in layout.rotors])
+            self.d = np.array([rotor.drag_factor or numbers.drag_factor for rotor in layout.rotors])
+            return
+        sides = PLUS if layout.kind == "plus" else CORNERS
+        if layout.length is None:
+            arms = sides / np.linalg.norm(sides, axis=1, keepdims=True)
+            self.places = numbers.arm_length * arms
+        else:
+            self.places = 0.5 * sides * [layout.length, layout.width, 0.0]
+        self.reaction = np.array([1.0, -1.0, 1.0, -1.0]) * (1.0 if layout.rotor_1_turns == "clockwise" else -1.0)
+        self.b, self.d = np.full(4, numbers.thrust_factor), np.full(4, numbers.drag_factor)
 
 
 def about(axis, angle):
@@ -46,9 +71,10 @@ class Vehicle:
 
     def __init__(self, numbers, duration):
         self.numbers, self.sag = numbers, numbers.battery_sag / duration
-        self.thrust_factor = numbers.thrust_factor * (1.0 + np.array(numbers.thrust_factor_error))
+        self.rotors = Rotors(numbers)
+        self.thrust_factor = self.rotors.b * (1.0 + np.array(numbers.thrust_factor_error))
         centre = np.array([*numbers.centre_of_mass, 0.0])
-        self.levers = numbers.arm_length * ARMS - centre
+        self.levers = self.rotors.places - centre
         self.inertia = np.diag(numbers.inertia)
         self.inverse_inertia = np.linalg.inv(self.inertia)
 
@@ -58,7 +84,7 @@ class Vehicle:
         forces = self.thrust_factor * squares
         # A force along z at (x, y) turns by (y, -x).
         torque = np.array([self.levers[:, 1] @ forces, -self.levers[:, 0] @ forces, 0.0])
-        torque[2] = self.numbers.drag_factor * REACTION @ squares
+        torque[2] = self.rotors.d * self.rotors.reaction @ squares
         return forces.sum(), torque
 
     def hover_speeds(self):
@@ -79,7 +105,7 @@ class Vehicle:
         drag = (numbers.linear_drag + numbers.quadratic_drag * size) * airspeed
         acceleration = (rotation(*attitude) @ (thrust * Z) + drag) / numbers.mass - numbers.gravity * Z
         # (4), and the rotors' angular momentum.
-        spin = numbers.rotor_inertia * (-speeds[0] + speeds[1] - speeds[2] + speeds[3])
+        spin = -numbers.rotor_inertia * self.rotors.reaction @ speeds
         momentum = self.inertia @ rates + spin * Z
         p, q, r = rates
         turned = np.array([[0.0, -r, q], [r, 0.0, -p], [-q, p, 0.0]]) @ momentum
@@ -127,41 +153,34 @@ def allocate(wrench, believed):
 
     Args:
         wrench: F_z and three torques.
-        believed: the scenario's nominal numbers: four rotors alike, with the centre of mass in their middle.
+        believed: the scenario's nominal numbers, with the centre of mass in the middle of the layout.
     """
     low, high = believed.min_rotor_speed**2, believed.max_rotor_speed**2
-    lever = 2.0 * believed.arm_length * believed.thrust_factor
-    wanted = np.array(
-        [
-            wrench[0] / (4.0 * believed.thrust_factor),
-            wrench[1] / lever,
-            wrench[2] / lever,
-            wrench[3] / (4.0 * believed.drag_factor),
-        ]
+    rotors = Rotors(believed)
+    # (5), and the other way round: of thrust, roll, pitch and yaw, what each rotor has in squared speeds.
+    forward = np.array(
+        [rotors.b, rotors.places[:, 1] * rotors.b, -rotors.places[:, 0] * rotors.b, rotors.reaction * rotors.d]
     )
-    # Of thrust, roll, pitch and yaw, what each rotor has in squared speeds; (5) the other way round.
-    parts = np.array([[1.0, 0.0, -1.0, 1.0], [1.0, -1.0, 0.0, -1.0], [1.0, 0.0, 1.0, 1.0], [1.0, 1.0, 0.0, -1.0]])
-    level = min(max(wanted[0], low), high)
+    parts = np.linalg.inv(forward)
+    thrust = min(max(wrench[0], np.max(low / parts[:, 0])), np.min(high / parts[:, 0]))
+    wanted = wrench[3]
 
     def yaws(share):
-        """Between which the rotors leave the yaw, for a share of roll and pitch."""
-        bare = parts[:, :3] @ [level, share * wanted[1], share * wanted[2]]
-        upper, lower = high - bare, low - bare  # of what is added to 1 and 3, and taken from 2 and 4
-        least = max(lower[0], lower[2], -upper[1], -upper[3])
-        most = min(upper[0], upper[2], -lower[1], -lower[3])
-        return least, most
+        """Between which the rotors leave the yaw torque, for a share of roll and pitch."""
+        bare = parts[:, :3] @ [thrust, share * wrench[1], share * wrench[2]]
+        ends = np.sort([(low - bare) / parts[:, 3], (high - bare) / parts[:, 3]], axis=0)
+        return max(ends[0]), min(ends[1])
 
     def fits(share):
         """Whether they leave a yaw between none and what is wanted."""
         least, most = yaws(share)
-        return max(least, min(wanted[3], 0.0)) <= min(most, max(wanted[3], 0.0))
+        return max(least, min(wanted, 0.0)) <= min(most, max(wanted, 0.0))
 
     share = 1.0 if fits(1.0) else _largest(fits)
     least, most = yaws(share)
-    yaw = max(min(wanted[3], most), least)
-    given = np.array([level, share * wanted[1], share * wanted[2], yaw])
-    units = np.array([4.0 * believed.thrust_factor, lever, lever, 4.0 * believed.drag_factor])
-    return np.sqrt(np.maximum(parts @ given, low)), units * (wanted - given)
+    yaw = max(min(wanted, most), least)
+    given = np.array([thrust, share * wrench[1], share * wrench[2], yaw])
+    return np.sqrt(np.clip(parts @ given, low, high)), np.array(wrench) - given
 
 
 def _largest(fits):

@@ -5,6 +5,7 @@ import pytest
 from scipy import stats
 
 from drake_quad import InputError
+from drake_quad.randomness.streams import parameter_numbers
 from drake_quad.scenario import Batch, distributions_in, draw_sample, load_scenario, save_scenario
 from drake_quad.scenario.paths import value_at
 
@@ -51,6 +52,12 @@ def test_one_sample_alone_is_the_same_as_among_many(study):
         assert one.control.position.k_p[1] == 0.8
         assert one == many.scenario_of(i)
     assert one.vehicle.mass != draw_sample(scenario, 13, seed=8).vehicle.mass
+
+
+def test_rotors_are_drawn_from_the_streams_that_were_theirs_when_they_were_counted_from_0(study):
+    scenario = study("vehicle.thrust_factor_error=[0, {uniform: {min: 0, max: 1}}, 0, 0]")
+    found = Batch.draw(scenario, range(5), seed=4).varying["vehicle.thrust_factor_error.rotor_2"]
+    np.testing.assert_array_equal(found, parameter_numbers(4, range(5), "vehicle.thrust_factor_error[1]"))
 
 
 def test_a_field_is_drawn_the_same_whatever_else_is_drawn(study):

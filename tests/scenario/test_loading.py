@@ -3,11 +3,13 @@
 import re
 from io import StringIO
 
+import numpy as np
 import pytest
 from ruamel.yaml import YAML
 
 from drake_quad.errors import InputError
 from drake_quad.scenario import Scenario, distributions_in, load_scenario, load_undesigned
+from drake_quad.scenario.layouts import rotors_of
 
 BODY = """\
   route: {kind: hover}
@@ -222,8 +224,11 @@ def test_a_wrong_laboratory_gets_one_sentence(write, field, message):
             "rotor_failure: {rotor: 1, time: 1, speed_factor: 1}",
             "speed_factor is 1, but must be at least 0 and smaller",
         ),
-        ("thrust_factor_error: [0, 0, 0]", r"vehicle.thrust_factor_error.3 is missing"),
-        ("thrust_factor_error: [0, 0, 0, -1]", r"vehicle.thrust_factor_error.3 is -1, but must be larger than -1"),
+        ("thrust_factor_error: [0, 0, 0]", r"vehicle.thrust_factor_error.rotor_4 is missing"),
+        (
+            "thrust_factor_error: [0, 0, 0, -1]",
+            r"vehicle.thrust_factor_error.rotor_4 is -1, but must be larger than -1",
+        ),
         ("centre_of_mass: [0, 0, 0]", r"vehicle.centre_of_mass is \[0, 0, 0\], but must have at most 2 items, not 3"),
         ("battery_sag: 1", "vehicle.battery_sag is 1, but must be at least 0 and smaller than 1"),
         (
@@ -241,6 +246,107 @@ def test_a_vehicle_is_as_nominal_where_it_does_not_say_otherwise(write):
     scenario = load_scenario(write(text))
     assert (scenario.vehicle.mass, scenario.vehicle.arm_length, scenario.vehicle.gravity) == (1.3, 0.25, 9.81)
     assert refusal(write, text, "nominal.mass={choice: [1, 2]}").endswith("but must be a valid number")
+
+
+def rotors(turns="clockwise anticlockwise clockwise anticlockwise", ahead=0.0):
+    """The rotors of a square, each of which turns in its own direction."""
+    corners = ((0.1, -0.1), (-0.1, -0.1), (-0.1, 0.1), (0.1, 0.1))
+    places = [
+        f"{{position: [{x + ahead}, {y}, 0], turns: {turn}}}"
+        for (x, y), turn in zip(corners, turns.split(), strict=True)
+    ]
+    return f"{{kind: rotors, rotors: [{', '.join(places)}]}}"
+
+
+@pytest.mark.parametrize(
+    ("airframe", "message"),
+    [
+        ("layout: {kind: y}", "layout.kind is 'y', but must be one of 'plus', 'x', 'h', 'rotors'"),
+        ("layout: {kind: h, length: 0.2}", "layout.width is missing"),
+        ("layout: {kind: x, width: 0.2}", "layout is .*, but must have length beside width"),
+        (
+            "layout: {kind: x, rotor_1_turns: left}",
+            "layout.rotor_1_turns is 'left', but must be 'clockwise' or 'anticlockwise'",
+        ),
+        (
+            "arm_length: 0.2, layout: {kind: x, length: 0.2, width: 0.2}",
+            "arm_length is 0.2, but must be 0.1414, as the distances in the layout imply, or be left out",
+        ),
+        (
+            "arm_length: 0.2, layout: {kind: plus, length: 0.3, width: 0.2}",
+            "arm_length is 0.2, but must be 0.1 to 0.15, as the distances in the layout imply, or be left out",
+        ),
+        (f"arm_length: 0.2, layout: {rotors()}", "arm_length is 0.2, but must be 0.1414, as the distances"),
+        (
+            f"layout: {rotors('clockwise clockwise clockwise clockwise')}",
+            "layout is .*, but must give thrust and all torques: it has no yaw torque without thrust, since",
+        ),
+        (
+            f"layout: {rotors('clockwise clockwise anticlockwise anticlockwise')}",
+            "layout is .*, but must give thrust and all torques: it has no yaw torque without roll torque",
+        ),
+    ],
+)
+@pytest.mark.parametrize("vehicle", ["nominal", "vehicle"])
+def test_a_wrong_layout_gets_one_sentence(write, airframe, message, vehicle):
+    assert re.search(f"loop.yaml:6: {vehicle}.{message}", refusal(write, f"a:\n{BODY}  {vehicle}: {{{airframe}}}\n"))
+
+
+def test_what_is_believed_can_hover_and_is_no_distribution(write):
+    text = f"a:\n{BODY}  nominal: {{layout: {rotors(ahead=0.2)}}}\n"
+    assert "layout is" in (message := refusal(write, text))
+    assert message.endswith("but must give thrust without torque: rotor 1 would have to push down")
+    drawn = "{uniform: {min: 0.1, max: 0.2}}"
+    message = refusal(write, f"a:\n{BODY}", f"nominal.layout={{kind: x, length: {drawn}, width: 0.2}}")
+    assert message.endswith("but must be a number, since it is what the ground believes")
+    vehicle = load_scenario(write(f"a:\n{BODY}"), [f"vehicle.layout={{kind: x, length: {drawn}, width: 0.2}}"]).vehicle
+    assert [*distributions_in(vehicle)] == ["layout.length"]
+    message = refusal(
+        write, f"a:\n{BODY}  vehicle: {{arm_length: {drawn}, layout: {{kind: h, length: 1, width: 1}}}}\n"
+    )
+    assert message.endswith("but must be left out, since the layout has distances")
+
+
+def test_overrides_name_rotors_as_messages_do(write):
+    text = f"a:\n{BODY}  vehicle: {{thrust_factor_error: [0, 0, 0, 0], layout: {rotors()}}}\n"
+    overrides = ["vehicle.thrust_factor_error.rotor_3=0.1", "vehicle.layout.rotors.rotor_2.position.0=-0.12"]
+    vehicle = load_scenario(write(text), overrides).vehicle
+    assert vehicle.thrust_factor_error == (0.0, 0.0, 0.1, 0.0)
+    assert [rotor.position[0] for rotor in vehicle.layout.rotors] == [0.1, -0.12, -0.1, 0.1]
+    message = refusal(write, text, "vehicle.layout.rotors.rotor_2.turns=up")
+    assert "vehicle.layout.rotors.rotor_2.turns is 'up'" in message
+    message = refusal(write, text, "vehicle.thrust_factor_error.1=0.1")
+    assert message.endswith("names no rotor: they are rotor_1, rotor_2, rotor_3 and rotor_4")
+
+
+def test_an_arm_length_that_agrees_with_the_layout_may_stand_beside_it(write):
+    """To a hundredth; and one that is only the default says nothing."""
+    for arm in ("0.1414", "0.1425", "0.1401"):
+        text = f"a:\n{BODY}  nominal: {{arm_length: {arm}, layout: {{kind: x, length: 0.2, width: 0.2}}}}\n"
+        assert load_scenario(write(text)).vehicle.layout.kind == "x"
+    refusal(write, text.replace("0.1401", "0.1435"))
+    refusal(write, text.replace("0.1401", "0.1395"))
+    assert load_scenario(write(text.replace("arm_length: 0.1401, ", ""))).nominal.arm_length == 0.17
+
+
+def test_rotors_are_where_the_layout_says(write):
+    """Clockwise seen from above, from the front; the arm of an x is its half diagonal."""
+
+    def places(airframe):
+        nominal = load_scenario(write(f"a:\n{BODY}  nominal: {{{airframe}}}\n")).nominal
+        return np.array(rotors_of(nominal))
+
+    plus, x = places("arm_length: 0.2"), places("arm_length: 0.2, layout: {kind: x, rotor_1_turns: anticlockwise}")
+    np.testing.assert_allclose(plus[:, :2], [[0.2, 0.0], [0.0, -0.2], [-0.2, 0.0], [0.0, 0.2]])
+    np.testing.assert_allclose(x[:, :2], 0.2 * np.sqrt(0.5) * np.array([[1, -1], [-1, -1], [-1, 1], [1, 1]]))
+    assert (list(plus[:, 3]), list(x[:, 3])) == ([-1.0, 1.0, -1.0, 1.0], [1.0, -1.0, 1.0, -1.0])
+    h = places("layout: {kind: h, length: 0.2, width: 0.3}")
+    np.testing.assert_allclose(h[:, :2], [[0.1, -0.15], [-0.1, -0.15], [-0.1, 0.15], [0.1, 0.15]])
+    measured = places("layout: {kind: plus, length: 0.2, width: 0.3}")
+    np.testing.assert_allclose(measured[:, :2], [[0.1, 0.0], [0.0, -0.15], [-0.1, 0.0], [0.0, 0.15]])
+    free = places(f"thrust_factor: 3e-5, layout: {rotors().replace('clockwise}', 'clockwise, drag_factor: 1e-6}', 1)}")
+    np.testing.assert_allclose(free[0], [0.1, -0.1, 0.0, -1.0, 3e-5, 1e-6])
+    np.testing.assert_allclose(free[1], [-0.1, -0.1, 0.0, 1.0, 3e-5, 8.5e-7])
 
 
 @pytest.mark.parametrize(

@@ -2,7 +2,7 @@ import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.scenario.distributions import Distribution
-from drake_quad.scenario.paths import distributions_in, leaves, replaced, value_at
+from drake_quad.scenario.paths import distributions_in, joined, leaves, replaced, steps_of, value_at
 
 
 @pytest.fixture(scope="module")
@@ -32,6 +32,17 @@ def test_only_what_differs_is_replaced(scenario):
     assert changed == ["vehicle.inertia.1"]
     assert other.vehicle.inertia[1] == 0.01
     assert other.laboratory is scenario.laboratory
+
+
+def test_rotors_are_counted_from_1(scenario):
+    found = [path for path in dict(leaves(scenario)) if "thrust_factor_error" in path]
+    assert found == [f"vehicle.thrust_factor_error.rotor_{number}" for number in (1, 2, 3, 4)]
+    assert joined("a", "rotors", 2, "position", 0) == "a.rotors.rotor_3.position.0"
+    assert steps_of("a.rotors.rotor_3.position.0") == ["a", "rotors", "2", "position", "0"]
+    assert value_at(scenario, "vehicle.thrust_factor_error.rotor_4") is scenario.vehicle.thrust_factor_error[3]
+    for step in ("0", "1", "rotor_0", "rotor_5"):
+        with pytest.raises(InputError, match="names no rotor: they are rotor_1, rotor_2, rotor_3 and rotor_4"):
+            value_at(scenario, f"vehicle.thrust_factor_error.{step}")
 
 
 @pytest.mark.parametrize(

@@ -7,9 +7,11 @@ from scipy.optimize import linprog
 
 from drake_quad.framework.wiring import split_output
 from drake_quad.signals import RotorSpeed, Wrench
-from drake_quad.vehicle.allocation import Allocation, RotorModel, allocate
+from drake_quad.vehicle.allocation import Allocation, RotorModel, allocate, allocate_to_pairs
+from drake_quad.vehicle.authority import hover_flaw, missing_direction
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
 from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.rotors import Rotor, Rotors
 
 TABLE_I = QuadrotorParameters()
 ROTORS = RotorModel.of(TABLE_I)
@@ -20,16 +22,21 @@ wrenches = st.builds(Wrench, st.floats(-20.0, 40.0), st.floats(-3.0, 3.0), st.fl
 rotor_speeds = st.builds(RotorSpeed, *[st.floats(60.0, 300.0)] * 4)
 
 
-@given(rotor_speeds)
-def test_inverts_eq_5_within_the_limits(rotor_speed):
+both_ways = pytest.mark.parametrize("allocate", [allocate, allocate_to_pairs])
+
+
+@both_ways
+@given(rotor_speed=rotor_speeds)
+def test_inverts_eq_5_within_the_limits(allocate, rotor_speed):
     speeds, shortfall = allocate(rotor_action(rotor_speed, TABLE_I).wrench, ROTORS)
     # At the very limits rounding may call for a trace of saturation.
     np.testing.assert_allclose(speeds, rotor_speed, rtol=1e-9)
     np.testing.assert_allclose(shortfall, 0.0, atol=1e-9)
 
 
-@given(wrenches)
-def test_speeds_are_within_the_limits_and_shortfall_is_what_is_missing(wrench):
+@both_ways
+@given(wrench=wrenches)
+def test_speeds_are_within_the_limits_and_shortfall_is_what_is_missing(allocate, wrench):
     speeds, shortfall = allocate(wrench, ROTORS)
     assert np.all(np.array(speeds) >= 60.0 * (1.0 - 1e-12))
     assert np.all(np.array(speeds) <= 300.0 * (1.0 + 1e-12))
@@ -37,14 +44,15 @@ def test_speeds_are_within_the_limits_and_shortfall_is_what_is_missing(wrench):
 
 
 @pytest.mark.slow
-@given(wrenches)
+@both_ways
+@given(wrench=wrenches)
 # Room for so much yaw that roll or pitch, at 40 % and at 60 % of the way up, could go further than both its rotors.
-@example(Wrench(0.6 * BOTTOM_THRUST + 0.4 * TOP_THRUST, 0.0, 2.0, 0.5))
-@example(Wrench(0.4 * BOTTOM_THRUST + 0.6 * TOP_THRUST, 0.0, -2.0, -0.5))
-@example(Wrench(0.6 * BOTTOM_THRUST + 0.4 * TOP_THRUST, -2.0, 0.0, -0.5))
-@example(Wrench(0.4 * BOTTOM_THRUST + 0.6 * TOP_THRUST, 2.0, 0.0, 0.5))
+@example(wrench=Wrench(0.6 * BOTTOM_THRUST + 0.4 * TOP_THRUST, 0.0, 2.0, 0.5))
+@example(wrench=Wrench(0.4 * BOTTOM_THRUST + 0.6 * TOP_THRUST, 0.0, -2.0, -0.5))
+@example(wrench=Wrench(0.6 * BOTTOM_THRUST + 0.4 * TOP_THRUST, -2.0, 0.0, -0.5))
+@example(wrench=Wrench(0.4 * BOTTOM_THRUST + 0.6 * TOP_THRUST, 2.0, 0.0, 0.5))
 @settings(max_examples=200, deadline=None)
-def test_gives_up_yaw_first_then_roll_and_pitch_and_thrust_last(wrench):
+def test_gives_up_yaw_first_then_roll_and_pitch_and_thrust_last(allocate, wrench):
     """Against a linear program for each priority in turn: thrust, then the share of roll and pitch, then yaw."""
     _, shortfall = allocate(wrench, ROTORS)
     b, d, lever = 4.13e-5, 8.5e-7, 2.0 * 0.17 * 4.13e-5
@@ -60,6 +68,96 @@ def test_gives_up_yaw_first_then_roll_and_pitch_and_thrust_last(wrench):
     kept = linprog([0.0, -1.0], A_ub=both, b_ub=limits + 1e-9, bounds=[(max(share - 1e-9, 0.0), share), (0, 1)]).x[1]
     expected = Wrench(thrust, share * wrench.tau_x, share * wrench.tau_y, kept * wrench.tau_z)
     np.testing.assert_allclose(np.subtract(wrench, shortfall), expected, atol=1e-6)
+
+
+def random_layout(rng):
+    """Four uneven rotors that can hover, some of them on their own side of the vehicle, and their limits."""
+    while True:
+        angles = np.array([0.0, -0.5, -1.0, -1.5]) * np.pi + rng.uniform(-0.4, 0.4, 4) + rng.uniform(-np.pi, np.pi)
+        arms = rng.uniform(0.08, 0.3, 4)
+        turns = (-1.0, 1.0, -1.0, 1.0) if rng.uniform() < 0.7 else rng.choice([-1.0, 1.0], 4)
+        rotors = Rotors(
+            *(
+                Rotor(arm * np.cos(angle), arm * np.sin(angle), z, turn, b, d)
+                for arm, angle, z, turn, b, d in zip(
+                    arms, angles, rng.normal(size=4), turns, rng.uniform(2e-5, 6e-5, 4), rng.uniform(4e-7, 1e-6, 4)
+                )
+            )
+        )
+        if not missing_direction(rotors) and not hover_flaw(rotors, min_speed=60.0, max_speed=300.0):
+            return rotors
+
+
+@pytest.mark.slow
+def test_priorities_of_any_layout_against_linear_programs():
+    """Thrust without torque first, then the share of roll and pitch, then yaw; eq (5) written anew as a matrix."""
+    rng = np.random.default_rng(5)
+    cut = np.zeros(3)
+    for _ in range(400):
+        rotors = random_layout(rng)
+        x, y, _, turns, b, d = np.array(rotors).T
+        forward = np.array([b, y * b, -x * b, -turns * d])
+        # Any wrench within the limits, and then too much of it.
+        middle = forward @ rng.uniform(60.0**2, 300.0**2, 4)
+        wrench = Wrench(*(middle * np.array([1.0, *rng.uniform(0.0, 6.0, 2), rng.uniform(0.0, 6.0)])).tolist())
+        found, shortfall = allocate(wrench, RotorModel.of(QuadrotorParameters(rotors=rotors)))
+        # Squared speeds, in units of the largest, are inverse @ wrench; everything is linear in the three unknowns.
+        inverse = np.linalg.inv(forward) / 300.0**2
+        low, high = (60.0 / 300.0) ** 2, 1.0
+        tilt, yaw = inverse @ [0.0, wrench.tau_x, wrench.tau_y, 0.0], inverse[:, 3] * wrench.tau_z
+        least = max(low / inverse[:, 0])
+        most = min(high / inverse[:, 0])
+        thrust = np.clip(wrench.thrust, least, most)
+        level = inverse[:, 0] * thrust
+        rows = np.column_stack([tilt, yaw])
+        both, limits = np.vstack([rows, -rows]), np.concatenate([high - level, level - low])
+        share = linprog([-1.0, 0.0], A_ub=both, b_ub=limits, bounds=[(0, 1), (0, 1)]).x[0]
+        slack = limits + 1e-9
+        kept = linprog([0.0, -1.0], A_ub=both, b_ub=slack, bounds=[(max(share - 1e-9, 0.0), share), (0, 1)]).x[1]
+        expected = Wrench(thrust, share * wrench.tau_x, share * wrench.tau_y, kept * wrench.tau_z)
+        np.testing.assert_allclose(np.subtract(wrench, shortfall), expected, atol=2e-6)
+        np.testing.assert_allclose(forward @ np.square(found), np.subtract(wrench, shortfall), atol=1e-9)
+        cut += [thrust != wrench.thrust, share < 1.0, kept < 1.0]
+    assert (cut > 20).all(), "something of each kind must be given up for this to mean anything"
+
+
+@given(
+    wrench=wrenches,
+    shape=st.sampled_from([Rotors.plus, Rotors.x]),
+    length=st.floats(0.05, 1.0),
+    width=st.floats(0.05, 1.0),
+    direction=st.sampled_from([-1.0, 1.0]),
+)
+def test_pairs_are_allocated_as_any_rotors_are(wrench, shape, length, width, direction):
+    rotors = shape(length=length, width=width, rotor_1_direction=direction)
+    model = RotorModel.of(QuadrotorParameters(rotors=rotors))
+    (speeds, shortfall), (other_speeds, other_shortfall) = allocate(wrench, model), allocate_to_pairs(wrench, model)
+    np.testing.assert_allclose(np.square(speeds), np.square(other_speeds), rtol=0.0, atol=1e-6)
+    np.testing.assert_allclose(shortfall, other_shortfall, rtol=0.0, atol=1e-9)
+
+
+def test_a_rotor_that_yaw_does_not_move_leaves_yaw_to_the_others():
+    model = RotorModel.of(QuadrotorParameters(rotors=Rotors.x(length=0.3, width=0.3)))
+    still = model._replace(mixer=model.mixer._replace(rotor_1=model.mixer.rotor_1._replace(tau_z=0.0)))
+    hover = model.mixer.rotor_1.thrust * 6.67
+    speeds, shortfall = allocate(Wrench(6.67, 0.0, 0.0, 1.0), still)
+    per_yaw = model.mixer.rotor_3.tau_z
+    yaw = min((300.0**2 - hover) / per_yaw, (hover - 60.0**2) / per_yaw)
+    assert shortfall == pytest.approx((0.0, 0.0, 0.0, 1.0 - yaw), abs=1e-12)
+    expected = hover + yaw * per_yaw * np.array([0.0, -1.0, 1.0, -1.0])
+    np.testing.assert_allclose(np.square(speeds), expected, rtol=1e-12)
+
+
+def test_a_rotor_without_room_leaves_alone_what_asks_nothing_of_it():
+    """A weak rotor in front is at its limit first; roll is for the rotors beside it, which have room."""
+    weak, *others = Rotors.plus()
+    rotors = Rotors(weak._replace(thrust_factor=0.8 * 4.13e-5, drag_factor=0.8 * 8.5e-7), *others)
+    model = RotorModel.of(QuadrotorParameters(rotors=rotors))
+    speeds, shortfall = allocate(Wrench(20.0, 0.2, 0.0, 0.0), model)
+    assert shortfall == pytest.approx((20.0 - 4.0 * 0.8 * 4.13e-5 * 300.0**2, 0.0, 0.0, 0.0), abs=1e-12)
+    assert speeds.rotor_1 == pytest.approx(300.0)
+    _, shortfall = allocate(Wrench(20.0, 0.0, -0.1, 0.0), model)
+    assert shortfall.tau_y == pytest.approx(-0.1)
 
 
 def test_a_yaw_torque_that_does_not_fit_leaves_roll_untouched():

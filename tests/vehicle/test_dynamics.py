@@ -15,13 +15,15 @@ from drake_quad.vehicle.dynamics import (
     drag,
     held_rotor_speed,
     hover_rotor_speeds,
+    paired_rotor_action,
     rigid_body_derivative,
     rigid_kinematics,
     rotor_action,
     small_angle_kinematics,
 )
 from drake_quad.vehicle.faults import SpeedFactors
-from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters, ThrustFactors
+from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
+from drake_quad.vehicle.rotors import Rotor, Rotors
 from drake_quad.vehicle.stepping import VehicleState, quadrotor_slope
 
 TABLE_I = QuadrotorParameters()
@@ -56,14 +58,15 @@ def uneven(asymmetric_vehicle):
 
 def test_against_the_quadrotor_plant_of_drake(uneven):
     """All of whose rotors are alike, with the centre of mass in their middle."""
-    b = uneven.thrust_factor.rotor_1
-    parameters = uneven._replace(thrust_factor=ThrustFactors(*(b,) * 4), centre_of_mass=CentreOfMass(), gravity=9.81)
+    b, d, arm = 4.15e-5, 1.1e-6, 0.165
+    rotors = Rotors.plus(length=2.0 * arm, width=2.0 * arm, thrust_factor=b, drag_factor=d)
+    parameters = uneven._replace(rotors=rotors, centre_of_mass=CentreOfMass(), gravity=9.81)
     plant = QuadrotorPlant(
         m_arg=parameters.mass,
-        L_arg=parameters.arm_length,
+        L_arg=arm,
         I_arg=np.diag(parameters.inertia),
         kF_arg=b,
-        kM_arg=parameters.drag_factor,
+        kM_arg=d,
     )
     context = plant.CreateDefaultContext()
     for state in random_states(300, seed=1):
@@ -81,46 +84,90 @@ def test_against_the_quadrotor_plant_of_drake(uneven):
         assert_close(euler_acceleration, theirs[9:12])
 
 
-@pytest.fixture(scope="module")
-def multibody(uneven):
-    """A free body with four uneven propellers beside its centre of mass, wired by Drake's multibody engine."""
+def multibody(parameters):
+    """A free body with four propellers about its centre of mass, wired by Drake's multibody engine."""
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, time_step=0.0)
-    inertia = UnitInertia(*(np.array(uneven.inertia) / uneven.mass))
-    body = plant.AddRigidBody("vehicle", SpatialInertia(uneven.mass, [0.0, 0.0, 0.0], inertia))
-    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -uneven.gravity])
+    inertia = UnitInertia(*(np.array(parameters.inertia) / parameters.mass))
+    body = plant.AddRigidBody("vehicle", SpatialInertia(parameters.mass, [0.0, 0.0, 0.0], inertia))
+    plant.mutable_gravity_field().set_gravity_vector([0.0, 0.0, -parameters.gravity])
     plant.Finalize()
-    length, d = uneven.arm_length, uneven.drag_factor
-    places = np.array([[length, 0.0, 0.0], [0.0, -length, 0.0], [-length, 0.0, 0.0], [0.0, length, 0.0]])
-    places -= [*uneven.centre_of_mass, 0.0]
-    propellers = builder.AddSystem(
-        Propeller(
-            [
-                PropellerInfo(body.index(), RigidTransform(place), b, sign * d)
-                for place, b, sign in zip(places, uneven.thrust_factor, (1.0, -1.0, 1.0, -1.0), strict=True)
-            ]
-        )
-    )
+    centre = np.array([*parameters.centre_of_mass, 0.0])
+    # A rotor that turns clockwise, seen from above, turns the body anticlockwise, about +z.
+    infos = [
+        PropellerInfo(body.index(), RigidTransform(np.array([x, y, z]) - centre), b, -turns * d)
+        for x, y, z, turns, b, d in parameters.rotors
+    ]
+    propellers = builder.AddSystem(Propeller(infos))
     builder.Connect(propellers.get_spatial_forces_output_port(), plant.get_applied_spatial_force_input_port())
     builder.Connect(plant.get_body_poses_output_port(), propellers.get_body_poses_input_port())
     builder.ExportInput(propellers.get_command_input_port(), "squared_rotor_speed")
     return builder.Build(), plant, body
 
 
-def test_against_a_multibody_plant_with_propellers(multibody, uneven):
-    diagram, plant, body = multibody
+def random_rotors(rng):
+    """Four rotors anywhere, that turn anyhow."""
+    return Rotors(
+        *(
+            Rotor(*rng.normal(size=3) * 0.2, rng.choice([-1.0, 1.0]), rng.uniform(2e-5, 6e-5), rng.uniform(4e-7, 2e-6))
+            for _ in range(4)
+        )
+    )
+
+
+def assert_accelerates_as_multibody(parameters, states):
+    diagram, plant, body = multibody(parameters)
     root = diagram.CreateDefaultContext()
     context = plant.GetMyContextFromRoot(root)
-    for state in random_states(300, seed=2):
+    for state in states:
         R_WB = RollPitchYaw(state[3:6]).ToRotationMatrix()
         plant.SetFreeBodyPose(context, body, RigidTransform(R_WB, state[0:3]))
         w_W = R_WB @ state[9:12]
         plant.SetFreeBodySpatialVelocity(context, body, SpatialVelocity(w_W, state[6:9]))
         diagram.get_input_port().FixValue(root, state[12:] ** 2)
         acceleration = plant.EvalBodySpatialAccelerationInWorld(context, body)
-        ours = body_derivative(state, uneven)
+        ours = body_derivative(state, parameters)
         assert_close(ours[6:9], acceleration.translational())
         assert_close(ours[9:12], R_WB.inverse() @ acceleration.rotational())
+
+
+def test_against_a_multibody_plant_with_propellers(uneven):
+    assert_accelerates_as_multibody(uneven, random_states(300, seed=2))
+
+
+@pytest.mark.slow
+def test_a_hundred_layouts_against_multibody_plants(uneven):
+    rng = np.random.default_rng(12)
+    for seed in range(100):
+        parameters = uneven._replace(rotors=random_rotors(rng), centre_of_mass=CentreOfMass(*rng.normal(size=2) * 0.05))
+        assert_accelerates_as_multibody(parameters, random_states(5, seed=seed))
+
+
+def test_pairs_act_as_any_rotors_do():
+    rng = np.random.default_rng(13)
+    for shape in [Rotors.plus, Rotors.x] * 20:
+        length, width = rng.uniform(0.05, 0.5, 2)
+        d, direction = rng.uniform(4e-7, 2e-6), rng.choice([-1.0, 1.0])
+        rotors = shape(length=length, width=width, drag_factor=d, rotor_1_direction=direction)
+        parameters = QuadrotorParameters(
+            rotors=rotors.with_thrust_factors(*rng.uniform(2e-5, 6e-5, 4)),
+            centre_of_mass=CentreOfMass(*rng.normal(size=2) * 0.02),
+        )
+        speed = RotorSpeed(*rng.uniform(60.0, 300.0, 4))
+        (wrench, residual), expected = paired_rotor_action(speed, parameters), rotor_action(speed, parameters)
+        np.testing.assert_allclose(wrench, expected.wrench, rtol=1e-12, atol=1e-14)
+        assert residual == pytest.approx(expected.residual, rel=1e-12)
+
+
+def test_the_paper_s_rotors_act_as_eqs_4_and_5_say():
+    b, d, length, speed = 4.13e-5, 8.5e-7, 0.17, RotorSpeed(210.0, 190.0, 205.0, 180.0)
+    w_1, w_2, w_3, w_4 = speed
+    found = rotor_action(speed, TABLE_I)
+    assert found.residual == pytest.approx(-w_1 + w_2 - w_3 + w_4)
+    assert found.wrench.thrust == pytest.approx(b * (w_1**2 + w_2**2 + w_3**2 + w_4**2))
+    assert found.wrench.tau_x == pytest.approx(length * b * (w_4**2 - w_2**2))
+    assert found.wrench.tau_y == pytest.approx(length * b * (w_3**2 - w_1**2))
+    assert found.wrench.tau_z == pytest.approx(d * (w_1**2 - w_2**2 + w_3**2 - w_4**2))
 
 
 def test_spinning_rotors_keep_the_total_angular_momentum(uneven):

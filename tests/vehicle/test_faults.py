@@ -7,13 +7,14 @@ from pydrake.systems.analysis import Simulator
 from drake_quad.signals import RotorSpeed, State, Wind
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rigid_kinematics, rotor_action
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors, speed_factors
-from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters, ThrustFactors
+from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.rotors import Rotors
 from drake_quad.vehicle.stepping import VehicleState, quadrotor_slope
 
 FLAWED = QuadrotorParameters(
     mass=0.73,
-    thrust_factor=ThrustFactors(4.3e-5, 4.0e-5, 4.2e-5, 3.9e-5),
+    rotors=Rotors.plus().with_thrust_factors(4.3e-5, 4.0e-5, 4.2e-5, 3.9e-5),
     centre_of_mass=CentreOfMass(0.012, -0.007),
     linear_drag=0.2,
 )
@@ -58,7 +59,7 @@ def test_thrust_beside_the_centre_of_mass_turns_the_body():
 
 def test_each_rotor_has_its_own_thrust_factor():
     wrench = rotor_action(RotorSpeed(*(100.0,) * 4), FLAWED._replace(centre_of_mass=CentreOfMass())).wrench
-    assert wrench.thrust == pytest.approx(1e4 * sum(FLAWED.thrust_factor))
+    assert wrench.thrust == pytest.approx(1e4 * sum(FLAWED.rotors.thrust_factors))
     assert wrench.tau_x == pytest.approx(0.17 * 1e4 * (3.9e-5 - 4.0e-5))
     assert wrench.tau_y == pytest.approx(0.17 * 1e4 * (4.2e-5 - 4.3e-5))
 

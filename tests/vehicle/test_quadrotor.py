@@ -6,14 +6,15 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator, Simula
 
 from drake_quad.signals import RotorSpeed, State
 from drake_quad.vehicle.dynamics import hover_rotor_speeds
-from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters, ThrustFactors
+from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.rotors import Rotors
 
 COMMAND = np.array([200.0, 215.0, 205.0, 198.0])
 PARAMETERS = QuadrotorParameters(
     mass=0.7,
     inertia=Inertia(0.0071, 0.0079, 0.0131),
-    thrust_factor=ThrustFactors(4.15e-5, 4.02e-5, 4.17e-5, 4.12e-5),
+    rotors=Rotors.plus().with_thrust_factors(4.15e-5, 4.02e-5, 4.17e-5, 4.12e-5),
     linear_drag=0.2,
     quadratic_drag=0.05,
     centre_of_mass=CentreOfMass(-0.001, 0.002),
@@ -135,7 +136,7 @@ def test_parameters_live_in_the_context():
     before = vehicle.get_parameter(context, "parameters")
     np.testing.assert_array_equal(before.mass, [0.68, 0.9])
     # What is the same for all vehicles is written once, and read for each.
-    np.testing.assert_array_equal(before.arm_length, [0.17, 0.17])
+    np.testing.assert_array_equal(before.rotors.rotor_1.x, [0.17, 0.17])
     # What is read can be changed and written back.
     vehicle.set_parameter(context, "parameters", before._replace(quadratic_drag=0.1))
     after = vehicle.get_parameter(context, "parameters")

@@ -9,10 +9,12 @@ from PIL import Image
 
 from drake_quad import load_scenario, simulate
 from drake_quad.flight import simulate_samples
+from drake_quad.signals import RotorSpeed
+from drake_quad.vehicle.rotors import Rotors
 from drake_quad.visualization.replay.live import LiveView
 from drake_quad.visualization.replay.page import save_replay, save_swarm
 from drake_quad.visualization.replay.scene import local_meshcat
-from drake_quad.visualization.replay.shapes import rotor_poses, turned_by
+from drake_quad.visualization.replay.shapes import draw_quadrotor, quadrotor_mesh, rotor_poses, turned_by
 
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on PATH; Debian's package is chromium")
 
@@ -122,9 +124,23 @@ def test_a_flight_is_shown_as_long_as_it_is_finite(tmp_path):
 
 
 def test_rotors_1_and_3_turn_clockwise():
-    assert list(np.sign(turned_by(np.full(4, 200.0), 0.01))) == [-1.0, 1.0, -1.0, 1.0]
-    front, right, back, left = (pose.translation() for pose in rotor_poses(0.17, np.zeros(4)))
+    plus = Rotors.plus()
+    assert list(np.sign(turned_by(plus, RotorSpeed(*[200.0] * 4), 0.01))) == [-1.0, 1.0, -1.0, 1.0]
+    front, right, back, left = (pose.translation() for pose in rotor_poses(plus, np.zeros(4)))
     assert (front[0], right[1], back[0], left[1]) == pytest.approx((0.17, -0.17, -0.17, 0.17))
+
+
+def test_rotors_are_drawn_where_they_are():
+    """An x that turns the other way: two arms in front, and propellers that do not touch."""
+    rotors = Rotors.x(length=0.1, width=0.08, rotor_1_direction=1.0)
+    places = np.array([pose.translation() for pose in rotor_poses(rotors, np.zeros(4))])
+    np.testing.assert_allclose(places[:, :2], [[0.05, -0.04], [-0.05, -0.04], [-0.05, 0.04], [0.05, 0.04]])
+    assert list(np.sign(turned_by(rotors, RotorSpeed(*[200.0] * 4), 0.01))) == [1.0, -1.0, 1.0, -1.0]
+    meshcat = local_meshcat()
+    draw_quadrotor(meshcat, "/x", rotors, "black")
+    assert [meshcat.HasPath(f"/x/nose_{number}") for number in (1, 2, 3, 4)] == [True, False, False, True]
+    corners = np.array(quadrotor_mesh(rotors).vertices())
+    assert np.abs(corners[:, 1]).max() < 0.04 + 0.5 * 0.08
 
 
 def test_a_live_view_shows_where_the_vehicle_is():

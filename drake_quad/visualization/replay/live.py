@@ -9,7 +9,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, EventStatus
 
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Scenario
+from drake_quad.scenario import Scenario, draw_sample
+from drake_quad.scenario.layouts import rotors_of
 from drake_quad.signals import SIGNALS, Reference, RotorSpeed, State, Wind
 from drake_quad.visualization.places import places
 from drake_quad.visualization.replay.scene import draw_surroundings, wind_blows_elsewhere
@@ -41,9 +42,10 @@ class LiveView:
     """
 
     def __init__(self, meshcat: Meshcat, scenario: Scenario, plan: Plan) -> None:
-        self._meshcat, self._arm_length = meshcat, scenario.nominal.arm_length
+        flown = draw_sample(scenario, scenario.sample or 0)
+        self._meshcat, self._rotors = meshcat, rotors_of(flown.vehicle)
         draw_surroundings(meshcat, scenario, plan, np.empty((0, 3)))
-        draw_quadrotor(meshcat, _WHERE, self._arm_length, BLACK)
+        draw_quadrotor(meshcat, _WHERE, self._rotors, BLACK)
         meshcat.SetObject("/reference/point", Sphere(0.04))
         self._shows_wind = wind_blows_elsewhere(scenario)
         if self._shows_wind:
@@ -73,8 +75,8 @@ class LiveView:
         rotor_speed: RotorSpeed = self._signal("rotor_speed", context)
         self._meshcat.SetTransform(_WHERE, pose_of(state))
         self._meshcat.SetTransform("/reference", RigidTransform(places(reference)))
-        self._angles += turned_by(rotor_speed, _FRAME)
-        for number, pose in enumerate(rotor_poses(self._arm_length, self._angles), start=1):
+        self._angles += turned_by(self._rotors, rotor_speed, _FRAME)
+        for number, pose in enumerate(rotor_poses(self._rotors, self._angles), start=1):
             self._meshcat.SetTransform(f"{_WHERE}/rotor_{number}", pose)
         if self._shows_wind:
             wind: Wind = self._signal("wind", context)

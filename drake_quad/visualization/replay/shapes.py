@@ -1,6 +1,7 @@
 """Shapes of a scene, in metres: quadrotors, fans, tubes and arrows."""
 
 from collections.abc import Sequence
+from itertools import combinations
 
 import numpy as np
 from matplotlib import colormaps
@@ -10,10 +11,11 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from drake_quad.laboratory.wind.fans import SPREAD, Jet
 from drake_quad.signals import RotorSpeed, State, Wind
+from drake_quad.vehicle.rotors import Rotors
 from drake_quad.visualization.places import places
 from drake_quad.visualization.style import BLUE, ORANGE, SKY, VERMILION
 
-# A propeller of 8 inches, as on the paper's vehicle.
+# A propeller of 8 inches, as on the paper's vehicle; smaller where rotors are close to each other.
 _PROPELLER = 0.1
 _ARM, _BLADE = (0.022, 0.014), (0.018, 0.004)
 # Height of the rotors above the middle of the arms.
@@ -27,10 +29,10 @@ _WIND_SCALE = 0.15
 TRAIL_PIECE = 0.25
 _TRAIL = 0.018
 ERRORS = colormaps["viridis"]
-# Rotors 1 and 3 turn clockwise seen from above, 2 and 4 anticlockwise.
-_SPINS = (-1.0, 1.0, -1.0, 1.0)
-# Directions of the arms of rotors 1 to 4 in B, along x and y.
-_ARMS = ((1.0, 0.0), (0.0, -1.0), (-1.0, 0.0), (0.0, 1.0))
+# Rotors that are at least so far forward, as a share of the foremost one, show where the front is.
+_FRONT = 0.5
+# Radius of a propeller over the distance of the nearest rotors, at most: they do not touch.
+_ROOM = 0.48
 
 
 def rgba(color: str, opacity: float = 1.0) -> Rgba:
@@ -38,17 +40,17 @@ def rgba(color: str, opacity: float = 1.0) -> Rgba:
     return Rgba(*to_rgb(color), opacity)
 
 
-def rotor_poses(arm_length: float, angles: np.ndarray) -> list[RigidTransform]:
+def rotor_poses(rotors: Rotors, angles: np.ndarray) -> list[RigidTransform]:
     """The poses of rotors 1 to 4 in B, turned by angles (rad)."""
     return [
         RigidTransform(RotationMatrix.MakeZRotation(angle), place)
-        for place, angle in zip(_rotor_places(arm_length), angles, strict=True)
+        for place, angle in zip(_rotor_places(rotors), angles, strict=True)
     ]
 
 
-def turned_by(rotor_speed: RotorSpeed, time: float) -> np.ndarray:
+def turned_by(rotors: Rotors, rotor_speed: RotorSpeed, time: float) -> np.ndarray:
     """(4,) angles (rad) by which the rotors are shown to turn in a time (s)."""
-    return _SLOW_MOTION * time * np.array(rotor_speed) * _SPINS
+    return _SLOW_MOTION * time * np.array(rotor_speed) * [rotor.direction for rotor in rotors]
 
 
 def wind_arrow(wind: Wind, state: State) -> tuple[RigidTransform, list[float]]:
@@ -75,41 +77,53 @@ def draw_trail_piece(meshcat: Meshcat, path: str, points: np.ndarray, shades: st
         meshcat.SetTriangleColorMesh(path, vertices, faces, np.repeat(ERRORS(shades)[:, :3], 3, axis=0).T)
 
 
-def _rotor_places(arm_length: float) -> list[np.ndarray]:
+def _rotor_places(rotors: Rotors) -> list[np.ndarray]:
     """The positions of rotors 1 to 4 in B, m."""
-    return [np.array([arm_length * x, arm_length * y, _ROTOR_HEIGHT]) for x, y in _ARMS]
+    return [np.array([rotor.x, rotor.y, rotor.z + _ROTOR_HEIGHT]) for rotor in rotors]
 
 
-def draw_quadrotor(meshcat: Meshcat, path: str, arm_length: float, color: str) -> None:
+def _propeller_radius(rotors: Rotors) -> float:
+    """Of the propellers as they are drawn, m."""
+    pairs = combinations(_rotor_places(rotors), 2)
+    return min(_PROPELLER, _ROOM * min(float(np.linalg.norm(a - b)) for a, b in pairs))
+
+
+def draw_quadrotor(meshcat: Meshcat, path: str, rotors: Rotors, color: str) -> None:
     """Draws a quadrotor in the frame `path`; its rotors turn in the frames `path`/rotor_1 to `path`/rotor_4.
 
-    Its front, rotor 1, is orange; the blades that turn clockwise are blue, the others light blue.
+    Its front is orange; the blades that turn clockwise are blue, the others light blue.
     """
     width, height = _ARM
-    meshcat.SetObject(f"{path}/hub", Cylinder(0.045, 0.04), rgba(color))
-    meshcat.SetObject(f"{path}/arm_y", Box(width, 2.0 * arm_length, height), rgba(color))
-    for name, sign, shade in (("front", 1.0, ORANGE), ("back", -1.0, color)):
-        meshcat.SetObject(f"{path}/{name}", Box(arm_length, width, height), rgba(shade))
-        meshcat.SetTransform(f"{path}/{name}", RigidTransform([0.5 * sign * arm_length, 0.0, 0.0]))
-    meshcat.SetObject(f"{path}/nose", Sphere(0.022), rgba(ORANGE))
-    meshcat.SetTransform(f"{path}/nose", RigidTransform([arm_length, 0.0, 0.0]))
-    for number, (place, spin) in enumerate(zip(_rotor_places(arm_length), _SPINS, strict=True), start=1):
-        shade = BLUE if spin < 0.0 else SKY
+    radius, foremost = _propeller_radius(rotors), max(rotor.x for rotor in rotors)
+    meshcat.SetObject(f"{path}/hub", Cylinder(0.45 * radius, 0.04), rgba(color))
+    for number, (rotor, place) in enumerate(zip(rotors, _rotor_places(rotors), strict=True), start=1):
+        foot = place - [0.0, 0.0, _ROTOR_HEIGHT]
+        in_front = rotor.x > 0.0 and rotor.x >= _FRONT * foremost
+        length = float(np.linalg.norm(foot))
+        if length > 0.0:
+            meshcat.SetObject(f"{path}/arm_{number}", Box(length, width, height), rgba(ORANGE if in_front else color))
+            along = RotationMatrix.MakeFromOneVector(foot, 0)
+            meshcat.SetTransform(f"{path}/arm_{number}", RigidTransform(along, 0.5 * foot))
+        if in_front:
+            meshcat.SetObject(f"{path}/nose_{number}", Sphere(0.022), rgba(ORANGE))
+            meshcat.SetTransform(f"{path}/nose_{number}", RigidTransform(foot))
+        shade = BLUE if rotor.direction < 0.0 else SKY
         meshcat.SetObject(f"{path}/motor_{number}", Cylinder(0.014, _ROTOR_HEIGHT), rgba("0.25"))
         meshcat.SetTransform(f"{path}/motor_{number}", RigidTransform(place - [0.0, 0.0, 0.5 * _ROTOR_HEIGHT]))
-        meshcat.SetObject(f"{path}/disc_{number}", Cylinder(_PROPELLER, 0.002), rgba(shade, 0.2))
+        meshcat.SetObject(f"{path}/disc_{number}", Cylinder(radius, 0.002), rgba(shade, 0.2))
         meshcat.SetTransform(f"{path}/disc_{number}", RigidTransform(place))
-        meshcat.SetObject(f"{path}/rotor_{number}/blades", Box(2.0 * _PROPELLER, *_BLADE), rgba(shade))
+        meshcat.SetObject(f"{path}/rotor_{number}/blades", Box(2.0 * radius, *_BLADE), rgba(shade))
         meshcat.SetTransform(f"{path}/rotor_{number}", RigidTransform(place))
 
 
-def quadrotor_mesh(arm_length: float) -> TriangleSurfaceMesh:
+def quadrotor_mesh(rotors: Rotors) -> TriangleSurfaceMesh:
     """A quadrotor as a single mesh of few triangles, for scenes with hundreds of them."""
-    parts = [_bar(np.array([x, y, 0.0]) * arm_length) for x, y in _ARMS]
+    feet = [np.array([rotor.x, rotor.y, rotor.z]) for rotor in rotors]
+    parts = [_bar(foot) for foot in feet if np.hypot(*foot[:2]) > 0.0]
     angles = np.linspace(0.0, 2.0 * np.pi, 10, endpoint=False)
-    rim = _PROPELLER * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
+    rim = _propeller_radius(rotors) * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
     fan = [(0, i + 1, (i + 1) % len(rim) + 1) for i in range(len(rim))]
-    parts += [(place + np.vstack([np.zeros(3), rim]), fan) for place in _rotor_places(arm_length)]
+    parts += [(place + np.vstack([np.zeros(3), rim]), fan) for place in _rotor_places(rotors)]
     return _mesh(parts)
 
 

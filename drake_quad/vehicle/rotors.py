@@ -1,0 +1,111 @@
+"""Four rotors: where each is, which way it turns, and what it gives."""
+
+from typing import Annotated, NamedTuple
+
+from drake_quad.signals import Number, Quantity, Row
+
+Length = Annotated[Row, Quantity("m", "B")]
+ThrustFactor = Annotated[Row, Quantity("N s²")]
+DragFactor = Annotated[Row, Quantity("N m s²")]
+
+# Directions of turning, seen from above.
+CLOCKWISE, ANTICLOCKWISE = -1.0, 1.0
+
+
+class Rotor(NamedTuple):
+    """One rotor; its thrust is along z of B.
+
+    Attributes:
+        x: from the middle of the layout, as y and z.
+        y: to the left.
+        z: up.
+        direction: 1 if it turns anticlockwise seen from above, -1 if clockwise.
+        thrust_factor: b, thrust over squared speed.
+        drag_factor: d, torque over squared speed.
+    """
+
+    x: Length
+    y: Length
+    z: Length
+    direction: Number
+    thrust_factor: ThrustFactor
+    drag_factor: DragFactor
+
+
+class Rotors(NamedTuple):
+    """The four rotors of a vehicle; rows are numbers for one vehicle, or arrays for a fleet.
+
+    In the short forms they are numbered clockwise seen from above, neighbours turn against each other, and the
+    numbers that are left out are those of the paper's Table I. The thrust factor there is large for an 8-inch
+    propeller; it is kept, since everything in the paper rests on it.
+    """
+
+    rotor_1: Rotor
+    rotor_2: Rotor
+    rotor_3: Rotor
+    rotor_4: Rotor
+
+    @classmethod
+    def plus(
+        cls,
+        *,
+        length: Row = 0.34,
+        width: Row = 0.34,
+        rotor_1_direction: float = CLOCKWISE,
+        thrust_factor: Row = 4.13e-5,
+        drag_factor: Row = 8.5e-7,
+    ) -> "Rotors":
+        """Rotors in front, to the right, at the back and to the left.
+
+        Args:
+            length: between front and back, m.
+            width: between right and left, m.
+            rotor_1_direction: 1 if rotor 1 turns anticlockwise, -1 if clockwise.
+            thrust_factor: b, N s².
+            drag_factor: d, N m s².
+        """
+        x, y = 0.5 * length, 0.5 * width
+        places = (x, 0.0), (0.0, -y), (-x, 0.0), (0.0, y)
+        return cls._alternating(places, rotor_1_direction, thrust_factor, drag_factor)
+
+    @classmethod
+    def x(
+        cls,
+        *,
+        length: Row,
+        width: Row,
+        rotor_1_direction: float = CLOCKWISE,
+        thrust_factor: Row = 4.13e-5,
+        drag_factor: Row = 8.5e-7,
+    ) -> "Rotors":
+        """Rotors in front to the right, at the back to the right, at the back to the left and in front to the left.
+
+        Args:
+            length: between front and back, m.
+            width: between right and left, m.
+            rotor_1_direction: 1 if rotor 1 turns anticlockwise, -1 if clockwise.
+            thrust_factor: b, N s².
+            drag_factor: d, N m s².
+        """
+        x, y = 0.5 * length, 0.5 * width
+        places = (x, -y), (-x, -y), (-x, y), (x, y)
+        return cls._alternating(places, rotor_1_direction, thrust_factor, drag_factor)
+
+    @classmethod
+    def _alternating(
+        cls, places: tuple[tuple[Row, Row], ...], direction: float, thrust_factor: Row, drag_factor: Row
+    ) -> "Rotors":
+        turns = direction, -direction, direction, -direction
+        return cls(
+            *(Rotor(x, y, 0.0, turn, thrust_factor, drag_factor) for (x, y), turn in zip(places, turns, strict=True))
+        )
+
+    @property
+    def thrust_factors(self) -> tuple[Row, ...]:
+        """Those of the rotors."""
+        return tuple([rotor.thrust_factor for rotor in self])
+
+    def with_thrust_factors(self, b_1: Row, b_2: Row, b_3: Row, b_4: Row) -> "Rotors":
+        """The same rotors with other thrust factors."""
+        factors = (b_1, b_2, b_3, b_4)
+        return Rotors(*(rotor._replace(thrust_factor=b) for rotor, b in zip(self, factors, strict=True)))

@@ -1,0 +1,75 @@
+"""Layouts that cannot give all of a wrench, or cannot hover, and what they lack."""
+
+import numpy as np
+import pytest
+
+from drake_quad.vehicle.authority import hover_flaw, missing_direction
+from drake_quad.vehicle.rotors import Rotor, Rotors
+
+ALTERNATING = (-1.0, 1.0, -1.0, 1.0)
+
+
+def layout(places, turns=ALTERNATING, drag_factors=(8.5e-7,) * 4):
+    return Rotors(
+        *(Rotor(x, y, 0.0, turn, 4.13e-5, d) for (x, y), turn, d in zip(places, turns, drag_factors, strict=True))
+    )
+
+
+SQUARE = ((0.2, -0.2), (-0.2, -0.2), (-0.2, 0.2), (0.2, 0.2))
+
+
+@pytest.mark.parametrize("rotors", [Rotors.plus(), Rotors.x(length=0.1, width=0.3), Rotors.plus(length=1.0, width=0.1)])
+def test_short_forms_lack_nothing(rotors):
+    assert missing_direction(rotors) is None
+    assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) is None
+
+
+@pytest.mark.parametrize(
+    ("rotors", "lacking"),
+    [
+        (layout(SQUARE, (1.0,) * 4), "yaw torque without thrust, since its rotors all turn the same way"),
+        (layout(SQUARE, (1.0, 1.0, -1.0, -1.0)), "yaw torque without roll torque"),
+        (layout(SQUARE, (1.0, -1.0, -1.0, 1.0)), "yaw torque without pitch torque"),
+        (layout([(0.2, 0.0), (0.1, 0.0), (-0.1, 0.0), (-0.2, 0.0)]), "roll torque, since its rotors are in a line"),
+        (layout([(0.0, 0.2), (0.0, 0.1), (0.0, -0.1), (0.0, -0.2)]), "pitch torque, since its rotors are in a line"),
+        (layout([(0.2, 0.1), (0.1, 0.1), (-0.1, 0.1), (-0.2, 0.1)]), "roll torque without thrust"),
+        (
+            layout([(0.2, 0.2), (0.1, 0.1), (-0.1, -0.1), (-0.2, -0.2)]),
+            r"torque about the axis (0.71, 0.71, 0), since its rotors are in a line",
+        ),
+        (layout([(0.0, 0.0)] * 4), "roll and pitch torque, since its rotors are all in the middle"),
+    ],
+)
+def test_what_a_layout_lacks(rotors, lacking):
+    """And the wrenches of any speeds have no part in it: the map from squared speeds to the wrench has no inverse."""
+    assert missing_direction(rotors) == lacking
+    x, y, _, turns, b, d = np.array(rotors).T
+    assert np.linalg.matrix_rank([b, y * b, -x * b, -turns * d * 10.0]) < 4
+
+
+def test_of_several_vehicles_any_counts():
+    arm = np.array([0.2, 0.2])
+    places = ((arm, -arm), (-arm, -arm), (-arm, arm), (arm, arm))
+    assert missing_direction(layout(places)) is None
+    one_way = (1.0, np.array([-1.0, 1.0]), 1.0, np.array([-1.0, 1.0]))
+    assert missing_direction(layout(places, one_way)).startswith("yaw torque without thrust")
+
+
+def test_three_rotors_of_four_that_turn_one_way_cannot_hover():
+    """Without yaw torque, the one that turns the other way must carry half of the weight, and so must its opposite."""
+    rotors = layout(SQUARE, (1.0, 1.0, 1.0, -1.0))
+    assert missing_direction(rotors) is None
+    assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to stand still"
+
+
+def test_a_middle_beside_the_rotors_has_no_hover():
+    ahead = layout([(x + 0.25, y) for x, y in SQUARE])
+    assert hover_flaw(ahead, min_speed=60.0, max_speed=300.0) == "rotor 1 would have to push down"
+
+
+def test_a_rotor_that_hovers_below_idle_beside_another_at_its_top_is_a_flaw():
+    """Those in front, 0.35 m from the middle, carry a seventh of what those 0.05 m behind it do: 0.38 in speed."""
+    uneven = layout([(x + 0.15, y) for x, y in SQUARE])
+    assert hover_flaw(uneven, min_speed=60.0, max_speed=300.0) is None
+    flaw = hover_flaw(uneven, min_speed=60.0, max_speed=150.0)
+    assert flaw.startswith("rotor 1 would have to turn 0.38 times as fast as the fastest")
