@@ -32,6 +32,7 @@ from drake_quad.laboratory.wind.gust import Gust
 from drake_quad.laboratory.wind.wind import SteadyWind
 from drake_quad.randomness.noise import NoiseSource
 from drake_quad.vehicle.allocation import Allocation
+from drake_quad.vehicle.motors import ThrottleAllocation
 from drake_quad.vehicle.quadrotor import Quadrotor
 
 
@@ -286,6 +287,7 @@ DEFAULTS = {
         "time_step": 0.01,
         "kinematics": "exact",
         "faulty": False,
+        "effects": (),
         "numbers": (
             (
                 *(0.68, (0.007, 0.007, 0.012), 6.5e-5, (4.13e-5,) * 4, 8.5e-7, 0.17, 9.81, 0.0, 0.0),
@@ -293,9 +295,11 @@ DEFAULTS = {
             ),
             (0.0, math.inf, (1.0, 1.0, 1.0, 1.0)),
             (0.0, 0.0, 0.0, 0.0),
+            (None,) * 9,
         ),
     },
     SteadyWind: {},
+    ThrottleAllocation: {},
     ThrustVectoring: {},
     WeightLearning: {
         "period": 0.02,

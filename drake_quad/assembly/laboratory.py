@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram
 
+from drake_quad.assembly.effects import steepest_load, thrust_curve, vehicle_effects
 from drake_quad.assembly.planning import nominal_parameters
 from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.errors import InputError
@@ -25,6 +26,7 @@ from drake_quad.scenario.quantities import can_differ_from_zero, extremes
 from drake_quad.signals import Attitude, Row, Wind, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
+from drake_quad.vehicle.motors import ThrottleAllocation, ThrottleModel
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters, ThrustFactors
 from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
 
@@ -48,7 +50,7 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
     _check_step(fleet)
     return {
         "vehicle": _vehicle(scenario.vehicle, fleet.vehicle, plan, duration),
-        "allocation": Recipe(Allocation, {}, RotorModel.of(nominal_parameters(scenario))),
+        "allocation": _allocation(scenario),
         "motion_capture": _motion_capture(scenario.laboratory.motion_capture, fleet.laboratory.motion_capture),
         "command_link": _command_link(scenario, fleet.laboratory.command_link),
         **{f"{_WIND}{name}": recipe for name, recipe in _wind(scenario, fleet).items()},
@@ -104,16 +106,24 @@ def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
     )
 
 
+def _allocation(scenario: Scenario) -> Recipe:
+    rotors, curve = RotorModel.of(nominal_parameters(scenario)), thrust_curve(scenario.nominal.motors)
+    if curve is None:
+        return Recipe(Allocation, {}, rotors)
+    return Recipe(ThrottleAllocation, {}, ThrottleModel(rotors, curve))
+
+
 def _vehicle(vehicle: models.Vehicle, fleet: Any, plan: Plan, duration: float) -> Recipe:
+    effects = vehicle_effects(fleet)
     structure = {
         "time_step": vehicle.time_step,
         "kinematics": vehicle.attitude_kinematics,
         "faulty": vehicle.rotor_failure is not None or _can_differ(vehicle.battery_sag, fleet.battery_sag),
+        "effects": effects.names,
     }
     x, y, z = plan.waypoints[0]
-    numbers = QuadrotorNumbers(
-        vehicle_parameters(fleet), _faults(fleet, duration), Place(float(x), float(y), float(z), plan.initial_yaw)
-    )
+    place = Place(float(x), float(y), float(z), plan.initial_yaw)
+    numbers = QuadrotorNumbers(vehicle_parameters(fleet), _faults(fleet, duration), place, effects)
     return Recipe(Quadrotor, structure, numbers)
 
 
@@ -134,7 +144,8 @@ def _check_step(fleet: Any) -> None:
     gusts = [_velocity(source) for source in sources if source.kind == "gust"]
     speeds = [np.sqrt(sum(part * part for part in velocity)) for velocity in (_total(steady), *gusts)]
     airspeed = sum(speeds) + sum(jet.exit_speed for jet in jets(sources))
-    rate = np.max((vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed) / vehicle.mass)
+    drag = vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed
+    rate = np.max((drag + steepest_load(vehicle, airspeed)) / vehicle.mass)
     if vehicle.time_step * rate > _STABLE:
         raise InputError(
             f"vehicle.time_step is {vehicle.time_step:g} s, too long for this much drag, which carries a vehicle along"

@@ -25,7 +25,7 @@ from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters, ThrustFa
 def nominal_parameters(mission: Mission) -> QuadrotorParameters:
     """What is believed of the vehicle: no drag, four rotors alike, the centre of mass in their middle."""
     nominal = mission.nominal
-    fields = {name: getattr(nominal, name) for name in type(nominal).model_fields}
+    fields = {name: getattr(nominal, name) for name in type(nominal).model_fields if name != "motors"}
     alike = ThrustFactors(*(nominal.thrust_factor,) * 4)
     return QuadrotorParameters(**{**fields, "inertia": Inertia(*nominal.inertia), "thrust_factor": alike})
 

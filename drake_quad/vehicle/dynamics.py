@@ -13,7 +13,7 @@ Where the centre of mass is not in the middle of the rotors but at (x, y) from t
 by (-y F_z, x F_z, 0). Drag acts at the centre of mass.
 
 The rotors' spin enters as the gyroscopic torque of the total angular momentum J_r ω_r along z; the reaction to its
-rate of change is left out, as in the paper.
+rate of change is left out, as in the paper, unless it is switched on (`drake_quad.vehicle.effects`).
 """
 
 from collections.abc import Callable
@@ -21,6 +21,7 @@ from typing import NamedTuple
 
 from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt
 from drake_quad.signals import Angle, AngleRate, BodyRateB, BodyRates, RotorSpeed, Row, State, VelocityW, Wind, Wrench
+from drake_quad.vehicle.axes import Vector
 from drake_quad.vehicle.faults import SpeedFactors
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
@@ -84,7 +85,18 @@ def rotor_action(speed: RotorSpeed, parameters: QuadrotorParameters) -> RotorAct
         parameters.arm_length * (f_3 - f_1) + x * thrust,
         parameters.drag_factor * (w_1 - w_2 + w_3 - w_4),
     )
-    return RotorAction(wrench, speed.rotor_2 + speed.rotor_4 - speed.rotor_1 - speed.rotor_3)
+    return RotorAction(wrench, residual_speed(speed))
+
+
+def residual_speed(speed: RotorSpeed) -> Row:
+    """Eq (4): ω_r; or its rate, for rates."""
+    return speed.rotor_2 + speed.rotor_4 - speed.rotor_1 - speed.rotor_3
+
+
+def middle_of_rotors(parameters: QuadrotorParameters) -> Vector:
+    """The middle of the rotors, seen from the centre of mass (m)."""
+    x, y = parameters.centre_of_mass
+    return Vector(-x, -y, 0.0)
 
 
 def drag(airspeed: Wind, linear: Row, quadratic: Row) -> tuple[Row, Row, Row]:
@@ -113,7 +125,12 @@ def small_angle_kinematics(rates: BodyRates, tilt: Tilt) -> tuple[Row, Row, Row]
 
 
 def equations_of_motion(
-    motion: Motion, rotors: RotorAction, wind: Wind, parameters: QuadrotorParameters, kinematics: AttitudeKinematics
+    motion: Motion,
+    rotors: RotorAction,
+    wind: Wind,
+    parameters: QuadrotorParameters,
+    kinematics: AttitudeKinematics,
+    force: Vector | None = None,
 ) -> Motion:
     """Eq (3) without its first three lines: the rates of the motion.
 
@@ -123,6 +140,7 @@ def equations_of_motion(
         wind: velocity of the air.
         parameters: of the vehicle.
         kinematics: `rigid_kinematics` or `small_angle_kinematics`.
+        force: on the centre of mass in W beside thrust, drag and weight, N; None if there is none.
     """
     roll, pitch, yaw, v_x, v_y, v_z, p, q, r = motion
     thrust, tau_x, tau_y, tau_z = rotors.wrench
@@ -133,6 +151,8 @@ def equations_of_motion(
     forward = sin_pitch * cos_roll
     airspeed = Wind(wind.x - v_x, wind.y - v_y, wind.z - v_z)
     drag_x, drag_y, drag_z = drag(airspeed, parameters.linear_drag, parameters.quadratic_drag)
+    if force is not None:
+        drag_x, drag_y, drag_z = drag_x + force.x, drag_y + force.y, drag_z + force.z
     spin = parameters.rotor_inertia * rotors.residual
     roll_rate, pitch_rate, yaw_rate = kinematics(BodyRates(p, q, r), Tilt(sin_roll, cos_roll, sin_pitch, cos_pitch))
     return Motion(

@@ -47,7 +47,7 @@ def test_the_vehicle_is_as_the_scenario_has_it(asymmetric, recipes):
         assert getattr(found, name) == getattr(vehicle, name)
     recipe = recipes["vehicle"]
     assert recipe.numbers.parameters == found
-    assert recipe.structure == {"time_step": 0.01, "kinematics": "exact", "faulty": True}
+    assert recipe.structure == {"time_step": 0.01, "kinematics": "exact", "faulty": True, "effects": ()}
 
 
 def test_the_battery_sags_over_the_whole_flight(recipes):

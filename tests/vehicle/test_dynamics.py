@@ -20,6 +20,7 @@ from drake_quad.vehicle.dynamics import (
     rotor_action,
     small_angle_kinematics,
 )
+from drake_quad.vehicle.effects import NO_EFFECTS
 from drake_quad.vehicle.faults import SpeedFactors
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters, ThrustFactors
 from drake_quad.vehicle.stepping import VehicleState, quadrotor_slope
@@ -182,7 +183,7 @@ def test_hover():
     speeds = hover_rotor_speeds(TABLE_I)
     assert speeds == pytest.approx([200.9] * 4, abs=0.05)
     state = VehicleState(State(*[0.0] * 12), speeds)
-    body, rotors = quadrotor_slope(state, speeds, STILL, None, TABLE_I, None, 0.0, rigid_kinematics)
+    body, rotors, *_ = quadrotor_slope(state, speeds, STILL, None, TABLE_I, None, NO_EFFECTS, 0.0, rigid_kinematics)
     np.testing.assert_allclose([*body, *rotors], 0.0, atol=1e-14)
 
 

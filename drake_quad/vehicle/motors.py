@@ -1,0 +1,162 @@
+"""Rotors on their way to what they are told: throttles, and the lag of their speed."""
+
+from typing import Annotated, NamedTuple
+
+from drake_quad.framework.elementary import exp, maximum, minimum, sqrt, where
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.signals import Quantity, RotorSpeed, Row, Throttle, Wrench
+from drake_quad.vehicle.allocation import RotorModel, allocate
+from drake_quad.vehicle.axes import TINY
+from drake_quad.vehicle.parameters import QuadrotorParameters
+
+_Force = Annotated[Row, Quantity("N")]
+
+
+class ThrustCurve(NamedTuple):
+    """Thrust of a rotor over its throttle u: K₀ + K₁ u + K₂ u²."""
+
+    k_0: _Force
+    k_1: _Force
+    k_2: _Force
+
+
+class SpinDown(NamedTuple):
+    """Lag of rotors that slow down; `rotor_time_constant` is then that of those that speed up."""
+
+    time_constant: Annotated[Row, Quantity("s")]
+
+
+def thrust_of(throttle: Row, curve: ThrustCurve) -> Row:
+    """The thrust of a rotor, N."""
+    return curve.k_0 + throttle * (curve.k_1 + curve.k_2 * throttle)
+
+
+def throttle_for(thrust: Row, curve: ThrustCurve) -> Row:
+    """The throttle for a thrust (N), of a curve that rises over [0, 1]."""
+    above = thrust - curve.k_0
+    root = sqrt(maximum(curve.k_1 * curve.k_1 + 4.0 * curve.k_2 * above, 0.0))
+    # Of the two ways to write the root this one holds for a straight line, too.
+    return 2.0 * above / maximum(curve.k_1 + root, TINY)
+
+
+def told_by_throttle(command: Throttle, curve: ThrustCurve, parameters: QuadrotorParameters) -> RotorSpeed:
+    """The rotor speeds that throttles stand for: √(T / b), with b the mean of the rotors' thrust factors.
+
+    So a rotor whose own factor is off from the mean gives as much more or less than the curve says. A throttle is
+    clipped to [0, 1], 0 if it is not a number.
+    """
+    b = RotorModel.of(parameters).thrust_factor
+    thrusts = [thrust_of(minimum(maximum(throttle, 0.0), 1.0), curve) for throttle in command]
+    return RotorSpeed._make(sqrt(maximum(thrust, TINY) / b) for thrust in thrusts)
+
+
+def time_constants(
+    speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorParameters, down: SpinDown | None
+) -> RotorSpeed:
+    """The lag of each rotor (s), by whether it speeds up or slows down; one at its target counts as slowing down."""
+    up = parameters.rotor_time_constant
+    if down is None:
+        return RotorSpeed(up, up, up, up)
+    return RotorSpeed._make(where(to > now, up, down.time_constant) for now, to in zip(speed, target, strict=True))
+
+
+def lagging(speed: RotorSpeed, target: RotorSpeed, decay: RotorSpeed) -> RotorSpeed:
+    """Rotor speeds some time later, on their way to a target: the decay is exp(-time / time constant) of each."""
+    return RotorSpeed._make(t + (w - t) * d for w, t, d in zip(speed, target, decay, strict=True))
+
+
+def decays(
+    speed: RotorSpeed, target: RotorSpeed, time: Row, parameters: QuadrotorParameters, down: SpinDown | None
+) -> RotorSpeed:
+    """exp(-time / time constant) of each rotor. On its way to a target that is held, none turns round."""
+    if down is None:
+        decay = exp(-time / parameters.rotor_time_constant)
+        return RotorSpeed(decay, decay, decay, decay)
+    lags = time_constants(speed, target, parameters, down)
+    return RotorSpeed._make(exp(-time / lag) for lag in lags)
+
+
+def acceleration(
+    speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorParameters, down: SpinDown | None
+) -> RotorSpeed:
+    """dω/dt of the rotors on their way to a target, rad/s²."""
+    lags = time_constants(speed, target, parameters, down)
+    return RotorSpeed._make((t - w) / lag for w, t, lag in zip(speed, target, lags, strict=True))
+
+
+class ThrottleModel(NamedTuple):
+    """What the autopilot believes of rotors that are told throttles.
+
+    Attributes:
+        rotors: their model.
+        curve: of the thrust of each over its throttle.
+    """
+
+    rotors: RotorModel
+    curve: ThrustCurve
+
+
+def told_as(speed: RotorSpeed, vehicle: ThrottleModel, believed: ThrottleModel) -> RotorSpeed:
+    """The rotor speeds that the autopilot believes to command where rotors turn at some speeds, within its limits.
+
+    Args:
+        speed: of the rotors.
+        vehicle: as it is.
+        believed: by the autopilot.
+    """
+    factor, b = vehicle.rotors.thrust_factor, believed.rotors.thrust_factor
+    throttles = [throttle_for(factor * w * w, vehicle.curve) for w in speed]
+    return RotorSpeed._make(sqrt(thrust_of(throttle, believed.curve) / b) for throttle in throttles)
+
+
+class AllocatedThrottle(NamedTuple):
+    """What comes of a wrench.
+
+    Attributes:
+        throttle_command: the throttles that give it, or the part of it that the rotors can give.
+        shortfall: the part that is given up, exactly zero where nothing is.
+    """
+
+    throttle_command: Throttle
+    shortfall: Wrench
+
+
+def allocate_throttle(wrench: Wrench, model: ThrottleModel) -> AllocatedThrottle:
+    """The throttles for a wrench, or for the part of it that rotors can give whose throttles are from 0 to 1."""
+    rotors, curve = model
+    b = rotors.thrust_factor
+    within = rotors._replace(
+        min_speed=maximum(rotors.min_speed, sqrt(maximum(curve.k_0, 0.0) / b)),
+        max_speed=minimum(rotors.max_speed, sqrt(thrust_of(1.0, curve) / b)),
+    )
+    allocated = allocate(wrench, within)
+    throttles = [throttle_for(b * speed * speed, curve) for speed in allocated.rotor_speed_command]
+    return AllocatedThrottle(Throttle._make(throttles), allocated.shortfall)
+
+
+@fleet_system(float, AutoDiffXd)
+class ThrottleAllocation(FleetSystem):
+    """Throttles for a commanded wrench, on board a vehicle whose motors take throttles.
+
+    .. pydrake_system::
+
+        name: ThrottleAllocation
+        input_ports:
+        - wrench
+        output_ports:
+        - throttle_command_and_shortfall
+
+    The output packs the two signals of `AllocatedThrottle`: rotor speeds as `Allocation` finds them, each turned into a
+    throttle by the believed curve, T = K₀ + K₁ u + K₂ u².
+
+    The only parameter of the context is `model`.
+
+    Args:
+        num_vehicles: N.
+        numbers: what the autopilot believes of the rotors; its curve rises over [0, 1].
+    """
+
+    def declare(self, *, numbers: ThrottleModel) -> None:
+        """Declares the system."""
+        wrench, model = self.input("wrench"), self.parameter("model", lambda model: model)
+        self.packed_output("throttle_command_and_shortfall", AllocatedThrottle, allocate_throttle, wrench, model)
