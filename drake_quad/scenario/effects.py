@@ -75,8 +75,8 @@ class BelievedThrottleMotors(ThrottleMotors):
         if k_0 < 0.0 or k_1 < 0.0 or k_1 + 2.0 * k_2 < 0.0 or not k_1 + k_2 >= SMALLEST:
             raise PydanticCustomError(
                 "curve",
-                "must rise from throttle 0 to 1, so that it can be inverted: K0, K1 and K1 + 2 K2 at least 0, and K1 + K2"
-                " above",
+                "must rise from throttle 0 to 1, so that it can be inverted: K0, K1 and K1 + 2 K2 at least 0, and"
+                " K1 + K2 above",
             )
         return curve
 
