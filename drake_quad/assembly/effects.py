@@ -63,6 +63,14 @@ def steepest_load(vehicle: Any, airspeed: Row) -> Row:
     return steepest
 
 
+def swing_frequency(vehicle: Any) -> Row:
+    """Of small swings of a slung load below a vehicle that hovers, rad/s; 0 without one."""
+    load = vehicle.slung_load
+    if load is None:
+        return 0.0
+    return np.sqrt(vehicle.gravity * (1.0 + load.mass / vehicle.mass) / load.length)
+
+
 def _largest(rows: list[Row]) -> Row:
     largest, *others = rows
     for row in others:

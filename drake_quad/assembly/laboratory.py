@@ -6,7 +6,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram
 
-from drake_quad.assembly.effects import steepest_load, thrust_curve, vehicle_effects
+from drake_quad.assembly.effects import steepest_load, swing_frequency, thrust_curve, vehicle_effects
 from drake_quad.assembly.planning import nominal_parameters
 from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.errors import InputError
@@ -44,7 +44,7 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
         duration: of the flight, s.
 
     Raises:
-        InputError: the vehicle's time step is too long for its drag.
+        InputError: the vehicle's time step is too long for its drag or its slung load.
     """
     scenario, fleet = batch.scenario, FleetScenario(batch)
     _check_step(fleet)
@@ -138,7 +138,7 @@ def _faults(fleet: Any, duration: float) -> RotorFaults:
 
 
 def _check_step(fleet: Any) -> None:
-    """Raises InputError if drag stops a vehicle so fast that its steps would not be stable."""
+    """Raises InputError if drag or swings of a load are too fast for steps of the vehicle to be stable."""
     vehicle, sources = fleet.vehicle, fleet.laboratory.wind
     steady = [_velocity(source) for source in sources if source.kind == "steady"]
     gusts = [_velocity(source) for source in sources if source.kind == "gust"]
@@ -150,6 +150,12 @@ def _check_step(fleet: Any) -> None:
         raise InputError(
             f"vehicle.time_step is {vehicle.time_step:g} s, too long for this much drag, which carries a vehicle along"
             f" within {1.0 / rate:.2g} s; shorten it, or make it 0 for a continuous state"
+        )
+    swings = np.max(swing_frequency(vehicle))
+    if vehicle.time_step * swings > _STABLE:
+        raise InputError(
+            f"vehicle.time_step is {vehicle.time_step:g} s, too long for this slung load, which swings with"
+            f" {swings:.2g} rad/s; shorten it, or make it 0 for a continuous state"
         )
 
 

@@ -114,12 +114,11 @@ class Battery(Model):
 
     @model_validator(mode="after")
     def _falls(self) -> "Battery":
-        least = extremes(self.voltage)[0]
+        least = extremes(self.voltage)[0] or 0.0
         most = extremes(self.empty_voltage)[1]
-        if least is None or most is None or not least >= most:
+        if most is None or not least >= most:
             demand = "must not be larger than voltage, {voltage}"
-            voltage = "which has no least value" if least is None else f"{least:g}"
-            raise self.wrong("empty_voltage", kind="voltage", demand=demand, voltage=voltage)
+            raise self.wrong("empty_voltage", kind="voltage", demand=demand, voltage=least)
         return self
 
 

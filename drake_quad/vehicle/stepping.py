@@ -107,9 +107,8 @@ def step_of_flight(
     decay = decays(before.rotors, target, half, parameters, effects.spin_down)
     middle = lagging(before.rotors, target, decay)
     end = lagging(middle, target, decay)
-    rotors_1, rotors_2, rotors_3 = (
-        turning(speed, target, parameters, effects) for speed in (before.rotors, middle, end)
-    )
+    speeds = before.rotors, middle, end
+    rotors_1, rotors_2, rotors_3 = (turning(speed, target, parameters, effects) for speed in speeds)
 
     held_at = 0.0 if effects.payload is None else time - half
     rest = wind, parameters, kinematics, effects, held_at
@@ -129,10 +128,7 @@ def step_of_flight(
     x = body.x + sixth * (motion_1.v_x + 2.0 * (motion_2.v_x + motion_3.v_x) + motion_4.v_x)
     y = body.y + sixth * (motion_1.v_y + 2.0 * (motion_2.v_y + motion_3.v_y) + motion_4.v_y)
     z = body.z + sixth * (motion_1.v_z + 2.0 * (motion_2.v_z + motion_3.v_z) + motion_4.v_z)
-    charge = before.charge
-    if effects.battery is not None and charge is not None:
-        drawn = [_drawing(charge, speed, parameters, effects.battery).drawn for speed in (before.rotors, middle, end)]
-        charge = Charge(charge.drawn + sixth * (drawn[0] + 4.0 * drawn[1] + drawn[2]))
+    charge = _charge_after(before.charge, speeds, parameters, effects, sixth)
     return VehicleState(State(x, y, z, *moving.motion), end, moving.swing, charge)
 
 
@@ -147,6 +143,20 @@ def moved(moving: Moving, slope: Moving, time: Row) -> Moving:
 def _height(body: State, climb: VelocityW, time: Row, effects: Effects) -> PositionW:
     """The height of a stage of the method, where it matters."""
     return body.z if effects.ground_effect is None else body.z + time * climb
+
+
+def _charge_after(
+    charge: Charge | None,
+    speeds: tuple[RotorSpeed, RotorSpeed, RotorSpeed],
+    parameters: QuadrotorParameters,
+    effects: Effects,
+    sixth: float,
+) -> Charge | None:
+    """The charge drawn at the end of a step, of which a sixth is given (s), by the rotors' speeds over it."""
+    if effects.battery is None or charge is None:
+        return None
+    rate_1, rate_2, rate_3 = (_drawing(charge, speed, parameters, effects.battery).drawn for speed in speeds)
+    return Charge(charge.drawn + sixth * (rate_1 + 4.0 * rate_2 + rate_3))
 
 
 def _drawing(charge: Charge, speed: RotorSpeed, parameters: QuadrotorParameters, battery: Battery) -> Charge:
