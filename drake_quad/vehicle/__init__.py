@@ -1,6 +1,7 @@
-"""The aircraft: parameters, rigid body and rotors, allocation."""
+"""The aircraft: parameters, rigid body and rotors, what acts on them, allocation."""
 
 from drake_quad.vehicle.allocation import Allocation, RotorModel
+from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters, ThrustFactors
 from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
@@ -8,6 +9,7 @@ from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
 __all__ = [
     "Allocation",
     "CentreOfMass",
+    "Effects",
     "Inertia",
     "Place",
     "Quadrotor",
