@@ -181,7 +181,8 @@ FLEET_SYSTEMS = [
     ),
     Example(SteadyWind, Wind(0.7, -0.5, 0.3), num_vehicles=2),
     Example(
-        ThrottleAllocation, ThrottleModel(RotorModel(4.1e-5, 8.6e-7, 0.165, 61.0, 299.0), ThrustCurve(0.1, 0.9, 3.1))
+        ThrottleAllocation,
+        ThrottleModel(RotorModel(4.1e-5, 8.6e-7, 0.165, 61.0, 299.0), 4.2e-5, ThrustCurve(0.1, 0.9, 3.1)),
     ),
     Example(ThrustVectoring, VECTORING),
     Example(

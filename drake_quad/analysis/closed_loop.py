@@ -19,7 +19,6 @@ from drake_quad.scenario.limits import LONGEST
 from drake_quad.scenario.models import Nominal, Vehicle, Window
 from drake_quad.scenario.routes import HoverRoute
 from drake_quad.signals import RotorSpeed, Wrench
-from drake_quad.vehicle.allocation import RotorModel
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
 from drake_quad.vehicle.effects import as_in_hover
 from drake_quad.vehicle.motors import ThrottleModel, told_as
@@ -220,8 +219,8 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
     believed = nominal_parameters(resting)
     curve = thrust_curve(resting.nominal.motors)
     if effects.thrust_curve is not None and curve is not None:
-        flown, known = (RotorModel.of(each) for each in (parameters, believed))
-        hover = told_as(hover, ThrottleModel(flown, effects.thrust_curve), ThrottleModel(known, curve))
+        flown, known = ThrottleModel.of(parameters, effects.thrust_curve), ThrottleModel.of(believed, curve)
+        hover = told_as(hover, flown, known)
     wrench = rotor_action(hover, believed).wrench
     laboratory.GetInputPort("wrench").FixValue(context, wrench)
     link = recipes["command_link"]

@@ -107,10 +107,10 @@ def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
 
 
 def _allocation(scenario: Scenario) -> Recipe:
-    rotors, curve = RotorModel.of(nominal_parameters(scenario)), thrust_curve(scenario.nominal.motors)
+    believed, curve = nominal_parameters(scenario), thrust_curve(scenario.nominal.motors)
     if curve is None:
-        return Recipe(Allocation, {}, rotors)
-    return Recipe(ThrottleAllocation, {}, ThrottleModel(rotors, curve))
+        return Recipe(Allocation, {}, RotorModel.of(believed))
+    return Recipe(ThrottleAllocation, {}, ThrottleModel.of(believed, curve))
 
 
 def _vehicle(vehicle: models.Vehicle, fleet: Any, plan: Plan, duration: float) -> Recipe:

@@ -14,6 +14,7 @@ from typing import Annotated, NamedTuple
 from drake_quad.framework.elementary import maximum, sqrt
 from drake_quad.signals import Charge, Number, Quantity, RotorSpeed, Row
 from drake_quad.vehicle.axes import TINY
+from drake_quad.vehicle.parameters import QuadrotorParameters
 
 _SECONDS_PER_HOUR = 3600.0
 _Voltage = Annotated[Row, Quantity("V")]
@@ -57,15 +58,10 @@ def terminals(charge: Charge, power: Row, battery: Battery) -> Terminals:
     return Terminals(voltage, electrical / maximum(voltage, TINY))
 
 
-def rotor_power(speed: RotorSpeed, drag_factor: Row) -> Row:
-    """P, the mechanical power of the rotors, W.
-
-    Args:
-        speed: of the rotors.
-        drag_factor: d, torque over squared rotor speed.
-    """
+def rotor_power(speed: RotorSpeed, parameters: QuadrotorParameters) -> Row:
+    """P, the mechanical power of the rotors of a vehicle, W."""
     w_1, w_2, w_3, w_4 = (abs(w) * w * w for w in speed)
-    return drag_factor * (w_1 + w_2 + w_3 + w_4)
+    return parameters.drag_factor * (w_1 + w_2 + w_3 + w_4)
 
 
 def drawn_per_second(current: Row) -> Charge:

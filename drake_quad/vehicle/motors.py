@@ -26,6 +26,12 @@ class SpinDown(NamedTuple):
     time_constant: Annotated[Row, Quantity("s")]
 
 
+def mean_thrust_factor(parameters: QuadrotorParameters) -> Row:
+    """The mean of the rotors' thrust factors b, N s²."""
+    b_1, b_2, b_3, b_4 = parameters.thrust_factor
+    return 0.25 * (b_1 + b_2 + b_3 + b_4)
+
+
 def thrust_of(throttle: Row, curve: ThrustCurve) -> Row:
     """The thrust of a rotor, N."""
     return curve.k_0 + throttle * (curve.k_1 + curve.k_2 * throttle)
@@ -45,7 +51,7 @@ def told_by_throttle(command: Throttle, curve: ThrustCurve, parameters: Quadroto
     So a rotor whose own factor is off from the mean gives as much more or less than the curve says. A throttle is
     clipped to [0, 1], 0 if it is not a number.
     """
-    b = RotorModel.of(parameters).thrust_factor
+    b = mean_thrust_factor(parameters)
     thrusts = [thrust_of(minimum(maximum(throttle, 0.0), 1.0), curve) for throttle in command]
     return RotorSpeed._make(sqrt(maximum(thrust, TINY) / b) for thrust in thrusts)
 
@@ -89,11 +95,18 @@ class ThrottleModel(NamedTuple):
 
     Attributes:
         rotors: their model.
+        thrust_factor: b of a rotor whose thrust is that of the curve.
         curve: of the thrust of each over its throttle.
     """
 
     rotors: RotorModel
+    thrust_factor: Annotated[Row, Quantity("N s²")]
     curve: ThrustCurve
+
+    @classmethod
+    def of(cls, parameters: QuadrotorParameters, curve: ThrustCurve) -> "ThrottleModel":
+        """The model of a vehicle."""
+        return cls(RotorModel.of(parameters), mean_thrust_factor(parameters), curve)
 
 
 def told_as(speed: RotorSpeed, vehicle: ThrottleModel, believed: ThrottleModel) -> RotorSpeed:
@@ -104,9 +117,9 @@ def told_as(speed: RotorSpeed, vehicle: ThrottleModel, believed: ThrottleModel) 
         vehicle: as it is.
         believed: by the autopilot.
     """
-    factor, b = vehicle.rotors.thrust_factor, believed.rotors.thrust_factor
-    throttles = [throttle_for(factor * w * w, vehicle.curve) for w in speed]
-    return RotorSpeed._make(sqrt(thrust_of(throttle, believed.curve) / b) for throttle in throttles)
+    throttles = [throttle_for(vehicle.thrust_factor * w * w, vehicle.curve) for w in speed]
+    thrusts = [thrust_of(throttle, believed.curve) for throttle in throttles]
+    return RotorSpeed._make(sqrt(thrust / believed.thrust_factor) for thrust in thrusts)
 
 
 class AllocatedThrottle(NamedTuple):
@@ -123,8 +136,7 @@ class AllocatedThrottle(NamedTuple):
 
 def allocate_throttle(wrench: Wrench, model: ThrottleModel) -> AllocatedThrottle:
     """The throttles for a wrench, or for the part of it that rotors can give whose throttles are from 0 to 1."""
-    rotors, curve = model
-    b = rotors.thrust_factor
+    rotors, b, curve = model
     within = rotors._replace(
         min_speed=maximum(rotors.min_speed, sqrt(maximum(curve.k_0, 0.0) / b)),
         max_speed=minimum(rotors.max_speed, sqrt(thrust_of(1.0, curve) / b)),

@@ -84,7 +84,7 @@ def rotor_target(
     """Where the rotors go; arguments as for `quadrotor_step`, and the time at which faults are taken (s)."""
     factors = SpeedFactors() if faults is None else speed_factors(faults, time)
     if effects.battery is not None and state.charge is not None:
-        power = rotor_power(state.rotors, parameters.drag_factor)
+        power = rotor_power(state.rotors, parameters)
         share = terminals(state.charge, power, effects.battery).voltage / effects.battery.voltage
         factors = SpeedFactors._make(factor * share for factor in factors)
     if effects.thrust_curve is not None:
@@ -161,7 +161,7 @@ def _charge_after(
 
 def _drawing(charge: Charge, speed: RotorSpeed, parameters: QuadrotorParameters, battery: Battery) -> Charge:
     """The rate at which rotors draw charge."""
-    return drawn_per_second(terminals(charge, rotor_power(speed, parameters.drag_factor), battery).current)
+    return drawn_per_second(terminals(charge, rotor_power(speed, parameters), battery).current)
 
 
 def quadrotor_slope(

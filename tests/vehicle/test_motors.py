@@ -62,7 +62,7 @@ def test_the_allocation_gives_a_wrench_by_throttles(asymmetric_vehicle):
     """Where the vehicle is as it is believed to be, rotors that follow their throttles give the wrench."""
     b = 4.1e-5
     parameters = asymmetric_vehicle._replace(thrust_factor=ThrustFactors(b, b, b, b), centre_of_mass=CentreOfMass())
-    model = ThrottleModel(RotorModel.of(parameters), RISING[0])
+    model = ThrottleModel.of(parameters, RISING[0])
     wrench = Wrench(7.1, 0.05, -0.08, 0.003)
     command, shortfall = allocate_throttle(wrench, model)
     assert all(0.0 < throttle < 1.0 for throttle in command)
@@ -74,7 +74,7 @@ def test_the_allocation_gives_a_wrench_by_throttles(asymmetric_vehicle):
 def test_what_full_throttle_cannot_give_is_given_up(asymmetric_vehicle):
     """The rotors could turn faster: the throttle is the limit. At the other end it is the thrust of no throttle."""
     parameters = asymmetric_vehicle._replace(max_rotor_speed=1e4, min_rotor_speed=0.0)
-    model = ThrottleModel(RotorModel.of(parameters), ThrustCurve(0.3, 1.0, 1.2))
+    model = ThrottleModel.of(parameters, ThrustCurve(0.3, 1.0, 1.2))
     command, shortfall = allocate_throttle(Wrench(20.0, 0.0, 0.0, 0.0), model)
     np.testing.assert_allclose(command, 1.0, rtol=1e-12)
     assert shortfall.thrust == pytest.approx(20.0 - 4.0 * 2.5)
@@ -85,30 +85,30 @@ def test_what_full_throttle_cannot_give_is_given_up(asymmetric_vehicle):
 
 def test_the_rotors_limits_hold_with_throttles_too(asymmetric_vehicle):
     rotors = RotorModel.of(asymmetric_vehicle)
-    model = ThrottleModel(rotors, ThrustCurve(0.0, 0.0, 100.0))
+    model = ThrottleModel.of(asymmetric_vehicle, ThrustCurve(0.0, 0.0, 100.0))
     for thrust in (0.1, 100.0):
         wrench = Wrench(thrust, 0.0, 0.0, 0.0)
         command, shortfall = allocate_throttle(wrench, model)
         expected = allocate(wrench, rotors)
         np.testing.assert_allclose(shortfall, expected.shortfall, rtol=1e-12)
-        speeds = [np.sqrt(100.0 * throttle**2 / rotors.thrust_factor) for throttle in command]
+        speeds = [np.sqrt(100.0 * throttle**2 / model.thrust_factor) for throttle in command]
         np.testing.assert_allclose(speeds, expected.rotor_speed_command, rtol=1e-12)
 
 
 def test_a_wrong_belief_of_the_curve_is_a_wrong_thrust(asymmetric_vehicle):
     """What the autopilot must command for the rotors to turn as wanted is what `told_as` says."""
-    vehicle = ThrottleModel(RotorModel.of(asymmetric_vehicle), ThrustCurve(0.2, 0.9, 3.3))
-    believed = ThrottleModel(RotorModel.of(QuadrotorParameters()), ThrustCurve(0.1, 1.1, 2.7))
+    vehicle = ThrottleModel.of(asymmetric_vehicle, ThrustCurve(0.2, 0.9, 3.3))
+    believed = ThrottleModel.of(QuadrotorParameters(), ThrustCurve(0.1, 1.1, 2.7))
     wanted = RotorSpeed(200.0, 210.0, 190.0, 205.0)
     commanded = told_as(wanted, vehicle, believed)
-    thrusts = believed.rotors.thrust_factor * np.square(commanded)
+    thrusts = believed.thrust_factor * np.square(commanded)
     command = Throttle(*(throttle_for(thrust, believed.curve) for thrust in thrusts))
     np.testing.assert_allclose(told_by_throttle(command, vehicle.curve, asymmetric_vehicle), wanted, rtol=1e-12)
     assert np.abs(np.subtract(commanded, wanted)).min() > 1.0
 
 
 def test_the_system_allocates_throttles():
-    model = ThrottleModel(RotorModel.of(QuadrotorParameters()), RISING[0])
+    model = ThrottleModel.of(QuadrotorParameters(), RISING[0])
     system = ThrottleAllocation(numbers=model)
     context = system.CreateDefaultContext()
     wrench = Wrench(6.0, 0.01, 0.02, 0.001)
@@ -215,4 +215,4 @@ def test_the_rotors_draw_the_battery_empty(time_step):
 
 def test_power_is_torque_times_speed():
     speeds = RotorSpeed(100.0, 200.0, -50.0, 0.0)
-    assert rotor_power(speeds, 1e-6) == pytest.approx(1e-6 * (1e6 + 8e6 + 1.25e5))
+    assert rotor_power(speeds, QuadrotorParameters(drag_factor=1e-6)) == pytest.approx(1e-6 * (1e6 + 8e6 + 1.25e5))
