@@ -4,10 +4,12 @@ import numpy as np
 import pytest
 from oracle.effects import Forces, accelerations
 
-from drake_quad import load_scenario
+from drake_quad import InputError, load_scenario, simulate
 from drake_quad.analysis.closed_loop import as_believed, at_rest, closed_loop, laboratory_plant
+from drake_quad.analysis.sensitivity import flight_sensitivities
 from drake_quad.analysis.vehicle_model import STATES, SWING_STATES, affine_vehicle, find_trim, linear_vehicle
 from drake_quad.analysis.vehicle_model import to_state_space as named
+from drake_quad.scenario.numbers import with_number
 from drake_quad.vehicle.aerodynamics import (
     BodyDrag,
     CentreOfPressure,
@@ -165,3 +167,33 @@ def test_a_laboratory_with_effects_is_a_plant(laboratory, vehicle):
         assert specific_thrust == pytest.approx(believed / 0.68, rel=1e-9)
     assert len(plant.states) > 0
     laboratory_plant(laboratory(*ALL, PAYLOAD.format(1.0, "dropped")), vehicle=vehicle)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "load",
+    [PAYLOAD.format(1.0, "dropped"), "vehicle.slung_load={mass: 0.02, length: 0.5}"],
+    ids=["payload", "slung load"],
+)
+def test_derivatives_through_a_flight_are_those_of_whole_flights(laboratory, load):
+    scenario = laboratory("duration=2", "metrics.start=0", *ALL, load)
+    carried = "payload" if "payload" in load else "slung_load"
+    fields = [
+        *("vehicle.body_drag.linear.0", "vehicle.rotor_aerodynamics.climb", "vehicle.ground_effect.rotor_radius"),
+        *("vehicle.rotor_time_constant_down", "vehicle.motors.curve.1", f"vehicle.{carried}.mass"),
+    ]
+    found = flight_sensitivities(scenario, fields)
+    for i, field in enumerate(fields):
+        step = 1e-4 * found.values[i]
+        low, high = (
+            simulate(with_number(scenario, field, found.values[i] + side * step)).metrics.rmse for side in (-1.0, 1.0)
+        )
+        scale = found.metrics["rmse"] / found.values[i]
+        assert found.gradients["rmse"][i] == pytest.approx((high - low) / (2.0 * step), rel=1e-3, abs=1e-6 * scale), (
+            field
+        )
+
+
+def test_a_flight_depends_in_jumps_on_when_a_payload_goes(laboratory):
+    with pytest.raises(InputError, match="vehicle.payload.time decides when something happens"):
+        flight_sensitivities(laboratory("duration=1", PAYLOAD.format(0.5, "dropped")), ["vehicle.payload.time"])
