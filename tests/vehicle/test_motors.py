@@ -71,9 +71,9 @@ def test_the_allocation_gives_a_wrench_by_throttles(asymmetric_vehicle):
     np.testing.assert_allclose(rotor_action(told, parameters).wrench, wrench, rtol=1e-12)
 
 
-def test_what_full_throttle_cannot_give_is_given_up(asymmetric_vehicle):
+def test_what_full_throttle_cannot_give_is_given_up():
     """The rotors could turn faster: the throttle is the limit. At the other end it is the thrust of no throttle."""
-    parameters = asymmetric_vehicle._replace(max_rotor_speed=1e4, min_rotor_speed=0.0)
+    parameters = QuadrotorParameters(max_rotor_speed=1e4, min_rotor_speed=0.0)
     model = ThrottleModel.of(parameters, ThrustCurve(0.3, 1.0, 1.2))
     command, shortfall = allocate_throttle(Wrench(20.0, 0.0, 0.0, 0.0), model)
     np.testing.assert_allclose(command, 1.0, rtol=1e-12)
