@@ -15,7 +15,6 @@ from drake_quad.errors import InputError
 from drake_quad.randomness.noise import Samples
 from drake_quad.scenario import Batch, Scenario, distributions_in
 from drake_quad.scenario.effects import Payload
-from drake_quad.scenario.limits import LONGEST
 from drake_quad.scenario.models import Nominal, Vehicle, Window
 from drake_quad.scenario.routes import HoverRoute
 from drake_quad.signals import RotorSpeed, Wrench
@@ -82,9 +81,7 @@ def at_rest(scenario: Scenario) -> Scenario:
             "wind": tuple(still),
         }
     )
-    payload = scenario.vehicle.payload
-    if payload is not None:
-        payload = payload.model_copy(update={"time": LONGEST}) if _carried(payload) else None
+    payload = None if scenario.vehicle.payload is None else _lasting(scenario.vehicle.payload)
     steady = {"battery_sag": 0.0, "battery": None, "rotor_failure": None, "payload": payload}
     vehicle = scenario.vehicle.model_copy(update=steady)
     route = scenario.route
@@ -104,9 +101,11 @@ def at_rest(scenario: Scenario) -> Scenario:
     )
 
 
-def _carried(payload: Payload) -> bool:
-    """Is a payload there when the flight begins?"""
-    return (payload.event == "dropped") == (payload.time != 0.0)
+def _lasting(payload: Payload) -> Payload | None:
+    """A payload that stays if it is there when the flight begins; None if it is not."""
+    if (payload.event == "dropped") == (payload.time == 0.0):
+        return None
+    return payload.model_copy(update={"time": 0.0, "event": "picked_up"})
 
 
 def as_believed(scenario: Scenario) -> Scenario:

@@ -84,7 +84,7 @@ class GroundEffect(NamedTuple):
     """
 
     rotor_radius: Annotated[Row, Quantity("m")]
-    ground_height: Annotated[Row, Quantity("m", "W")] = 0.0
+    ground_height: Annotated[Row, Quantity("m", "W")]
 
 
 class Load(NamedTuple):

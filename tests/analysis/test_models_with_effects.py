@@ -9,6 +9,7 @@ from drake_quad.analysis.closed_loop import as_believed, at_rest, closed_loop, l
 from drake_quad.analysis.sensitivity import flight_sensitivities
 from drake_quad.analysis.vehicle_model import STATES, SWING_STATES, affine_vehicle, find_trim, linear_vehicle
 from drake_quad.analysis.vehicle_model import to_state_space as named
+from drake_quad.assembly.effects import vehicle_effects
 from drake_quad.scenario.numbers import with_number
 from drake_quad.vehicle.aerodynamics import (
     BodyDrag,
@@ -22,7 +23,7 @@ from drake_quad.vehicle.battery import Battery
 from drake_quad.vehicle.effects import Effects, ReactionTorque
 from drake_quad.vehicle.motors import ThrustCurve
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
-from drake_quad.vehicle.payload import Payload, PayloadPosition
+from drake_quad.vehicle.payload import Payload, PayloadPosition, whole
 from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
 from drake_quad.vehicle.slung_load import SlungLoad
 
@@ -110,8 +111,12 @@ PAYLOAD = "vehicle.payload={{mass: 0.05, position: [0.001, 0.002, -0.03], time: 
 
 def test_a_payload_at_rest_is_there_or_not_as_it_is_at_the_beginning(laboratory):
     for time, event, there in ((2.0, "dropped", True), (2.0, "picked_up", False), (0.0, "picked_up", True)):
-        payload = at_rest(laboratory(PAYLOAD.format(time, event))).vehicle.payload
+        resting = at_rest(laboratory(PAYLOAD.format(time, event))).vehicle
+        payload = vehicle_effects(resting).payload
         assert (payload is not None) == there
+        if payload is not None:
+            masses = [whole(0.68, Inertia(), payload, moment).mass for moment in (0.0, 1.0, 3.0, 1e4)]
+            assert masses == pytest.approx([0.73] * 4)
     assert at_rest(laboratory(PAYLOAD.format(0.0, "dropped"))).vehicle.payload is None
     battery = "vehicle.battery={voltage: 12, empty_voltage: 10, capacity: 1, resistance: 0, efficiency: 0.7}"
     assert at_rest(laboratory(battery)).vehicle.battery is None
