@@ -66,6 +66,30 @@ class RotorSpeed(NamedTuple):
     rotor_4: RotorRate
 
 
+class Throttle(NamedTuple):
+    """Throttles of the four rotors, from 0 to 1."""
+
+    rotor_1: Number
+    rotor_2: Number
+    rotor_3: Number
+    rotor_4: Number
+
+
+class Charge(NamedTuple):
+    """Charge that has been drawn from the battery."""
+
+    drawn: Annotated[Row, Quantity("A h")]
+
+
+class Swing(NamedTuple):
+    """How the cable of a slung load hangs: turned by its pitch about Y, then by its roll about X, and their rates."""
+
+    roll: Angle
+    pitch: Angle
+    roll_rate: AngleRate
+    pitch_rate: AngleRate
+
+
 class Wrench(NamedTuple):
     """Thrust F_z and torques τ_x, τ_y, τ_z."""
 
@@ -200,6 +224,9 @@ SIGNALS: dict[str, Any] = {
     "measurement": State,
     "rotor_speed": RotorSpeed,
     "rotor_speed_command": RotorSpeed,
+    "throttle_command": Throttle,
+    "charge": Charge,
+    "swing": Swing,
     "wrench": Wrench,
     "shortfall": Wrench,
     "wind": Wind,

@@ -33,11 +33,24 @@ from drake_quad.randomness.streams import Kind
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
 from drake_quad.signals import Attitude, State, Wind, Wrench
+from drake_quad.vehicle.aerodynamics import (
+    BodyDrag,
+    CentreOfPressure,
+    GroundEffect,
+    LinearDrag,
+    QuadraticDrag,
+    RotorAerodynamics,
+)
 from drake_quad.vehicle.allocation import Allocation, RotorModel
+from drake_quad.vehicle.battery import Battery
+from drake_quad.vehicle.effects import Effects, ReactionTorque
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
+from drake_quad.vehicle.motors import SpinDown, ThrottleAllocation, ThrottleModel, ThrustCurve
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
+from drake_quad.vehicle.payload import Payload, PayloadPosition
 from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
 from drake_quad.vehicle.rotors import Rotor, Rotors
+from drake_quad.vehicle.slung_load import SlungLoad
 
 
 class Example(NamedTuple):
@@ -104,6 +117,25 @@ VEHICLE = QuadrotorNumbers(
     RotorFaults(0.01, 5.0, SpeedFactors(0.9, 0.8, 0.7, 0.6)),
     Place(1.0, 2.0, 3.0, 0.4),
 )
+EFFECTS = Effects(
+    BodyDrag(LinearDrag(0.11, 0.12, 0.13), QuadraticDrag(0.021, 0.022, 0.023), CentreOfPressure(0.031, 0.032, 0.033)),
+    RotorAerodynamics(0.041, 0.14, 1.1e-4, 1.2e-4),
+    GroundEffect(0.15, -0.4),
+    ReactionTorque(9.1e-5),
+    SpinDown(0.05),
+)
+AFFECTED = VEHICLE._replace(
+    effects=EFFECTS._replace(
+        battery=Battery(12.5, 10.1, 1.3, 0.03, 0.71),
+        slung_load=SlungLoad(0.16, 0.77),
+    )
+)
+THROTTLED = AFFECTED._replace(effects=AFFECTED.effects._replace(thrust_curve=ThrustCurve(0.1, 0.9, 3.1)))
+LADEN = VEHICLE._replace(
+    effects=EFFECTS._replace(
+        payload=Payload(0.17, PayloadPosition(0.034, 0.035, 0.036), Inertia(1.1e-4, 1.2e-4, 1.3e-4), 0.9, 1.9)
+    )
+)
 TURBULENCE = TurbulenceNumbers(Turbulence(PerDirection(1.1, 0.9, 0.7), PerDirection(20.0, 22.0, 3.0), 5.0), 0.7)
 JETS = (
     Jet(Outlet(0.5, -2.0, 1.0), Direction(0.6, 0.64, 0.48), 6.0, 0.7, 0.2),
@@ -146,10 +178,19 @@ FLEET_SYSTEMS = [
     Example(MotionCapture, CAMERAS, whole=False),
     Example(NoiseSource, SAMPLES, {"streams": STREAMS}, num_vehicles=2),
     Example(ProportionalDerivative, GAINS, {"feeds_forward": True}),
-    Example(Quadrotor, VEHICLE, {"faulty": True}),
-    Example(Quadrotor, VEHICLE, {"paired": True}, num_vehicles=2),
-    Example(Quadrotor, VEHICLE, {"time_step": 0.0, "kinematics": "small_angle", "faulty": True}, num_vehicles=2),
+    Example(Quadrotor, VEHICLE, {"faulty": True}, whole=False),
+    Example(Quadrotor, AFFECTED, {"faulty": True, "effects": AFFECTED.effects.names}),
+    Example(Quadrotor, THROTTLED, {"time_step": 0.0, "effects": THROTTLED.effects.names}, num_vehicles=2, whole=False),
+    Example(Quadrotor, LADEN, {"effects": LADEN.effects.names}, num_vehicles=2, whole=False),
+    Example(Quadrotor, VEHICLE, num_vehicles=2, whole=False),
+    Example(
+        Quadrotor, VEHICLE, {"time_step": 0.0, "kinematics": "small_angle", "faulty": True}, num_vehicles=2, whole=False
+    ),
     Example(SteadyWind, Wind(0.7, -0.5, 0.3), num_vehicles=2),
+    Example(
+        ThrottleAllocation,
+        ThrottleModel(RotorModel.of(VEHICLE.parameters), 4.2e-5, ThrustCurve(0.1, 0.9, 3.1)),
+    ),
     Example(ThrustVectoring, VECTORING),
     Example(
         WeightLearning,

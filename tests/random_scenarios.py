@@ -61,6 +61,15 @@ STRUCTURES = {
     "route": ["figure_eight", "hover", "circle", "waypoints", "trajectory"],
     "window": [False, True],
     "crash": [5.0, 0.3, 5.0, 0.1],
+    "effects": [
+        "",
+        "body_drag rotor_time_constant_down",
+        "rotor_aerodynamics payload",
+        "reaction_torque ground_effect motors",
+        "slung_load",
+        "battery body_drag rotor_aerodynamics",
+        "body_drag rotor_aerodynamics ground_effect reaction_torque rotor_time_constant_down motors payload battery",
+    ],
 }
 
 
@@ -107,6 +116,8 @@ def _tree(structure, rng, duration):
         vehicle["centre_of_mass"] = [draw.signed(0.002) for _ in range(2)]
     if structure["lags"]:
         vehicle["rotor_time_constant"] = draw(0.03, 0.06)
+    effects = structure["effects"].split()
+    vehicle |= {name: _effect(name, draw, duration) for name in effects}
     cameras = {"period": frames, "latency_frames": {"choice": structure["latency"]}}
     cameras |= {f"{name}_noise": draw(0.0005, 0.003) for name in structure["noise"].split()}
     if structure["misaligned"]:
@@ -120,7 +131,8 @@ def _tree(structure, rng, duration):
         link["loss_rate"] = draw(0.05, 0.3)
     return {
         "route": _route(structure["route"], rng),
-        "nominal": {"layout": _layout(structure["layout"], lambda size: size)},
+        "nominal": {"layout": _layout(structure["layout"], lambda size: size)}
+        | ({"motors": {"kind": "throttle", "curve": [0.1, 1.0, 2.8]}} if "motors" in effects else {}),
         "vehicle": vehicle | {"layout": _layout(structure["layout"], lambda size: draw(size - 0.002, size + 0.002))},
         "laboratory": {
             "motion_capture": cameras,
@@ -140,6 +152,35 @@ def _tree(structure, rng, duration):
         "duration": duration,
         "seed": int(rng.integers(2**62)),
     }
+
+
+def _effect(name, draw, duration):
+    match name:
+        case "body_drag":
+            centre = [draw.signed(0.002) for _ in range(3)]
+            linear, quadratic = [draw(0.02, 0.1) for _ in range(3)], [draw(0.005, 0.02) for _ in range(3)]
+            return {"linear": linear, "quadratic": quadratic, "centre_of_pressure": centre}
+        case "rotor_aerodynamics":
+            air = {"lift": draw(0.005, 0.02), "climb": draw.signed(0.1)}
+            return air | {"drag": draw(1e-5, 1e-4), "inflow": draw(1e-5, 1e-4)}
+        case "ground_effect":
+            return {"rotor_radius": draw(0.1, 0.3), "ground_height": draw(0.0, 0.4)}
+        case "reaction_torque":
+            return True
+        case "rotor_time_constant_down":
+            return draw(0.03, 0.07)
+        case "motors":
+            return {"kind": "throttle", "curve": [draw(0.09, 0.11), draw(0.98, 1.02), draw(2.75, 2.85)]}
+        case "payload":
+            place = [draw.signed(0.002), draw.signed(0.002), draw(-0.06, -0.03)]
+            body = {"mass": draw(0.005, 0.03), "position": place, "inertia": [draw(1e-6, 1e-5) for _ in range(3)]}
+            return body | {"time": draw(0.0, duration), "event": "dropped"}
+        case "battery":
+            voltage = {"voltage": draw(12.4, 12.6), "empty_voltage": draw(10.0, 11.0)}
+            rest = {"capacity": draw(0.5, 1.0), "resistance": draw(0.01, 0.02), "efficiency": draw(0.6, 0.8)}
+            return voltage | rest
+        case "slung_load":
+            return {"mass": draw(0.005, 0.02), "length": draw(0.3, 0.8)}
 
 
 class _Draw:

@@ -162,6 +162,14 @@ def test_a_crash_is_reported_and_is_no_failure(run, tmp_path):
             "is 0.02, but must not be longer than the shortest period",
         ),
         (["--set", "vehicle.linear_drag=200"], "vehicle.time_step is 0.01 s, too long for this much drag"),
+        (
+            ["--set", "vehicle.body_drag={linear: [0, 0, 200]}"],
+            "vehicle.time_step is 0.01 s, too long for this much drag",
+        ),
+        (
+            ["--set", "vehicle.motors={kind: throttle, curve: [0, 1, 2]}"],
+            "vehicle.motors.kind is 'throttle', but must be",
+        ),
         (["--set", "control.position.k_p=1"], "control.position.k_p is 1, but must be a list"),
     ],
 )

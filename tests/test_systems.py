@@ -33,6 +33,7 @@ from drake_quad.laboratory.wind.sine import SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind
 from drake_quad.randomness.noise import NoiseSource
 from drake_quad.vehicle.allocation import Allocation, RotorModel
+from drake_quad.vehicle.motors import ThrottleAllocation
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor
 
@@ -293,7 +294,7 @@ DEFAULTS = {
         "time_step": 0.01,
         "kinematics": "exact",
         "faulty": False,
-        "paired": False,
+        "effects": (),
         "numbers": (
             (
                 *(0.68, (0.007, 0.007, 0.012), 6.5e-5, ROTORS, 9.81, 0.0, 0.0),
@@ -301,9 +302,11 @@ DEFAULTS = {
             ),
             (0.0, math.inf, (1.0, 1.0, 1.0, 1.0)),
             (0.0, 0.0, 0.0, 0.0),
+            (None,) * 9,
         ),
     },
     SteadyWind: {},
+    ThrottleAllocation: {"paired": False},
     ThrustVectoring: {},
     WeightLearning: {
         "period": 0.02,

@@ -7,17 +7,21 @@ from pydrake.systems.framework import Context, Diagram
 
 from drake_quad.analysis.context_vector import ContextVector
 from drake_quad.analysis.sampled_system import SampledSystem, at_tick, linearize
+from drake_quad.assembly.effects import thrust_curve, vehicle_effects
 from drake_quad.assembly.laboratory import build_laboratory_of, laboratory_recipes, vehicle_parameters
 from drake_quad.assembly.planning import nominal_parameters, plan_route
 from drake_quad.assembly.tracking import build_tracking_diagram
 from drake_quad.errors import InputError
 from drake_quad.randomness.noise import Samples
 from drake_quad.scenario import Batch, Scenario, distributions_in
+from drake_quad.scenario.effects import Payload
 from drake_quad.scenario.layouts import are_paired
 from drake_quad.scenario.models import Nominal, Vehicle, Window
 from drake_quad.scenario.routes import HoverRoute
 from drake_quad.signals import RotorSpeed, Wrench
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
+from drake_quad.vehicle.effects import as_in_hover
+from drake_quad.vehicle.motors import ThrottleModel, told_as
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 # They watch the loop and do not act on it.
@@ -48,8 +52,9 @@ class ClosedLoop(NamedTuple):
 def at_rest(scenario: Scenario) -> Scenario:
     """The scenario in hover where its route hovers, or at (0, 0, 1), without what is random or changes with time.
 
-    Left out are noise, lost frames and packets, turbulence, gusts, battery sag and rotor failures; delays, lags,
-    filters, drag, errors of the vehicle, fans and steady wind stay.
+    Left out are noise, lost frames and packets, turbulence, gusts, battery sag, the battery and rotor failures; delays,
+    lags, filters, drag, errors of the vehicle, fans and steady wind stay. A payload is there or not as it is at the
+    beginning.
 
     Raises:
         InputError: the scenario holds a distribution.
@@ -78,7 +83,9 @@ def at_rest(scenario: Scenario) -> Scenario:
             "wind": tuple(still),
         }
     )
-    vehicle = scenario.vehicle.model_copy(update={"battery_sag": 0.0, "rotor_failure": None})
+    payload = None if scenario.vehicle.payload is None else _lasting(scenario.vehicle.payload)
+    steady = {"battery_sag": 0.0, "battery": None, "rotor_failure": None, "payload": payload}
+    vehicle = scenario.vehicle.model_copy(update=steady)
     route = scenario.route
     if not isinstance(route, HoverRoute) or any(path.startswith("route.") for path in distributions_in(scenario)):
         route = _HOVER
@@ -96,14 +103,25 @@ def at_rest(scenario: Scenario) -> Scenario:
     )
 
 
+def _lasting(payload: Payload) -> Payload | None:
+    """A payload that stays if it is there when the flight begins; None if it is not."""
+    if (payload.event == "dropped") == (payload.time == 0.0):
+        return None
+    return payload.model_copy(update={"time": 0.0, "event": "picked_up"})
+
+
 def as_believed(scenario: Scenario) -> Scenario:
     """The scenario in hover at (0, 0, 1) in still air with the vehicle that the ground believes in, for design.
 
-    Of the vehicle as it is, only what the ground knows besides `nominal` stays: the lag of the rotors and the drag.
+    Of the vehicle as it is, only what the ground knows besides `nominal` stays: the lag of the rotors that speed up,
+    the drag, and what the air does to the rotors.
     """
     resting = at_rest(scenario)
     believed = {name: getattr(resting.nominal, name) for name in Nominal.model_fields}
-    kept = ("rotor_time_constant", "linear_drag", "quadratic_drag", "attitude_kinematics", "time_step")
+    kept = (
+        *("rotor_time_constant", "linear_drag", "quadratic_drag", "body_drag", "rotor_aerodynamics"),
+        *("attitude_kinematics", "time_step"),
+    )
     vehicle = Vehicle().model_copy(update=believed | {name: getattr(resting.vehicle, name) for name in kept})
     return _even(resting.model_copy(update={"vehicle": vehicle}))
 
@@ -111,15 +129,21 @@ def as_believed(scenario: Scenario) -> Scenario:
 def _even(resting: Scenario) -> Scenario:
     """A resting scenario in hover at (0, 0, 1) without what couples the axes.
 
-    That is wind, uneven rotors, misalignment, and the spin that is left over where rotors hover at different speeds.
+    That is wind, uneven rotors, misalignment, the spin that is left over where rotors hover at different speeds, and
+    whatever acts beside the middle: drag of the body and a payload.
     """
     layouts = resting.vehicle.layout, resting.nominal.layout
-    even = {
+    even: dict[str, Any] = {
         "thrust_factor_error": (0.0, 0.0, 0.0, 0.0),
         "centre_of_mass": (0.0, 0.0),
         "rotor_inertia": 0.0,
         "layout": layouts[0] if all(map(are_paired, layouts)) else layouts[1],
     }
+    drag, payload = resting.vehicle.body_drag, resting.vehicle.payload
+    if drag is not None:
+        even["body_drag"] = drag.model_copy(update={"centre_of_pressure": (0.0, 0.0, 0.0)})
+    if payload is not None:
+        even["payload"] = payload.model_copy(update={"position": (0.0, 0.0, payload.position[2])})
     cameras = resting.laboratory.motion_capture.model_copy(update={"misalignment": (0.0, 0.0, 0.0)})
     laboratory = resting.laboratory.model_copy(update={"wind": (), "motion_capture": cameras})
     vehicle = resting.vehicle.model_copy(update=even)
@@ -193,14 +217,18 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
     recipes = laboratory_recipes(Batch(resting, (0,), {}), plan, plan.duration)
     laboratory = build_laboratory_of(recipes, 1, Samples(0, [0]))
     context = laboratory.CreateDefaultContext()
-    parameters = vehicle_parameters(resting.vehicle)
-    hover = hover_rotor_speeds(parameters)
+    parameters, effects = vehicle_parameters(resting.vehicle), vehicle_effects(resting.vehicle)
+    hover = hover_rotor_speeds(as_in_hover(parameters, effects, _HOVER.position[2]))
     if not max(hover) < parameters.max_rotor_speed or not min(hover) > parameters.min_rotor_speed:
         raise InputError(
             f"the rotors cannot hold {scenario.name} in hover: they would turn at {max(hover):.0f} rad/s, but can at"
             f" {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g} rad/s"
         )
     believed = nominal_parameters(resting)
+    curve = thrust_curve(resting.nominal.motors)
+    if effects.thrust_curve is not None and curve is not None:
+        flown, known = ThrottleModel.of(parameters, effects.thrust_curve), ThrottleModel.of(believed, curve)
+        hover = told_as(hover, flown, known)
     wrench = rotor_action(hover, believed).wrench
     laboratory.GetInputPort("wrench").FixValue(context, wrench)
     link = recipes["command_link"]

@@ -30,7 +30,7 @@ DIFFERENTIABLE = tuple(name for name in Metrics._fields if name not in ("crash_t
 # Metrics are sizes: what is less than this, in SI units, is nothing but rounding.
 _NO_ERROR = 1e-12
 # Numbers that are only compared with others.
-_COMPARED = ("loss_rate", "dropout_rate", "rotor_failure.time")
+_COMPARED = ("loss_rate", "dropout_rate", "rotor_failure.time", "payload.time")
 # Relative step of the five-point differences from a scenario's number to the context, which is polynomial or nearly so:
 # around the number or, where it may only rise or only fall, to one side of it.
 _STEP = 1e-3

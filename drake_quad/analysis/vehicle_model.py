@@ -1,4 +1,8 @@
-"""Operating points of the vehicle, and its linear models there."""
+"""Operating points of the vehicle, and its linear models there.
+
+Their inputs are rotor speeds: what stands before these, a thrust curve and a battery, is left out. A payload is there
+or not as it is at the beginning of a flight.
+"""
 
 from collections.abc import Sequence
 from typing import TYPE_CHECKING, NamedTuple
@@ -18,9 +22,12 @@ from pydrake.systems.primitives import (
 from drake_quad.analysis.context_vector import port_rows, undotted
 from drake_quad.errors import InputError
 from drake_quad.signals import RotorSpeed, State, Wind
-from drake_quad.vehicle.dynamics import Motion, equations_of_motion, hover_rotor_speeds, rotor_action
+from drake_quad.vehicle.dynamics import Motion, hover_rotor_speeds
+from drake_quad.vehicle.effects import NO_EFFECTS, Effects, as_in_hover
+from drake_quad.vehicle.motion import Moving, rates_of_motion, turning
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import KINEMATICS, Kinematics, Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.slung_load import HANGING
 
 if TYPE_CHECKING:
     import control
@@ -28,6 +35,8 @@ if TYPE_CHECKING:
 _NUM_ROTORS, _NUM_WIND = len(RotorSpeed._fields), len(Wind._fields)
 OUTPUTS = port_rows("state", len(State._fields))
 STATES = (*State._fields, *port_rows("rotor_speed", _NUM_ROTORS))
+# Of a vehicle with a slung load, behind the others.
+SWING_STATES = tuple(port_rows("swing", len(HANGING)))
 INPUTS = (*port_rows("rotor_speed_command", _NUM_ROTORS), *port_rows("wind", _NUM_WIND))
 # What counts as standing still (m/s², rad/s²), and how far from upright an operating point is sought (rad).
 _STILL, _LARGEST_TILT = 1e-9, 1.4
@@ -57,6 +66,7 @@ def find_trim(
     position: Sequence[float] = (0.0, 0.0, 0.0),
     yaw: float = 0.0,
     kinematics: Kinematics = "exact",
+    effects: Effects = NO_EFFECTS,
 ) -> Trim:
     """Finds roll, pitch and rotor speeds that keep velocity and attitude as they are.
 
@@ -69,11 +79,13 @@ def find_trim(
         position: in W, m.
         yaw: rad.
         kinematics: as for `Quadrotor`.
+        effects: on the vehicle.
 
     Raises:
         InputError: there is no such point within the rotors' limits.
     """
-    hover = np.array([float(speed) for speed in hover_rotor_speeds(parameters)])
+    effects = _of_motion(effects)
+    hover = np.array([float(speed) for speed in hover_rotor_speeds(as_in_hover(parameters, effects, position[2]))])
     scale = np.concatenate([[0.1, 0.1], np.maximum(hover, 1.0)])
 
     def accelerations(scaled: np.ndarray) -> np.ndarray:
@@ -81,8 +93,10 @@ def find_trim(
         roll, pitch, *speeds = scaled * scale
         v_x, v_y, v_z = velocity
         motion = Motion(roll, pitch, yaw, v_x, v_y, v_z, 0.0, 0.0, 0.0)
-        rotors = rotor_action(RotorSpeed(*speeds), parameters)
-        _, _, _, *rates = equations_of_motion(motion, rotors, Wind(*wind), parameters, KINEMATICS[kinematics])
+        rotors = turning(RotorSpeed(*speeds), RotorSpeed(*speeds), parameters, effects)
+        moving = Moving(motion, None if effects.slung_load is None else HANGING)
+        slope = rates_of_motion(moving, position[2], rotors, Wind(*wind), parameters, KINEMATICS[kinematics], effects)
+        _, _, _, *rates = slope.motion
         return np.array(rates)
 
     program = MathematicalProgram()
@@ -108,26 +122,32 @@ def find_trim(
     return Trim(state, np.array(speeds), np.array(wind, dtype=float))
 
 
-def linear_vehicle(trim: Trim, parameters: QuadrotorParameters, *, kinematics: Kinematics = "exact") -> LinearSystem:
+def linear_vehicle(
+    trim: Trim, parameters: QuadrotorParameters, *, kinematics: Kinematics = "exact", effects: Effects = NO_EFFECTS
+) -> LinearSystem:
     """Drake's Linearize at an equilibrium: a continuous system from `INPUTS` to `OUTPUTS` with `STATES`.
+
+    With a slung load its states, `SWING_STATES`, stand behind the others.
 
     Raises:
         InputError: the vehicle moves there; `affine_vehicle` has a model for that.
     """
-    diagram, context = _at(trim, parameters, kinematics)
+    diagram, context = _at(trim, parameters, kinematics, effects)
     rates = diagram.EvalTimeDerivatives(context).CopyToVector()
     worst = int(np.argmax(np.abs(rates)))
     if not np.abs(rates[worst]) < 1e-6:
         raise InputError(
-            f"the operating point is not an equilibrium: {STATES[worst]} changes by {rates[worst]:.3g} per second;"
-            " affine_vehicle has a model of it"
+            f"the operating point is not an equilibrium: {(*STATES, *SWING_STATES)[worst]} changes by"
+            f" {rates[worst]:.3g} per second; affine_vehicle has a model of it"
         )
     return Linearize(diagram, context)
 
 
-def affine_vehicle(trim: Trim, parameters: QuadrotorParameters, *, kinematics: Kinematics = "exact") -> AffineSystem:
+def affine_vehicle(
+    trim: Trim, parameters: QuadrotorParameters, *, kinematics: Kinematics = "exact", effects: Effects = NO_EFFECTS
+) -> AffineSystem:
     """Drake's FirstOrderTaylorApproximation at any point: ẋ = A x + B u + f₀ and y = C x + D u + y₀."""
-    diagram, context = _at(trim, parameters, kinematics)
+    diagram, context = _at(trim, parameters, kinematics, effects)
     return FirstOrderTaylorApproximation(diagram, context)
 
 
@@ -135,15 +155,26 @@ def to_state_space(system: LinearSystem) -> "control.StateSpace":
     """The model as python-control's StateSpace, named, in deviations from the operating point."""
     import control
 
-    names = {"states": undotted(STATES), "inputs": undotted(INPUTS), "outputs": undotted(OUTPUTS)}
+    states = (*STATES, *SWING_STATES)[: len(system.A())]
+    names = {"states": undotted(states), "inputs": undotted(INPUTS), "outputs": undotted(OUTPUTS)}
     return control.ss(system.A(), system.B(), system.C(), system.D(), **names)
 
 
-def _at(trim: Trim, parameters: QuadrotorParameters, kinematics: Kinematics) -> tuple[Diagram, Context]:
+def _of_motion(effects: Effects) -> Effects:
+    """The effects without those that stand before the rotors' speeds."""
+    return effects._replace(thrust_curve=None, battery=None)
+
+
+def _at(
+    trim: Trim, parameters: QuadrotorParameters, kinematics: Kinematics, effects: Effects
+) -> tuple[Diagram, Context]:
     """The vehicle with a continuous state and all its inputs in one port, at an operating point."""
     builder = DiagramBuilder()
-    numbers = QuadrotorNumbers(parameters)
-    vehicle = builder.AddNamedSystem("vehicle", Quadrotor(time_step=0.0, kinematics=kinematics, numbers=numbers))
+    acting = _of_motion(effects)
+    numbers = QuadrotorNumbers(parameters, effects=acting)
+    vehicle = builder.AddNamedSystem(
+        "vehicle", Quadrotor(time_step=0.0, kinematics=kinematics, effects=acting.names, numbers=numbers)
+    )
     inputs = builder.AddNamedSystem("inputs", Demultiplexer([_NUM_ROTORS, _NUM_WIND]))
     for i, name in enumerate(("rotor_speed_command", "wind")):
         builder.Connect(inputs.get_output_port(i), vehicle.GetInputPort(name))
@@ -151,7 +182,8 @@ def _at(trim: Trim, parameters: QuadrotorParameters, kinematics: Kinematics) -> 
     builder.ExportOutput(vehicle.GetOutputPort("state"), "state")
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
-    context.SetContinuousState(np.concatenate([trim.state, trim.rotor_speed]))
+    hanging = [] if acting.slung_load is None else HANGING
+    context.SetContinuousState(np.concatenate([trim.state, trim.rotor_speed, hanging]))
     diagram.get_input_port().FixValue(context, np.concatenate([trim.rotor_speed, trim.wind]))
     return diagram, context
 

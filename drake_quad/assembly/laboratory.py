@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram
 
+from drake_quad.assembly.effects import steepest_load, swing_frequency, thrust_curve, vehicle_effects
 from drake_quad.assembly.planning import airframe_parameters, nominal_parameters
 from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.errors import InputError
@@ -28,6 +29,7 @@ from drake_quad.signals import Attitude, Row, Wind, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
 from drake_quad.vehicle.authority import missing_direction
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
+from drake_quad.vehicle.motors import ThrottleAllocation, ThrottleModel
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
 
@@ -45,15 +47,13 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
         duration: of the flight, s.
 
     Raises:
-        InputError: the vehicle's time step is too long for its drag.
+        InputError: the vehicle's time step is too long for its drag or its slung load.
     """
     scenario, fleet = batch.scenario, FleetScenario(batch)
     _check_step(fleet)
     return {
         "vehicle": _vehicle(scenario.vehicle, fleet.vehicle, plan, duration),
-        "allocation": Recipe(
-            Allocation, {"paired": are_paired(scenario.nominal.layout)}, RotorModel.of(nominal_parameters(scenario))
-        ),
+        "allocation": _allocation(scenario),
         "motion_capture": _motion_capture(scenario.laboratory.motion_capture, fleet.laboratory.motion_capture),
         "command_link": _command_link(scenario, fleet.laboratory.command_link),
         **{f"{_WIND}{name}": recipe for name, recipe in _wind(scenario, fleet).items()},
@@ -109,21 +109,29 @@ def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
     )
 
 
+def _allocation(scenario: Scenario) -> Recipe:
+    believed, curve = nominal_parameters(scenario), thrust_curve(scenario.nominal.motors)
+    paired = {"paired": are_paired(scenario.nominal.layout)}
+    if curve is None:
+        return Recipe(Allocation, paired, RotorModel.of(believed))
+    return Recipe(ThrottleAllocation, paired, ThrottleModel.of(believed, curve))
+
+
 def _vehicle(vehicle: models.Vehicle, fleet: Any, plan: Plan, duration: float) -> Recipe:
+    effects = vehicle_effects(fleet)
     structure = {
         "time_step": vehicle.time_step,
         "kinematics": vehicle.attitude_kinematics,
         "faulty": vehicle.rotor_failure is not None or _can_differ(vehicle.battery_sag, fleet.battery_sag),
-        "paired": are_paired(vehicle.layout),
+        "effects": effects.names,
     }
     parameters = vehicle_parameters(fleet)
     # What is in pairs has all directions, whatever is drawn.
     if not are_paired(vehicle.layout) and (missing := missing_direction(parameters.rotors)):
         raise InputError(f"vehicle.layout gives no {missing}")
     x, y, z = plan.waypoints[0]
-    numbers = QuadrotorNumbers(
-        parameters, _faults(fleet, duration), Place(float(x), float(y), float(z), plan.initial_yaw)
-    )
+    place = Place(float(x), float(y), float(z), plan.initial_yaw)
+    numbers = QuadrotorNumbers(parameters, _faults(fleet, duration), place, effects)
     return Recipe(Quadrotor, structure, numbers)
 
 
@@ -138,17 +146,24 @@ def _faults(fleet: Any, duration: float) -> RotorFaults:
 
 
 def _check_step(fleet: Any) -> None:
-    """Raises InputError if drag stops a vehicle so fast that its steps would not be stable."""
+    """Raises InputError if drag or swings of a load are too fast for steps of the vehicle to be stable."""
     vehicle, sources = fleet.vehicle, fleet.laboratory.wind
     steady = [_velocity(source) for source in sources if source.kind == "steady"]
     passing = [_velocity(source) for source in sources if source.kind in ("gust", "sine")]
     speeds = [np.sqrt(sum(part * part for part in velocity)) for velocity in (_total(steady), *passing)]
     airspeed = sum(speeds) + sum(jet.exit_speed for jet in jets(sources))
-    rate = np.max((vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed) / vehicle.mass)
+    drag = vehicle.linear_drag + 2.0 * vehicle.quadratic_drag * airspeed
+    rate = np.max((drag + steepest_load(vehicle, airspeed)) / vehicle.mass)
     if vehicle.time_step * rate > _STABLE:
         raise InputError(
             f"vehicle.time_step is {vehicle.time_step:g} s, too long for this much drag, which carries a vehicle along"
             f" within {1.0 / rate:.2g} s; shorten it, or make it 0 for a continuous state"
+        )
+    swings = np.max(swing_frequency(vehicle))
+    if vehicle.time_step * swings > _STABLE:
+        raise InputError(
+            f"vehicle.time_step is {vehicle.time_step:g} s, too long for this slung load, which swings with"
+            f" {swings:.2g} rad/s; shorten it, or make it 0 for a continuous state"
         )
 
 

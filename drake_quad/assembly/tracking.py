@@ -28,7 +28,10 @@ from drake_quad.scenario import Batch, Scenario, distributions_in
 _SIGNALS = {
     "reference": ("reference",),
     "control": (*POSITION_SIGNALS, "acceleration_command", "attitude_command", "wrench"),
-    "laboratory": ("measurement", "state", "rotor_speed", "rotor_speed_command", "shortfall", "wind"),
+    "laboratory": (
+        *("measurement", "state", "rotor_speed", "rotor_speed_command", "throttle_command"),
+        *("swing", "charge", "shortfall", "wind"),
+    ),
     "monitor": ("crashed",),
 }
 

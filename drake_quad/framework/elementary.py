@@ -110,12 +110,17 @@ def minimum(x: Row, y: Row) -> Row:
 
 
 def where(mask: bool, x: _Rows, y: _Rows) -> _Rows:
-    """X, a row or a record, for the vehicles for which the mask is true, y for the others. Not for Expression."""
+    """X, a row or a record, for the vehicles for which the mask is true, y for the others. Not for Expression.
+
+    A part of a record that is None stays None.
+    """
     if isinstance(mask, _TRUTH):
         return x if mask else y
     if isinstance(x, tuple):
         rows = [where(mask, row, other) for row, other in zip(x, untyped(y), strict=True)]
         return untyped(x._make(rows) if hasattr(x, "_make") else tuple(rows))
+    if x is None:
+        return x
     if mask.__class__ is Symbol:
         return untyped(x if x is y else approximations.select(mask, x, y))
     return untyped(_of_one_type(np.where(mask, x, y)))

@@ -152,9 +152,11 @@ def at_time(argument: Any, time: Any) -> Any:
 
 
 def flattened(returned: Any, results: Sequence[Layout]) -> list[Any]:
-    """The rows of what a formula returned, one result after another."""
+    """The rows of what a formula returned, one result after another; parts that are None are left out."""
     parts = [returned] if len(results) == 1 else returned
-    if not isinstance(parts, tuple | list) or len(parts) != len(results):
+    if isinstance(parts, tuple | list):
+        parts = [part for part in parts if part is not None]
+    if not isinstance(parts, list) or len(parts) != len(results):
         raise TypeError(f"{len(results)} results are wanted, not {returned!r}")
     return [row for layout, part in zip(results, parts, strict=True) for row in layout.flatten(part)]
 

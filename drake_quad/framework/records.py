@@ -4,12 +4,14 @@ A record is a NamedTuple whose fields are rows, other records, or tuples of eith
 one after another, whatever they are nested in: a vehicle's mass, then its three moments of inertia, and so on.
 
 The types of the fields say which records are inside. How many there are in a tuple of any length (`tuple[Row, ...]`)
-only a value can say, and the layout of such a record is that of a value.
+only a value can say, and the layout of such a record is that of a value. A field that may be None (`Record | None`) has
+rows only in the layout of a value in which it is not.
 """
 
 import functools
 from collections.abc import Iterator, Sequence
-from typing import Annotated, Any, NamedTuple, get_args, get_origin, get_type_hints
+from types import NoneType, UnionType
+from typing import Annotated, Any, NamedTuple, Union, get_args, get_origin, get_type_hints
 
 from drake_quad.signals import Row
 
@@ -18,7 +20,7 @@ class Layout(NamedTuple):
     """Which rows a value is made of, and of what kind it is.
 
     Attributes:
-        kind: a NamedTuple class, or `tuple`; `float` for a single row.
+        kind: a NamedTuple class, or `tuple`; `float` for a single row, `NoneType` for a part that is not there.
         parts: of a record or tuple, one after another.
         num_rows: of the value.
     """
@@ -56,11 +58,13 @@ class Layout(NamedTuple):
 
     def __str__(self) -> str:
         """The name of the type."""
-        return "a row" if self is ROW else self.kind.__name__
+        return {float: "a row", NoneType: "nothing"}.get(self.kind, self.kind.__name__)
 
     def _built(self, rows: Iterator[Any]) -> Any:
         if self is ROW:
             return next(rows)
+        if self is ABSENT:
+            return None
         parts = [part._built(rows) for part in self.parts]
         return tuple(parts) if self.kind is tuple else self.kind(*parts)
 
@@ -69,6 +73,10 @@ class Layout(NamedTuple):
             if isinstance(value, tuple):
                 raise TypeError(f"a row is wanted, not {type(value).__name__}")
             rows.append(value)
+            return
+        if (self is ABSENT) != (value is None):
+            raise TypeError(f"{self} is wanted, not {type(value).__name__}")
+        if value is None:
             return
         if hasattr(type(value), "_fields") and type(value) is not self.kind:
             raise TypeError(f"{self} is wanted, not {type(value).__name__}")
@@ -79,6 +87,7 @@ class Layout(NamedTuple):
 
 
 ROW = Layout(float, (), 1)
+ABSENT = Layout(NoneType, (), 0)
 
 
 def layout_of(kind: Any, value: Any = None) -> Layout:
@@ -102,6 +111,10 @@ def _fixed(kind: Any) -> Layout:
 def _like(kind: Any, value: Any) -> Layout:
     if hasattr(type(value), "_fields"):
         kind = type(value)
+    if get_origin(kind) in (Union, UnionType):
+        if value is None:
+            return ABSENT
+        (kind,) = (choice for choice in get_args(kind) if choice is not NoneType)
     if get_origin(kind) is Annotated:
         kind = get_args(kind)[0]
     if kind is Row:

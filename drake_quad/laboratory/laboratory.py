@@ -36,7 +36,8 @@ def build_laboratory(
     """Builds the diagram `laboratory` around a vehicle.
 
     The wrench goes through the command link to the allocation on board, whose rotor speeds the vehicle follows in the
-    wind; motion capture sees its state.
+    wind; motion capture sees its state. With motors that take throttles there is `throttle_command` in place of
+    `rotor_speed_command`; with a slung load and a battery, there are outputs `swing` and `charge`.
 
     .. pydrake_system::
 
@@ -53,8 +54,9 @@ def build_laboratory(
         - wind
 
     Args:
-        vehicle: with input ports `rotor_speed_command`, `wind`, `crashed` and output ports `state`, `rotor_speed`.
-        allocation: from `wrench` to `rotor_speed_command` and `shortfall`, packed.
+        vehicle: with input ports `rotor_speed_command` or `throttle_command`, `wind`, `crashed` and output ports
+            `state`, `rotor_speed`, and perhaps `swing` and `charge`.
+        allocation: from `wrench` to what the vehicle takes and `shortfall`, packed.
         motion_capture: from `state` to `measurement`.
         command_link: from `wrench` to `wrench`.
         wind: its sources by name, each with one output port and perhaps the input port `state`.
@@ -70,7 +72,8 @@ def build_laboratory(
     air = builder.AddNamedSystem("wind", build_wind(wind, streams=gusts, num_vehicles=vehicle.num_vehicles))
 
     builder.Connect(command_link.GetOutputPort("wrench"), allocation.GetInputPort("wrench"))
-    builder.Connect(allocated["rotor_speed_command"], vehicle.GetInputPort("rotor_speed_command"))
+    (command,) = (name for name in allocated if name != "shortfall")
+    builder.Connect(allocated[command], vehicle.GetInputPort(command))
     builder.Connect(air.GetOutputPort("wind"), vehicle.GetInputPort("wind"))
     builder.Connect(vehicle.GetOutputPort("state"), motion_capture.GetInputPort("state"))
     if air.HasInputPort("state"):
@@ -92,8 +95,10 @@ def build_laboratory(
     builder.ExportInput(vehicle.GetInputPort("crashed"), "crashed")
     builder.ExportOutput(motion_capture.GetOutputPort("measurement"), "measurement")
     builder.ExportOutput(vehicle.GetOutputPort("state"), "state")
-    builder.ExportOutput(vehicle.GetOutputPort("rotor_speed"), "rotor_speed")
-    builder.ExportOutput(allocated["rotor_speed_command"], "rotor_speed_command")
+    for name in ("rotor_speed", "swing", "charge"):
+        if vehicle.HasOutputPort(name):
+            builder.ExportOutput(vehicle.GetOutputPort(name), name)
+    builder.ExportOutput(allocated[command], command)
     builder.ExportOutput(allocated["shortfall"], "shortfall")
     builder.ExportOutput(air.GetOutputPort("wind"), "wind")
     laboratory = builder.Build()

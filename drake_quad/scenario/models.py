@@ -12,6 +12,17 @@ from pydantic_core import PydanticCustomError
 
 from drake_quad.scenario.controllers import PositionController
 from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.effects import (
+    Battery,
+    BelievedMotors,
+    BodyDrag,
+    GroundEffect,
+    Motors,
+    Payload,
+    RotorAerodynamics,
+    SlungLoad,
+    SpeedMotors,
+)
 from drake_quad.scenario.layouts import Layout, PlusLayout, has_distances, implied_arms, rotors_of
 from drake_quad.scenario.limits import MOST_SOURCES, MOST_TICKS
 from drake_quad.scenario.paths import distributions_in, steps_of
@@ -107,6 +118,8 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
 class Nominal(Airframe[PlainPositive, PlainNonNegative]):
     """What planner and controllers believe of the vehicle; the defaults are the paper's Table I where it has them."""
 
+    motors: BelievedMotors = Field(default=SpeedMotors(kind="speed"), description="what the motors are told")
+
     @field_validator("max_rotor_speed")
     @classmethod
     def _above_idle(cls, top: float, info: ValidationInfo) -> float:
@@ -155,14 +168,40 @@ class Vehicle(Airframe[Positive, NonNegative]):
     linear_drag: NonNegative = _paper("linear_drag", "drag force over airspeed")
     quadratic_drag: NonNegative = _paper("quadratic_drag", "drag force over squared airspeed")
     rotor_time_constant: Span = _paper("rotor_time_constant", "lag of the rotor speed")
+    rotor_time_constant_down: Span | None = Field(
+        default=None, description="lag of rotors that slow down (s); if not given, as of those that speed up"
+    )
+    motors: Motors = Field(
+        default=SpeedMotors(kind="speed"), description="what the motors are told; of the same kind as in `nominal`"
+    )
     battery_sag: Annotated[Number, bounded(least=0.0, below=1.0)] = Field(
         default=0.0, description="share of the rotor speed that is lost by the end of the flight, evenly over it (1)"
     )
+    battery: Battery | None = Field(
+        default=None, description="that is drawn empty, if any; else the voltage is constant"
+    )
     rotor_failure: RotorFailure | None = Field(default=None, description="of one rotor, if any")
+    body_drag: BodyDrag | None = Field(default=None, description="beside `linear_drag` and `quadratic_drag`, if any")
+    rotor_aerodynamics: RotorAerodynamics | None = Field(
+        default=None, description="lift, climb, drag and inflow of the rotors, if any"
+    )
+    ground_effect: GroundEffect | None = Field(default=None, description="thrust gained above the ground, if any")
+    reaction_torque: bool = Field(
+        default=False, description="whether rotors that accelerate turn the body; the paper leaves it out"
+    )
+    payload: Payload | None = Field(default=None, description="fixed to the vehicle, if any")
+    slung_load: SlungLoad | None = Field(default=None, description="on a cable, if any; not beside a payload")
     attitude_kinematics: Literal["exact", "small_angle"] = Field(
         default="exact", description="small_angle takes p, q, r for the rates of roll, pitch and yaw, as eq (3)"
     )
     time_step: Step = Field(default=0.01, description="step of the built-in integration (s); 0 for a continuous state")
+
+    @model_validator(mode="after")
+    def _one_load(self) -> "Vehicle":
+        if self.payload is not None and self.slung_load is not None:
+            demand = "must not stand beside a payload, which moves the centre of mass away from where it hangs"
+            raise self.wrong("slung_load", kind="loads", demand=demand)
+        return self
 
 
 class MotionCapture(Model):
@@ -301,6 +340,9 @@ class Scenario(Mission):
             demand = "must be smaller than max_rotor_speed, {top}"
             raise whole_vehicle.wrong("min_rotor_speed", kind="idle", demand=demand, top=top)
         whole_vehicle.check_layout()
+        if whole_vehicle.motors.kind != nominal.motors.kind:
+            demand = "must be {told}, as in nominal: the autopilot knows what it tells the motors"
+            raise whole_vehicle.wrong("motors", "kind", kind="motors", demand=demand, told=nominal.motors.kind)
         return whole_vehicle
 
     @property

@@ -18,7 +18,7 @@ right, 3 at the back, 4 to the left, all at l from the centre of mass; 1 and 3 t
 Drag acts at the centre of mass.
 
 The rotors' spin enters as the gyroscopic torque of the total angular momentum J_r ω_r along z; the reaction to its
-rate of change is left out, as in the paper.
+rate of change is left out, as in the paper, unless it is switched on (`drake_quad.vehicle.effects`).
 """
 
 from collections.abc import Callable, Sequence
@@ -26,9 +26,11 @@ from typing import NamedTuple
 
 from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt
 from drake_quad.signals import Angle, AngleRate, BodyRateB, BodyRates, RotorSpeed, Row, State, VelocityW, Wind, Wrench
+from drake_quad.vehicle.axes import Vector
 from drake_quad.vehicle.faults import SpeedFactors
 from drake_quad.vehicle.mixer import mixer_of
 from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.rotors import Rotors
 
 # An airspeed of zero must not make the derivative of the square root infinite; 1e-200 changes no float above 1e-92.
 _TINY = 1e-200
@@ -76,7 +78,6 @@ class Tilt(NamedTuple):
 
 
 AttitudeKinematics = Callable[[BodyRates, Tilt], tuple[Row, Row, Row]]
-ActionOfRotors = Callable[[RotorSpeed, QuadrotorParameters], RotorAction]
 
 
 def rotor_action(speed: RotorSpeed, parameters: QuadrotorParameters) -> RotorAction:
@@ -93,34 +94,25 @@ def rotor_action(speed: RotorSpeed, parameters: QuadrotorParameters) -> RotorAct
         _sum([(centre.x - rotor.x) * force for rotor, force in zip(rotors, forces, strict=True)]),
         _sum(drag_torques),
     )
-    return RotorAction(wrench, _sum([rotor.direction * w for rotor, w in zip(rotors, speed, strict=True)]))
+    return RotorAction(wrench, residual_speed(speed, rotors))
 
 
-def paired_rotor_action(speed: RotorSpeed, parameters: QuadrotorParameters) -> RotorAction:
-    """The same with fewer operations, where rotors 1 and 3, and 2 and 4, are pairs.
-
-    The rotors of a pair are opposite each other, at the same distance from the middle; those of the first turn one
-    way, those of the second the other way, and all have one drag factor. So it is in a plus, an x and an h.
-    """
-    w_1, w_2, w_3, w_4 = (w * w for w in speed)
-    rotor_1, rotor_2, rotor_3, rotor_4 = parameters.rotors
-    f_1, f_2 = rotor_1.thrust_factor * w_1, rotor_2.thrust_factor * w_2
-    f_3, f_4 = rotor_3.thrust_factor * w_3, rotor_4.thrust_factor * w_4
-    thrust, pair_13, pair_24 = f_1 + f_2 + f_3 + f_4, f_3 - f_1, f_4 - f_2
-    x, y = parameters.centre_of_mass
-    wrench = Wrench(
-        thrust,
-        rotor_3.y * pair_13 + rotor_4.y * pair_24 - y * thrust,
-        x * thrust - rotor_3.x * pair_13 - rotor_4.x * pair_24,
-        -rotor_1.direction * rotor_1.drag_factor * (w_1 - w_2 + w_3 - w_4),
-    )
-    return RotorAction(wrench, rotor_2.direction * (speed.rotor_2 + speed.rotor_4 - speed.rotor_1 - speed.rotor_3))
+def residual_speed(speed: RotorSpeed, rotors: Rotors) -> Row:
+    """Eq (4): ω_r; or its rate, for rates."""
+    return _sum([rotor.direction * w for rotor, w in zip(rotors, speed, strict=True)])
 
 
 def _sum(rows: Sequence[Row]) -> Row:
     """The sum, without a zero to begin with."""
     first, *others = rows
     return sum(others, first)
+
+
+def middle_of_rotors(parameters: QuadrotorParameters) -> Vector:
+    """The middle of the rotors, seen from the centre of mass (m)."""
+    rotors, centre = parameters.rotors, parameters.centre_of_mass
+    x, y, z = (0.25 * _sum([getattr(rotor, axis) for rotor in rotors]) for axis in ("x", "y", "z"))
+    return Vector(x - centre.x, y - centre.y, z)
 
 
 def drag(airspeed: Wind, linear: Row, quadratic: Row) -> tuple[Row, Row, Row]:
@@ -149,7 +141,12 @@ def small_angle_kinematics(rates: BodyRates, tilt: Tilt) -> tuple[Row, Row, Row]
 
 
 def equations_of_motion(
-    motion: Motion, rotors: RotorAction, wind: Wind, parameters: QuadrotorParameters, kinematics: AttitudeKinematics
+    motion: Motion,
+    rotors: RotorAction,
+    wind: Wind,
+    parameters: QuadrotorParameters,
+    kinematics: AttitudeKinematics,
+    force: Vector | None = None,
 ) -> Motion:
     """Eq (3) without its first three lines: the rates of the motion.
 
@@ -159,6 +156,7 @@ def equations_of_motion(
         wind: velocity of the air.
         parameters: of the vehicle.
         kinematics: `rigid_kinematics` or `small_angle_kinematics`.
+        force: on the centre of mass in W beside thrust, drag and weight, N; None if there is none.
     """
     roll, pitch, yaw, v_x, v_y, v_z, p, q, r = motion
     thrust, tau_x, tau_y, tau_z = rotors.wrench
@@ -169,6 +167,8 @@ def equations_of_motion(
     forward = sin_pitch * cos_roll
     airspeed = Wind(wind.x - v_x, wind.y - v_y, wind.z - v_z)
     drag_x, drag_y, drag_z = drag(airspeed, parameters.linear_drag, parameters.quadratic_drag)
+    if force is not None:
+        drag_x, drag_y, drag_z = drag_x + force.x, drag_y + force.y, drag_z + force.z
     spin = parameters.rotor_inertia * rotors.residual
     roll_rate, pitch_rate, yaw_rate = kinematics(BodyRates(p, q, r), Tilt(sin_roll, cos_roll, sin_pitch, cos_pitch))
     return Motion(

@@ -5,16 +5,13 @@ from typing import Literal, NamedTuple
 from pydrake.systems.framework import Context
 
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, Expression, FleetSystem, fleet_system
-from drake_quad.signals import Angle, PositionW, RotorSpeed, State, Wind
-from drake_quad.vehicle.dynamics import (
-    hover_rotor_speeds,
-    paired_rotor_action,
-    rigid_kinematics,
-    rotor_action,
-    small_angle_kinematics,
-)
+from drake_quad.signals import Angle, Charge, PositionW, RotorSpeed, State, Swing, Wind
+from drake_quad.vehicle.battery import FULL
+from drake_quad.vehicle.dynamics import hover_rotor_speeds, rigid_kinematics, small_angle_kinematics
+from drake_quad.vehicle.effects import NO_EFFECTS, Effects, as_in_hover
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.slung_load import HANGING
 from drake_quad.vehicle.stepping import VehicleState, quadrotor_slope, quadrotor_step
 
 Kinematics = Literal["exact", "small_angle"]
@@ -37,21 +34,21 @@ class QuadrotorNumbers(NamedTuple):
         parameters: of the vehicle.
         faults: of its rotors.
         start: where it hovers at the beginning, each rotor at the speed that this takes.
+        effects: on it, those that are switched on.
     """
 
     parameters: QuadrotorParameters = QuadrotorParameters()
     faults: RotorFaults = RotorFaults()
     start: Place = Place()
+    effects: Effects = NO_EFFECTS
 
 
-def hover(parameters: QuadrotorParameters, place: Place) -> VehicleState:
-    """The state of a vehicle that hovers in still air."""
-    return VehicleState(body_at_rest(place), hover_rotor_speeds(parameters))
-
-
-def body_at_rest(place: Place) -> State:
-    """The state of a rigid body that does not move."""
-    return State(place.x, place.y, place.z, 0.0, 0.0, place.yaw, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+def hover(parameters: QuadrotorParameters, place: Place, effects: Effects = NO_EFFECTS) -> VehicleState:
+    """The state of a vehicle that hovers in still air, with a full battery and a load that hangs straight down."""
+    body = State(place.x, place.y, place.z, 0.0, 0.0, place.yaw, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    rotors = hover_rotor_speeds(as_in_hover(parameters, effects, place.z))
+    swing = None if effects.slung_load is None else HANGING
+    return VehicleState(body, rotors, swing, None if effects.battery is None else FULL)
 
 
 def _body(state: VehicleState) -> State:
@@ -60,6 +57,17 @@ def _body(state: VehicleState) -> State:
 
 def _rotors(state: VehicleState) -> RotorSpeed:
     return state.rotors
+
+
+def _swing(state: VehicleState) -> Swing | None:
+    return state.swing
+
+
+def _charge(state: VehicleState) -> Charge | None:
+    return state.charge
+
+
+_OUTPUTS = {"state": _body, "rotor_speed": _rotors, "swing": _swing, "charge": _charge}
 
 
 @fleet_system(float, AutoDiffXd, Expression)
@@ -76,6 +84,8 @@ class Quadrotor(FleetSystem):
         output_ports:
         - state
         - rotor_speed
+        - swing
+        - charge
 
     Eqs (1) to (5) of the paper (`drake_quad.vehicle.dynamics`). Commands beyond the rotors' limits are clipped. A
     `wind` that is not connected is still air. A vehicle for which `crashed` is not zero stays as it is; not connected,
@@ -92,16 +102,24 @@ class Quadrotor(FleetSystem):
     The update at time zero does nothing. With `time_step=0` the state is continuous, a `VehicleState`. A step takes the
     faults at its middle.
 
-    The parameters of the context are `parameters` and, for a vehicle that is faulty, `faults`, which Expression does
-    not know.
+    Effects (`drake_quad.vehicle.effects`) act beside the paper's equations. With a `slung_load` and with a `battery`
+    there are states and outputs of these, `swing` and `charge`; with a `thrust_curve` the commands are throttles, at
+    the input `throttle_command` in place of `rotor_speed_command`.
+
+    The parameters of the context are `parameters` and, for a vehicle that is faulty, `faults`, and, for one with
+    effects, `effects`. Expression knows neither faults nor the effects that depend on a case: `spin_down`, `payload`.
 
     Args:
         num_vehicles: N.
         time_step: h in seconds, 10 ms by default; 0 for a continuous state.
         kinematics: "exact", or "small_angle" for the last three lines of eq (3) as the paper has them.
         faulty: whether rotors may have faults.
-        paired: whether the rotors are known to be in pairs, see `paired_rotor_action`, which spares a few operations.
+        effects: names of those that are switched on.
         numbers: of the vehicles.
+
+    Raises:
+        ValueError: an effect has no numbers, or there is a slung load beside a payload, which would move the point at
+            which it hangs away from the centre of mass.
     """
 
     def declare(
@@ -110,36 +128,53 @@ class Quadrotor(FleetSystem):
         time_step: float = 0.01,
         kinematics: Kinematics = "exact",
         faulty: bool = False,
-        paired: bool = False,
+        effects: tuple[str, ...] = (),
         numbers: QuadrotorNumbers = QuadrotorNumbers(),
     ) -> None:
         """Declares the system."""
+        if {"slung_load", "payload"} <= set(effects):
+            raise ValueError("a vehicle with a payload has no slung load")
         self.time_step = time_step
+
+        def acting(numbers: QuadrotorNumbers) -> Effects:
+            return numbers.effects.only(effects)
+
+        def start(numbers: QuadrotorNumbers) -> VehicleState:
+            return hover(numbers.parameters, numbers.start, acting(numbers))
+
         parameters = self.parameter("parameters", lambda numbers: numbers.parameters)
         faults = self.parameter("faults", lambda numbers: numbers.faults) if faulty else None
-        command = self.input("rotor_speed_command")
+        effect_numbers = self.parameter("effects", acting) if effects else NO_EFFECTS
+        command = self.input("throttle_command" if "thrust_curve" in effects else "rotor_speed_command")
         inputs = command, self.input("wind", absent=Wind(0.0, 0.0, 0.0)), self.input("crashed")
-        # Without faults nothing depends on the time; an Expression of it could not be compared.
-        time = TIME if faulty else 0.0
-        motion, action = KINEMATICS[kinematics], paired_rotor_action if paired else rotor_action
+        # Without faults and payload nothing depends on the time; an Expression of it could not be compared.
+        time = TIME if faulty or "payload" in effects else 0.0
+        reads = *inputs, parameters, faults, effect_numbers, time
+        motion = KINEMATICS[kinematics]
         if time_step > 0.0:
-            body = self.state("state", lambda numbers: body_at_rest(numbers.start))
-            rotors = self.state("rotor_speed", lambda numbers: hover_rotor_speeds(numbers.parameters))
-            reads = body, rotors, *inputs, parameters, faults, time, time_step, motion, action
-            self.update(time_step, quadrotor_step, *reads, writes=[body, rotors], unrestricted=True, at_start=False)
-            self.state_output(body)
-            self.state_output(rotors)
+            body = self.state("state", lambda numbers: start(numbers).body)
+            rotors = self.state("rotor_speed", lambda numbers: start(numbers).rotors)
+            swing = self.state("swing", lambda numbers: start(numbers).swing) if "slung_load" in effects else None
+            charge = self.state("charge", lambda numbers: start(numbers).charge) if "battery" in effects else None
+            groups = [group for group in (body, rotors, swing, charge) if group is not None]
+            stepped = body, rotors, swing, charge, *reads, time_step, motion
+            self.update(time_step, quadrotor_step, *stepped, writes=groups, unrestricted=True, at_start=False)
+            for group in groups:
+                self.state_output(group)
         else:
-            state = self.continuous_state(lambda numbers: hover(numbers.parameters, numbers.start))
-            self.derivative(quadrotor_slope, state, *inputs, parameters, faults, time, motion, action)
-            self.output("state", _body, state)
-            self.output("rotor_speed", _rotors, state)
+            state = self.continuous_state(start)
+            self.derivative(quadrotor_slope, state, *reads, motion)
+            for (name, formula), part in zip(_OUTPUTS.items(), start(self._numbers), strict=True):
+                if part is not None:
+                    self.output(name, formula, state)
 
     def set_hover(self, context: Context, place: Place) -> None:
         """Puts the vehicles into hover with the context's parameters."""
-        state = hover(self.get_parameter(context, "parameters"), place)
-        if self.time_step > 0.0:
-            self.set_state(context, "state", state.body)
-            self.set_state(context, "rotor_speed", state.rotors)
-        else:
+        effects = self.get_parameter(context, "effects") if "effects" in self.parameters else NO_EFFECTS
+        state = hover(self.get_parameter(context, "parameters"), place, effects)
+        if self.time_step == 0.0:
             self.set_state(context, "continuous", state)
+            return
+        for name, part in zip(_OUTPUTS, state, strict=True):
+            if part is not None:
+                self.set_state(context, name, part)

@@ -1,131 +1,200 @@
 """What the vehicle does under its inputs: a step over an interval in which they are held, or the slope at an instant.
 
 The rotors do not feel the rigid body, and their lag behind a held command has a closed form. So the step takes the
-rotors exactly, at the beginning, the middle and the end of the interval, and integrates the rigid body under their
-wrench by the classical fourth-order Runge–Kutta method.
+rotors exactly, at the beginning, the middle and the end of the interval, and integrates the rigid body, with a slung
+load if there is one, under their wrench by the classical fourth-order Runge–Kutta method. A battery is taken as it is
+at the beginning of the step.
 """
 
 from typing import NamedTuple
 
-from drake_quad.framework.elementary import exp, where
-from drake_quad.signals import Crashed, RotorSpeed, Row, State, Wind
-from drake_quad.vehicle.dynamics import (
-    ActionOfRotors,
-    AttitudeKinematics,
-    Motion,
-    equations_of_motion,
-    held_rotor_speed,
-    rigid_body_derivative,
-    rotor_action,
-)
+from drake_quad.framework.elementary import where
+from drake_quad.signals import Charge, Crashed, PositionW, RotorSpeed, Row, State, Swing, Throttle, VelocityW, Wind
+from drake_quad.vehicle.battery import Battery, drawn_per_second, rotor_power, terminals
+from drake_quad.vehicle.dynamics import AttitudeKinematics, Motion, held_rotor_speed
+from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors, speed_factors
+from drake_quad.vehicle.motion import Moving, rates_of_motion, turning
+from drake_quad.vehicle.motors import acceleration, decays, lagging, told_by_throttle
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 
 class VehicleState(NamedTuple):
-    """Rigid body and rotors; or their rates, per second."""
+    """Rigid body and rotors, and what else there is; or their rates, per second.
+
+    Attributes:
+        body: its position, attitude and motion.
+        rotors: their speeds.
+        swing: of a slung load; None if there is none.
+        charge: drawn from the battery; None if there is none.
+    """
 
     body: State
     rotors: RotorSpeed
+    swing: Swing | None = None
+    charge: Charge | None = None
 
 
 def quadrotor_step(
     body: State,
     rotors: RotorSpeed,
-    command: RotorSpeed,
+    swing: Swing | None,
+    charge: Charge | None,
+    command: RotorSpeed | Throttle,
     wind: Wind,
     crashed: Crashed | None,
     parameters: QuadrotorParameters,
     faults: RotorFaults | None,
+    effects: Effects,
     time: Row,
     time_step: float,
     kinematics: AttitudeKinematics,
-    action: ActionOfRotors = rotor_action,
 ) -> VehicleState:
     """The vehicle at the end of a step.
 
     Args:
         body: at its beginning.
         rotors: at its beginning.
-        command: rotor speeds; those beyond the rotors' limits are clipped.
+        swing: of a slung load at its beginning; None if there is none.
+        charge: drawn from the battery at its beginning; None if there is none.
+        command: rotor speeds, those beyond the rotors' limits are clipped; or throttles.
         wind: velocity of the air.
         crashed: a vehicle for which it is not zero stays as it is; None if all fly.
         parameters: of the vehicle.
         faults: of the rotors, taken at the middle of the step; None if there are none.
+        effects: on the vehicle; a payload is there or not as it is at the middle of the step.
         time: at the end of the step, s.
         time_step: h, s.
         kinematics: `rigid_kinematics` or `small_angle_kinematics`.
-        action: of the rotors, for any layout, or for pairs: `paired_rotor_action`.
     """
-    factors = SpeedFactors() if faults is None else speed_factors(faults, time - 0.5 * time_step)
-    target = held_rotor_speed(command, parameters, factors)
-    after = step_of_flight(body, rotors, target, wind, parameters, time_step, kinematics, action)
-    return after if crashed is None else where(crashed.crashed != 0.0, VehicleState(body, rotors), after)
+    before = VehicleState(body, rotors, swing, charge)
+    target = rotor_target(before, command, parameters, faults, effects, time - 0.5 * time_step)
+    after = step_of_flight(before, target, wind, parameters, effects, time, time_step, kinematics)
+    return after if crashed is None else where(crashed.crashed != 0.0, before, after)
+
+
+def rotor_target(
+    state: VehicleState,
+    command: RotorSpeed | Throttle,
+    parameters: QuadrotorParameters,
+    faults: RotorFaults | None,
+    effects: Effects,
+    time: Row,
+) -> RotorSpeed:
+    """Where the rotors go; arguments as for `quadrotor_step`, and the time at which faults are taken (s)."""
+    factors = SpeedFactors() if faults is None else speed_factors(faults, time)
+    if effects.battery is not None and state.charge is not None:
+        power = rotor_power(state.rotors, parameters)
+        share = terminals(state.charge, power, effects.battery).voltage / effects.battery.voltage
+        factors = SpeedFactors._make(factor * share for factor in factors)
+    if effects.thrust_curve is not None:
+        command = told_by_throttle(Throttle(*command), effects.thrust_curve, parameters)
+    return held_rotor_speed(RotorSpeed(*command), parameters, factors)
 
 
 def step_of_flight(
-    body: State,
-    rotors: RotorSpeed,
+    before: VehicleState,
     target: RotorSpeed,
     wind: Wind,
     parameters: QuadrotorParameters,
+    effects: Effects,
+    time: Row,
     time_step: float,
     kinematics: AttitudeKinematics,
-    action: ActionOfRotors = rotor_action,
 ) -> VehicleState:
     """The same for a vehicle that has not crashed and whose rotors are on their way to a target."""
-    decay = exp(-0.5 * time_step / parameters.rotor_time_constant)
-    middle = lagging(rotors, target, decay)
+    body, half = before.body, 0.5 * time_step
+    decay = decays(before.rotors, target, half, parameters, effects.spin_down)
+    middle = lagging(before.rotors, target, decay)
     end = lagging(middle, target, decay)
-    action_1, action_2, action_3 = (action(speed, parameters) for speed in (rotors, middle, end))
+    speeds = before.rotors, middle, end
+    rotors_1, rotors_2, rotors_3 = (turning(speed, target, parameters, effects) for speed in speeds)
 
-    motion_1 = Motion.of(body)
-    slope_1 = equations_of_motion(motion_1, action_1, wind, parameters, kinematics)
-    motion_2 = moved(motion_1, slope_1, 0.5 * time_step)
-    slope_2 = equations_of_motion(motion_2, action_2, wind, parameters, kinematics)
-    motion_3 = moved(motion_1, slope_2, 0.5 * time_step)
-    slope_3 = equations_of_motion(motion_3, action_2, wind, parameters, kinematics)
-    motion_4 = moved(motion_1, slope_3, time_step)
-    slope_4 = equations_of_motion(motion_4, action_3, wind, parameters, kinematics)
+    held_at = 0.0 if effects.payload is None else time - half
+    rest = wind, parameters, kinematics, effects, held_at
+    moving_1 = Moving(Motion.of(body), before.swing)
+    slope_1 = rates_of_motion(moving_1, body.z, rotors_1, *rest)
+    moving_2 = moved(moving_1, slope_1, half)
+    slope_2 = rates_of_motion(moving_2, _height(body, moving_1.motion.v_z, half, effects), rotors_2, *rest)
+    moving_3 = moved(moving_1, slope_2, half)
+    slope_3 = rates_of_motion(moving_3, _height(body, moving_2.motion.v_z, half, effects), rotors_2, *rest)
+    moving_4 = moved(moving_1, slope_3, time_step)
+    slope_4 = rates_of_motion(moving_4, _height(body, moving_3.motion.v_z, time_step, effects), rotors_3, *rest)
 
     sixth, third = time_step / 6.0, time_step / 3.0
-    motion = moved(moved(moved(moved(motion_1, slope_1, sixth), slope_2, third), slope_3, third), slope_4, sixth)
-    # Nothing depends on the position: its part of the method is a weighted mean of the stages' velocities.
+    moving = moved(moved(moved(moved(moving_1, slope_1, sixth), slope_2, third), slope_3, third), slope_4, sixth)
+    # A position's part of the method is a weighted mean of the stages' velocities.
+    motion_1, motion_2, motion_3, motion_4 = (each.motion for each in (moving_1, moving_2, moving_3, moving_4))
     x = body.x + sixth * (motion_1.v_x + 2.0 * (motion_2.v_x + motion_3.v_x) + motion_4.v_x)
     y = body.y + sixth * (motion_1.v_y + 2.0 * (motion_2.v_y + motion_3.v_y) + motion_4.v_y)
     z = body.z + sixth * (motion_1.v_z + 2.0 * (motion_2.v_z + motion_3.v_z) + motion_4.v_z)
-    return VehicleState(State(x, y, z, *motion), end)
+    charge = _charge_after(before.charge, speeds, parameters, effects, sixth)
+    return VehicleState(State(x, y, z, *moving.motion), end, moving.swing, charge)
 
 
-def lagging(speed: RotorSpeed, target: RotorSpeed, decay: Row) -> RotorSpeed:
-    """Rotor speeds some time later, on their way to a target: the decay is exp(-time / time constant)."""
-    return RotorSpeed._make(t + (w - t) * decay for w, t in zip(speed, target, strict=True))
+def moved(moving: Moving, slope: Moving, time: Row) -> Moving:
+    """What moves, after a time (s) with a slope."""
+    motion = Motion._make(row + time * rate for row, rate in zip(moving.motion, slope.motion, strict=True))
+    if moving.swing is None or slope.swing is None:
+        return Moving(motion)
+    return Moving(motion, Swing._make(row + time * rate for row, rate in zip(moving.swing, slope.swing, strict=True)))
 
 
-def moved(motion: Motion, slope: Motion, time: Row) -> Motion:
-    """A motion after a time (s) with a slope."""
-    return Motion._make(row + time * rate for row, rate in zip(motion, slope, strict=True))
+def _height(body: State, climb: VelocityW, time: Row, effects: Effects) -> PositionW:
+    """The height of a stage of the method, where it matters."""
+    return body.z if effects.ground_effect is None else body.z + time * climb
+
+
+def _charge_after(
+    charge: Charge | None,
+    speeds: tuple[RotorSpeed, RotorSpeed, RotorSpeed],
+    parameters: QuadrotorParameters,
+    effects: Effects,
+    sixth: float,
+) -> Charge | None:
+    """The charge drawn at the end of a step, of which a sixth is given (s), by the rotors' speeds over it."""
+    if effects.battery is None or charge is None:
+        return None
+    rate_1, rate_2, rate_3 = (_drawing(charge, speed, parameters, effects.battery).drawn for speed in speeds)
+    return Charge(charge.drawn + sixth * (rate_1 + 4.0 * rate_2 + rate_3))
+
+
+def _drawing(charge: Charge, speed: RotorSpeed, parameters: QuadrotorParameters, battery: Battery) -> Charge:
+    """The rate at which rotors draw charge."""
+    return drawn_per_second(terminals(charge, rotor_power(speed, parameters), battery).current)
 
 
 def quadrotor_slope(
     state: VehicleState,
-    command: RotorSpeed,
+    command: RotorSpeed | Throttle,
     wind: Wind,
     crashed: Crashed | None,
     parameters: QuadrotorParameters,
     faults: RotorFaults | None,
+    effects: Effects,
     time: Row,
     kinematics: AttitudeKinematics,
-    action: ActionOfRotors = rotor_action,
 ) -> VehicleState:
     """The time derivative of rigid body and rotors; arguments as for `quadrotor_step`."""
-    factors = SpeedFactors() if faults is None else speed_factors(faults, time)
-    target = held_rotor_speed(command, parameters, factors)
-    body = rigid_body_derivative(state.body, action(state.rotors, parameters), wind, parameters, kinematics)
-    lag = parameters.rotor_time_constant
-    rotors = RotorSpeed._make((t - w) / lag for t, w in zip(target, state.rotors, strict=True))
-    slope = VehicleState(body, rotors)
+    body = state.body
+    target = rotor_target(state, command, parameters, faults, effects, time)
+    rotors = turning(state.rotors, target, parameters, effects)
+    moving = Moving(Motion.of(body), state.swing)
+    rates = rates_of_motion(moving, body.z, rotors, wind, parameters, kinematics, effects, time)
+    charge = state.charge
+    if effects.battery is not None and charge is not None:
+        charge = _drawing(charge, state.rotors, parameters, effects.battery)
+    slope = VehicleState(
+        State(body.v_x, body.v_y, body.v_z, *rates.motion),
+        acceleration(state.rotors, target, parameters, effects.spin_down),
+        rates.swing,
+        charge,
+    )
     if crashed is None:
         return slope
-    at_rest = VehicleState(State(*[0.0] * len(body)), RotorSpeed(*[0.0] * len(rotors)))
-    return where(crashed.crashed != 0.0, at_rest, slope)
+    return where(crashed.crashed != 0.0, _at_rest(slope), slope)
+
+
+def _at_rest(slope: VehicleState) -> VehicleState:
+    parts = [None if part is None else type(part)._make([0.0] * len(part)) for part in slope]
+    return VehicleState._make(parts)

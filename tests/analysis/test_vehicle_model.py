@@ -17,6 +17,7 @@ from drake_quad.analysis.vehicle_model import (
     to_state_space,
 )
 from drake_quad.signals import RotorSpeed, State, Wind
+from drake_quad.vehicle.effects import NO_EFFECTS
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import KINEMATICS
 from drake_quad.vehicle.rotors import Rotors
@@ -76,7 +77,8 @@ def test_a_moving_point_against_differences(kinematics):
     def rates(x):
         state = VehicleState(State(*x[:12]), RotorSpeed(*x[12:16]))
         inputs = RotorSpeed(*x[16:20]), Wind(*x[20:]), None
-        return np.hstack(quadrotor_slope(state, *inputs, DRAGGED, None, 0.0, KINEMATICS[kinematics]))
+        slope = quadrotor_slope(state, *inputs, DRAGGED, None, NO_EFFECTS, 0.0, KINEMATICS[kinematics])
+        return np.hstack([slope.body, slope.rotors])
 
     steps = 1e-6 * np.maximum(1.0, np.abs(point))
     numeric = np.array([(rates(point + h * e) - rates(point - h * e)) / (2.0 * h) for h, e in zip(steps, np.eye(23))]).T

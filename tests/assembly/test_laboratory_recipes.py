@@ -47,7 +47,7 @@ def test_the_vehicle_is_as_the_scenario_has_it(asymmetric, recipes):
         assert getattr(found, name) == getattr(vehicle, name)
     recipe = recipes["vehicle"]
     assert recipe.numbers.parameters == found
-    assert recipe.structure == {"time_step": 0.01, "kinematics": "exact", "faulty": True, "paired": True}
+    assert recipe.structure == {"time_step": 0.01, "kinematics": "exact", "faulty": True, "effects": ()}
 
 
 def test_rotors_that_are_drawn_must_give_all_of_a_wrench_too(diagrams):
@@ -62,7 +62,6 @@ def test_rotors_that_are_drawn_must_give_all_of_a_wrench_too(diagrams):
     fleet = batch.with_varying({field: np.array([0.1, 0.2, 0.3])})
     recipe = laboratory_recipes(fleet, plan, DURATION)["vehicle"]
     np.testing.assert_array_equal(recipe.numbers.parameters.rotors.rotor_1.x, [0.1, 0.2, 0.3])
-    assert recipe.structure["paired"] is False
     words = "vehicle.layout gives no yaw torque without thrust, roll torque and pitch torque"
     with pytest.raises(InputError, match=words):
         laboratory_recipes(batch.with_varying({field: np.array([0.1, -0.3, 0.3])}), plan, DURATION)

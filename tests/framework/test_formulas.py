@@ -1,5 +1,7 @@
 """Ticks among the arguments of a formula."""
 
+from typing import NamedTuple
+
 import numpy as np
 import pytest
 from pydrake.autodiffutils import AutoDiffXd
@@ -7,6 +9,7 @@ from pydrake.autodiffutils import AutoDiffXd
 from drake_quad.framework.elementary import where
 from drake_quad.framework.formulas import TIME, Tick, TickOf, at_time, interpret, kernel
 from drake_quad.framework.records import ROW, layout_of
+from drake_quad.signals import Row
 
 PERIODS = [0.02, 0.01, 0.1, 1.0 / 3.0, 7.0, 1e-4]
 
@@ -63,3 +66,21 @@ def test_machine_code_gets_the_tick_that_a_formula_in_python_gets(n):
             lambda x, *rest: (counted(x[0], *rest),), (layout, *arguments[1:]), [x], [layout], n, 0.02 * number
         )
         np.testing.assert_array_equal(interpreted, found)
+
+
+class Parts(NamedTuple):
+    one: Row
+    nothing: Tick | None
+    two: Row
+
+
+def test_results_that_are_none_are_left_out():
+    def parts(x):
+        return Parts(x, None, 2.0 * x)
+
+    found = interpret(parts, (ROW,), [np.array([1.0, 3.0])], (ROW, ROW), 2, 0.0)
+    np.testing.assert_array_equal(found, [[1.0, 3.0], [2.0, 6.0]])
+
+
+def test_nothing_is_selected_from_nothing():
+    assert where(np.array([True, False]), Parts(1.0, None, 2.0), Parts(3.0, None, 4.0)).nothing is None

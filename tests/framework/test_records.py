@@ -40,6 +40,30 @@ def test_rows_stand_one_after_another_whatever_they_are_nested_in():
     )
 
 
+class Perhaps(NamedTuple):
+    first: Row
+    point: Point | None = None
+    last: Annotated[Row, "m"] | None = None
+
+
+def test_parts_that_are_none_have_no_rows():
+    whole, bare = Perhaps(1.0, Point(2.0, 3.0), 4.0), Perhaps(1.0)
+    for value, names in ((whole, ("first", "point.x", "point.y", "last")), (bare, ("first",))):
+        layout = layout_of(Perhaps, value)
+        assert layout.names == names
+        assert layout.build(layout.flatten(value)) == value
+    assert layout_of(Perhaps) == layout_of(Perhaps, bare)
+    assert layout_of(Perhaps, bare) != layout_of(Perhaps, whole)
+
+
+def test_a_part_that_is_none_where_one_is_wanted_is_refused_and_the_other_way_round():
+    whole, bare = Perhaps(1.0, Point(2.0, 3.0)), Perhaps(1.0)
+    with pytest.raises(TypeError, match="nothing is wanted, not Point"):
+        layout_of(Perhaps, bare).flatten(whole)
+    with pytest.raises(TypeError, match="Point is wanted, not NoneType"):
+        layout_of(Perhaps, whole).flatten(bare)
+
+
 def test_layouts_of_types_that_say_all():
     assert layout_of(State).num_rows == 12
     assert layout_of(State).names == State._fields

@@ -15,12 +15,12 @@ from drake_quad.vehicle.dynamics import (
     drag,
     held_rotor_speed,
     hover_rotor_speeds,
-    paired_rotor_action,
     rigid_body_derivative,
     rigid_kinematics,
     rotor_action,
     small_angle_kinematics,
 )
+from drake_quad.vehicle.effects import NO_EFFECTS
 from drake_quad.vehicle.faults import SpeedFactors
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotor, Rotors
@@ -143,22 +143,6 @@ def test_a_hundred_layouts_against_multibody_plants(uneven):
         assert_accelerates_as_multibody(parameters, random_states(5, seed=seed))
 
 
-def test_pairs_act_as_any_rotors_do():
-    rng = np.random.default_rng(13)
-    for shape in [Rotors.plus, Rotors.x] * 20:
-        length, width = rng.uniform(0.05, 0.5, 2)
-        d, direction = rng.uniform(4e-7, 2e-6), rng.choice([-1.0, 1.0])
-        rotors = shape(length=length, width=width, drag_factor=d, rotor_1_direction=direction)
-        parameters = QuadrotorParameters(
-            rotors=rotors.with_thrust_factors(*rng.uniform(2e-5, 6e-5, 4)),
-            centre_of_mass=CentreOfMass(*rng.normal(size=2) * 0.02),
-        )
-        speed = RotorSpeed(*rng.uniform(60.0, 300.0, 4))
-        (wrench, residual), expected = paired_rotor_action(speed, parameters), rotor_action(speed, parameters)
-        np.testing.assert_allclose(wrench, expected.wrench, rtol=1e-12, atol=1e-14)
-        assert residual == pytest.approx(expected.residual, rel=1e-12)
-
-
 def test_the_paper_s_rotors_act_as_eqs_4_and_5_say():
     b, d, length, speed = 4.13e-5, 8.5e-7, 0.17, RotorSpeed(210.0, 190.0, 205.0, 180.0)
     w_1, w_2, w_3, w_4 = speed
@@ -229,7 +213,7 @@ def test_hover():
     speeds = hover_rotor_speeds(TABLE_I)
     assert speeds == pytest.approx([200.9] * 4, abs=0.05)
     state = VehicleState(State(*[0.0] * 12), speeds)
-    body, rotors = quadrotor_slope(state, speeds, STILL, None, TABLE_I, None, 0.0, rigid_kinematics)
+    body, rotors, *_ = quadrotor_slope(state, speeds, STILL, None, TABLE_I, None, NO_EFFECTS, 0.0, rigid_kinematics)
     np.testing.assert_allclose([*body, *rotors], 0.0, atol=1e-14)
 
 

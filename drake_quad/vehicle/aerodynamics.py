@@ -1,0 +1,148 @@
+"""What the air does to the body and to the rotors beside their thrust.
+
+In the axes of B, with u the velocity of the air relative to the vehicle, at its centre of mass:
+
+    body drag            F_k = (c₁ₖ + c₂ₖ |u|) u_k                          at the centre of pressure
+    translational lift   F_z = c_lift (u_x² + u_y²)                         in the middle of the rotors
+    climb                F_z = c_climb u_z: thrust is lost with the speed w = -u_z of climb
+    rotor drag, inflow   F = Σ ωᵢ (k_d u_x, k_d u_y, k_z u_z)
+
+Body drag is that of a blunt body, each axis by itself. The other three are what blade element and momentum theory give
+to first order: the drag of the rotors is proportional to their speed (Martin and Salaün, "The true role of
+accelerometer feedback in quadrotor control", ICRA 2010), and thrust falls with the inflow through the disc and grows
+with the speed across it (Svacha, Mohta and Kumar, "Improving quadrotor trajectory tracking by compensating for
+aerodynamic effects", ICUAS 2017).
+
+The turning of the body is not felt: body and rotors see the air of the centre of mass.
+"""
+
+from typing import Annotated, NamedTuple
+
+from drake_quad.framework.elementary import maximum
+from drake_quad.signals import Quantity, RotorSpeed, Row
+from drake_quad.vehicle.axes import Vector, cross, length, plus
+
+_LinearDrag = Annotated[Row, Quantity("N s/m", "B")]
+_QuadraticDrag = Annotated[Row, Quantity("N s²/m²", "B")]
+_Length = Annotated[Row, Quantity("m", "B")]
+
+
+class LinearDrag(NamedTuple):
+    """Drag force over airspeed, c₁ along each axis."""
+
+    x: _LinearDrag = 0.0
+    y: _LinearDrag = 0.0
+    z: _LinearDrag = 0.0
+
+
+class QuadraticDrag(NamedTuple):
+    """Drag force over squared airspeed, c₂ along each axis."""
+
+    x: _QuadraticDrag = 0.0
+    y: _QuadraticDrag = 0.0
+    z: _QuadraticDrag = 0.0
+
+
+class CentreOfPressure(NamedTuple):
+    """Where the drag of the body acts, seen from the centre of mass."""
+
+    x: _Length = 0.0
+    y: _Length = 0.0
+    z: _Length = 0.0
+
+
+class BodyDrag(NamedTuple):
+    """Drag of the body, each of its axes by itself."""
+
+    linear: LinearDrag = LinearDrag()
+    quadratic: QuadraticDrag = QuadraticDrag()
+    centre_of_pressure: CentreOfPressure = CentreOfPressure()
+
+
+class RotorAerodynamics(NamedTuple):
+    """What the air that the rotors meet does to them.
+
+    Attributes:
+        lift: c_lift, thrust of all rotors over the squared speed across their discs.
+        climb: c_climb, thrust that all rotors lose over the speed along z of B at which they climb through the air.
+        drag: k_d, force across z of B over a rotor's speed and the airspeed.
+        inflow: k_z, thrust over a rotor's speed and the airspeed along z of B.
+    """
+
+    lift: Annotated[Row, Quantity("N s²/m²")] = 0.0
+    climb: Annotated[Row, Quantity("N s/m")] = 0.0
+    drag: Annotated[Row, Quantity("N s²/m")] = 0.0
+    inflow: Annotated[Row, Quantity("N s²/m")] = 0.0
+
+
+class GroundEffect(NamedTuple):
+    """Thrust that rotors gain close above the ground.
+
+    Attributes:
+        rotor_radius: R.
+        ground_height: z of the ground in W.
+    """
+
+    rotor_radius: Annotated[Row, Quantity("m")]
+    ground_height: Annotated[Row, Quantity("m", "W")]
+
+
+class Load(NamedTuple):
+    """A force and its torque about the centre of mass, in the axes of B."""
+
+    force: Vector
+    torque: Vector
+
+
+def body_drag(air: Vector, body: BodyDrag) -> Load:
+    """The drag of the body.
+
+    Args:
+        air: u, its velocity relative to the vehicle in the axes of B, m/s.
+        body: its numbers.
+    """
+    speed = length(air)
+    force = Vector._make((c_1 + c_2 * speed) * u for c_1, c_2, u in zip(body.linear, body.quadratic, air, strict=True))
+    return Load(force, cross(Vector(*body.centre_of_pressure), force))
+
+
+def rotor_loads(air: Vector, speed: RotorSpeed, middle: Vector, rotors: RotorAerodynamics) -> Load:
+    """What lift, climb, drag and inflow of the rotors add to their thrust.
+
+    Args:
+        air: u, its velocity relative to the vehicle in the axes of B, m/s.
+        speed: of the rotors.
+        middle: of the rotors, seen from the centre of mass, m.
+        rotors: their numbers.
+    """
+    turning = speed.rotor_1 + speed.rotor_2 + speed.rotor_3 + speed.rotor_4
+    drag = rotors.drag * turning
+    across = air.x * air.x + air.y * air.y
+    lift = rotors.lift * across + (rotors.climb + rotors.inflow * turning) * air.z
+    force = Vector(drag * air.x, drag * air.y, lift)
+    return Load(force, cross(middle, force))
+
+
+def sum_of_loads(loads: list[Load]) -> Load:
+    """The sum of one or several loads."""
+    total, *others = loads
+    for load in others:
+        total = Load(plus(total.force, load.force), plus(total.torque, load.torque))
+    return total
+
+
+def ground_effect(height: Row, ground: GroundEffect) -> Row:
+    """Thrust over that far from the ground, at the same rotor speed: 1 / (1 - (R / 4z)²).
+
+    Cheeseman and Bennett, "The effect of the ground on a helicopter rotor in forward flight", ARC R&M 3021, 1955, from
+    a source below the ground that mirrors the rotor. It fades as 1 / z², without an end: 1.6 % at a height of 2 R,
+    0.4 % at 4 R. The formula has a pole at R / 4. The limit is ours: below R / 2, and below the ground, the ratio
+    stays what it is at R / 2, 4/3.
+
+    Args:
+        height: of the vehicle in W, m. The rotors are at the height of its centre of mass.
+        ground: where it is, and the rotors' radius.
+    """
+    clearance = maximum(height - ground.ground_height, 0.5 * ground.rotor_radius)
+    ratio = 0.25 * ground.rotor_radius / clearance
+    return 1.0 / (1.0 - ratio * ratio)

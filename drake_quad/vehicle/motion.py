@@ -1,0 +1,167 @@
+"""The equations of motion with all effects that are switched on."""
+
+from typing import NamedTuple
+
+from drake_quad.signals import PositionW, RotorSpeed, Row, Swing, Wind, Wrench
+from drake_quad.vehicle.aerodynamics import body_drag, ground_effect, rotor_loads, sum_of_loads
+from drake_quad.vehicle.axes import BodyAxes, Vector, plus
+from drake_quad.vehicle.dynamics import (
+    AttitudeKinematics,
+    Motion,
+    RotorAction,
+    drag,
+    equations_of_motion,
+    middle_of_rotors,
+    residual_speed,
+    rotor_action,
+)
+from drake_quad.vehicle.effects import Effects
+from drake_quad.vehicle.motors import acceleration
+from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.payload import Whole, whole, whole_accelerations
+from drake_quad.vehicle.slung_load import pull, swing_rates
+
+
+class Moving(NamedTuple):
+    """What moves under the equations of motion: the body, and a slung load if there is one; or the rates."""
+
+    motion: Motion
+    swing: Swing | None = None
+
+
+class Turning(NamedTuple):
+    """Rotors at an instant.
+
+    Attributes:
+        speed: of each.
+        action: what they do to the body in air that is at rest, far from the ground.
+    """
+
+    speed: RotorSpeed
+    action: RotorAction
+
+
+def turning(speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorParameters, effects: Effects) -> Turning:
+    """Rotors on their way to a target."""
+    action = rotor_action(speed, parameters)
+    if effects.reaction_torque is not None:
+        rate = residual_speed(acceleration(speed, target, parameters, effects.spin_down), parameters.rotors)
+        wrench = action.wrench
+        tau_z = wrench.tau_z - effects.reaction_torque.rotor_inertia * rate
+        action = action._replace(wrench=wrench._replace(tau_z=tau_z))
+    return Turning(speed, action)
+
+
+def rates_of_motion(
+    moving: Moving,
+    height: PositionW,
+    rotors: Turning,
+    wind: Wind,
+    parameters: QuadrotorParameters,
+    kinematics: AttitudeKinematics,
+    effects: Effects,
+    time: Row = 0.0,
+) -> Moving:
+    """The rates of what moves.
+
+    Args:
+        moving: body and slung load.
+        height: of the body in W, which only the effect of the ground asks for.
+        rotors: at this instant.
+        wind: velocity of the air.
+        parameters: of the vehicle.
+        kinematics: `rigid_kinematics` or `small_angle_kinematics`.
+        effects: on the vehicle.
+        time: which only a payload asks for, s.
+    """
+    motion, swing = moving
+    action, force = rotors.action, None
+    if effects.ground_effect is not None:
+        action = _near_ground(action, ground_effect(height, effects.ground_effect))
+    if not effects.load_the_body:
+        return Moving(equations_of_motion(motion, action, wind, parameters, kinematics))
+    axes = BodyAxes.of(motion.roll, motion.pitch, motion.yaw)
+    if effects.body_drag is not None or effects.rotor_aerodynamics is not None:
+        action, force = _in_air(axes, motion, rotors.speed, action, wind, parameters, effects)
+    if effects.slung_load is not None and swing is not None:
+        free = _on_centre(axes, motion, action, wind, parameters, force)
+        rope = pull(free, swing, parameters.mass, effects.slung_load)
+        force = rope if force is None else plus(force, rope)
+        swing = swing_rates(free, swing, parameters.mass, effects.slung_load)
+    rates = equations_of_motion(motion, action, wind, parameters, kinematics, force)
+    if effects.payload is not None:
+        total = _on_centre(axes, motion, action, wind, parameters, force)
+        body = whole(parameters.mass, parameters.inertia, effects.payload, time)
+        rates = _with_payload(rates, motion, axes, total, action, body, parameters)
+    return Moving(rates, swing)
+
+
+def _near_ground(action: RotorAction, ratio: Row) -> RotorAction:
+    """What rotors do whose thrust is so many times as large."""
+    thrust, tau_x, tau_y, tau_z = action.wrench
+    return action._replace(wrench=Wrench(ratio * thrust, ratio * tau_x, ratio * tau_y, tau_z))
+
+
+def _in_air(
+    axes: BodyAxes,
+    motion: Motion,
+    speed: RotorSpeed,
+    action: RotorAction,
+    wind: Wind,
+    parameters: QuadrotorParameters,
+    effects: Effects,
+) -> tuple[RotorAction, Vector]:
+    """What rotors do with the torques of the air added, and the force of the air on the centre of mass in W, N."""
+    air = axes.in_body(Vector(wind.x - motion.v_x, wind.y - motion.v_y, wind.z - motion.v_z))
+    loads = []
+    if effects.body_drag is not None:
+        loads.append(body_drag(air, effects.body_drag))
+    if effects.rotor_aerodynamics is not None:
+        loads.append(rotor_loads(air, speed, middle_of_rotors(parameters), effects.rotor_aerodynamics))
+    force, torque = sum_of_loads(loads)
+    thrust, tau_x, tau_y, tau_z = action.wrench
+    wrench = Wrench(thrust, tau_x + torque.x, tau_y + torque.y, tau_z + torque.z)
+    return action._replace(wrench=wrench), axes.in_world(force)
+
+
+def _on_centre(
+    axes: BodyAxes,
+    motion: Motion,
+    action: RotorAction,
+    wind: Wind,
+    parameters: QuadrotorParameters,
+    force: Vector | None,
+) -> Vector:
+    """All force on the vehicle in W but for its weight, N."""
+    airspeed = Wind(wind.x - motion.v_x, wind.y - motion.v_y, wind.z - motion.v_z)
+    total = plus(
+        axes.in_world(Vector(0.0, 0.0, action.wrench.thrust)),
+        Vector(*drag(airspeed, parameters.linear_drag, parameters.quadratic_drag)),
+    )
+    return total if force is None else plus(total, force)
+
+
+def _with_payload(
+    rates: Motion,
+    motion: Motion,
+    axes: BodyAxes,
+    force: Vector,
+    action: RotorAction,
+    body: Whole,
+    parameters: QuadrotorParameters,
+) -> Motion:
+    """The rates of a vehicle that carries a payload, made of those that it had without."""
+    _, *torque = action.wrench
+    spin = parameters.rotor_inertia * action.residual
+    moved, turned = whole_accelerations(
+        axes.in_body(force), Vector(*torque), Vector(motion.p, motion.q, motion.r), spin, body
+    )
+    in_world = axes.in_world(moved)
+    return rates._replace(
+        v_x=in_world.x,
+        v_y=in_world.y,
+        v_z=in_world.z - parameters.gravity,
+        p=turned.x,
+        q=turned.y,
+        r=turned.z,
+    )

@@ -1,0 +1,196 @@
+"""Effects from the language to the vehicle that flies, as it is wired and compiled, alone and in a fleet."""
+
+import math
+
+import numpy as np
+import pytest
+from both_ways import assert_flown_alike
+
+from drake_quad import InputError, simulate
+from drake_quad.assembly.effects import vehicle_effects
+from drake_quad.assembly.laboratory import laboratory_recipes
+from drake_quad.assembly.planning import plan_route
+from drake_quad.flight import simulate_samples
+from drake_quad.scenario import Batch
+from drake_quad.vehicle.aerodynamics import (
+    BodyDrag,
+    CentreOfPressure,
+    GroundEffect,
+    LinearDrag,
+    QuadraticDrag,
+    RotorAerodynamics,
+)
+from drake_quad.vehicle.allocation import Allocation
+from drake_quad.vehicle.battery import Battery
+from drake_quad.vehicle.effects import NO_EFFECTS, ReactionTorque
+from drake_quad.vehicle.motors import SpinDown, ThrottleAllocation, ThrustCurve
+from drake_quad.vehicle.parameters import Inertia
+from drake_quad.vehicle.payload import Payload, PayloadPosition
+from drake_quad.vehicle.slung_load import SlungLoad
+
+PAYLOAD = "mass: 0.05, position: [0.001, 0.002, -0.03], inertia: [1e-5, 2e-5, 3e-5], time: 1.2"
+OVERRIDES = {
+    "body_drag": "{linear: [0.1, 0.2, 0.3], quadratic: [0.01, 0.02, 0.03], centre_of_pressure: [0.001, 0.002, 0.003]}",
+    "rotor_aerodynamics": "{lift: 0.02, climb: -0.1, drag: 1e-4, inflow: 2e-4}",
+    "ground_effect": "{rotor_radius: 0.3, ground_height: 0.2}",
+    "reaction_torque": "true",
+    "rotor_time_constant_down": "0.07",
+    "payload": f"{{{PAYLOAD}, event: dropped}}",
+    "battery": "{voltage: 12.6, empty_voltage: 10.2, capacity: 0.05, resistance: 0.02, efficiency: 0.7}",
+    "slung_load": "{mass: 0.03, length: 0.6}",
+    "motors": "{kind: throttle, curve: [0.11, 1.05, 2.6]}",
+}
+BELIEVED = "nominal.motors={kind: throttle, curve: [0.1, 1.0, 2.8]}"
+
+
+def overrides(*names):
+    """With what a scenario gets these effects."""
+    believed = [BELIEVED] if "motors" in names else []
+    return [*believed, *(f"vehicle.{name}={OVERRIDES[name]}" for name in names)]
+
+
+def recipes_of(scenario):
+    return laboratory_recipes(Batch.draw(scenario, (0,)), plan_route(scenario), 2.0)
+
+
+def test_effects_have_the_numbers_of_the_scenario(asymmetric):
+    names = OVERRIDES.keys() - {"slung_load"}
+    found = vehicle_effects(asymmetric("pid", *overrides(*names)).vehicle)
+    assert found.body_drag == BodyDrag(
+        LinearDrag(0.1, 0.2, 0.3), QuadraticDrag(0.01, 0.02, 0.03), CentreOfPressure(0.001, 0.002, 0.003)
+    )
+    assert found.rotor_aerodynamics == RotorAerodynamics(0.02, -0.1, 1e-4, 2e-4)
+    assert found.ground_effect == GroundEffect(0.3, 0.2)
+    assert found.reaction_torque == ReactionTorque(9.0e-5)
+    assert found.spin_down == SpinDown(0.07)
+    assert found.battery == Battery(12.6, 10.2, 0.05, 0.02, 0.7)
+    assert found.thrust_curve == ThrustCurve(0.11, 1.05, 2.6)
+    payload = Payload(0.05, PayloadPosition(0.001, 0.002, -0.03), Inertia(1e-5, 2e-5, 3e-5), 0.0, 1.2)
+    assert found.payload == payload
+    picked_up = asymmetric("pid", f"vehicle.payload={{{PAYLOAD}, event: picked_up}}")
+    assert vehicle_effects(picked_up.vehicle).payload == payload._replace(picked_up=1.2, dropped=math.inf)
+    assert vehicle_effects(asymmetric("pid", *overrides("slung_load")).vehicle).slung_load == SlungLoad(0.03, 0.6)
+
+
+def test_what_is_off_has_no_place_in_the_diagram(asymmetric):
+    recipes = recipes_of(asymmetric("pid"))
+    assert recipes["vehicle"].structure["effects"] == ()
+    assert recipes["vehicle"].numbers.effects == NO_EFFECTS
+    assert recipes["allocation"].system is Allocation
+
+
+def test_with_throttles_the_autopilot_allocates_by_the_curve_that_it_believes(asymmetric):
+    recipe = recipes_of(asymmetric("pid", *overrides("motors")))["allocation"]
+    assert recipe.system is ThrottleAllocation
+    assert recipe.numbers.curve == ThrustCurve(0.1, 1.0, 2.8)
+    flight = simulate(asymmetric("pid", "duration=0.1", "metrics.start=0", *overrides("motors")))
+    assert "rotor_speed_command" not in flight.signals
+    # The link begins with the weight that is believed: 0.1 + u + 2.8 u² of each of four rotors.
+    hover = np.roots([2.8, 1.0, 0.1 - 0.7 * 9.79 / 4.0]).max()
+    np.testing.assert_allclose([row[0] for row in flight.record("throttle_command")], hover, rtol=1e-9)
+
+
+SETS = [
+    *((name,) for name in OVERRIDES),
+    tuple(name for name in OVERRIDES if name != "slung_load"),
+    tuple(name for name in OVERRIDES if name != "payload"),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("names", SETS, ids=lambda names: names[0] if len(names) == 1 else f"{len(names)} effects")
+def test_compiled_wired_and_in_a_fleet_flights_are_alike(asymmetric, names):
+    """And the effect changes the flight."""
+    plain = simulate(asymmetric("pid", "duration=2"))
+    flight, *_ = assert_flown_alike(Batch.draw(asymmetric("pid", "duration=2", *overrides(*names)), (0,)))
+    assert np.abs(flight["state"] - plain["state"]).max() > 1e-6
+    drawn = "vehicle.mass={uniform: {min: 0.7, max: 0.75}}"
+    scenario = asymmetric("pid", "duration=2", drawn, *overrides(*names))
+    for alone, together in zip(
+        (simulate(scenario, sample=i) for i in (0, 1)), simulate_samples(scenario, (0, 1)), strict=True
+    ):
+        np.testing.assert_allclose(together["state"], alone["state"], rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_numbers_of_effects_may_be_drawn(asymmetric):
+    drawn = [
+        "vehicle.body_drag={linear: [{uniform: {min: 0.1, max: 0.3}}, 0, 0]}",
+        "vehicle.payload={mass: {uniform: {min: 0.02, max: 0.05}}, time: {choice: [0.5, 1.2]}, event: dropped}",
+        "vehicle.rotor_time_constant_down={uniform: {min: 0.04, max: 0.08}}",
+        "vehicle.reaction_torque=true",
+    ]
+    scenario = asymmetric("pid", "duration=2", *drawn)
+    flights = assert_flown_alike(Batch.draw(scenario, range(3)))
+    for i, flight in enumerate(flights):
+        alone = simulate(scenario, sample=i, compiled=True)
+        np.testing.assert_array_equal(flight["state"], alone["state"])
+    assert len({flight["state"][-1, 0] for flight in flights}) == 3
+
+
+STILL = ["laboratory.wind=[]", "vehicle.linear_drag=0", "vehicle.quadratic_drag=0"]
+
+
+@pytest.mark.parametrize(
+    ("drag", "steepest"),
+    [
+        ("body_drag={{linear: [0.1, {0!r}, 0.2]}}", 1.0),
+        ("rotor_aerodynamics={{drag: {0!r}, inflow: 1e-6}}", 4.0 * 222.0),
+        ("rotor_aerodynamics={{climb: -{0!r}, drag: 1e-6}}", 1.0),
+    ],
+)
+def test_a_step_is_too_long_for_drag_of_any_kind(asymmetric, drag, steepest):
+    """The steepest slope of the force over the speed, over the mass, times the step is at most 2.5."""
+    most = 2.5 * 0.74 / 0.01 / steepest
+    recipes_of(asymmetric("pid", *STILL, "vehicle." + drag.format((1.0 - 1e-9) * most)))
+    with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for this much drag"):
+        recipes_of(asymmetric("pid", *STILL, "vehicle." + drag.format((1.0 + 1e-9) * most)))
+
+
+def test_in_wind_quadratic_drag_of_the_body_and_lift_are_steeper(asymmetric):
+    wind = "laboratory.wind=[{kind: steady, velocity: [3, 0, 4]}]"
+    for drag in ("body_drag={{quadratic: [0.1, 0.2, {0!r}]}}", "rotor_aerodynamics={{lift: {0!r}}}"):
+        most = 2.5 * 0.74 / 0.01 / 10.0
+        recipes_of(asymmetric("pid", *STILL, wind, "vehicle." + drag.format((1.0 - 1e-9) * most)))
+        with pytest.raises(InputError, match="too long for this much drag"):
+            recipes_of(asymmetric("pid", *STILL, wind, "vehicle." + drag.format((1.0 + 1e-9) * most)))
+
+
+def test_a_step_is_too_long_for_a_load_that_swings_fast(asymmetric):
+    """ω² = (1 + m_L / m) g / l."""
+    shortest = 9.81 * (1.0 + 7.4 / 0.74) * (0.01 / 2.5) ** 2
+    assert shortest < 0.01
+    shortest = 9.81 * (1.0 + 100.0 / 0.74) * (0.01 / 2.5) ** 2
+    recipes_of(asymmetric("pid", f"vehicle.slung_load={{mass: 100, length: {(1.0 + 1e-9) * shortest!r}}}"))
+    with pytest.raises(InputError, match="vehicle.time_step is 0.01 s, too long for this slung load"):
+        recipes_of(asymmetric("pid", f"vehicle.slung_load={{mass: 100, length: {(1.0 - 1e-9) * shortest!r}}}"))
+
+
+@pytest.mark.parametrize("event", ["picked_up", "dropped"])
+def test_velocities_go_on_when_a_payload_comes_or_goes(asymmetric, event):
+    """The vehicle starts trimmed with what it carries; the thrust stays, so the climb begins at the event."""
+    scenario = asymmetric(
+        "pid", "duration=2", f"vehicle.payload={{mass: 0.1, position: [0, 0, -0.05], time: 1.0, event: {event}}}"
+    )
+    flight = simulate(scenario)
+    state = flight.record("state")
+    jumps = np.abs(np.diff(np.array([state.v_x, state.v_y, state.v_z, state.p, state.q, state.r]), axis=1))
+    around = np.searchsorted(flight.time, 1.0)
+    # 0.1 kg of 0.74 kg is 1.3 m/s² at most in a tick of 20 ms.
+    assert jumps[:3, around - 2 : around + 3].max() < 0.06
+    climb = np.diff(state.v_z)
+    change = climb[around + 1] - climb[around - 2]
+    assert (change > 0.005) if event == "dropped" else (change < -0.005)
+
+
+def test_a_vehicle_with_effects_starts_trimmed(asymmetric):
+    """In still air nothing moves within the first steps, whatever it carries, above any ground."""
+    even = ["vehicle.battery_sag=0", "vehicle.rotor_failure=null", *STILL]
+    for names in (("payload", "ground_effect", "rotor_aerodynamics"), ("slung_load", "ground_effect", "body_drag")):
+        scenario = asymmetric("pid", "duration=0.1", *even, *overrides(*names))
+        recipe = recipes_of(scenario)["vehicle"]
+        vehicle = recipe._replace(structure=recipe.structure | {"time_step": 0.0}).build(1)
+        context = vehicle.CreateDefaultContext()
+        speeds = vehicle.get_state(context, "continuous").rotors
+        vehicle.GetInputPort("rotor_speed_command").FixValue(context, speeds)
+        np.testing.assert_allclose(vehicle.EvalTimeDerivatives(context).CopyToVector(), 0.0, atol=1e-11)

@@ -1,0 +1,221 @@
+"""Throttles, lags up and down, the reaction of the body, and the battery."""
+
+import numpy as np
+import pytest
+import scipy
+from pydrake.systems.analysis import Simulator
+
+from drake_quad.signals import Charge, RotorSpeed, Throttle, Wrench
+from drake_quad.vehicle.allocation import RotorModel, allocate
+from drake_quad.vehicle.battery import Battery, rotor_power, terminals
+from drake_quad.vehicle.dynamics import rotor_action
+from drake_quad.vehicle.effects import Effects, ReactionTorque
+from drake_quad.vehicle.motors import (
+    SpinDown,
+    ThrottleAllocation,
+    ThrottleModel,
+    ThrustCurve,
+    allocate_throttle,
+    throttle_for,
+    thrust_of,
+    told_as,
+    told_by_throttle,
+)
+from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
+from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.rotors import Rotors
+
+# The last is the curve that Eschmann, Albani and Loianno (arXiv 2404.07837) found for a Crazyflie: it falls at first.
+RISING = [
+    ThrustCurve(0.1, 1.0, 2.8),
+    ThrustCurve(0.0, 0.0, 3.0),
+    ThrustCurve(0.2, 4.0, 0.0),
+    ThrustCurve(0.0, 4.0, -1.9),
+]
+CRAZYFLIE = ThrustCurve(0.0227, -0.0119, 0.1284)
+
+
+@pytest.mark.parametrize("curve", RISING)
+def test_a_throttle_gives_its_thrust(curve):
+    """Root finding agrees with the closed form over all of the curve."""
+    for throttle in np.linspace(0.0, 1.0, 21).tolist():
+        thrust = thrust_of(throttle, curve)
+        assert thrust == pytest.approx(np.polyval(curve[::-1], throttle), rel=1e-14)
+        assert throttle_for(thrust, curve) == pytest.approx(throttle, abs=1e-12)
+
+
+def test_of_a_curve_that_falls_at_first_the_rising_branch_is_taken():
+    found = throttle_for(0.05, CRAZYFLIE)
+    root = scipy.optimize.brentq(lambda u: np.polyval(CRAZYFLIE[::-1], u) - 0.05, 0.1, 1.0)
+    assert found == pytest.approx(root, rel=1e-12)
+
+
+def test_a_vehicle_turns_its_rotors_as_throttles_say():
+    """One beyond its range is clipped, one that is no number is none; the mean rotor gives what the curve says."""
+    curve = ThrustCurve(0.1, 1.0, 2.8)
+    rotors = Rotors.plus().with_thrust_factors(4.0e-5, 4.1e-5, 4.2e-5, 4.3e-5)
+    parameters = QuadrotorParameters(rotors=rotors)
+    told = told_by_throttle(Throttle(0.5, -1.0, 7.0, np.nan), curve, parameters)
+    np.testing.assert_allclose(np.square(told) * 4.15e-5, [0.1 + 0.5 + 0.7, 0.1, 3.9, 0.1], rtol=1e-12)
+
+
+def test_the_allocation_gives_a_wrench_by_throttles(asymmetric_vehicle):
+    """Where the vehicle is as it is believed to be, rotors that follow their throttles give the wrench."""
+    b = 4.1e-5
+    rotors = asymmetric_vehicle.rotors.with_thrust_factors(b, b, b, b)
+    parameters = asymmetric_vehicle._replace(rotors=rotors, centre_of_mass=CentreOfMass())
+    model = ThrottleModel.of(parameters, RISING[0])
+    wrench = Wrench(7.1, 0.05, -0.08, 0.003)
+    command, shortfall = allocate_throttle(wrench, model)
+    assert all(0.0 < throttle < 1.0 for throttle in command)
+    assert shortfall == (0.0, 0.0, 0.0, 0.0)
+    told = told_by_throttle(command, model.curve, parameters)
+    np.testing.assert_allclose(rotor_action(told, parameters).wrench, wrench, rtol=1e-12)
+
+
+def test_what_full_throttle_cannot_give_is_given_up():
+    """The rotors could turn faster: the throttle is the limit. At the other end it is the thrust of no throttle."""
+    parameters = QuadrotorParameters(max_rotor_speed=1e4, min_rotor_speed=0.0)
+    model = ThrottleModel.of(parameters, ThrustCurve(0.3, 1.0, 1.2))
+    command, shortfall = allocate_throttle(Wrench(20.0, 0.0, 0.0, 0.0), model)
+    np.testing.assert_allclose(command, 1.0, rtol=1e-12)
+    assert shortfall.thrust == pytest.approx(20.0 - 4.0 * 2.5)
+    command, shortfall = allocate_throttle(Wrench(0.5, 0.0, 0.0, 0.0), model)
+    np.testing.assert_allclose(command, 0.0, atol=1e-12)
+    assert shortfall.thrust == pytest.approx(0.5 - 4.0 * 0.3)
+
+
+def test_the_rotors_limits_hold_with_throttles_too(asymmetric_vehicle):
+    rotors = RotorModel.of(asymmetric_vehicle)
+    model = ThrottleModel.of(asymmetric_vehicle, ThrustCurve(0.0, 0.0, 100.0))
+    for thrust in (0.1, 100.0):
+        wrench = Wrench(thrust, 0.0, 0.0, 0.0)
+        command, shortfall = allocate_throttle(wrench, model)
+        expected = allocate(wrench, rotors)
+        np.testing.assert_allclose(shortfall, expected.shortfall, rtol=1e-12)
+        speeds = [np.sqrt(100.0 * throttle**2 / model.thrust_factor) for throttle in command]
+        np.testing.assert_allclose(speeds, expected.rotor_speed_command, rtol=1e-12)
+
+
+def test_a_wrong_belief_of_the_curve_is_a_wrong_thrust(asymmetric_vehicle):
+    """What the autopilot must command for the rotors to turn as wanted is what `told_as` says."""
+    vehicle = ThrottleModel.of(asymmetric_vehicle, ThrustCurve(0.2, 0.9, 3.3))
+    believed = ThrottleModel.of(QuadrotorParameters(), ThrustCurve(0.1, 1.1, 2.7))
+    wanted = RotorSpeed(200.0, 210.0, 190.0, 205.0)
+    commanded = told_as(wanted, vehicle, believed)
+    thrusts = believed.thrust_factor * np.square(commanded)
+    command = Throttle(*(throttle_for(thrust, believed.curve) for thrust in thrusts))
+    np.testing.assert_allclose(told_by_throttle(command, vehicle.curve, asymmetric_vehicle), wanted, rtol=1e-12)
+    assert np.abs(np.subtract(commanded, wanted)).min() > 1.0
+
+
+def test_the_system_allocates_throttles():
+    model = ThrottleModel.of(QuadrotorParameters(), RISING[0])
+    system = ThrottleAllocation(numbers=model)
+    context = system.CreateDefaultContext()
+    wrench = Wrench(6.0, 0.01, 0.02, 0.001)
+    system.GetInputPort("wrench").FixValue(context, wrench)
+    command, shortfall = allocate_throttle(wrench, model)
+    found = system.get_output_port().Eval(context)
+    np.testing.assert_allclose(found, [*command, *shortfall], rtol=1e-12, atol=1e-15)
+
+
+def flown(effects, command, duration, time_step, parameters, initial=None):
+    """The vehicle's simulator after some time under a constant command."""
+    numbers = QuadrotorNumbers(parameters, effects=effects)
+    vehicle = Quadrotor(time_step=time_step, effects=effects.names, numbers=numbers)
+    simulator = Simulator(vehicle)
+    context = simulator.get_mutable_context()
+    if initial is not None and time_step > 0.0:
+        vehicle.set_state(context, "rotor_speed", initial)
+    elif initial is not None:
+        state = vehicle.get_state(context, "continuous")
+        vehicle.set_state(context, "continuous", state._replace(rotors=initial))
+    port = "throttle_command" if effects.thrust_curve else "rotor_speed_command"
+    vehicle.GetInputPort(port).FixValue(context, np.asarray(command, dtype=float))
+    simulator.get_mutable_integrator().set_target_accuracy(1e-8)
+    simulator.AdvanceTo(duration)
+    simulator.AdvancePendingEvents()
+    return vehicle, context
+
+
+@pytest.mark.parametrize("time_step", [0.01, 0.0])
+def test_rotors_speed_up_and_slow_down_with_lags_of_their_own(time_step):
+    parameters = QuadrotorParameters(rotor_time_constant=0.03)
+    effects = Effects(spin_down=SpinDown(0.08))
+    initial, command = RotorSpeed(100.0, 280.0, 150.0, 200.0), [200.0, 150.0, 260.0, 90.0]
+    vehicle, context = flown(effects, command, 0.05, time_step, parameters, initial)
+    found = vehicle.GetOutputPort("rotor_speed").Eval(context)
+    lags = np.array([0.03, 0.08, 0.03, 0.08])
+    expected = command + (np.array(initial) - command) * np.exp(-0.05 / lags)
+    np.testing.assert_allclose(found, expected, rtol=1e-6 if time_step == 0.0 else 1e-12)
+
+
+@pytest.mark.parametrize("time_step", [0.01, 0.0])
+def test_body_and_rotors_keep_their_angular_momentum(time_step):
+    """About z, without drag of the rotors: what the rotors gain the body loses."""
+    spin = 2.0e-4
+    parameters = QuadrotorParameters(rotor_inertia=spin, rotors=Rotors.plus(drag_factor=1e-30))
+    effects = Effects(reaction_torque=ReactionTorque(spin), spin_down=SpinDown(0.09))
+    initial, command = RotorSpeed(200.0, 200.0, 200.0, 200.0), [150.0, 250.0, 150.0, 250.0]
+    vehicle, context = flown(effects, command, 0.2, time_step, parameters, initial)
+    speeds = RotorSpeed(*vehicle.GetOutputPort("rotor_speed").Eval(context))
+    *_, r = vehicle.GetOutputPort("state").Eval(context)
+    residual = -speeds.rotor_1 + speeds.rotor_2 - speeds.rotor_3 + speeds.rotor_4
+    assert residual > 150.0
+    # The step integrates an exponential by Simpson's rule: h⁵ of it is left.
+    assert parameters.inertia.i_zz * r + spin * residual == pytest.approx(0.0, abs=1e-5 * spin * residual)
+
+
+BATTERY = Battery(voltage=12.6, empty_voltage=10.2, capacity=0.05, resistance=0.04, efficiency=0.65)
+
+
+def test_the_voltage_under_load_is_that_of_the_circuit():
+    """Kirchhoff's voltage law and the power, found by a solver of equations."""
+    for drawn, power in ((0.0, 0.0), (0.01, 80.0), (0.04, 150.0)):
+        voltage, current = terminals(Charge(drawn), power, BATTERY)
+        at_rest = np.interp(drawn, [0.0, 0.05], [12.6, 10.2])
+
+        def circuit(unknown, at_rest=at_rest, power=power):
+            v, i = unknown
+            return [v - at_rest + 0.04 * i, 0.65 * v * i - power]
+
+        np.testing.assert_allclose(
+            [voltage, current], scipy.optimize.fsolve(circuit, [12.0, 5.0]), rtol=1e-9, atol=1e-9
+        )
+    assert terminals(Charge(0.0), 0.0, BATTERY).voltage == 12.6
+
+
+def test_a_battery_that_cannot_give_the_power_gives_the_most_that_it_can():
+    voltage, _ = terminals(Charge(0.0), 1e5, BATTERY)
+    assert voltage == pytest.approx(6.3)
+    assert terminals(Charge(100.0), 10.0, BATTERY).voltage == pytest.approx(0.0, abs=1e-90)
+
+
+@pytest.mark.parametrize("time_step", [0.01, 0.0])
+def test_the_rotors_draw_the_battery_empty(time_step):
+    """Against an equation of its own for charge and one rotor speed, all four alike, at every instant."""
+    parameters = QuadrotorParameters(rotors=Rotors.plus(drag_factor=1.2e-6))
+    vehicle, context = flown(Effects(battery=BATTERY), [240.0] * 4, 3.0, time_step, parameters)
+
+    def slope(_, y):
+        w, drawn = y
+        electrical = 4.0 * 1.2e-6 * w**3 / 0.65
+        at_rest = 12.6 - 2.4 * drawn / 0.05
+        voltage = scipy.optimize.brentq(lambda v: v * (at_rest - v) / 0.04 - electrical, 0.6 * at_rest, at_rest)
+        return [(240.0 * voltage / 12.6 - w) / 0.05, electrical / voltage / 3600.0]
+
+    start = [np.sqrt(0.68 * 9.81 / 4.0 / 4.13e-5), 0.0]
+    speed, drawn = scipy.integrate.solve_ivp(slope, (0.0, 3.0), start, rtol=1e-9, atol=1e-12).y[:, -1]
+    assert speed < 230.0
+    found = vehicle.GetOutputPort("rotor_speed").Eval(context)
+    # A step holds the voltage of its beginning.
+    np.testing.assert_allclose(found, speed, rtol=2e-4 if time_step else 1e-5)
+    charge = vehicle.GetOutputPort("charge").Eval(context)
+    np.testing.assert_allclose(charge, drawn, rtol=1e-3 if time_step else 1e-5)
+
+
+def test_power_is_torque_times_speed():
+    speeds = RotorSpeed(100.0, 200.0, -50.0, 0.0)
+    parameters = QuadrotorParameters(rotors=Rotors.plus(drag_factor=1e-6))
+    assert rotor_power(speeds, parameters) == pytest.approx(1e-6 * (1e6 + 8e6 + 1.25e5))
