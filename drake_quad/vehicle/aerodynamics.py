@@ -20,7 +20,7 @@ from typing import Annotated, NamedTuple
 
 from drake_quad.framework.elementary import maximum
 from drake_quad.signals import Quantity, RotorSpeed, Row
-from drake_quad.vehicle.axes import Vector, cross, length, plus
+from drake_quad.vehicle.axes import Vector, cross, plus
 
 _LinearDrag = Annotated[Row, Quantity("N s/m", "B")]
 _QuadraticDrag = Annotated[Row, Quantity("N s²/m²", "B")]
@@ -94,14 +94,14 @@ class Load(NamedTuple):
     torque: Vector
 
 
-def body_drag(air: Vector, body: BodyDrag) -> Load:
+def body_drag(air: Vector, speed: Row, body: BodyDrag) -> Load:
     """The drag of the body.
 
     Args:
         air: u, its velocity relative to the vehicle in the axes of B, m/s.
+        speed: |u|, m/s.
         body: its numbers.
     """
-    speed = length(air)
     force = Vector._make((c_1 + c_2 * speed) * u for c_1, c_2, u in zip(body.linear, body.quadratic, air, strict=True))
     return Load(force, cross(Vector(*body.centre_of_pressure), force))
 

@@ -26,14 +26,11 @@ from typing import NamedTuple
 
 from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt
 from drake_quad.signals import Angle, AngleRate, BodyRateB, BodyRates, RotorSpeed, Row, State, VelocityW, Wind, Wrench
-from drake_quad.vehicle.axes import Vector
+from drake_quad.vehicle.axes import TINY, Vector
 from drake_quad.vehicle.faults import SpeedFactors
 from drake_quad.vehicle.mixer import mixer_of
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotors
-
-# An airspeed of zero must not make the derivative of the square root infinite; 1e-200 changes no float above 1e-92.
-_TINY = 1e-200
 
 
 class Motion(NamedTuple):
@@ -124,7 +121,7 @@ def drag(airspeed: Wind, linear: Row, quadratic: Row) -> tuple[Row, Row, Row]:
         quadratic: c₂, N s²/m².
     """
     x, y, z = airspeed
-    factor = linear + quadratic * sqrt(x * x + y * y + z * z + _TINY)
+    factor = linear + quadratic * sqrt(x * x + y * y + z * z + TINY)
     return factor * x, factor * y, factor * z
 
 

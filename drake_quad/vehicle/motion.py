@@ -4,7 +4,7 @@ from typing import NamedTuple
 
 from drake_quad.signals import PositionW, RotorSpeed, Row, Swing, Wind, Wrench
 from drake_quad.vehicle.aerodynamics import body_drag, ground_effect, rotor_loads, sum_of_loads
-from drake_quad.vehicle.axes import BodyAxes, Vector, plus
+from drake_quad.vehicle.axes import BodyAxes, Vector, length, plus, times
 from drake_quad.vehicle.dynamics import (
     AttitudeKinematics,
     Motion,
@@ -111,17 +111,19 @@ def _in_air(
     parameters: QuadrotorParameters,
     effects: Effects,
 ) -> tuple[RotorAction, Vector]:
-    """What rotors do with the torques of the air added, and the force of the air on the centre of mass in W, N."""
-    air = axes.in_body(Vector(wind.x - motion.v_x, wind.y - motion.v_y, wind.z - motion.v_z))
+    """What rotors do with the air's torques and force along z of B added, and the rest of its force, in W (N)."""
+    in_world = Vector(wind.x - motion.v_x, wind.y - motion.v_y, wind.z - motion.v_z)
+    air = axes.in_body(in_world)
     loads = []
     if effects.body_drag is not None:
-        loads.append(body_drag(air, effects.body_drag))
+        # Its length in W is that in B, and isotropic drag needs it, too.
+        loads.append(body_drag(air, length(in_world), effects.body_drag))
     if effects.rotor_aerodynamics is not None:
         loads.append(rotor_loads(air, speed, middle_of_rotors(parameters), effects.rotor_aerodynamics))
     force, torque = sum_of_loads(loads)
     thrust, tau_x, tau_y, tau_z = action.wrench
-    wrench = Wrench(thrust, tau_x + torque.x, tau_y + torque.y, tau_z + torque.z)
-    return action._replace(wrench=wrench), axes.in_world(force)
+    wrench = Wrench(thrust + force.z, tau_x + torque.x, tau_y + torque.y, tau_z + torque.z)
+    return action._replace(wrench=wrench), plus(times(force.x, axes.x), times(force.y, axes.y))
 
 
 def _on_centre(

@@ -52,9 +52,9 @@ def told_by_throttle(command: Throttle, curve: ThrustCurve, parameters: Quadroto
     So a rotor whose own factor is off from the mean gives as much more or less than the curve says. A throttle is
     clipped to [0, 1], 0 if it is not a number.
     """
-    b = mean_thrust_factor(parameters)
+    per_factor = 1.0 / mean_thrust_factor(parameters)
     thrusts = [thrust_of(minimum(maximum(throttle, 0.0), 1.0), curve) for throttle in command]
-    return RotorSpeed._make(sqrt(maximum(thrust, TINY) / b) for thrust in thrusts)
+    return RotorSpeed._make(sqrt(maximum(thrust, TINY) * per_factor) for thrust in thrusts)
 
 
 def time_constants(
