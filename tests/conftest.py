@@ -10,6 +10,7 @@ from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParame
 _FIRST = ("test_cluster", "test_docs", "test_scripts", "test_replay", "test_report", "test_fuzz")
 
 
+@pytest.hookimpl(optionalhook=True)  # pytest runs without xdist, too
 def pytest_xdist_auto_num_workers() -> int:
     """One process more than there are cores, since some tests wait; each takes a few hundred MB."""
     return min(4, (os.cpu_count() or 1) + 1)
