@@ -24,8 +24,8 @@ from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
 from drake_quad.scenario import Batch, Scenario, distributions_in
 
-# What is exported, and recorded, from each part; a control of the user's own need only have what goes over the link. The
-# wrench comes from the control or, with an autopilot, from the laboratory.
+# What is exported, and recorded, from each part; a control of the user's own need only have what goes over the link.
+# The wrench comes from the control or, with an autopilot, from the laboratory.
 _SIGNALS = {
     "reference": ("reference",),
     "control": (*POSITION_SIGNALS, "acceleration_command", "attitude_command", "wrench", "attitude_target"),

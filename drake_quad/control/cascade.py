@@ -1,4 +1,4 @@
-"""The cascade: position control, thrust vectoring and, unless that is done on board, attitude control as one diagram."""
+"""The cascade as one diagram: position control, thrust vectoring and, unless it is done on board, attitude control."""
 
 from typing import Any
 

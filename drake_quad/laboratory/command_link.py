@@ -12,7 +12,6 @@ from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_sys
 from drake_quad.laboratory.delay_line import carried, declare_delay_line, newest
 from drake_quad.signals import AttitudeTarget, Number, Wrench
 
-
 Command = Literal["wrench", "attitude_target"]
 
 

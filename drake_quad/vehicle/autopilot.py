@@ -92,9 +92,7 @@ def sensed(state: State, noise: SensorNoise | None, numbers: AutopilotNumbers) -
     )
 
 
-def autopilot_law(
-    target: AttitudeTarget, state: State, noise: SensorNoise | None, numbers: AutopilotNumbers
-) -> Wrench:
+def autopilot_law(target: AttitudeTarget, state: State, noise: SensorNoise | None, numbers: AutopilotNumbers) -> Wrench:
     """The wrench of an `AttitudeAutopilot`; arguments as for `sensed`.
 
     Args:

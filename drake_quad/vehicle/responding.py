@@ -125,7 +125,7 @@ def shown_state(body: RespondingBody, turning: Turning) -> State:
 
 
 def _answer(error: Row, rate: Row, natural_frequency: Row, damping: Row) -> AngleAcceleration:
-    """The acceleration (rad/s²) of an angle that is behind its command by an error (rad) and turns at a rate (rad/s)."""
+    """The acceleration (rad/s²) of an angle that is behind its command by an error (rad), and its rate (rad/s)."""
     return natural_frequency * (natural_frequency * error - 2.0 * damping * rate)
 
 
