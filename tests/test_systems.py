@@ -32,7 +32,9 @@ from drake_quad.laboratory.wind.gust import Gust
 from drake_quad.laboratory.wind.wind import SteadyWind
 from drake_quad.randomness.noise import NoiseSource
 from drake_quad.vehicle.allocation import Allocation
+from drake_quad.vehicle.autopilot import AttitudeAutopilot, ThrustAlone
 from drake_quad.vehicle.quadrotor import Quadrotor
+from drake_quad.vehicle.responding import RespondingQuadrotor
 
 
 def name_of(value):
@@ -254,9 +256,11 @@ def test_a_system_that_is_dropped_is_gone(documented, make):
 
 DEFAULTS = {
     Allocation: {"numbers": (4.13e-5, 8.5e-7, 0.17, 60.0, 300.0)},
+    AttitudeAutopilot: {"period": 0.0025, "noisy": False},
     AttitudeController: {},
     Broadcast: {"num_rows": 1},
     CommandLink: {
+        "signal": "wrench",
         "period": 0.02,
         "longest_delay": 0,
         "loses_packets": False,
@@ -295,7 +299,9 @@ DEFAULTS = {
             (0.0, 0.0, 0.0, 0.0),
         ),
     },
+    RespondingQuadrotor: {"time_step": 0.01, "kinematics": "exact", "faulty": False},
     SteadyWind: {},
+    ThrustAlone: {},
     ThrustVectoring: {},
     WeightLearning: {
         "period": 0.02,
