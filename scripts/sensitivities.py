@@ -14,11 +14,22 @@ from drake_quad.visualization.style import save_figures
 
 # The default fields: numbers that a builder can get wrong, and numbers that a designer can choose.
 _FIELDS = (
-    *("vehicle.mass", "vehicle.inertia.0", "vehicle.inertia.1", "vehicle.thrust_factor", "vehicle.arm_length"),
-    *("vehicle.rotor_time_constant", "vehicle.linear_drag"),
+    *("vehicle.mass", "vehicle.thrust_factor", "vehicle.rotor_time_constant", "vehicle.linear_drag"),
     *(f"control.position.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1, 2)),
-    *(f"control.attitude.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1)),
 )
+# Those of roll and pitch, by the kind of the autopilot. What turns a vehicle whose attitude responds is not looked into.
+_TURNED = ("vehicle.inertia.0", "vehicle.inertia.1", "vehicle.arm_length")
+_FIELDS_OF_ATTITUDE = {
+    "none": (*_TURNED, *(f"control.attitude.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1))),
+    "attitude": (
+        *_TURNED,
+        *(f"laboratory.autopilot.{gain}.{axis}" for gain in ("k_attitude", "k_rate") for axis in (0, 1)),
+        *(f"laboratory.autopilot.gyroscope_bias.{axis}" for axis in (0, 1)),
+    ),
+    "response": tuple(
+        f"laboratory.autopilot.{number}.{axis}" for number in ("natural_frequency", "damping") for axis in (0, 1)
+    ),
+}
 
 
 def main() -> None:
@@ -39,7 +50,8 @@ def main() -> None:
     arguments = options.parse_args()
     scenario = scenario_of(arguments)
     folder = output_folder(folder_of(arguments, scenario.name))
-    fields = tuple(dict.fromkeys(arguments.field or _FIELDS))
+    attitude = _FIELDS_OF_ATTITUDE[scenario.laboratory.autopilot.kind]
+    fields = tuple(dict.fromkeys(arguments.field or (*_FIELDS, *attitude)))
     found = flight_sensitivities(scenario, fields, sample=arguments.sample)
     figure = plot_sensitivities(found, arguments.metric)
     files = [
