@@ -17,7 +17,7 @@ _FIELDS = (
     *("vehicle.mass", "vehicle.thrust_factor", "vehicle.rotor_time_constant", "vehicle.linear_drag"),
     *(f"control.position.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1, 2)),
 )
-# Those of roll and pitch, by the kind of the autopilot. What turns a vehicle whose attitude responds is not looked into.
+# Those of roll and pitch, by the kind of the autopilot. What turns a vehicle is part of its response.
 _TURNED = ("vehicle.inertia.0", "vehicle.inertia.1", "vehicle.arm_length")
 _FIELDS_OF_ATTITUDE = {
     "none": (*_TURNED, *(f"control.attitude.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1))),

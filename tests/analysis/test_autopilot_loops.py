@@ -168,7 +168,9 @@ def test_of_a_proportional_loop_the_fastest_within_its_margins_is_found(onboard)
     assert found.gains.k == pytest.approx(omega * np.hypot(1.0, 0.05 * omega), rel=1e-3)
     efforts = Proportional().efforts(plant)
     assert (efforts[0], efforts[-1]) == (pytest.approx(0.05), pytest.approx(np.pi / 0.0075))
-    with pytest.raises(InputError, match=r"no gains of this kind are good enough for p; at best phase margin: 8\d\.\d°"):
+    with pytest.raises(
+        InputError, match=r"no gains of this kind are good enough for p; at best phase margin: 8\d\.\d°"
+    ):
         design_loop(plant, Proportional(), Requirements(phase=89.9, gain=10.0), axis="p")
 
 

@@ -89,7 +89,9 @@ def test_a_continuous_vehicle_flies_alike(scenario, kind):
     """As far as the step of the other is short: a tenth of a millimetre."""
     ends = []
     for time_step in (0.0025, 0.0):
-        flight = simulate(scenario(kind, "duration=1", f"vehicle.time_step={time_step}", "laboratory.wind=[]"), sample=2)
+        flight = simulate(
+            scenario(kind, "duration=1", f"vehicle.time_step={time_step}", "laboratory.wind=[]"), sample=2
+        )
         ends.append(flight["state"][-1, 0:3])
     assert np.abs(ends[0] - flight["state"][0, 0:3]).max() > 0.02
     np.testing.assert_allclose(*ends, atol=1e-4)
@@ -115,7 +117,8 @@ class PlainHeightOnly(LeafSystem):
     def __init__(self):
         super().__init__()
         self.ports = [
-            self.DeclareVectorInputPort(name, BasicVector(size)) for name, size in (("measurement", 12), ("reference", 11))
+            self.DeclareVectorInputPort(name, BasicVector(size))
+            for name, size in (("measurement", 12), ("reference", 11))
         ]
         self.DeclareVectorOutputPort("attitude_target", BasicVector(7), self.command)
 

@@ -282,15 +282,18 @@ STEP = "vehicle.time_step=0.0025"
     ("overrides", "words"),
     [
         ([NO_ATTITUDE], "control.attitude is missing"),
-        ([ON_BOARD % ""], "control.attitude is .*, but must be left out, or null: with .* of kind attitude it is not used"),
+        (
+            [ON_BOARD % ""],
+            "control.attitude is .*, but must be left out, or null: with .* of kind attitude it is not used",
+        ),
         ([RESPONSE], "control.attitude is .*, but must be left out, or null: with .* of kind response it is not used"),
         (
             [ON_BOARD % "", NO_ATTITUDE, "control.position.feed_forward=snap"],
-            "control.position.feed_forward is 'snap', but must be none or acceleration or jerk: .* attitude takes no more",
+            "control.position.feed_forward is 'snap', but must be none or acceleration or jerk: .* takes no more",
         ),
         (
             [RESPONSE, NO_ATTITUDE, "control.position.feed_forward=jerk"],
-            "control.position.feed_forward is 'jerk', but must be none or acceleration: .* of kind response takes no more",
+            "control.position.feed_forward is 'jerk', but must be none or acceleration: .* response takes no more",
         ),
         (
             [ON_BOARD % "", NO_ATTITUDE],
@@ -309,8 +312,14 @@ STEP = "vehicle.time_step=0.0025"
             [RESPONSE, NO_ATTITUDE, "vehicle.rotor_failure={rotor: 1, time: 2}"],
             "vehicle.rotor_failure is .*, but must be left out, or null: .* response knows nothing of single rotors",
         ),
-        ([RESPONSE, NO_ATTITUDE, "laboratory.autopilot.damping.1=0"], "autopilot.damping.1 is 0, but must be larger than 0"),
-        (["laboratory.autopilot.kind=px4"], "autopilot.kind is 'px4', but must be one of 'none', 'attitude', 'response'"),
+        (
+            [RESPONSE, NO_ATTITUDE, "laboratory.autopilot.damping.1=0"],
+            "autopilot.damping.1 is 0, but must be larger than 0",
+        ),
+        (
+            ["laboratory.autopilot.kind=px4"],
+            "autopilot.kind is 'px4', but must be one of 'none', 'attitude', 'response'",
+        ),
     ],
 )
 def test_attitude_is_controlled_in_one_place_and_in_time(write, overrides, words):
@@ -318,7 +327,7 @@ def test_attitude_is_controlled_in_one_place_and_in_time(write, overrides, words
 
 
 def test_an_attitude_that_responds_too_fast_for_the_steps_is_refused(write):
-    """Runge and Kutta's method is stable up to a step of 2.5 time constants; one of the poles is at ω (ζ + √(ζ² - 1))."""
+    """Runge and Kutta's method stands a step of 2.5 time constants; the faster pole is at ω (ζ + √(ζ² - 1))."""
     fast = "laboratory.autopilot={natural_frequency: [6, 100, 3], damping: [0.5, %s, 0.5]}"
     for damping, refused in (("1.4", False), ("1.5", True)):
         scenario = load_scenario(write(SMALL), [RESPONSE, NO_ATTITUDE, fast % damping, "duration=0.1"])

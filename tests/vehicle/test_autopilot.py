@@ -71,7 +71,7 @@ def test_a_target_and_a_state_are_taken_at_an_instant_and_the_wrench_is_held():
 
 @pytest.mark.slow
 def test_a_gyroscope_s_bias_leans_the_vehicle_until_its_attitude_makes_up_for_it(diagrams):
-    """At rest k_attitude (φ_r - φ) is the bias, less what ω x I ω makes of it; and φ_r such that the vehicle is level."""
+    """At rest k_attitude (φ_r - φ) is the bias, less what ω x I ω makes of it; the vehicle is level."""
     bias = np.array([0.02, -0.03, 0.01])
     flight = simulate(
         load_scenario(

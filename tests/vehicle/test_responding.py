@@ -50,7 +50,7 @@ def lag(omega, zeta, target, start, end):
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])
 def test_each_angle_follows_its_command_by_its_own_lag(time_step):
-    """Also through half a turn: from 3 rad to -3 rad the short way. Thrust and body rates of the target do not count."""
+    """Also through half a turn: from 3 rad to -3 rad the short way. The target's thrust and body rates do not count."""
     vehicle = made(start=Place(yaw=3.0), time_step=time_step)
     for end in (0.1, 0.5):
         context = flown(vehicle, end, TARGET._replace(yaw=-3.0))
