@@ -7,13 +7,13 @@ framework for deeply embedded platforms", ICRA 2015). PX4 takes the attitude err
 and a derivative in its rate loop; here errors are those of roll, pitch and yaw, and the rate loop is proportional.
 """
 
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
 from pydrake.common import RandomDistribution
 
 from drake_quad.framework.elementary import wrapped
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.signals import Angle, Attitude, AttitudeTarget, BodyRateB, BodyRates, Gain, Quantity, State, Wrench
+from drake_quad.signals import Angle, Attitude, AttitudeTarget, BodyRateB, BodyRates, Gain, Number, State, Wrench
 from drake_quad.vehicle.parameters import Inertia
 
 
@@ -60,12 +60,12 @@ class AutopilotNumbers(NamedTuple):
 class SensorNoise(NamedTuple):
     """Normal numbers for the noise of gyroscope and attitude."""
 
-    p: Annotated[float, Quantity("1", "B")]
-    q: Annotated[float, Quantity("1", "B")]
-    r: Annotated[float, Quantity("1", "B")]
-    roll: Annotated[float, Quantity("1")]
-    pitch: Annotated[float, Quantity("1")]
-    yaw: Annotated[float, Quantity("1")]
+    p: Number
+    q: Number
+    r: Number
+    roll: Number
+    pitch: Number
+    yaw: Number
 
 
 def sensed(state: State, noise: SensorNoise | None, numbers: AutopilotNumbers) -> tuple[Attitude, BodyRates]:
@@ -93,7 +93,7 @@ def sensed(state: State, noise: SensorNoise | None, numbers: AutopilotNumbers) -
 
 
 def autopilot_law(target: AttitudeTarget, state: State, noise: SensorNoise | None, numbers: AutopilotNumbers) -> Wrench:
-    """The wrench of an `AttitudeAutopilot`; arguments as for `sensed`.
+    """The wrench of an `AttitudeAutopilot`.
 
     Args:
         target: that came over the link.

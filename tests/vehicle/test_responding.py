@@ -115,3 +115,4 @@ def test_a_battery_that_sags_costs_thrust():
     vehicle = made(faulty=True, faults=RotorFaults(battery_sag=0.1))
     context = flown(vehicle, 1.0, AttitudeTarget(*[0.0] * 7))
     np.testing.assert_allclose(vehicle.GetOutputPort("rotor_speed").Eval(context), 200.0 * 0.9, rtol=0.02)
+    assert "faults" not in made().parameters
