@@ -14,7 +14,7 @@ PYTHON ?= $(firstword $(shell .ci/pythons))
 PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 # Scenarios whose diagrams are drawn in diagrams/drawings
-DRAWN = figure_eight.yaml hover.yaml slalom.yaml laboratory.yaml:low_wind outdoor.yaml robustness.yaml \
+DRAWN = figure_eight.yaml hover.yaml slalom.yaml laboratory.yaml:low_wind onboard.yaml outdoor.yaml robustness.yaml \
 	paper.yaml:low_wind_pd_t2fnn
 
 # Drawn evenly over the lines

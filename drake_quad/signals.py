@@ -194,6 +194,18 @@ class BodyRates(NamedTuple):
     r: BodyRateB
 
 
+class AttitudeTarget(NamedTuple):
+    """What an autopilot is told: thrust F_z, attitude, and body rates, which are fed forward."""
+
+    thrust: ForceB
+    roll: Angle
+    pitch: Angle
+    yaw: Angle
+    p: BodyRateB
+    q: BodyRateB
+    r: BodyRateB
+
+
 class AngularAcceleration(NamedTuple):
     """Rates of the body rates."""
 
@@ -243,6 +255,7 @@ SIGNALS: dict[str, Any] = {
     "torque": Torque,
     "attitude_command": Attitude,
     "body_rate_command": BodyRates,
+    "attitude_target": AttitudeTarget,
     "angular_acceleration_command": AngularAcceleration,
     "crashed": Crashed,
     "crash_time": CrashTime,

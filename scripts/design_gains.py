@@ -1,4 +1,7 @@
-"""Designs the PD gains of a scenario's cascade for its laboratory, and states the margins that they keep."""
+"""Designs the gains of a scenario's cascade for its laboratory, and states the margins that they keep.
+
+With an autopilot on board the gains are those of the position, around the attitude as it is controlled on board.
+"""
 
 import argparse
 import itertools
@@ -11,7 +14,15 @@ from command_line import add_vector, all_overrides_of, folder_of, parser, print_
 from ruamel.yaml import YAML
 
 from drake_quad import InputError
-from drake_quad.analysis.cascade_design import CascadeDesign, LoopOptions, default_options, design_cascade, with_gains
+from drake_quad.analysis.cascade_design import (
+    CascadeDesign,
+    LoopOptions,
+    default_options,
+    design_cascade,
+    on_board_options,
+    with_autopilot_gains,
+    with_gains,
+)
 from drake_quad.analysis.closed_loop import ClosedLoop, as_believed, closed_loop
 from drake_quad.analysis.gain_design import PolePair, Regulator
 from drake_quad.analysis.modes import modes
@@ -25,6 +36,8 @@ _FASTEST_MODE = 60.0
 # The axes of each loop, and the default cost of a rate beside that of a value with --method lqr, s.
 _AXES = {"attitude": ("roll", "pitch"), "yaw": ("yaw",), "height": ("z",), "position": ("x", "y")}
 _RATE_TIMES = {"attitude": 0.2, "yaw": 0.2, "height": 0.2, "position": 1.0}
+# In which loops on the ground are printed.
+_ORDER = ("roll", "pitch", "yaw", "z", "x", "y")
 # The options of each loop: the method that they are for, and their range.
 _LIMITS = {"bandwidth": ("poles", 1e-3, 100.0), "damping": ("poles", 0.05, 0.999), "rate_time": ("lqr", 0.0, 10.0)}
 _MARGINS = {"phase_margin": 180.0, "gain_margin": 60.0, "delay_margin": 1000.0}
@@ -42,8 +55,12 @@ def main() -> None:
     arguments = options.parse_args()
     scenario = load_undesigned(arguments.scenario, all_overrides_of(arguments))
     period = scenario.laboratory.command_link.period
-    design = design_cascade(scenario, design_options(arguments, period))
+    if scenario.laboratory.autopilot.kind != "none":
+        _check_position_alone(arguments, scenario.laboratory.autopilot.kind)
+    design = design_cascade(scenario, design_options(arguments, period), on_board=arguments.on_board)
     designed = with_gains(scenario, design.gains())
+    if arguments.on_board:
+        designed = with_autopilot_gains(designed, design.autopilot_gains())
     loop = closed_loop(as_believed(designed))
     folder = output_folder(folder_of(arguments, scenario.name))
     files = [
@@ -52,7 +69,7 @@ def main() -> None:
     ]
     figures = {name: plot(design) for name, plot in DESIGN_PLOTS.items()} | {"steps": plot_steps(loop)}
     files += save_figures(figures, folder, vector=arguments.vector)
-    print_design(design, period)
+    print_design(design)
     print_modes(loop)
     print(f"\na scenario takes the gains by `extends: [FILE:NAME, {files[0]}]`, in this order; or fly it as it is:")
     print(f"  python scripts/simulate.py {files[1]}")
@@ -62,9 +79,12 @@ def main() -> None:
 def add_design_options(options: argparse.ArgumentParser) -> None:
     """Adds the options that say how gains shall be designed."""
     options.add_argument("--method", choices=("poles", "lqr"), default="poles", help="place two poles, or least cost")
-    options.add_argument("--phase-margin", type=float, metavar="DEGREES", help="of every loop (45)")
-    options.add_argument("--gain-margin", type=float, metavar="DB", help="of every loop (6)")
-    options.add_argument("--delay-margin", type=float, metavar="TICKS", help="of the attitude loops (2)")
+    options.add_argument("--phase-margin", type=float, metavar="DEGREES", help="of every loop (45; on board 60)")
+    options.add_argument("--gain-margin", type=float, metavar="DB", help="of every loop (6; on board 10)")
+    options.add_argument("--delay-margin", type=float, metavar="TICKS", help="of the attitude loops on the ground (2)")
+    options.add_argument(
+        "--on-board", action="store_true", help="design k_rate and k_attitude of an autopilot of kind attitude first"
+    )
     for loop, rate_time in _RATE_TIMES.items():
         options.add_argument(
             f"--{loop}-bandwidth",
@@ -94,30 +114,53 @@ def design_options(arguments: argparse.Namespace, period: float) -> dict[str, Lo
         _check(f"{loop}_{name}", value, least, most)
         if value is not None and method != arguments.method:
             raise InputError(f"--{loop}-{name.replace('_', '-')} is for --method {method}")
-    return {
+    found = {
         axis: _asked(arguments, loop, period, default)
         for axis, default in default_options(period).items()
         for loop in _AXES
         if axis in _AXES[loop]
     }
+    if arguments.on_board:
+        found |= {axis: _with_margins(arguments, period, default) for axis, default in on_board_options().items()}
+    return found
 
 
 def _asked(arguments: argparse.Namespace, loop: str, period: float, default: LoopOptions) -> LoopOptions:
     """The options of an axis: the default ones, except for what the arguments ask for its loop."""
+    family = default.family
+    bandwidth, damping, rate_time = (getattr(arguments, f"{loop}_{name}") for name in _LIMITS)
+    if arguments.method == "lqr":
+        family = Regulator(_RATE_TIMES[loop] if rate_time is None else rate_time)
+    elif damping is not None:
+        family = PolePair(damping)
+    return _with_margins(arguments, period, LoopOptions(family, default.requirements, bandwidth))
+
+
+def _with_margins(arguments: argparse.Namespace, period: float, options: LoopOptions) -> LoopOptions:
+    """The options of an axis with the margins that the arguments ask for."""
     phase, gain, delay = (getattr(arguments, name) for name in _MARGINS)
-    requirements, family = default.requirements, default.family
+    requirements = options.requirements
     if phase is not None:
         requirements = requirements._replace(phase=phase)
     if gain is not None:
         requirements = requirements._replace(gain=gain)
     if delay is not None and requirements.delay:
         requirements = requirements._replace(delay=delay * period)
-    bandwidth, damping, rate_time = (getattr(arguments, f"{loop}_{name}") for name in _LIMITS)
-    if arguments.method == "lqr":
-        family = Regulator(_RATE_TIMES[loop] if rate_time is None else rate_time)
-    elif damping is not None:
-        family = PolePair(damping)
-    return LoopOptions(family, requirements, bandwidth)
+    return options._replace(requirements=requirements)
+
+
+def _check_position_alone(arguments: argparse.Namespace, kind: str) -> None:
+    """Raises InputError if an option is for an attitude loop on the ground, which an autopilot replaces."""
+    for loop, name in itertools.product(("attitude", "yaw"), _LIMITS):
+        if getattr(arguments, f"{loop}_{name}") is not None:
+            raise InputError(
+                f"--{loop}-{name.replace('_', '-')} is for attitude control on the ground, but laboratory.autopilot is"
+                f" of kind {kind}"
+            )
+    if arguments.delay_margin is not None:
+        raise InputError(
+            f"--delay-margin is for attitude control on the ground, but laboratory.autopilot is of kind {kind}"
+        )
 
 
 def _check(name: str, value: float | None, least: float, most: float) -> None:
@@ -131,25 +174,31 @@ def write_gains(design: CascadeDesign, path: Path) -> None:
     yaml.default_flow_style = None
     with path.open("w", encoding="utf-8") as file:
         file.write(f"# python scripts/design_gains.py {shlex.join(sys.argv[1:])}\n")
-        yaml.dump({"gains": {"control": design.gains()}}, file)
+        gains: dict[str, dict] = {"control": design.gains()}
+        if design.on_board:
+            gains["laboratory"] = {"autopilot": design.autopilot_gains()}
+        yaml.dump({"gains": gains}, file)
 
 
-def print_design(design: CascadeDesign, period: float) -> None:
+def print_design(design: CascadeDesign) -> None:
     """Prints gains and margins, with a row for each axis."""
     titles = "axis, k_P, k_D, phase, gain, delay, ticks, disk, crossover, bandwidth, max |S|, limit"
+    if design.on_board:
+        titles = titles.replace("k_P", "k_P or k", 1)
     rows = []
-    for axis in ("roll", "pitch", "yaw", "z", "x", "y"):
-        loop = design.loops[axis]
+    for axis in [*design.on_board, *(axis for axis in _ORDER if axis in design.loops)]:
+        loop = design.all_loops[axis]
         margins, cost = loop.margins, loop.cost_ratio
+        first, *second = (f"{gain:.4g}" for gain in loop.gains)
         rows.append(
             (
                 axis,
-                f"{loop.gains.k_p:.4g}",
-                f"{loop.gains.k_d:.4g}",
+                first,
+                *(second or ["–"]),
                 f"{margins.phase:.1f}°",
                 f"{margins.gain:.1f} dB",
                 f"{1e3 * margins.delay:.0f} ms",
-                f"{margins.delay / period:.1f}",
+                f"{margins.delay / loop.plant.period:.1f}",
                 f"{margins.disk:.2f}",
                 f"{margins.crossover:.2f} rad/s",
                 f"{margins.bandwidth:.2f} rad/s",
@@ -158,7 +207,8 @@ def print_design(design: CascadeDesign, period: float) -> None:
                 + (f"; cost {cost:.2f} × the full regulator's" if cost is not None else ""),
             )
         )
-    print("margins of each loop, broken at its commanded acceleration")
+    at = ", or rate" if design.on_board else ""
+    print(f"margins of each loop, broken at its commanded acceleration{at}")
     print_columns(titles.split(", "), rows)
 
 

@@ -16,23 +16,34 @@ from drake_quad.visualization.sensitivity_plots import plot_sensitivities
 from drake_quad.visualization.style import save_figures
 
 # The default fields: numbers that a builder can get wrong, and numbers that a designer can choose.
-_MASSES = ("vehicle.mass", "vehicle.inertia.0", "vehicle.inertia.1", "vehicle.thrust_factor")
-_OTHERS = (
-    *("vehicle.rotor_time_constant", "vehicle.linear_drag"),
+_FIELDS = (
+    *("vehicle.mass", "vehicle.thrust_factor", "vehicle.rotor_time_constant", "vehicle.linear_drag"),
     *(f"control.position.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1, 2)),
-    *(f"control.attitude.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1)),
 )
+# Those of the loops of roll and pitch, by the kind of the autopilot.
+_OF_ATTITUDE = {
+    "none": tuple(f"control.attitude.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1)),
+    "attitude": (
+        *(f"laboratory.autopilot.{gain}.{axis}" for gain in ("k_attitude", "k_rate") for axis in (0, 1)),
+        *(f"laboratory.autopilot.gyroscope_bias.{axis}" for axis in (0, 1)),
+    ),
+    "response": tuple(
+        f"laboratory.autopilot.{number}.{axis}" for number in ("natural_frequency", "damping") for axis in (0, 1)
+    ),
+}
 
 
 def default_fields(scenario: Scenario) -> tuple[str, ...]:
-    """The default fields, with those that say how far the rotors of the vehicle are apart."""
-    layout = scenario.vehicle.layout
-    if not has_distances(layout):
-        return (*_MASSES, "vehicle.arm_length", *_OTHERS)
-    places = [path for path, _ in leaves(layout) if path in ("length", "width") or ".position." in path]
-    # How high a rotor is changes nothing.
-    level = (f"vehicle.layout.{path}" for path in places if not path.endswith(".2"))
-    return (*_MASSES, *level, *_OTHERS)
+    """The default fields; what turns a vehicle is among them unless it is a part of its attitude's response."""
+    kind, layout = scenario.laboratory.autopilot.kind, scenario.vehicle.layout
+    if kind == "response":
+        return (*_FIELDS, *_OF_ATTITUDE[kind])
+    level = ["arm_length"]
+    if has_distances(layout):
+        places = [path for path, _ in leaves(layout) if path in ("length", "width") or ".position." in path]
+        # How high a rotor is changes nothing.
+        level = [f"layout.{path}" for path in places if not path.endswith(".2")]
+    return (*_FIELDS, *(f"vehicle.{name}" for name in ("inertia.0", "inertia.1", *level)), *_OF_ATTITUDE[kind])
 
 
 def main() -> None:

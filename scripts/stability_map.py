@@ -18,6 +18,8 @@ from drake_quad.visualization.style import save_figures
 
 # Default ranges of k_P (1/s²) and k_D (1/s): the stable region of the shipped laboratories and some room around it.
 _RANGES = {"position": ((0.02, 1.2), (0.05, 3.0)), "attitude": ((0.5, 40.0), (0.5, 24.0))}
+# With attitude control on board position control can be that much stiffer.
+_RANGES_WITH_AUTOPILOT = ((0.1, 6.0), (0.1, 8.0))
 # The default worst case: the factor by which rotors are slower, and the ticks by which commands are later.
 _SLOWER, _LATER = 1.4, 1
 
@@ -47,11 +49,13 @@ def main() -> None:
     size = arguments.size if arguments.size is not None else 12 if arguments.quick else 40
     if not 2 <= size <= 200:
         raise InputError(f"--size is {size}, but must be between 2 and 200")
-    k_p = _grid("--k-p", arguments.k_p or _RANGES[arguments.loop][0], size)
-    k_d = _grid("--k-d", arguments.k_d or _RANGES[arguments.loop][1], size)
     if arguments.quick:
         arguments.set = ["duration=5", *arguments.set]
     scenario = scenario_of(arguments)
+    on_the_ground = scenario.laboratory.autopilot.kind == "none"
+    ranges = _RANGES[arguments.loop] if on_the_ground else _RANGES_WITH_AUTOPILOT
+    k_p = _grid("--k-p", arguments.k_p or ranges[0], size)
+    k_d = _grid("--k-d", arguments.k_d or ranges[1], size)
     worst = arguments.worst or _worst_of(scenario)
     names = [field.split("=")[0].split(".")[-1] + "=" + field.split("=", 1)[-1] for field in worst]
     cases = {"nominal": scenario, ", ".join(names): _worst_case(arguments, worst)}

@@ -32,7 +32,7 @@ from drake_quad.randomness.noise import NoiseSource, Samples, Stream, random_str
 from drake_quad.randomness.streams import Kind
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
-from drake_quad.signals import Attitude, State, Wind, Wrench
+from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, State, Wind, Wrench
 from drake_quad.vehicle.aerodynamics import (
     BodyDrag,
     CentreOfPressure,
@@ -42,6 +42,7 @@ from drake_quad.vehicle.aerodynamics import (
     RotorAerodynamics,
 )
 from drake_quad.vehicle.allocation import Allocation, RotorModel
+from drake_quad.vehicle.autopilot import AttitudeAutopilot, AutopilotNumbers, Gyroscope, LoopGains, ThrustAlone
 from drake_quad.vehicle.battery import Battery
 from drake_quad.vehicle.effects import Effects, ReactionTorque
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
@@ -49,6 +50,13 @@ from drake_quad.vehicle.motors import SpinDown, ThrottleAllocation, ThrottleMode
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
 from drake_quad.vehicle.payload import Payload, PayloadPosition
 from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.responding import (
+    AttitudeResponse,
+    DampingRatios,
+    NaturalFrequencies,
+    RespondingNumbers,
+    RespondingQuadrotor,
+)
 from drake_quad.vehicle.rotors import Rotor, Rotors
 from drake_quad.vehicle.slung_load import SlungLoad
 
@@ -144,6 +152,18 @@ JETS = (
 GUST = GustNumbers(Wind(1.0, 2.0, 3.0), 1.1, 2.2, 3.3)
 CAMERAS = CameraNumbers(1e-3, 4e-3, 0.1, Attitude(0.1, 0.2, 0.3), 100.0, 2.0)
 LINK = LinkNumbers(2.0, 0.1, Wrench(6.0, 0.1, 0.2, 0.3))
+TARGETS = LinkNumbers(2.0, 0.1, AttitudeTarget(6.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
+AUTOPILOT = AutopilotNumbers(
+    LoopGains(6.0, 5.5, 2.8),
+    LoopGains(14.0, 12.0, 9.0),
+    Inertia(0.0065, 0.0085, 0.0126),
+    Gyroscope(0.004, BodyRates(0.01, -0.02, 0.03)),
+    0.002,
+    Wrench(6.6, 0.1, 0.2, 0.3),
+)
+RESPONDING = RespondingNumbers(
+    VEHICLE, AttitudeResponse(NaturalFrequencies(6.8, 6.4, 3.1), DampingRatios(0.5, 0.7, 1.1))
+)
 SETS = Antecedents(
     1.4, 0.6, 0.3, FuzzySets(1.8, (-1.0, 0.1, 1.2), (1.1, 0.9, 1.3)), FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4))
 )
@@ -159,10 +179,13 @@ LOSSY = {"longest_delay": 3, "loses_packets": True}
 FLEET_SYSTEMS = [
     Example(Allocation, RotorModel.of(VEHICLE.parameters)),
     Example(Allocation, RotorModel.of(VEHICLE.parameters), {"paired": True}, num_vehicles=2),
+    Example(AttitudeAutopilot, AUTOPILOT, {"noisy": True}, num_vehicles=2),
+    Example(AttitudeAutopilot, AUTOPILOT, {"period": 0.005}, whole=False),
     Example(AttitudeController, ATTITUDE),
     Example(Broadcast, structure={"num_rows": 2}, num_vehicles=3),
     Example(CommandLink, LINK, LOSSY, num_vehicles=2),
     Example(CommandLink, LINK, whole=False),
+    Example(CommandLink, TARGETS, {"signal": "attitude_target", **LOSSY}, num_vehicles=2, whole=False),
     Example(CommandLink, LINK._replace(delay_ticks=np.array([3.0, 1.0])), LOSSY, num_vehicles=2, whole=False),
     Example(DrydenTurbulence, TURBULENCE, num_vehicles=2),
     Example(Fans, JETS, num_vehicles=2),
@@ -186,11 +209,14 @@ FLEET_SYSTEMS = [
     Example(
         Quadrotor, VEHICLE, {"time_step": 0.0, "kinematics": "small_angle", "faulty": True}, num_vehicles=2, whole=False
     ),
+    Example(RespondingQuadrotor, RESPONDING, {"faulty": True}),
+    Example(RespondingQuadrotor, RESPONDING, {"time_step": 0.0, "kinematics": "small_angle"}, num_vehicles=2),
     Example(SteadyWind, Wind(0.7, -0.5, 0.3), num_vehicles=2),
     Example(
         ThrottleAllocation,
         ThrottleModel(RotorModel.of(VEHICLE.parameters), 4.2e-5, ThrustCurve(0.1, 0.9, 3.1)),
     ),
+    Example(ThrustAlone),
     Example(ThrustVectoring, VECTORING),
     Example(
         WeightLearning,

@@ -70,7 +70,13 @@ STRUCTURES = {
         "battery body_drag rotor_aerodynamics",
         "body_drag rotor_aerodynamics ground_effect reaction_torque rotor_time_constant_down motors payload battery",
     ],
+    "autopilot": ["none", "attitude", "none", "response"],
+    "on_board": ["", "gyroscope", "attitude", "gyroscope attitude"],
 }
+
+
+# What an autopilot takes in place of what it does not.
+FED_FORWARD = {"none": {}, "attitude": {"snap": "jerk"}, "response": {"snap": "acceleration", "jerk": "none"}}
 
 
 def structures(rng, count):
@@ -96,6 +102,9 @@ def scenario_of(structure, rng, folder, *, duration):
 def _tree(structure, rng, duration):
     draw = _Draw(rng)
     time_step, frames, ticks = structure["periods"]
+    on_the_ground = structure["autopilot"] == "none"
+    if structure["autopilot"] == "attitude":
+        time_step = min(time_step, 0.25 * ticks)
     vehicle = {
         "mass": draw(0.64, 0.74),
         "inertia": [draw(0.0065, 0.0075), draw(0.0075, 0.0085), draw(0.012, 0.0135)],
@@ -103,7 +112,7 @@ def _tree(structure, rng, duration):
         "time_step": time_step,
     }
     vehicle |= {f"{name}_drag": draw(0.05, 0.2) for name in structure["drag"].split()}
-    if structure["failure"]:
+    if structure["failure"] and structure["autopilot"] != "response":
         vehicle["rotor_failure"] = {
             "rotor": {"choice": [1, 2, 3, 4]},
             "time": draw(0.0, duration),
@@ -117,6 +126,8 @@ def _tree(structure, rng, duration):
     if structure["lags"]:
         vehicle["rotor_time_constant"] = draw(0.03, 0.06)
     effects = structure["effects"].split()
+    if structure["autopilot"] == "response":
+        effects = [name for name in effects if name not in ("payload", "battery", "slung_load", "reaction_torque")]
     vehicle |= {name: _effect(name, draw, duration) for name in effects}
     cameras = {"period": frames, "latency_frames": {"choice": structure["latency"]}}
     cameras |= {f"{name}_noise": draw(0.0005, 0.003) for name in structure["noise"].split()}
@@ -137,6 +148,7 @@ def _tree(structure, rng, duration):
         "laboratory": {
             "motion_capture": cameras,
             "command_link": link,
+            "autopilot": _autopilot(structure, draw, 0.25 * ticks),
             "wind": [_wind(kind, draw, duration) for kind in structure["wind"].split()],
         },
         "control": {
@@ -144,7 +156,9 @@ def _tree(structure, rng, duration):
             "attitude": {
                 "k_p": [draw(8.0, 12.0), draw(8.0, 12.0), draw(4.0, 6.0)],
                 "k_d": [draw(5.0, 7.0), draw(5.0, 7.0), draw(2.5, 4.0)],
-            },
+            }
+            if on_the_ground
+            else None,
             "thrust_vectoring": {"max_tilt": draw(0.15, 0.6)},
         },
         "metrics": {"start": 0.21, "end": 0.7 * duration} if structure["window"] else {},
@@ -211,6 +225,20 @@ def _layout(kind, about):
     return {"kind": kind, "rotors": rotors}
 
 
+def _autopilot(structure, draw, period):
+    match structure["autopilot"]:
+        case "attitude":
+            gains = {"k_attitude": [draw(4.0, 6.0) for _ in range(3)], "k_rate": [draw(10.0, 14.0) for _ in range(3)]}
+            bias = {"gyroscope_bias": [draw.signed(0.01) for _ in range(3)]}
+            noise = {f"{sense}_noise": draw(0.001, 0.005) for sense in structure["on_board"].split()}
+            return {"kind": "attitude", "period": period, **gains, **bias, **noise}
+        case "response":
+            numbers = {"natural_frequency": (4.0, 8.0), "damping": (0.4, 1.2)}
+            drawn = {name: [draw(*limits) for _ in range(3)] for name, limits in numbers.items()}
+            return {"kind": "response", **drawn}
+    return {"kind": "none"}
+
+
 def _position(structure, draw):
     kind, *law = structure["position"].split()
     position = {
@@ -218,7 +246,7 @@ def _position(structure, draw):
         "k_p": [draw(1.0, 2.0), draw(1.0, 2.0), draw(4.0, 6.0)],
         "k_d": [draw(1.2, 1.8), draw(1.2, 1.8), draw(2.5, 3.5)],
         "derivative": structure["derivative"],
-        "feed_forward": structure["feed_forward"],
+        "feed_forward": FED_FORWARD[structure["autopilot"]].get(structure["feed_forward"], structure["feed_forward"]),
     }
     if kind == "pid":
         position |= {"k_i": [draw(0.1, 1.0) for _ in range(3)], "integral_limit": draw(0.01, 0.1)}

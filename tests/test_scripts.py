@@ -253,6 +253,44 @@ def test_design_gains_states_margins_and_writes_what_a_scenario_extends(run, tmp
     assert (position.kind, position.k_p[0]) == ("pd", pytest.approx(0.15, abs=0.05))
 
 
+ONBOARD = str(ROOT / "diagrams" / "onboard.yaml")
+RESPONDING = [
+    *("--set", "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.1, 3.0], damping: [0.5, 0.5, 0.7]}"),
+    *("--set", "control.position.feed_forward=acceleration"),
+]
+
+
+@pytest.mark.slow
+def test_design_gains_designs_loops_on_board_and_the_position_around_them(run, tmp_path):
+    result = run("design_gains.py", ONBOARD, "--on-board", "--phase-margin", "65", "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    rows = re.findall(r"^(\w+(?: rate)?) .* (\d\d\.\d)° .* dB .* ms .* rad/s ", result.stdout, re.MULTILINE)
+    on_board = [name for angle in ("roll", "pitch", "yaw") for name in (f"{angle} rate", angle)]
+    assert [name for name, _ in rows] == [*on_board, "z", "x", "y"]
+    assert min(float(phase) for _, phase in rows) >= 65.0
+    for plot in ("bode", "nyquist", "root_locus", "steps"):
+        assert (tmp_path / f"{plot}.png").stat().st_size > 500
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(f"mine:\n  extends: [{ONBOARD}, gains.yaml]\n", encoding="utf-8")
+    before, after = load_scenario(ONBOARD), load_scenario(mine)
+    assert after.laboratory.autopilot.k_rate[0] < before.laboratory.autopilot.k_rate[0]
+    assert after.control.position.k_p[0] != before.control.position.k_p[0]
+    assert after.control.attitude is None
+
+
+@pytest.mark.slow
+def test_analyses_of_an_attitude_that_responds(run, tmp_path):
+    """Gains of the position alone; and what the error of a flight depends on is how the attitude responds."""
+    result = run("design_gains.py", ONBOARD, *RESPONDING, "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert re.findall(r"^(\w+) .* \d\d\.\d° ", result.stdout, re.MULTILINE) == ["z", "x", "y"]
+    assert "attitude:" not in (tmp_path / "gains.yaml").read_text(encoding="utf-8")
+    result = run("sensitivities.py", ONBOARD, *RESPONDING, "--set", "duration=1", "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "laboratory.autopilot.natural_frequency.1" in result.stdout
+    assert "inertia" not in result.stdout
+
+
 @pytest.mark.slow
 def test_gains_are_designed_for_a_vehicle_alone_and_fly(run, tmp_path):
     vehicle = (
@@ -366,6 +404,14 @@ def test_sensitivities_are_by_the_distances_that_the_layout_has(run, tmp_path):
         ("design_gains.py", ["--phase-margin", "85"], "no gains of this kind are good enough for roll; at best phase"),
         ("design_gains.py", ["--attitude-bandwidth", "5"], "roll cannot have a bandwidth of 5 rad/s: phase margin"),
         ("design_gains.py", ["--method", "lqr", "--yaw-bandwidth", "1"], "--yaw-bandwidth is for --method poles"),
+        ("design_gains.py", ["--on-board"], "laboratory.autopilot is of kind none, which has no loops on board that"),
+        ("design_gains.py", [ONBOARD, "--yaw-bandwidth", "1"], "--yaw-bandwidth is for attitude control on the ground"),
+        ("design_gains.py", [ONBOARD, "--delay-margin", "2"], "--delay-margin is for attitude control on the ground"),
+        (
+            "stability_map.py",
+            [ONBOARD, "--quick", "--loop", "attitude"],
+            "with laboratory.autopilot of kind attitude there is no attitude loop to map on the ground",
+        ),
         ("stability_map.py", ["--size", "1"], "--size is 1, but must be between 2 and 200"),
         ("stability_map.py", ["--quick", "--worst", "control.position.k_p.0=3"], "must be a field of vehicle or lab"),
         (

@@ -33,9 +33,11 @@ from drake_quad.laboratory.wind.sine import SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind
 from drake_quad.randomness.noise import NoiseSource
 from drake_quad.vehicle.allocation import Allocation, RotorModel
+from drake_quad.vehicle.autopilot import AttitudeAutopilot, ThrustAlone
 from drake_quad.vehicle.motors import ThrottleAllocation
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Quadrotor
+from drake_quad.vehicle.responding import RespondingQuadrotor
 
 
 def name_of(value):
@@ -261,9 +263,11 @@ ROTORS = tuple(
 )
 DEFAULTS = {
     Allocation: {"paired": False, "numbers": RotorModel.of(QuadrotorParameters())},
+    AttitudeAutopilot: {"period": 0.0025, "noisy": False},
     AttitudeController: {},
     Broadcast: {"num_rows": 1},
     CommandLink: {
+        "signal": "wrench",
         "period": 0.02,
         "longest_delay": 0,
         "loses_packets": False,
@@ -305,8 +309,10 @@ DEFAULTS = {
             (None,) * 9,
         ),
     },
+    RespondingQuadrotor: {"time_step": 0.01, "kinematics": "exact", "faulty": False},
     SteadyWind: {},
     ThrottleAllocation: {"paired": False},
+    ThrustAlone: {},
     ThrustVectoring: {},
     WeightLearning: {
         "period": 0.02,

@@ -1,15 +1,26 @@
 """The gains of a scenario's whole cascade."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.analysis.closed_loop import LaboratoryPlant, laboratory_plant
-from drake_quad.analysis.gain_design import AxisGains, Family, LoopDesign, PolePair, Requirements, design_loop
+from drake_quad.analysis.closed_loop import LaboratoryPlant, laboratory_plant, on_board_plant
+from drake_quad.analysis.gain_design import (
+    AxisGains,
+    Family,
+    LoopDesign,
+    PolePair,
+    Proportional,
+    ProportionalGain,
+    Requirements,
+    design_loop,
+)
 from drake_quad.analysis.sampled_system import SampledSystem
+from drake_quad.errors import InputError
 from drake_quad.scenario import Scenario
+from drake_quad.scenario.autopilots import AttitudeAutopilot, NoAutopilot
 
 # Which torque turns which angle at which rate; thrust lifts like a torque turns.
 _SIGNALS = {
@@ -18,6 +29,7 @@ _SIGNALS = {
     "yaw": ("tau_z", "yaw", "r"),
     "z": ("thrust", "z", "v_z"),
 }
+_ANGLES = ("roll", "pitch", "yaw")
 # Which tilt moves the vehicle along which axis, and in which direction, eq (7).
 _TILTS = {"x": ("pitch", 1.0), "y": ("roll", -1.0)}
 
@@ -38,17 +50,45 @@ class LoopOptions(NamedTuple):
 
 @dataclass(frozen=True)
 class CascadeDesign:
-    """The loops of a cascade, by axis: roll, pitch, yaw, x, y, z."""
+    """The loops of a cascade, by axis: roll, pitch, yaw, x, y, z; of those on board: roll rate, roll, and so on.
+
+    Attributes:
+        loops: on the ground; those of the attitude are there if it is controlled there.
+        on_board: those of an autopilot, if they have been designed.
+    """
 
     loops: Mapping[str, LoopDesign]
+    on_board: Mapping[str, LoopDesign] = field(default_factory=dict)
+
+    @property
+    def all_loops(self) -> dict[str, LoopDesign]:
+        """Those on board, then those on the ground."""
+        return {**self.on_board, **self.loops}
 
     def gains(self) -> dict[str, dict[str, list[float]]]:
         """The gains as the block `control` of a scenario has them."""
-        blocks = {"position": ("x", "y", "z"), "attitude": ("roll", "pitch", "yaw")}
+        blocks = {"position": ("x", "y", "z"), "attitude": _ANGLES}
         return {
             block: {name: [getattr(self.loops[axis].gains, name) for axis in axes] for name in ("k_p", "k_d")}
             for block, axes in blocks.items()
+            if self.loops.keys() >= {*axes}
         }
+
+    def autopilot_gains(self) -> dict[str, list[float]]:
+        """The gains as the block `laboratory.autopilot` of a scenario has them; none if none have been designed."""
+        if not self.on_board:
+            return {}
+        loops = {"k_attitude": _ANGLES, "k_rate": [_rate_of(angle) for angle in _ANGLES]}
+        return {name: [_proportional(self.on_board[loop]) for loop in axes] for name, axes in loops.items()}
+
+
+def _rate_of(angle: str) -> str:
+    return f"{angle} rate"
+
+
+def _proportional(loop: LoopDesign) -> float:
+    assert isinstance(loop.gains, ProportionalGain)
+    return loop.gains.k
 
 
 def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[float]]]) -> Scenario:
@@ -60,6 +100,13 @@ def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[flo
     return scenario.model_copy(update={"control": scenario.control.model_copy(update=blocks)})
 
 
+def with_autopilot_gains(scenario: Scenario, gains: Mapping[str, Sequence[float]]) -> Scenario:
+    """The scenario with other gains on board, as `CascadeDesign.autopilot_gains` has them."""
+    update = {name: tuple(rows) for name, rows in gains.items()}
+    autopilot = scenario.laboratory.autopilot.model_copy(update=update)
+    return scenario.model_copy(update={"laboratory": scenario.laboratory.model_copy(update={"autopilot": autopilot})})
+
+
 def default_options(period: float) -> dict[str, LoopOptions]:
     """The fastest pole pairs within 45°, 6 dB and, for the attitude, two ticks of delay.
 
@@ -68,23 +115,44 @@ def default_options(period: float) -> dict[str, LoopOptions]:
     """
     pair, outer = PolePair(0.8), Requirements()
     inner = outer._replace(delay=2.0 * period)
+    return {axis: LoopOptions(pair, inner if axis in _ANGLES else outer) for axis in (*_SIGNALS, *_TILTS)}
+
+
+def on_board_options() -> dict[str, LoopOptions]:
+    """The fastest gains of an autopilot's loops within 60° and 10 dB.
+
+    That is more than on the ground, since every packet of the link is a step for these loops: they shall hardly
+    overshoot.
+    """
     return {
-        axis: LoopOptions(pair, inner if axis in ("roll", "pitch", "yaw") else outer) for axis in (*_SIGNALS, *_TILTS)
+        loop: LoopOptions(Proportional(), Requirements(phase=60.0, gain=10.0))
+        for angle in _ANGLES
+        for loop in (_rate_of(angle), angle)
     }
 
 
-def design_cascade(scenario: Scenario, options: Mapping[str, LoopOptions] | None = None) -> CascadeDesign:
+def design_cascade(
+    scenario: Scenario, options: Mapping[str, LoopOptions] | None = None, *, on_board: bool = False
+) -> CascadeDesign:
     """Designs the gains of a scenario's cascade for its laboratory and the vehicle that it believes in.
 
+    With an autopilot only the position loops are designed, around the attitude as it is controlled on board.
+
     Args:
-        scenario: whose own gains do not matter.
-        options: for each axis; `default_options` where not given.
+        scenario: whose own gains in the loops that are designed do not matter.
+        options: for each axis; `default_options`, and `on_board_options` for an autopilot, where not given.
+        on_board: whether the loops of an autopilot of kind attitude are designed first.
 
     Raises:
-        InputError: requirements cannot be met, or the scenario holds distributions.
+        InputError: requirements cannot be met, the scenario holds distributions, or it has no loops on board that could
+            be designed.
     """
     period = scenario.laboratory.command_link.period
-    wanted = default_options(period) | dict(options or {})
+    wanted = default_options(period) | (on_board_options() if on_board else {}) | dict(options or {})
+    inner: dict[str, LoopDesign] = {}
+    if on_board:
+        inner = _design_on_board(scenario, wanted)
+        scenario = with_autopilot_gains(scenario, CascadeDesign({}, inner).autopilot_gains())
     laboratory = laboratory_plant(scenario)
     loops: dict[str, LoopDesign] = {}
 
@@ -95,13 +163,58 @@ def design_cascade(scenario: Scenario, options: Mapping[str, LoopOptions] | None
             if wanted[other.axis] == how and _alike(other.plant, plant):
                 loops[axis] = replace(other, axis=axis)
                 return
-        loops[axis] = design_loop(plant, how.family, how.requirements, axis=axis, effort=how.effort)
+        loops[axis] = _designed(plant, how, axis)
 
-    for axis in _SIGNALS:
+    on_the_ground = isinstance(scenario.laboratory.autopilot, NoAutopilot)
+    for axis in _SIGNALS if on_the_ground else ("z",):
         add(axis, attitude_plant(laboratory, scenario, axis))
     for axis, (tilt, _) in _TILTS.items():
-        add(axis, position_plant(laboratory, scenario, axis, loops[tilt].gains))
-    return CascadeDesign(loops)
+        attitude = loops[tilt].gains if on_the_ground else None
+        assert not isinstance(attitude, ProportionalGain)
+        add(axis, position_plant(laboratory, scenario, axis, attitude))
+    return CascadeDesign(loops, inner)
+
+
+def _design_on_board(scenario: Scenario, options: Mapping[str, LoopOptions]) -> dict[str, LoopDesign]:
+    """Designs the loops of an autopilot: those of the rates, each the fastest within its margins, then those around.
+
+    Args:
+        scenario: with an autopilot of kind attitude, whose gains do not matter.
+        options: for each loop.
+
+    Raises:
+        InputError: requirements cannot be met, or there is no such autopilot.
+    """
+    if not isinstance(scenario.laboratory.autopilot, AttitudeAutopilot):
+        kind = scenario.laboratory.autopilot.kind
+        raise InputError(f"laboratory.autopilot is of kind {kind}, which has no loops on board that could be designed")
+    plant, inertia = on_board_plant(scenario), scenario.nominal.inertia
+    loops = {}
+    for angle, moment in zip(_ANGLES, inertia, strict=True):
+        torque, value, rate = _SIGNALS[angle]
+        turned = plant.between([f"wrench.{torque}"], [f"state.{value}", f"state.{rate}"])
+        turned = turned.connected().scaled(moment, "acceleration_command")
+        name = _rate_of(angle)
+        inner = turned.between(turned.inputs, turned.outputs[1:]).connected()
+        loops[name] = _designed(inner, options[name], name)
+        outer = on_board_attitude_plant(turned, _proportional(loops[name]))
+        loops[angle] = _designed(outer, options[angle], angle)
+    return loops
+
+
+def on_board_attitude_plant(turned: SampledSystem, k_rate: float) -> SampledSystem:
+    """From a commanded body rate to the angle, the rate loop closed.
+
+    Args:
+        turned: from an angular acceleration to an angle and its rate, over a period of the autopilot.
+        k_rate: 1/s.
+    """
+    closed = turned.with_feedback(np.array([[0.0, k_rate]])).scaled(k_rate, "rate_command")
+    return closed.between(closed.inputs, closed.outputs[:1])
+
+
+def _designed(plant: SampledSystem, how: LoopOptions, axis: str) -> LoopDesign:
+    return design_loop(plant, how.family, how.requirements, axis=axis, effort=how.effort)
 
 
 def _alike(a: SampledSystem, b: SampledSystem) -> bool:
@@ -124,21 +237,26 @@ def attitude_plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str) -
     Args:
         laboratory: of `laboratory_plant`.
         scenario: with the nominal mass and inertia, by which commands become torques.
-        axis: roll, pitch, yaw or z.
+        axis: roll, pitch, yaw or z; only z if the attitude is controlled on board.
     """
     return _plant(laboratory, scenario, axis, _SIGNALS[axis][1:])
 
 
-def position_plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str, attitude: AxisGains) -> SampledSystem:
+def position_plant(
+    laboratory: LaboratoryPlant, scenario: Scenario, axis: str, attitude: AxisGains | None
+) -> SampledSystem:
     """From a commanded acceleration on x or y to the measured position and velocity, the attitude loop closed.
 
     Args:
         laboratory: of `laboratory_plant`.
         scenario: with the nominal vehicle.
         axis: x or y.
-        attitude: gains of the tilt that moves along this axis.
+        attitude: gains of the tilt that moves along this axis; None if it is controlled on board.
     """
     tilt, sign = _TILTS[axis]
+    if attitude is None:
+        plant = laboratory.system.between([f"attitude_target.{tilt}"], [f"measurement.{axis}", f"measurement.v_{axis}"])
+        return plant.connected().scaled(sign / laboratory.specific_thrust, "acceleration_command")
     whole = _plant(laboratory, scenario, tilt, (*_SIGNALS[tilt][1:], axis, f"v_{axis}"))
     k_p, k_d = attitude
     closed = whole.with_feedback(np.array([[k_p, k_d, 0.0, 0.0]]))
@@ -169,5 +287,6 @@ def _plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str, measured:
     torque = _SIGNALS[axis][0]
     nominal = scenario.nominal
     inertia = dict(zip(("tau_x", "tau_y", "tau_z"), nominal.inertia, strict=True)) | {"thrust": nominal.mass}
-    plant = laboratory.system.between([f"wrench.{torque}"], [f"measurement.{name}" for name in measured])
+    command = scenario.laboratory.autopilot.command
+    plant = laboratory.system.between([f"{command}.{torque}"], [f"measurement.{name}" for name in measured])
     return plant.connected().scaled(inertia[torque], "acceleration_command")

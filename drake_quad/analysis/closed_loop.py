@@ -3,7 +3,7 @@
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from drake_quad.analysis.context_vector import ContextVector
 from drake_quad.analysis.sampled_system import SampledSystem, at_tick, linearize
@@ -12,8 +12,10 @@ from drake_quad.assembly.laboratory import build_laboratory_of, laboratory_recip
 from drake_quad.assembly.planning import nominal_parameters, plan_route
 from drake_quad.assembly.tracking import build_tracking_diagram
 from drake_quad.errors import InputError
+from drake_quad.framework.wiring import split_output
 from drake_quad.randomness.noise import Samples
 from drake_quad.scenario import Batch, Scenario, distributions_in
+from drake_quad.scenario.autopilots import AttitudeAutopilot, Autopilot
 from drake_quad.scenario.effects import Payload
 from drake_quad.scenario.layouts import are_paired
 from drake_quad.scenario.models import Nominal, Vehicle, Window
@@ -53,8 +55,8 @@ def at_rest(scenario: Scenario) -> Scenario:
     """The scenario in hover where its route hovers, or at (0, 0, 1), without what is random or changes with time.
 
     Left out are noise, lost frames and packets, turbulence, gusts, battery sag, the battery and rotor failures; delays,
-    lags, filters, drag, errors of the vehicle, fans and steady wind stay. A payload is there or not as it is at the
-    beginning.
+    lags, filters, drag, errors of the vehicle, a gyroscope's bias, fans and steady wind stay. A payload is there or not
+    as it is at the beginning.
 
     Raises:
         InputError: the scenario holds a distribution.
@@ -64,10 +66,11 @@ def at_rest(scenario: Scenario) -> Scenario:
             raise InputError(
                 f"{path} is a distribution; a linear model needs a number there, or the number of a sample"
             )
-    cameras, link, wind = (
+    cameras, link, wind, autopilot = (
         scenario.laboratory.motion_capture,
         scenario.laboratory.command_link,
         scenario.laboratory.wind,
+        scenario.laboratory.autopilot,
     )
     still = [
         source.model_copy(update={"turbulence": 0.0}) if source.kind == "fan" else source
@@ -80,6 +83,7 @@ def at_rest(scenario: Scenario) -> Scenario:
                 update={"position_noise": 0.0, "attitude_noise": 0.0, "dropout_rate": 0.0}
             ),
             "command_link": link.model_copy(update={"loss_rate": 0.0}),
+            "autopilot": _with(autopilot, gyroscope_noise=0.0, attitude_noise=0.0),
             "wind": tuple(still),
         }
     )
@@ -127,10 +131,10 @@ def as_believed(scenario: Scenario) -> Scenario:
 
 
 def _even(resting: Scenario) -> Scenario:
-    """A resting scenario in hover at (0, 0, 1) without what couples the axes.
+    """A resting scenario in hover at (0, 0, 1) without what couples the axes or leans it.
 
     That is wind, uneven rotors, misalignment, the spin that is left over where rotors hover at different speeds, and
-    whatever acts beside the middle: drag of the body and a payload.
+    whatever acts beside the middle: drag of the body, a payload, and a gyroscope's bias.
     """
     layouts = resting.vehicle.layout, resting.nominal.layout
     even: dict[str, Any] = {
@@ -145,9 +149,15 @@ def _even(resting: Scenario) -> Scenario:
     if payload is not None:
         even["payload"] = payload.model_copy(update={"position": (0.0, 0.0, payload.position[2])})
     cameras = resting.laboratory.motion_capture.model_copy(update={"misalignment": (0.0, 0.0, 0.0)})
-    laboratory = resting.laboratory.model_copy(update={"wind": (), "motion_capture": cameras})
+    autopilot = _with(resting.laboratory.autopilot, gyroscope_bias=(0.0, 0.0, 0.0))
+    laboratory = resting.laboratory.model_copy(update={"wind": (), "motion_capture": cameras, "autopilot": autopilot})
     vehicle = resting.vehicle.model_copy(update=even)
     return resting.model_copy(update={"route": _HOVER, "vehicle": vehicle, "laboratory": laboratory})
+
+
+def _with(autopilot: Autopilot, **numbers: Any) -> Autopilot:
+    """An autopilot with other numbers, if it is of a kind that has them."""
+    return autopilot.model_copy(update=numbers) if isinstance(autopilot, AttitudeAutopilot) else autopilot
 
 
 def closed_loop(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
@@ -187,8 +197,9 @@ class LaboratoryPlant(NamedTuple):
     """The linear model of a laboratory in hover.
 
     Attributes:
-        system: from `wrench` to `measurement`, over a tick of the control. The rotors' four states are turned into the
-            thrust and the torques that they stand for, so that the axes come apart.
+        system: from `wrench` or, with an autopilot, from `attitude_target` to `measurement`, over a tick of the
+            control. The rotors' four states are turned into the thrust and the torques that they stand for, so that the
+            axes come apart.
         specific_thrust: commanded in hover, over the believed mass, m/s²: a horizontal acceleration takes a tilt of as
             much less, eq (7). It is g for a vehicle that is as believed.
     """
@@ -218,32 +229,78 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
     laboratory = build_laboratory_of(recipes, 1, Samples(0, [0]))
     context = laboratory.CreateDefaultContext()
     parameters, effects = vehicle_parameters(resting.vehicle), vehicle_effects(resting.vehicle)
-    hover = hover_rotor_speeds(as_in_hover(parameters, effects, _HOVER.position[2]))
+    hover = _hover_speeds(resting)
     if not max(hover) < parameters.max_rotor_speed or not min(hover) > parameters.min_rotor_speed:
         raise InputError(
             f"the rotors cannot hold {scenario.name} in hover: they would turn at {max(hover):.0f} rad/s, but can at"
             f" {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g} rad/s"
         )
-    believed = nominal_parameters(resting)
+    believed, commanded = nominal_parameters(resting), hover
     curve = thrust_curve(resting.nominal.motors)
     if effects.thrust_curve is not None and curve is not None:
         flown, known = ThrottleModel.of(parameters, effects.thrust_curve), ThrottleModel.of(believed, curve)
-        hover = told_as(hover, flown, known)
-    wrench = rotor_action(hover, believed).wrench
-    laboratory.GetInputPort("wrench").FixValue(context, wrench)
-    link = recipes["command_link"]
-    link._replace(numbers=link.numbers._replace(initial=wrench)).reset(laboratory, "command_link", context)
+        commanded = told_as(hover, flown, known)
+    wrench = rotor_action(commanded, believed).wrench
+    link, command = recipes["command_link"], resting.laboratory.autopilot.command
+    held = link.numbers.initial._replace(thrust=wrench.thrust) if command == "attitude_target" else wrench
+    laboratory.GetInputPort(command).FixValue(context, held)
+    link._replace(numbers=link.numbers._replace(initial=held)).reset(laboratory, "command_link", context)
     at_tick(laboratory, _TICKS * period, context)
-    system, moved = linearize(laboratory, context, period=period, inputs=["wrench"], outputs=["measurement"])
+    system, moved = linearize(laboratory, context, period=period, inputs=[command], outputs=["measurement"])
     worst = int(np.argmax(np.abs(moved)))
     if not np.abs(moved[worst]) < _STILL:
         raise InputError(
             f"hover is not an equilibrium of {scenario.name}: {system.states[worst]} moves by {moved[worst]:.3g} a tick"
         )
+    return LaboratoryPlant(_with_axes_apart(system, hover, parameters), float(wrench.thrust / believed.mass))
+
+
+def _hover_speeds(resting: Scenario) -> RotorSpeed:
+    """At which the rotors of a resting scenario's vehicle turn in hover."""
+    effects = vehicle_effects(resting.vehicle)
+    return hover_rotor_speeds(as_in_hover(vehicle_parameters(resting.vehicle), effects, _HOVER.position[2]))
+
+
+def _with_axes_apart(system: SampledSystem, hover: RotorSpeed, parameters: QuadrotorParameters) -> SampledSystem:
+    """The system with thrust and torques in place of the speeds of the rotors, which hover at some."""
     rotors = [system.states.index(f"vehicle.rotor_speed.{rotor}") for rotor in RotorSpeed._fields]
     names = [f"vehicle.rotors.{name}" for name in Wrench._fields]
     pattern = _wrench_pattern(hover, parameters)
-    return LaboratoryPlant(system.transformed(rotors, pattern, names), float(wrench.thrust / believed.mass))
+    return system.transformed(rotors, pattern, names)
+
+
+def on_board_plant(scenario: Scenario) -> SampledSystem:
+    """The plant of an autopilot's loops: from `wrench` to `state`, over a period of the autopilot.
+
+    The autopilot sees the state of its instant, and its wrench acts from then on. So does a fixed input here: just
+    before an instant's events a stepping vehicle still has the state of a step before, and there the period begins.
+
+    Args:
+        scenario: with an autopilot of kind attitude, flown `as_believed`.
+
+    Raises:
+        InputError: the vehicle has a continuous state.
+    """
+    resting = as_believed(scenario)
+    autopilot = resting.laboratory.autopilot
+    assert isinstance(autopilot, AttitudeAutopilot)
+    if not resting.vehicle.time_step > 0.0:
+        raise InputError("vehicle.time_step is 0 s, but loops on board are designed for a vehicle that steps")
+    plan = plan_route(resting)
+    recipes = laboratory_recipes(Batch(resting, (0,), {}), plan, plan.duration)
+    builder = DiagramBuilder()
+    allocated = split_output(builder, "allocation", recipes["allocation"].build(1))
+    vehicle = builder.AddNamedSystem("vehicle", recipes["vehicle"].build(1))
+    (told,) = (name for name in allocated if name != "shortfall")
+    builder.Connect(allocated[told], vehicle.GetInputPort(told))
+    builder.ExportInput(builder.GetSubsystemByName("allocation").GetInputPort("wrench"), "wrench")
+    builder.ExportOutput(vehicle.GetOutputPort("state"), "state")
+    diagram = builder.Build()
+    context = diagram.CreateDefaultContext()
+    diagram.GetInputPort("wrench").FixValue(context, recipes["autopilot"].numbers.initial)
+    at_tick(diagram, _TICKS * autopilot.period, context)
+    system, _ = linearize(diagram, context, period=autopilot.period, inputs=["wrench"], outputs=["state"])
+    return _with_axes_apart(system, _hover_speeds(resting), vehicle_parameters(resting.vehicle))
 
 
 def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.ndarray:
@@ -256,8 +313,5 @@ def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.nd
 
 def _periods(scenario: Scenario) -> dict[str, float]:
     """The periods of all that happens in a loop, s; 0 for a vehicle that moves continuously."""
-    return {
-        "laboratory.command_link.period": scenario.laboratory.command_link.period,
-        "laboratory.motion_capture.period": scenario.laboratory.motion_capture.period,
-        "vehicle.time_step": scenario.vehicle.time_step,
-    }
+    periods = {".".join(path): period for path, period in scenario.periods.items()}
+    return periods | {"vehicle.time_step": scenario.vehicle.time_step}

@@ -4,13 +4,14 @@ The attitude loops are designed first, each on its own: the plant is what lies b
 and the measured angle and rate. Then the position loops around them: a commanded acceleration a on X asks for the
 pitch a / g, on Y for the roll -a / g. Height is a loop of its own, like an attitude's.
 
-Two families of gains, each of one number that says how hard the loop works; the hardest that keeps the margins is
-taken, or the one that is asked for:
+Families of gains, each of one number that says how hard the loop works; the hardest that keeps the margins is taken, or
+the one that is asked for:
 
 - `PolePair`: the two gains put two poles of the sampled loop exactly at exp(s h), s = ω (-ζ ± i √(1 - ζ²)), for a
   bandwidth ω and a damping ζ; these two must stay the slowest of the loop.
 - `Regulator`: the two gains with the least quadratic cost, against a disturbance at the plant's input; what a full
   linear-quadratic regulator, which knows every delay line, would do better is stated.
+- `Proportional`: the one gain of a loop on board.
 """
 
 import math
@@ -42,7 +43,14 @@ class AxisGains(NamedTuple):
     k_d: float
 
 
+class ProportionalGain(NamedTuple):
+    """k (1/s) of a loop on board."""
+
+    k: float
+
+
 _NONE = AxisGains(math.nan, math.nan)
+_SYMBOLS = {"k_p": "k_P", "k_d": "k_D", "k": "k"}
 
 
 class Requirements(NamedTuple):
@@ -80,16 +88,17 @@ class LoopDesign:
 
     Attributes:
         axis: its name.
-        gains: of its PD.
-        plant: from the commanded acceleration to the measured value and rate.
+        gains: of its PD, or of its proportional law.
+        plant: from the commanded acceleration to the measured value and rate; for a proportional law, from what it
+            commands to what it controls.
         margins: that were reached.
-        bandwidth: of the pole pair, rad/s; None for a regulator.
-        cost_ratio: of the PD to the full regulator; None for a pole pair.
+        bandwidth: of the pole pair, rad/s; None for other families.
+        cost_ratio: of the PD to the full regulator; None for other families.
         limits: what a faster loop of the same family would break; empty for gains that were asked for.
     """
 
     axis: str
-    gains: AxisGains
+    gains: AxisGains | ProportionalGain
     plant: SampledSystem
     margins: Margins
     bandwidth: float | None = None
@@ -100,7 +109,7 @@ class LoopDesign:
 class Family(Protocol):
     """Gains that work the harder the larger a number is."""
 
-    def gains(self, plant: SampledSystem, effort: float) -> AxisGains:
+    def gains(self, plant: SampledSystem, effort: float) -> AxisGains | ProportionalGain:
         """The gains for a plant."""
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
@@ -127,6 +136,18 @@ class PolePair(NamedTuple):
 
     def efforts(self, plant: SampledSystem) -> np.ndarray:
         """See `Family`."""
+        return np.geomspace(_SLOWEST, _FASTEST_SHARE * math.pi / plant.period, _TRIED)
+
+
+class Proportional(NamedTuple):
+    """A single gain, which is the effort, 1/s."""
+
+    def gains(self, plant: SampledSystem, effort: float) -> ProportionalGain:
+        """See `Family`."""
+        return ProportionalGain(effort)
+
+    def efforts(self, plant: SampledSystem) -> np.ndarray:
+        """See `Family`: what acts on an integrator crosses over at its gain."""
         return np.geomspace(_SLOWEST, _FASTEST_SHARE * math.pi / plant.period, _TRIED)
 
 
@@ -174,8 +195,11 @@ class Regulator(NamedTuple):
         return plant.C.T @ np.diag([1.0, self.rate_time**2]) @ plant.C
 
 
-def pd_loop(plant: SampledSystem, gains: AxisGains) -> SampledSystem:
-    """The loop transfer function k_P G_value + k_D G_rate of a PD around a plant with these two outputs."""
+def pd_loop(plant: SampledSystem, gains: AxisGains | ProportionalGain) -> SampledSystem:
+    """The loop transfer function k_P G_value + k_D G_rate of a PD around a plant with these two outputs.
+
+    Of a proportional law around a plant with one output it is k G.
+    """
     row = np.array([gains])
     return replace(plant, C=row @ plant.C, D=row @ plant.D, outputs=("loop",))
 
@@ -188,10 +212,10 @@ def design_loop(
     axis: str,
     effort: float | None = None,
 ) -> LoopDesign:
-    """Designs the PD of one axis.
+    """Designs the PD, or the proportional law, of one axis.
 
     Args:
-        plant: from a commanded acceleration to the measured value and rate.
+        plant: from a commanded acceleration to the measured value and rate; for a proportional law it has one output.
         family: of gains.
         requirements: margins to keep.
         axis: its name, for people.
@@ -241,17 +265,19 @@ class _Trial(NamedTuple):
     """Gains of some effort: what is wrong with them, in words, and the least share of a margin that they have."""
 
     effort: float
-    gains: AxisGains
+    gains: AxisGains | ProportionalGain
     flaws: dict[str, str]
     share: float
 
 
-def _unsound(plant: SampledSystem, family: Family, effort: float, gains: AxisGains) -> dict[str, str]:
+def _unsound(
+    plant: SampledSystem, family: Family, effort: float, gains: AxisGains | ProportionalGain
+) -> dict[str, str]:
     """What is wrong with the loop apart from its margins, and how, in words."""
     if not all(map(math.isfinite, gains)):
         return {"no gains": "none have this effect"}
     if not min(gains) > 0.0:
-        return {"a negative gain": f"k_P {gains.k_p:g}, k_D {gains.k_d:g}"}
+        return {"a negative gain": ", ".join(f"{_SYMBOLS[name]} {k:g}" for name, k in gains._asdict().items())}
     size = np.abs(plant.with_feedback(np.array([gains])).poles()).max()
     if not size < 1.0:
         return {"no stability": f"a pole of size {size:.4f}"}
@@ -269,7 +295,7 @@ def _listed(flaws: dict[str, str]) -> str:
 def _finished(plant: SampledSystem, family: Family, axis: str, best: _Trial, limits: tuple[str, ...]) -> LoopDesign:
     gains, effort = best.gains, best.effort
     ratio = None
-    if isinstance(family, Regulator):
+    if isinstance(family, Regulator) and isinstance(gains, AxisGains):
         ratio = family.cost(plant, gains, effort) / family.least_cost(plant, effort)
     return LoopDesign(
         axis=axis,
@@ -282,6 +308,6 @@ def _finished(plant: SampledSystem, family: Family, axis: str, best: _Trial, lim
     )
 
 
-def _rounded(gains: AxisGains) -> AxisGains:
+def _rounded(gains: AxisGains | ProportionalGain) -> AxisGains | ProportionalGain:
     """Four significant digits, as they are written down."""
-    return AxisGains(*(float(f"{gain:.4g}") for gain in gains))
+    return type(gains)(*(float(f"{gain:.4g}") for gain in gains))

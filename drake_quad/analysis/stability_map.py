@@ -9,6 +9,7 @@ from drake_quad.analysis.closed_loop import laboratory_plant
 from drake_quad.analysis.gain_design import AxisGains
 from drake_quad.analysis.margins import fast_margins, frequencies
 from drake_quad.analysis.sampled_system import SampledSystem
+from drake_quad.errors import InputError
 from drake_quad.flight import StudyFleet
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario import Batch, Scenario, draw_sample
@@ -63,14 +64,20 @@ def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> Sta
 def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
     """What the gains of one of a scenario's loops act on along x, with the vehicle "as it is" of `laboratory_plant`.
 
-    For the position that is the plant around its own attitude loop. For the attitude it is the plant with its own
-    position loop closed: u = -k_P (θ - θ_r) - k_D q with θ_r = -(K_P x + K_D v) over the
+    For the position that is the plant around its own attitude loop, or around that on board. For the attitude it is the
+    plant with its own position loop closed: u = -k_P (θ - θ_r) - k_D q with θ_r = -(K_P x + K_D v) over the
     specific thrust, eq (7), is a PD in θ - θ_r and q.
+
+    Raises:
+        InputError: the attitude loop is asked for and runs on board, or the laboratory has no plant.
     """
+    kind = scenario.laboratory.autopilot.kind
+    if loop == "attitude" and kind != "none":
+        raise InputError(f"with laboratory.autopilot of kind {kind} there is no attitude loop to map on the ground")
     scenario = draw_sample(scenario, scenario.sample) if scenario.sample is not None else scenario
     laboratory = laboratory_plant(scenario, vehicle="as it is")
     if loop == "position":
-        return position_plant(laboratory, scenario, "x", _gains(scenario, "attitude", 1))
+        return position_plant(laboratory, scenario, "x", _gains(scenario, "attitude", 1) if kind == "none" else None)
     return attitude_plant_in_flight(laboratory, scenario, "x", _gains(scenario, "position", 0))
 
 

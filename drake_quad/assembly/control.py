@@ -19,6 +19,7 @@ from drake_quad.control.position import PdGains, ProportionalDerivative, build_p
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario
+from drake_quad.vehicle.parameters import Inertia
 
 
 def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
@@ -29,7 +30,7 @@ def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
         plan: that is flown.
     """
     scenario, fleet = batch.scenario, FleetScenario(batch)
-    position, attitude = fleet.control.position, fleet.control.attitude
+    position = fleet.control.position
     believed = nominal_parameters(scenario)
     limits = fleet.control.thrust_vectoring
     weight = believed.mass * believed.gravity
@@ -43,11 +44,7 @@ def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
         ),
         **_correction(scenario, position, plan),
         "thrust_vectoring": Recipe(ThrustVectoring, {}, VectoringNumbers(believed.mass, believed.gravity, thrust)),
-        "attitude": Recipe(
-            AttitudeController,
-            {},
-            AttitudeNumbers(PerAngle(*attitude.k_p), PerAngle(*attitude.k_d), *believed.inertia),
-        ),
+        **_attitude(fleet.control.attitude, believed.inertia),
     }
 
 
@@ -76,9 +73,22 @@ def build_control(
     return build_cascade(
         position=position_controller,
         thrust_vectoring=systems["thrust_vectoring"],
-        attitude=systems["attitude"],
+        attitude=systems.get("attitude"),
         feed_forward=scenario.control.position.feed_forward,
     )
+
+
+def _attitude(gains: Any, inertia: Inertia) -> dict[str, Recipe]:
+    """The attitude controller on the ground; none if attitude is controlled on board.
+
+    Args:
+        gains: of a scenario or a `FleetScenario`; None with an autopilot.
+        inertia: believed.
+    """
+    if gains is None:
+        return {}
+    numbers = AttitudeNumbers(PerAngle(*gains.k_p), PerAngle(*gains.k_d), *inertia)
+    return {"attitude": Recipe(AttitudeController, {}, numbers)}
 
 
 def _correction(scenario: Scenario, position: Any, plan: Plan) -> dict[str, Recipe]:

@@ -22,16 +22,24 @@ from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind
 from drake_quad.randomness.noise import Samples
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Batch, Scenario, models, wind
+from drake_quad.scenario import Batch, Scenario, autopilots, models, wind
 from drake_quad.scenario.layouts import are_paired, rotors_of
 from drake_quad.scenario.quantities import can_differ_from_zero, extremes
-from drake_quad.signals import Attitude, Row, Wind, Wrench
+from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, Row, Wind, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
 from drake_quad.vehicle.authority import missing_direction
+from drake_quad.vehicle.autopilot import AttitudeAutopilot, AutopilotNumbers, Gyroscope, LoopGains, ThrustAlone
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors
 from drake_quad.vehicle.motors import ThrottleAllocation, ThrottleModel
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.responding import (
+    AttitudeResponse,
+    DampingRatios,
+    NaturalFrequencies,
+    RespondingNumbers,
+    RespondingQuadrotor,
+)
 
 # A fourth-order Runge-Kutta step is stable up to 2.78 time constants of a decay.
 _STABLE = 2.5
@@ -47,15 +55,16 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
         duration: of the flight, s.
 
     Raises:
-        InputError: the vehicle's time step is too long for its drag or its slung load.
+        InputError: the vehicle's time step is too long for its drag, its slung load, or the response of its attitude.
     """
     scenario, fleet = batch.scenario, FleetScenario(batch)
     _check_step(fleet)
     return {
-        "vehicle": _vehicle(scenario.vehicle, fleet.vehicle, plan, duration),
+        "vehicle": _vehicle(scenario, fleet, plan, duration),
         "allocation": _allocation(scenario),
         "motion_capture": _motion_capture(scenario.laboratory.motion_capture, fleet.laboratory.motion_capture),
-        "command_link": _command_link(scenario, fleet.laboratory.command_link),
+        "command_link": _command_link(scenario, fleet.laboratory.command_link, plan.initial_yaw),
+        **_autopilot(scenario, fleet.laboratory.autopilot),
         **{f"{_WIND}{name}": recipe for name, recipe in _wind(scenario, fleet).items()},
     }
 
@@ -117,22 +126,27 @@ def _allocation(scenario: Scenario) -> Recipe:
     return Recipe(ThrottleAllocation, paired, ThrottleModel.of(believed, curve))
 
 
-def _vehicle(vehicle: models.Vehicle, fleet: Any, plan: Plan, duration: float) -> Recipe:
-    effects = vehicle_effects(fleet)
+def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Recipe:
+    """The vehicle, with its attitude's response to commands where that is known as a whole."""
+    vehicle, autopilot = scenario.vehicle, fleet.laboratory.autopilot
+    effects = vehicle_effects(fleet.vehicle)
     structure = {
         "time_step": vehicle.time_step,
         "kinematics": vehicle.attitude_kinematics,
-        "faulty": vehicle.rotor_failure is not None or _can_differ(vehicle.battery_sag, fleet.battery_sag),
+        "faulty": vehicle.rotor_failure is not None or _can_differ(vehicle.battery_sag, fleet.vehicle.battery_sag),
         "effects": effects.names,
     }
-    parameters = vehicle_parameters(fleet)
+    parameters = vehicle_parameters(fleet.vehicle)
     # What is in pairs has all directions, whatever is drawn.
     if not are_paired(vehicle.layout) and (missing := missing_direction(parameters.rotors)):
         raise InputError(f"vehicle.layout gives no {missing}")
     x, y, z = plan.waypoints[0]
     place = Place(float(x), float(y), float(z), plan.initial_yaw)
-    numbers = QuadrotorNumbers(parameters, _faults(fleet, duration), place, effects)
-    return Recipe(Quadrotor, structure, numbers)
+    numbers = QuadrotorNumbers(parameters, _faults(fleet.vehicle, duration), place, effects)
+    if autopilot.kind != "response":
+        return Recipe(Quadrotor, structure, numbers)
+    response = AttitudeResponse(NaturalFrequencies(*autopilot.natural_frequency), DampingRatios(*autopilot.damping))
+    return Recipe(RespondingQuadrotor, structure, RespondingNumbers(numbers, response))
 
 
 def _faults(fleet: Any, duration: float) -> RotorFaults:
@@ -165,6 +179,15 @@ def _check_step(fleet: Any) -> None:
             f"vehicle.time_step is {vehicle.time_step:g} s, too long for this slung load, which swings with"
             f" {swings:.2g} rad/s; shorten it, or make it 0 for a continuous state"
         )
+    autopilot = fleet.laboratory.autopilot
+    if autopilot.kind == "response":
+        pairs = zip(autopilot.natural_frequency, autopilot.damping, strict=True)
+        fastest = max(float(np.max(w * (d + np.sqrt(np.maximum(d * d - 1.0, 0.0))))) for w, d in pairs)
+        if vehicle.time_step * fastest > _STABLE:
+            raise InputError(
+                f"vehicle.time_step is {vehicle.time_step:g} s, too long for an attitude that responds within"
+                f" {1.0 / fastest:.2g} s; shorten it, or make it 0 for a continuous state"
+            )
 
 
 def _motion_capture(cameras: models.MotionCapture, fleet: Any) -> Recipe:
@@ -188,15 +211,54 @@ def _motion_capture(cameras: models.MotionCapture, fleet: Any) -> Recipe:
     return Recipe(MotionCapture, structure, numbers)
 
 
-def _command_link(scenario: Scenario, fleet: Any) -> Recipe:
-    link, believed = scenario.laboratory.command_link, nominal_parameters(scenario)
+def _command_link(scenario: Scenario, fleet: Any, yaw: float) -> Recipe:
+    """The link, which carries what hovers until the first packet arrives.
+
+    Args:
+        scenario: it is of.
+        fleet: the link as it is flown.
+        yaw: in which the vehicles hover, rad.
+    """
+    link, hover = scenario.laboratory.command_link, _hover(scenario)
+    initial: Wrench | AttitudeTarget = hover
+    if scenario.laboratory.autopilot.kind != "none":
+        initial = AttitudeTarget(hover.thrust, 0.0, 0.0, yaw, 0.0, 0.0, 0.0)
     structure = {
+        "signal": scenario.laboratory.autopilot.command,
         "period": link.period,
         "longest_delay": _longest(link.delay_ticks, fleet.delay_ticks),
         "loses_packets": _can_differ(link.loss_rate, fleet.loss_rate),
     }
-    hover = Wrench(believed.mass * believed.gravity, 0.0, 0.0, 0.0)
-    return Recipe(CommandLink, structure, LinkNumbers(fleet.delay_ticks, fleet.loss_rate, hover))
+    return Recipe(CommandLink, structure, LinkNumbers(fleet.delay_ticks, fleet.loss_rate, initial))
+
+
+def _hover(scenario: Scenario) -> Wrench:
+    """The wrench that is believed to hold the vehicle in hover."""
+    believed = nominal_parameters(scenario)
+    return Wrench(believed.mass * believed.gravity, 0.0, 0.0, 0.0)
+
+
+def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
+    """What on board stands between link and allocation, if anything does."""
+    autopilot = scenario.laboratory.autopilot
+    if isinstance(autopilot, autopilots.AttitudeResponse):
+        return {"autopilot": Recipe(ThrustAlone, {}, None)}
+    if not isinstance(autopilot, autopilots.AttitudeAutopilot):
+        return {}
+    structure = {
+        "period": autopilot.period,
+        "noisy": _can_differ(autopilot.gyroscope_noise, fleet.gyroscope_noise)
+        or _can_differ(autopilot.attitude_noise, fleet.attitude_noise),
+    }
+    numbers = AutopilotNumbers(
+        LoopGains(*fleet.k_attitude),
+        LoopGains(*fleet.k_rate),
+        nominal_parameters(scenario).inertia,
+        Gyroscope(fleet.gyroscope_noise, BodyRates(*fleet.gyroscope_bias)),
+        fleet.attitude_noise,
+        _hover(scenario),
+    )
+    return {"autopilot": Recipe(AttitudeAutopilot, structure, numbers)}
 
 
 def _can_differ(written: Any, flown: Any) -> bool:

@@ -48,7 +48,7 @@ class Recipe(NamedTuple):
     Attributes:
         system: its class, a FleetSystem.
         structure: which ports and events it has, as arguments of its constructor.
-        numbers: what may differ from vehicle to vehicle; each row may be an (N,) array.
+        numbers: what may differ from vehicle to vehicle; each row may be an (N,) array. None for a system without any.
     """
 
     system: Any
@@ -57,7 +57,8 @@ class Recipe(NamedTuple):
 
     def build(self, num_vehicles: int) -> Any:
         """The system, for N vehicles."""
-        return self.system(num_vehicles=num_vehicles, **self.structure, numbers=self.numbers)
+        numbers = {} if self.numbers is None else {"numbers": self.numbers}
+        return self.system(num_vehicles=num_vehicles, **self.structure, **numbers)
 
     def reset(self, diagram: Diagram, path: str, context: Context) -> None:
         """Makes the context of a system of this recipe what it would be, had the system been made of these numbers.

@@ -24,13 +24,14 @@ from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
 from drake_quad.scenario import Batch, Scenario, distributions_in
 
-# What is exported, and recorded, from each part; a control of the user's own need only have `wrench`.
+# What is exported, and recorded, from each part; a control of the user's own need only have what goes over the link.
+# The wrench comes from the control or, with an autopilot, from the laboratory.
 _SIGNALS = {
     "reference": ("reference",),
-    "control": (*POSITION_SIGNALS, "acceleration_command", "attitude_command", "wrench"),
+    "control": (*POSITION_SIGNALS, "acceleration_command", "attitude_command", "wrench", "attitude_target"),
     "laboratory": (
         *("measurement", "state", "rotor_speed", "rotor_speed_command", "throttle_command"),
-        *("swing", "charge", "shortfall", "wind"),
+        *("swing", "charge", "shortfall", "wind", "wrench"),
     ),
     "monitor": ("crashed",),
 }
@@ -61,7 +62,8 @@ def build_tracking_diagram(
         position_controller: a system that stands in for the scenario's: from `measurement` (12 rows) and `reference`
             (11 rows) to `acceleration_command` (3 rows, m/s²). The diagram takes it over.
         control: a system that stands in for the whole cascade: from `measurement` and `reference` to `wrench`
-            (4 rows: F_z in N; τ_x, τ_y, τ_z in N m). The diagram takes it over.
+            (4 rows: F_z in N; τ_x, τ_y, τ_z in N m) or, with an autopilot on board, to `attitude_target` (7 rows: F_z
+            in N; roll, pitch, yaw in rad; p, q, r in rad/s). The diagram takes it over.
         wind: a source of wind beside the scenario's: one output port of 3 rows, the velocity of the air in W (m/s), and
             perhaps the input port `state` (12 rows). The diagram takes it over, and samples it at the vehicle's time
             step, unless it is a FleetSystem that updates itself, as those of `drake_quad.laboratory` do.
@@ -98,7 +100,7 @@ def build_fleet_diagram(
         InputError: a system of the user's does not fit, or the vehicle's time step is too long for its drag.
     """
     scenario, num_vehicles = batch.scenario, len(batch)
-    check_user_systems(own, num_vehicles)
+    check_user_systems(own, num_vehicles, command=scenario.laboratory.autopilot.command)
     recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan))
     samples = None if drake_random else _samples(batch)
     builder = DiagramBuilder()
@@ -121,7 +123,7 @@ def build_fleet_diagram(
     connect(reference, "reference_jerk", control)
     connect(reference, "reference_snap", control)
     connect(laboratory, "measurement", control)
-    connect(control, "wrench", laboratory)
+    connect(control, scenario.laboratory.autopilot.command, laboratory)
     connect(monitor, "crashed", laboratory)
     connect(laboratory, "state", monitor)
     connect(reference, "reference", monitor)

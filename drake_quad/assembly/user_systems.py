@@ -15,7 +15,7 @@ class UserSystems(NamedTuple):
         position_controller: stands in for the scenario's: from `measurement` and `reference` to
             `acceleration_command`.
         control: stands in for the whole cascade: from `measurement` and `reference`, and perhaps `reference_jerk` and
-            `reference_snap`, to `wrench`.
+            `reference_snap`, to `wrench` or, with an autopilot on board, to `attitude_target`.
         wind: a source of wind beside the scenario's: one output port with the velocity of the air, and perhaps the
             input port `state`. It is sampled at the vehicle's time step, unless it is a FleetSystem that updates
             itself, as those of `drake_quad.laboratory` do.
@@ -60,12 +60,13 @@ PLACES = {
 }
 
 
-def check_user_systems(systems: UserSystems, num_vehicles: int) -> None:
+def check_user_systems(systems: UserSystems, num_vehicles: int, *, command: str) -> None:
     """Checks that a user's systems have the ports that their places in the loop need.
 
     Args:
         systems: to check.
         num_vehicles: N.
+        command: signal that the command link carries, which a control must have.
 
     Raises:
         InputError: one of them does not fit.
@@ -73,7 +74,8 @@ def check_user_systems(systems: UserSystems, num_vehicles: int) -> None:
     if systems.control is not None and systems.position_controller is not None:
         raise InputError("control stands in for the whole cascade, so there is no place for a position_controller")
     for name, system in systems.given.items():
-        _check(name, system, PLACES[name], num_vehicles)
+        place = PLACES[name]
+        _check(name, system, place._replace(output=command) if name == "control" else place, num_vehicles)
 
 
 def _check(name: str, system: Any, place: Place, num_vehicles: int) -> None:

@@ -1,4 +1,4 @@
-"""The laboratory: everything between a commanded wrench and a measured state.
+"""The laboratory: everything between a commanded wrench, or attitude, and a measured state.
 
 The way of a change (◆) from the state to the rotors, with frames every 10 ms, ticks of the control every 20 ms and one
 tick of delay on the link:
@@ -11,6 +11,9 @@ tick of delay on the link:
 What happens just before the frame of 10 ms is in the rotor commands 30 ms later. What happens just after it waits for
 the frame of 20 ms, which no tick reads, and for that of 30 ms: it takes 50 ms. Every frame of latency adds 10 ms, every
 tick of delay 20 ms; then comes the lag of the rotors.
+
+An autopilot on board stands between link and allocation. It sees the vehicle itself, at its own instants; neither
+cameras nor link delay what it does.
 """
 
 from collections.abc import Mapping
@@ -30,6 +33,7 @@ def build_laboratory(
     allocation: Any,
     motion_capture: Any,
     command_link: Any,
+    autopilot: Any = None,
     wind: Mapping[str, Any],
     samples: Samples | None,
 ) -> Diagram:
@@ -37,7 +41,9 @@ def build_laboratory(
 
     The wrench goes through the command link to the allocation on board, whose rotor speeds the vehicle follows in the
     wind; motion capture sees its state. With motors that take throttles there is `throttle_command` in place of
-    `rotor_speed_command`; with a slung load and a battery, there are outputs `swing` and `charge`.
+    `rotor_speed_command`; with a slung load and a battery, there are outputs `swing` and `charge`. With an autopilot an
+    attitude target goes through the link in place of the wrench, and the laboratory shows the wrench that the autopilot
+    makes of it.
 
     .. pydrake_system::
 
@@ -54,11 +60,12 @@ def build_laboratory(
         - wind
 
     Args:
-        vehicle: with input ports `rotor_speed_command` or `throttle_command`, `wind`, `crashed` and output ports
-            `state`, `rotor_speed`, and perhaps `swing` and `charge`.
+        vehicle: with input ports `rotor_speed_command` or `throttle_command`, `wind`, `crashed`, perhaps
+            `attitude_target`, and output ports `state`, `rotor_speed`, and perhaps `swing` and `charge`.
         allocation: from `wrench` to what the vehicle takes and `shortfall`, packed.
         motion_capture: from `state` to `measurement`.
-        command_link: from `wrench` to `wrench`.
+        command_link: from `wrench` to `wrench`, or from `attitude_target` to `attitude_target`.
+        autopilot: from `attitude_target`, and perhaps `state`, to `wrench`; None if the wrench comes over the link.
         wind: its sources by name, each with one output port and perhaps the input port `state`.
         samples: of a study that the vehicles fly, which say what noise there is; None to feed random input ports from
             Drake's random sources.
@@ -71,15 +78,31 @@ def build_laboratory(
     gusts = random_streams(wind, Kind.WIND)
     air = builder.AddNamedSystem("wind", build_wind(wind, streams=gusts, num_vehicles=vehicle.num_vehicles))
 
-    builder.Connect(command_link.GetOutputPort("wrench"), allocation.GetInputPort("wrench"))
-    (command,) = (name for name in allocated if name != "shortfall")
-    builder.Connect(allocated[command], vehicle.GetInputPort(command))
+    carried = "wrench" if autopilot is None else "attitude_target"
+    commanded = command_link.GetOutputPort(carried)
+    wrench = commanded
+    if autopilot is not None:
+        builder.AddNamedSystem("autopilot", autopilot)
+        builder.Connect(commanded, autopilot.GetInputPort("attitude_target"))
+        wrench = autopilot.GetOutputPort("wrench")
+        for system, port, source in (
+            (autopilot, "state", vehicle.GetOutputPort("state")),
+            (vehicle, "attitude_target", commanded),
+        ):
+            if system.HasInputPort(port):
+                builder.Connect(source, system.GetInputPort(port))
+
+    builder.Connect(wrench, allocation.GetInputPort("wrench"))
+    (told,) = (name for name in allocated if name != "shortfall")
+    builder.Connect(allocated[told], vehicle.GetInputPort(told))
     builder.Connect(air.GetOutputPort("wind"), vehicle.GetInputPort("wind"))
     builder.Connect(vehicle.GetOutputPort("state"), motion_capture.GetInputPort("state"))
     if air.HasInputPort("state"):
         builder.Connect(vehicle.GetOutputPort("state"), air.GetInputPort("state"))
 
     electronics = {"motion_capture": motion_capture, "command_link": command_link}
+    if autopilot is not None:
+        electronics["autopilot"] = autopilot
     ports = {
         stream: electronics[name].GetInputPort(stream.name.removeprefix(f"{name}."))
         for name, streams in random_streams(electronics, Kind.NOISE).items()
@@ -91,16 +114,18 @@ def build_laboratory(
     else:
         connect_noise(builder, ports, samples)
 
-    builder.ExportInput(command_link.GetInputPort("wrench"), "wrench")
+    builder.ExportInput(command_link.GetInputPort(carried), carried)
     builder.ExportInput(vehicle.GetInputPort("crashed"), "crashed")
     builder.ExportOutput(motion_capture.GetOutputPort("measurement"), "measurement")
     builder.ExportOutput(vehicle.GetOutputPort("state"), "state")
     for name in ("rotor_speed", "swing", "charge"):
         if vehicle.HasOutputPort(name):
             builder.ExportOutput(vehicle.GetOutputPort(name), name)
-    builder.ExportOutput(allocated[command], command)
+    builder.ExportOutput(allocated[told], told)
     builder.ExportOutput(allocated["shortfall"], "shortfall")
     builder.ExportOutput(air.GetOutputPort("wind"), "wind")
+    if autopilot is not None:
+        builder.ExportOutput(wrench, "wrench")
     laboratory = builder.Build()
     laboratory.set_name("laboratory")
     return laboratory

@@ -15,8 +15,9 @@ from pydrake.common import RandomDistribution
 
 from drake_quad.framework.elementary import arcsin, arctan2, exp, sin_cos, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.kinematics import small_rotation
 from drake_quad.laboratory.delay_line import carried, declare_delay_line, newest
-from drake_quad.signals import Angle, Attitude, BodyRates, Number, PositionW, Quantity, Row, State
+from drake_quad.signals import Angle, Attitude, Number, PositionW, Quantity, Row, State
 
 
 class RotationMatrix(NamedTuple):
@@ -121,14 +122,6 @@ def attitude_of_markers(attitude: Attitude, R_BM: RotationMatrix) -> Attitude:
         arcsin(s_p * xx - c_p * rolled_x),
         attitude.yaw + arctan2(c_r * yx - s_r * zx, c_p * xx + s_p * rolled_x),
     )
-
-
-def small_rotation(steps: Attitude, attitude: Attitude) -> BodyRates:
-    """Eq (2): small rotations about the axes of B for small steps of roll, pitch and yaw at an attitude, all in rad."""
-    s_r, c_r = sin_cos(attitude.roll)
-    s_p, c_p = sin_cos(attitude.pitch)
-    level = c_p * steps.yaw
-    return BodyRates(steps.roll - s_p * steps.yaw, c_r * steps.pitch + s_r * level, c_r * level - s_r * steps.pitch)
 
 
 def seen_pose(state: State, noise: Pose | None, cameras: Cameras, misaligned: bool) -> Pose:

@@ -120,6 +120,7 @@ def _of_control(scenario: Scenario) -> list[Assumption]:
     assert isinstance(position, Type2Position)
     network, learning = position.network, position.learning
     assert isinstance(learning, CovarianceLearning)
+    assert attitude is not None
     count = len(network.error.centres)
     return [
         Assumption(

@@ -10,6 +10,7 @@ from typing import Annotated, Any, Generic, Literal, TypeVar, get_args, get_type
 from pydantic import Field, ValidationInfo, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse, Autopilot, NoAutopilot
 from drake_quad.scenario.controllers import PositionController
 from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.effects import (
@@ -222,7 +223,7 @@ class MotionCapture(Model):
 
 
 class CommandLink(Model):
-    """Radio link that carries the wrench to the vehicle."""
+    """Radio link that carries the wrench, or what an autopilot takes, to the vehicle."""
 
     period: Period = Field(default=0.02, description="time between ticks of the control (s); the paper's 50 Hz")
     delay_ticks: Ticks = Field(default=1, description="whole ticks from sending to arrival")
@@ -234,6 +235,7 @@ class Laboratory(Model):
 
     motion_capture: MotionCapture = MotionCapture()
     command_link: CommandLink = CommandLink()
+    autopilot: Autopilot = Field(default=NoAutopilot(kind="none"), description="what runs on board")
     wind: Annotated[tuple[Wind, ...], Field(strict=False, max_length=MOST_SOURCES)] = Field(
         default=(), description="sources; they add up"
     )
@@ -261,11 +263,13 @@ class AttitudePd(Model):
 
 
 class Control(Model):
-    """The cascade: position, thrust vectoring, attitude."""
+    """The cascade: position, thrust vectoring and, without an autopilot on board, attitude."""
 
     position: PositionController
     thrust_vectoring: ThrustVectoring = ThrustVectoring()
-    attitude: AttitudePd
+    attitude: AttitudePd | None = Field(
+        default=None, description="on the ground; needed without an autopilot, and to be left out, or null, with one"
+    )
 
 
 class Window(Model):
@@ -347,19 +351,55 @@ class Scenario(Mission):
 
     @property
     def periods(self) -> dict[tuple[str, ...], float]:
-        """The periods of integration, cameras and control (s), by the path of their field."""
+        """The periods of integration, cameras, control and autopilot (s), by the path of their field."""
         periods = {
             ("vehicle", "time_step"): self.vehicle.time_step,
             ("laboratory", "motion_capture", "period"): self.laboratory.motion_capture.period,
             ("laboratory", "command_link", "period"): self.laboratory.command_link.period,
         }
+        if isinstance(self.laboratory.autopilot, AttitudeAutopilot):
+            periods[("laboratory", "autopilot", "period")] = self.laboratory.autopilot.period
         return {path: period for path, period in periods.items() if period > 0.0}
+
+    @model_validator(mode="after")
+    def _attitude_is_controlled_once(self) -> "Scenario":
+        """Attitude is controlled on the ground or on board, and what is fed forward gets there."""
+        autopilot, control = self.laboratory.autopilot, self.control
+        if isinstance(autopilot, NoAutopilot):
+            if control.attitude is None:
+                raise PydanticCustomError("missing", "is missing", {"path": ("control", "attitude")})
+            return self
+        if control.attitude is not None:
+            demand = "must be left out, or null: with laboratory.autopilot of kind {autopilot} it is not used"
+            raise self.wrong("control", "attitude", kind="on_board", demand=demand, autopilot=autopilot.kind)
+        if control.position.feed_forward not in autopilot.feeds_forward:
+            demand = "must be {allowed}: laboratory.autopilot of kind {autopilot} takes no more"
+            allowed = " or ".join(autopilot.feeds_forward)
+            path = "control", "position", "feed_forward"
+            raise self.wrong(*path, kind="on_board", demand=demand, allowed=allowed, autopilot=autopilot.kind)
+        return self
+
+    @model_validator(mode="after")
+    def _autopilot_fits(self) -> "Scenario":
+        """An autopilot is faster than its link; a response that flights show is that of the vehicle that flew."""
+        autopilot, link = self.laboratory.autopilot, self.laboratory.command_link
+        if isinstance(autopilot, AttitudeAutopilot) and not autopilot.period < link.period:
+            demand = "must be shorter than the period of the command link, {link} s"
+            raise self.wrong("laboratory", "autopilot", "period", kind="period", demand=demand, link=link.period)
+        if isinstance(autopilot, AttitudeResponse):
+            for name in ("rotor_failure", "payload", "slung_load", "battery", "reaction_torque"):
+                if getattr(self.vehicle, name):
+                    demand = "must be left out: laboratory.autopilot of kind response does not know it"
+                    raise self.wrong("vehicle", name, kind="response", demand=demand)
+        return self
 
     @model_validator(mode="after")
     def _grids_coincide(self) -> "Scenario":
         base = min(self.periods.values())
         if self.vehicle.time_step > base:
             demand = "must not be longer than the shortest period of cameras and control, {base} s"
+            if ("laboratory", "autopilot", "period") in self.periods:
+                demand = "must not be longer than the shortest period of cameras, control and autopilot, {base} s"
             raise self.wrong("vehicle", "time_step", kind="step", demand=demand, base=base)
         for path, period in self.periods.items():
             if math.frexp(period / base)[0] != 0.5 or base * (period / base) != period:

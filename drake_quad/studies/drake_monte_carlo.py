@@ -45,8 +45,6 @@ def drake_monte_carlo(scenario: Scenario, num_samples: int, seed: int | None = N
         return float(flights[-1].rmse[0])
 
     # Past the last tick, whose updates would else be left pending, and short of the next event.
-    laboratory = scenario.laboratory
-    ticks = min(laboratory.motion_capture.period, laboratory.command_link.period)
-    final_time = flight_duration(scenario, plan) + 0.25 * (scenario.vehicle.time_step or ticks)
+    final_time = flight_duration(scenario, plan) + 0.25 * min(scenario.periods.values())
     MonteCarloSimulation(make_simulator, output, final_time, num_samples, RandomGenerator(seed))
     return Metrics(*(np.concatenate(values) for values in zip(*flights, strict=True)))

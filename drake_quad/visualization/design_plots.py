@@ -1,7 +1,7 @@
 """Plots of a gain design: Bode, Nyquist, root locus and step responses."""
 
 import math
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 
 import numpy as np
 from matplotlib.axes import Axes
@@ -17,8 +17,15 @@ from drake_quad.visualization.style import BLACK, BLUE, LIMIT, PLATE, VERMILION,
 
 # One axis of each kind of loop is drawn; roll and y are mirror images of these.
 _DRAWN = {"pitch": "attitude (pitch)", "x": "position (x)"}
+# With an autopilot whose loops are given there is no attitude loop to draw.
+_DRAWN_WITH_AUTOPILOT = {"z": "height (z)", "x": "position (x)"}
 # Steps of the reference: the row of the state, the size in SI units, and the label of the axis.
 _STEPS = (("x", 0.5, "x (m)"), ("z", 0.5, "z (m)"), ("yaw", 0.5, "yaw (rad)"))
+
+
+def _drawn(loops: Mapping[str, LoopDesign]) -> dict[str, str]:
+    """The titles of the two loops that are drawn, by their axes."""
+    return _DRAWN if loops.keys() >= _DRAWN.keys() else _DRAWN_WITH_AUTOPILOT
 
 
 def plot_bode(design: CascadeDesign) -> Figure:
@@ -26,8 +33,9 @@ def plot_bode(design: CascadeDesign) -> Figure:
     with styled():
         figure = new_figure(9.0, 5.4)
         axes = figure.subplots(2, 2, sharex="col", sharey="row")
-        for column, (axis, title) in enumerate(_DRAWN.items()):
-            _draw_bode(axes[0, column], axes[1, column], design.loops[axis], title)
+        loops = design.all_loops
+        for column, (axis, title) in enumerate(_drawn(loops).items()):
+            _draw_bode(axes[0, column], axes[1, column], loops[axis], title)
         axes[0, 0].set_ylabel("|L| (dB)")
         axes[1, 0].set_ylabel("phase of L (°)")
         return figure
@@ -78,8 +86,9 @@ def plot_nyquist(design: CascadeDesign) -> Figure:
     """Plots both loops in the complex plane of L, with the disk around -1 that they stay outside of."""
     with styled():
         figure = new_figure(9.0, 4.5)
-        for axes, (axis, title) in zip(figure.subplots(1, 2), _DRAWN.items(), strict=True):
-            loop = design.loops[axis]
+        loops = design.all_loops
+        for axes, (axis, title) in zip(figure.subplots(1, 2), _drawn(loops).items(), strict=True):
+            loop = loops[axis]
             _, response = _response(loop)
             axes.plot(response.real, response.imag, color=BLUE, label="L")
             turn = np.linspace(0.0, 2.0 * np.pi, 200)

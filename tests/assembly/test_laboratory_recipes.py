@@ -125,7 +125,7 @@ def test_on_board_and_on_the_link_the_nominal_numbers_hold(recipes):
     assert (rotors.min_speed, rotors.max_speed) == (194.0, 223.0)
     assert recipes["allocation"].structure == {"paired": True}
     assert radio.numbers == LinkNumbers(1, 0.03, Wrench(pytest.approx(0.7 * 9.79), 0.0, 0.0, 0.0))
-    assert radio.structure == {"period": 0.02, "longest_delay": 1, "loses_packets": True}
+    assert radio.structure == {"signal": "wrench", "period": 0.02, "longest_delay": 1, "loses_packets": True}
 
 
 def test_the_cameras_have_the_errors_of_the_scenario(recipes):

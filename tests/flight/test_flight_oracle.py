@@ -9,6 +9,17 @@ from oracle.flight import fly
 from drake_quad import simulate
 from drake_quad.flight import simulate_samples
 
+ON_BOARD = [
+    "control.attitude=null",
+    "vehicle.time_step=0.005",
+    "laboratory.autopilot={kind: attitude, period: 0.005, k_attitude: [5.0, 4.2, 2.1], k_rate: [11.0, 9.0, 6.0],"
+    " gyroscope_noise: 0.01, gyroscope_bias: [0.01, -0.006, 0.008], attitude_noise: 0.002}",
+]
+RESPONDING = [
+    "control.attitude=null",
+    "vehicle.rotor_failure=null",
+    "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.4, 3.1], damping: [0.5, 0.7, 1.1]}",
+]
 # The two whole flights, and short ones for what they leave out.
 FLIGHTS = {
     "pid": ("pid", []),
@@ -80,6 +91,28 @@ FLIGHTS = {
             "vehicle.min_rotor_speed=190",
             "vehicle.max_rotor_speed=225",
             "metrics.end=null",
+        ],
+    ),
+    "an autopilot on board": ("pid", [*ON_BOARD, "duration=6", "control.position.feed_forward=jerk"]),
+    "an autopilot without noise that works every other step, and a heading along the path": (
+        "pd_t2fnn",
+        [
+            *ON_BOARD,
+            "duration=4",
+            "vehicle.time_step=0.0025",
+            "control.position.feed_forward=jerk",
+            "laboratory.autopilot={gyroscope_noise: 0, attitude_noise: 0, k_rate: [9.0, 7.0, 5.0]}",
+        ],
+    ),
+    "an attitude that responds": ("pid", [*RESPONDING, "duration=6"]),
+    "an attitude that responds with small angles, from frames without a filter": (
+        "pd_t1fnn",
+        [
+            *RESPONDING,
+            "duration=4",
+            "vehicle.attitude_kinematics=small_angle",
+            "control.position.feed_forward=none",
+            "laboratory.motion_capture.derivative_bandwidth=null",
         ],
     ),
     "a crash": ("pid", ["crash.position_error=1.1", "control.position.k_p.2=1.5", "control.position.k_i.2=0"]),

@@ -153,7 +153,10 @@ class Controller:
         if position.feed_forward != "none":
             u = u + reference["acceleration"]
         thrust, attitude, rates, accelerations = self.vectored(u, measured, reference)
-        torque = self.torque(measured, attitude, rates, accelerations)
+        if self.numbers.attitude is None:
+            command = {"attitude_target": np.array([thrust, *attitude, *rates])}
+        else:
+            command = {"wrench": np.array([thrust, *self.torque(measured, attitude, rates, accelerations)])}
         return {
             "error": error,
             "error_rate": rate,
@@ -161,7 +164,7 @@ class Controller:
             "correction": correction,
             "acceleration_command": u,
             "attitude_command": attitude,
-            "wrench": np.array([thrust, *torque]),
+            **command,
             **shown,
         }
 

@@ -4,9 +4,10 @@ import math
 
 import numpy as np
 
+from oracle.autopilot import ON_BOARD, vehicle_of
 from oracle.control import Controller
 from oracle.laboratory import Cameras, Link
-from oracle.vehicle import Vehicle, allocate
+from oracle.vehicle import allocate
 from oracle.wind import Wind
 
 
@@ -26,7 +27,8 @@ def fly(scenario, trajectory, leg_times=()):
     """Flies a scenario of numbers, whose vehicle steps, from hover at the reference's first point.
 
     At an instant the vehicle takes its step first, under what was held until then. Then all that samples does so at
-    once: the control reads the frame before, and the vehicle's next step takes what the link lets out now.
+    once: the control reads the frame before, an autopilot hears what the link let out before, and the vehicle's next
+    step takes what link and autopilot let out now.
 
     Args:
         scenario: of numbers.
@@ -43,36 +45,44 @@ def fly(scenario, trajectory, leg_times=()):
     reference = reference_at(trajectory, period * np.arange(ticks + 1))
     steps_a_tick, steps_a_frame = round(period / h), round(laboratory.motion_capture.period / h)
 
-    vehicle = Vehicle(scenario.vehicle, ticks * period)
+    vehicle, autopilot = vehicle_of(scenario, ticks * period), laboratory.autopilot.kind
+    board = ON_BOARD[autopilot](scenario, seed, sample)
     state, speeds = np.zeros(12), vehicle.hover_speeds()
     state[0:3], state[5] = reference[0]["position"], reference[0]["yaw"]
     weight = scenario.nominal.mass * scenario.nominal.gravity
-    link = Link(laboratory.command_link, np.array([weight, 0.0, 0.0, 0.0]), seed, sample)
-    command, shortfall = allocate(link.out, scenario.nominal)
+    hover = [weight, 0.0, 0.0, 0.0] if autopilot == "none" else [weight, 0.0, 0.0, state[5], 0.0, 0.0, 0.0]
+    link = Link(laboratory.command_link, np.array(hover), seed, sample)
+    command, shortfall = allocate(board.wrench(link.out), scenario.nominal)
     cameras = Cameras(laboratory.motion_capture, seed, sample, state)
     wind = Wind(laboratory.wind, h, seed, sample)
     air = wind.sample(0, state[0:3])
 
     controller, referee, rows = Controller(scenario, leg_times), Referee(scenario), []
     for k in range(ticks * steps_a_tick + 1):
+        heard = vehicle.target = link.out
         if k > 0:
             state, speeds = vehicle.step(state, speeds, command, air, k * h, h)
         if k % steps_a_tick == 0:
             tick = k // steps_a_tick
             asked, measured = reference[tick], cameras.out
             commanded = controller.act(tick, measured, asked)
-            true = {"state": state, "rotor_speed": speeds, "measurement": measured, "wind": air}
+            true = {"state": vehicle.shown(state), "rotor_speed": speeds, "measurement": measured, "wind": air}
+            if autopilot != "none":
+                commanded["wrench"] = board.wrench(heard)
             on_board = {"rotor_speed_command": command, "shortfall": shortfall}
             rows.append({"reference": reference_rows(asked), **commanded, **true, **on_board})
             u = commanded["acceleration_command"]
             if not referee.watch(tick * period, state, asked["position"], u, shortfall):
                 break
-            link.send(tick, commanded["wrench"])
-            command, shortfall = allocate(link.out, scenario.nominal)
+            link.send(tick, commanded["wrench" if autopilot == "none" else "attitude_target"])
+        if board.steps and k % board.steps == 0:
+            board.act(k // board.steps, state, heard)
+        if k % steps_a_tick == 0 or board.steps:
+            command, shortfall = allocate(board.wrench(link.out), scenario.nominal)
         if k > 0:
             air = wind.sample(k, state[0:3])
             if k % steps_a_frame == 0:
-                cameras.take(k // steps_a_frame, state)
+                cameras.take(k // steps_a_frame, vehicle.shown(state))
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}, referee.metrics(period)
 
 

@@ -116,6 +116,13 @@ class Vehicle:
             turning = np.linalg.solve(euler_to_body(attitude[0], attitude[1]), rates)
         return np.concatenate([turning, acceleration, angular_acceleration])
 
+    # What the link lets out while a step is taken; only a vehicle that responds looks at it.
+    target = None
+
+    def shown(self, state):
+        """The state as others see it."""
+        return state
+
     def targets(self, command, time):
         """Where the rotors go under a command at a time."""
         numbers = self.numbers

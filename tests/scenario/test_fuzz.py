@@ -91,7 +91,13 @@ def grown(spec, route):
     return {**tree, "route": copy.deepcopy(route), "metrics": {"start": 0.0, "end": 1.0}}
 
 
-# Every kind of route, wind, controller and law, and every field with a value.
+def responding(tree):
+    tree["laboratory"]["autopilot"] = {"kind": "response", "natural_frequency": [6.0, 7.0, 3.0], "damping": [0.5] * 3}
+    tree["control"]["position"]["feed_forward"] = "acceleration"
+    return tree
+
+
+# Every kind of route, wind, autopilot, controller and law, and every field with a value.
 SEEDS = [
     dumped("figure_eight.yaml"),
     dumped("robustness.yaml"),
@@ -103,6 +109,8 @@ SEEDS = [
             strict=True,
         ),
     ),
+    dumped("onboard.yaml"),
+    responding(dumped("onboard.yaml")),
 ]
 SEEDS[2]["control"]["position"] |= {"kind": "pid", "k_i": [0.1, 0.1, 0.1]}
 SEEDS[3]["control"]["position"]["learning"] = {"kind": "gradient", "rate": 1.0}

@@ -272,6 +272,77 @@ def test_the_value_of_the_field_itself_is_shown_also_of_a_default(write, overrid
     assert words in refusal(load_scenario, write(SMALL), [override])
 
 
+ON_BOARD = "laboratory.autopilot={kind: attitude, k_attitude: [6, 6, 6], k_rate: [12, 12, 12]%s}"
+RESPONSE = "laboratory.autopilot={kind: response, natural_frequency: [6, 6, 3], damping: [0.5, 0.5, 0.5]}"
+NO_ATTITUDE = "control.attitude=null"
+STEP = "vehicle.time_step=0.0025"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        ([NO_ATTITUDE], "control.attitude is missing"),
+        (
+            [ON_BOARD % ""],
+            "control.attitude is .*, but must be left out, or null: with .* of kind attitude it is not used",
+        ),
+        ([RESPONSE], "control.attitude is .*, but must be left out, or null: with .* of kind response it is not used"),
+        (
+            [ON_BOARD % "", NO_ATTITUDE, "control.position.feed_forward=snap"],
+            "control.position.feed_forward is 'snap', but must be none or acceleration or jerk: .* takes no more",
+        ),
+        (
+            [RESPONSE, NO_ATTITUDE, "control.position.feed_forward=jerk"],
+            "control.position.feed_forward is 'jerk', but must be none or acceleration: .* response takes no more",
+        ),
+        (
+            [ON_BOARD % "", NO_ATTITUDE],
+            "vehicle.time_step is 0.01 by default, but must not be longer than the shortest period of cameras, control"
+            " and autopilot, 0.0025 s",
+        ),
+        (
+            [ON_BOARD % ", period: 0.02", NO_ATTITUDE],
+            "autopilot.period is 0.02, but must be shorter than the period of the command link, 0.02 s",
+        ),
+        (
+            [ON_BOARD % ", period: 0.004", NO_ATTITUDE, STEP],
+            "autopilot.period is 0.004, but must be the shortest period, 0.0025, times a power of two",
+        ),
+        (
+            [RESPONSE, NO_ATTITUDE, "vehicle.rotor_failure={rotor: 1, time: 2}"],
+            "vehicle.rotor_failure is .*, but must be left out: laboratory.autopilot of kind response does not know it",
+        ),
+        (
+            [RESPONSE, NO_ATTITUDE, "vehicle.slung_load={mass: 0.05, length: 0.5}"],
+            "vehicle.slung_load is .*, but must be left out: laboratory.autopilot of kind response does not know it",
+        ),
+        (
+            [RESPONSE, NO_ATTITUDE, "laboratory.autopilot.damping.1=0"],
+            "autopilot.damping.1 is 0, but must be larger than 0",
+        ),
+        (
+            ["laboratory.autopilot.kind=px4"],
+            "autopilot.kind is 'px4', but must be one of 'none', 'attitude', 'response'",
+        ),
+    ],
+)
+def test_attitude_is_controlled_in_one_place_and_in_time(write, overrides, words):
+    assert re.search(words, refusal(load_scenario, write(SMALL), overrides))
+
+
+def test_an_attitude_that_responds_too_fast_for_the_steps_is_refused(write):
+    """Runge and Kutta's method stands a step of 2.5 time constants; the faster pole is at ω (ζ + √(ζ² - 1))."""
+    fast = "laboratory.autopilot={natural_frequency: [6, 100, 3], damping: [0.5, %s, 0.5]}"
+    for damping, refused in (("1.4", False), ("1.5", True)):
+        scenario = load_scenario(write(SMALL), [RESPONSE, NO_ATTITUDE, fast % damping, "duration=0.1"])
+        if refused:
+            words = "vehicle.time_step is 0.01 s, too long for an attitude that responds within 0.0038 s"
+            with pytest.raises(InputError, match=words):
+                simulate(scenario)
+        else:
+            assert not simulate(scenario).metrics.crashed
+
+
 TWO = "route={kind: waypoints, waypoints: [[0, 0, 1], [1, 0, 1]], times:"
 KNOTS = "route={kind: trajectory, knots: [{time: 0, position: [0, 0, 1]}, {time: %s, position: [1, 0, 1]}]}"
 GUST = "laboratory.wind=[{kind: gust, velocity: [1, 0, 0], start: %s, rise_time: %s, hold_time: %s}]"

@@ -1,0 +1,15 @@
+"""How a body turns whose roll, pitch and yaw change: eq (2)."""
+
+from drake_quad.framework.elementary import sin_cos
+from drake_quad.signals import Attitude, BodyRates
+
+
+def small_rotation(steps: Attitude, attitude: Attitude) -> BodyRates:
+    """Eq (2): small rotations about the axes of B for small steps of roll, pitch and yaw at an attitude, all in rad.
+
+    For the rates of roll, pitch and yaw in place of steps they are the body rates, rad/s.
+    """
+    s_r, c_r = sin_cos(attitude.roll)
+    s_p, c_p = sin_cos(attitude.pitch)
+    level = c_p * steps.yaw
+    return BodyRates(steps.roll - s_p * steps.yaw, c_r * steps.pitch + s_r * level, c_r * level - s_r * steps.pitch)

@@ -1,0 +1,178 @@
+"""Autopilots in whole flights: wired and compiled, alone and in fleets, and behind controllers of the user's own."""
+
+import numpy as np
+import pytest
+from both_ways import assert_flights_alike, assert_flown_alike, assert_metrics_alike
+from pydrake.systems.framework import BasicVector, LeafSystem
+
+from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
+from drake_quad.assembly.planning import plan_route
+from drake_quad.flight import StudyFleet
+from drake_quad.framework.fleet_system import FleetSystem, fleet_system
+from drake_quad.scenario import Batch
+from drake_quad.signals import AttitudeTarget, Reference, State
+
+
+def drawn(low, high):
+    return f"{{uniform: {{min: {low}, max: {high}}}}}"
+
+
+DRAWN = [
+    "vehicle.mass=" + drawn(0.66, 0.72),
+    "laboratory.command_link.delay_ticks={choice: [0, 1, 3]}",
+    "laboratory.wind=[{kind: dryden, level: light, intensity: 0.5}]",
+    "seed=4",
+]
+RATES = ", ".join([drawn(-0.01, 0.01), drawn(-0.02, 0.01), "0.005"])
+KINDS = {
+    "attitude": [
+        f"laboratory.autopilot.k_attitude=[{drawn(4, 6)}, 5.0, {drawn(3, 5)}]",
+        f"laboratory.autopilot.k_rate=[12, {drawn(10, 13)}, 9]",
+        f"laboratory.autopilot.gyroscope_bias=[{RATES}]",
+        f"laboratory.autopilot.gyroscope_noise={drawn(0.0, 0.01)}",
+        "laboratory.autopilot.attitude_noise=0.001",
+    ],
+    "response": [
+        f"laboratory.autopilot={{kind: response, natural_frequency: [{drawn(6, 7)}, 6.3, {drawn(3, 4)}],"
+        f" damping: [0.5, {drawn(0.4, 0.6)}, 0.9]}}",
+        "control.position.feed_forward=acceleration",
+        f"vehicle.battery_sag={drawn(0.0, 0.03)}",
+    ],
+}
+
+kinds = pytest.mark.parametrize("kind", KINDS)
+
+
+@pytest.fixture
+def scenario(diagrams):
+    return lambda kind, *overrides: load_scenario(diagrams / "onboard.yaml", [*DRAWN, *KINDS[kind], *overrides])
+
+
+@pytest.mark.slow
+@kinds
+def test_a_fleet_flies_compiled_as_wired_and_each_of_it_as_alone(scenario, kind):
+    """To the bit, each with numbers, noise and delay of its own."""
+    flights = assert_flown_alike(Batch.draw(scenario(kind, "duration=2"), range(5)))
+    assert len({flight.metrics.rmse for flight in flights}) == 5
+    for sample in (1, 4):
+        alone = simulate(scenario(kind, "duration=2"), sample=sample, compiled=True)
+        for name, values in alone.signals.items():
+            np.testing.assert_array_equal(values, flights[sample][name], err_msg=name)
+
+
+@pytest.mark.slow
+@kinds
+def test_batch_after_batch_is_flown_as_if_it_were_the_first(scenario, kind):
+    study = scenario(kind, "duration=0.5")
+    plan = plan_route(study)
+    fleet = StudyFleet(study, 4, plan=plan)
+    first = fleet.fly(range(4))
+    fleet.fly(range(10, 14))
+    assert_metrics_alike(fleet.fly(range(4)), first)
+    assert_metrics_alike(StudyFleet(study, 4, plan=plan, compiled=False).fly(range(4)), first)
+
+
+@kinds
+def test_a_flight_begins_in_hover_at_any_heading(scenario, kind):
+    """Nothing moves before the first packet: its own target, too, has the heading in which the vehicle hovers."""
+    still = ["vehicle.mass=0.68", "laboratory.wind=[]", "laboratory.command_link.delay_ticks=3"]
+    route = "route={kind: hover, position: [1, 2, 1], yaw: 2.5, duration: 0.05}"
+    bias = {"attitude": "laboratory.autopilot={gyroscope_bias: [0, 0, 0], gyroscope_noise: 0, attitude_noise: 0}"}
+    flight = simulate(scenario(kind, *still, route, bias.get(kind, "vehicle.battery_sag=0")), sample=0)
+    np.testing.assert_allclose(flight["state"] - flight["state"][0], 0.0, atol=1e-12)
+    np.testing.assert_array_equal(flight["wrench"], np.tile([0.68 * 9.81, 0.0, 0.0, 0.0], (len(flight.time), 1)))
+
+
+@pytest.mark.slow
+@kinds
+def test_a_continuous_vehicle_flies_alike(scenario, kind):
+    """As far as the step of the other is short: a tenth of a millimetre."""
+    ends = []
+    for time_step in (0.0025, 0.0):
+        flight = simulate(
+            scenario(kind, "duration=1", f"vehicle.time_step={time_step}", "laboratory.wind=[]"), sample=2
+        )
+        ends.append(flight["state"][-1, 0:3])
+    assert np.abs(ends[0] - flight["state"][0, 0:3]).max() > 0.02
+    np.testing.assert_allclose(*ends, atol=1e-4)
+
+
+def held(measurement: State, reference: Reference) -> AttitudeTarget:
+    """A law for height alone, at a lean of 0.1 rad."""
+    thrust = 6.6708 + 4.0 * (reference.z - measurement.z) - 2.5 * measurement.v_z
+    return AttitudeTarget(thrust, 0.0, 0.1, reference.yaw, 0.0, 0.0, 0.0)
+
+
+@fleet_system(float)
+class HeightOnly(FleetSystem):
+    """A control of the user's own."""
+
+    def declare(self) -> None:
+        self.output("attitude_target", held, self.input("measurement"), self.input("reference"))
+
+
+class PlainHeightOnly(LeafSystem):
+    """The same, without anything of this project."""
+
+    def __init__(self):
+        super().__init__()
+        self.ports = [
+            self.DeclareVectorInputPort(name, BasicVector(size))
+            for name, size in (("measurement", 12), ("reference", 11))
+        ]
+        self.DeclareVectorOutputPort("attitude_target", BasicVector(7), self.command)
+
+    def command(self, context, output):
+        measurement, reference = (port.Eval(context) for port in self.ports)
+        output.SetFromVector(held(State(*measurement), Reference(*reference)))
+
+
+@pytest.mark.slow
+@kinds
+def test_a_control_of_ones_own_tells_the_autopilot_what_to_do(scenario, kind):
+    """It leans as it is told, and flies off along x; compiled, or beside what is compiled, alike."""
+    study = scenario(kind, "duration=1", "laboratory.wind=[]", "vehicle.mass=0.68")
+    flights = [
+        simulate(study, sample=1, control=made(), compiled=compiled)
+        for made, compiled in ((HeightOnly, False), (HeightOnly, True), (PlainHeightOnly, True))
+    ]
+    for other in flights[1:]:
+        assert_flights_alike(other, flights[0])
+    state = flights[0].record("state")
+    assert state.pitch[-1] == pytest.approx(0.1, abs=0.03)
+    assert state.x[-1] - state.x[0] > 0.2
+
+
+def test_a_control_must_have_what_its_autopilot_takes(scenario):
+    class Wrenches(LeafSystem):
+        def __init__(self, name, size):
+            super().__init__()
+            self.DeclareVectorOutputPort(name, BasicVector(size), lambda context, output: None)
+
+    study = scenario("attitude")
+    for control, words in (
+        (Wrenches("wrench", 4), "control needs the output port `attitude_target`, but has `wrench`"),
+        (Wrenches("attitude_target", 4), "the port `attitude_target` of control must have 7 rows, but has 4"),
+    ):
+        with pytest.raises(InputError, match=words):
+            simulate(study, sample=0, control=control)
+
+
+def test_signals_are_exported_from_where_they_are_made(diagrams):
+    diagram = build_tracking_diagram(load_scenario(diagrams / "onboard.yaml"))
+    names = {diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports())}
+    assert {"attitude_target", "wrench", "attitude_command"} <= names
+    laboratory, control = (diagram.GetSubsystemByName(name) for name in ("laboratory", "control"))
+    assert laboratory.HasOutputPort("wrench")
+    assert not control.HasOutputPort("wrench")
+    assert not control.HasSubsystemNamed("attitude")
+    assert laboratory.HasInputPort("attitude_target")
+
+
+@pytest.mark.slow
+def test_on_board_attitude_control_flies_the_figure_eight_better(diagrams):
+    """Not a tick and a lag behind the ground, the same laboratory allows gains that leave a quarter of the error."""
+    ground = simulate(load_scenario(diagrams / "laboratory.yaml:nominal"), compiled=True)
+    board = simulate(load_scenario(diagrams / "onboard.yaml"), compiled=True)
+    assert not board.metrics.crashed
+    assert board.metrics.rmse < 0.25 * ground.metrics.rmse

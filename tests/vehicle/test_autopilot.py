@@ -1,0 +1,115 @@
+"""Loops on board: what they make of a target, and how a vehicle answers that has them."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from drake_quad import load_scenario, simulate
+from drake_quad.signals import AttitudeTarget, BodyRates, State
+from drake_quad.vehicle.autopilot import (
+    AttitudeAutopilot,
+    AutopilotNumbers,
+    Gyroscope,
+    LoopGains,
+    SensorNoise,
+    autopilot_law,
+    thrust_alone,
+)
+from drake_quad.vehicle.parameters import Inertia
+
+I_XX, I_YY, I_ZZ = 0.0065, 0.0085, 0.0126
+NUMBERS = AutopilotNumbers(
+    LoopGains(6.0, 5.5, 2.8),
+    LoopGains(14.0, 12.0, 9.0),
+    Inertia(I_XX, I_YY, I_ZZ),
+    Gyroscope(0.004, BodyRates(0.01, -0.02, 0.03)),
+    0.002,
+)
+TARGET = AttitudeTarget(6.6, 0.1, -0.2, 3.0, 0.3, 0.4, -0.5)
+STATE = State(1.0, 2.0, 3.0, 0.15, -0.1, -3.1, 0.1, 0.2, 0.3, 0.7, -0.9, 1.1)
+
+NO_NOISE = "laboratory.motion_capture={position_noise: 0, attitude_noise: 0}"
+
+
+def law(target, state, numbers, noise=(0.0,) * 6):
+    """The equations of PX4's two loops with vectors and matrices."""
+    inertia = np.diag(numbers.inertia)
+    rates = np.array(state[9:12]) + numbers.gyroscope.bias + numbers.gyroscope.noise * np.array(noise[:3])
+    error = np.array(target[1:4]) - np.array(state[3:6]) - numbers.attitude_noise * np.array(noise[3:])
+    error[2] -= 2.0 * np.pi * np.round(error[2] / (2.0 * np.pi))
+    wanted = np.array(target[4:]) + np.array(numbers.k_attitude) * error
+    torque = inertia @ (np.array(numbers.k_rate) * (wanted - rates)) + np.cross(rates, inertia @ rates)
+    return [target[0], *torque]
+
+
+def test_the_wrench_is_that_of_two_proportional_loops():
+    """From a yaw of -3.1 to one of 3.0 it turns by -0.18, the short way."""
+    np.testing.assert_allclose(autopilot_law(TARGET, STATE, None, NUMBERS), law(TARGET, STATE, NUMBERS), rtol=1e-13)
+    noise = SensorNoise(0.7, -1.2, 0.4, 1.1, -0.3, 0.9)
+    found = autopilot_law(TARGET, STATE, noise, NUMBERS)
+    np.testing.assert_allclose(found, law(TARGET, STATE, NUMBERS, noise), rtol=1e-13)
+    np.testing.assert_array_equal(thrust_alone(TARGET), [6.6, 0.0, 0.0, 0.0])
+
+
+def test_a_target_and_a_state_are_taken_at_an_instant_and_the_wrench_is_held():
+    autopilot = AttitudeAutopilot(period=0.005, numbers=NUMBERS)
+    simulator = Simulator(autopilot)
+    context = simulator.get_mutable_context()
+    targets = [TARGET, TARGET._replace(thrust=7.0, roll=0.3)]
+    for name, value in (("attitude_target", targets[0]), ("state", STATE)):
+        autopilot.GetInputPort(name).FixValue(context, list(value))
+    wrench = autopilot.GetOutputPort("wrench")
+    np.testing.assert_array_equal(wrench.Eval(context), np.zeros(4))
+    simulator.AdvanceTo(0.001)
+    np.testing.assert_allclose(wrench.Eval(context), law(targets[0], STATE, NUMBERS), rtol=1e-13)
+    autopilot.GetInputPort("attitude_target").FixValue(context, list(targets[1]))
+    simulator.AdvanceTo(0.0049)
+    np.testing.assert_allclose(wrench.Eval(context), law(targets[0], STATE, NUMBERS), rtol=1e-13)
+    simulator.AdvanceTo(0.0051)
+    np.testing.assert_allclose(wrench.Eval(context), law(targets[1], STATE, NUMBERS), rtol=1e-13)
+
+
+@pytest.mark.slow
+def test_a_gyroscope_s_bias_leans_the_vehicle_until_its_attitude_makes_up_for_it(diagrams):
+    """At rest k_attitude (φ_r - φ) is the bias, less what ω x I ω makes of it; the vehicle is level."""
+    bias = np.array([0.02, -0.03, 0.01])
+    flight = simulate(
+        load_scenario(
+            diagrams / "onboard.yaml",
+            [
+                "route={kind: hover, position: [0, 0, 1], duration: 20}",
+                f"laboratory.autopilot={{gyroscope_noise: 0, gyroscope_bias: {bias.tolist()}}}",
+                NO_NOISE,
+                "laboratory.command_link.loss_rate=0",
+            ],
+        ),
+        compiled=True,
+    )
+    autopilot, inertia = flight.scenario.laboratory.autopilot, np.array(flight.scenario.nominal.inertia)
+    turned = bias - np.cross(bias, inertia * bias) / (inertia * np.array(autopilot.k_rate))
+    error = flight["attitude_command"][-1] - flight["state"][-1, 3:6]
+    np.testing.assert_allclose(error, turned / np.array(autopilot.k_attitude), rtol=1e-6)
+    np.testing.assert_allclose(flight["state"][-1, 3:5], 0.0, atol=1e-8)
+
+
+@pytest.mark.slow
+def test_what_runs_on_board_does_not_wait_for_the_link(diagrams):
+    """However late packets are, on board the attitude is held: the yaw, which no position loop turns, decays alike."""
+    flown = []
+    for delay in (0, 5):
+        flight = simulate(
+            load_scenario(
+                diagrams / "onboard.yaml",
+                [
+                    "route={kind: hover, position: [0, 0, 1], duration: 2}",
+                    NO_NOISE,
+                    f"laboratory.command_link={{delay_ticks: {delay}, loss_rate: 0}}",
+                    "laboratory.autopilot={gyroscope_noise: 0, gyroscope_bias: [0, 0, 0.2]}",
+                ],
+            ),
+            compiled=True,
+        )
+        flown.append(flight.record("state").yaw)
+    assert np.abs(flown[0]).max() > 0.02
+    # Rotors that speed up and down lift a little, and height is controlled on the ground.
+    np.testing.assert_allclose(flown[0], flown[1], atol=1e-6)

@@ -1,0 +1,118 @@
+"""A vehicle whose attitude responds: closed forms of lags of second order, and the translation of a Quadrotor."""
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+from scipy.linalg import expm
+
+from drake_quad.signals import AttitudeTarget, RotorSpeed
+from drake_quad.vehicle.faults import RotorFaults
+from drake_quad.vehicle.parameters import QuadrotorParameters, ThrustFactors
+from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.responding import (
+    AttitudeResponse,
+    DampingRatios,
+    NaturalFrequencies,
+    RespondingNumbers,
+    RespondingQuadrotor,
+)
+
+OMEGA, ZETA = np.array([6.8, 6.1, 3.0]), np.array([0.45, 1.0, 1.4])
+RESPONSE = AttitudeResponse(NaturalFrequencies(*OMEGA), DampingRatios(*ZETA))
+TARGET = AttitudeTarget(0.0, 0.3, -0.2, 0.5, 9.0, 9.0, 9.0)
+
+
+def made(parameters=QuadrotorParameters(), start=Place(), faults=RotorFaults(), **structure):
+    return RespondingQuadrotor(
+        numbers=RespondingNumbers(QuadrotorNumbers(parameters, faults, start), RESPONSE), **structure
+    )
+
+
+def flown(vehicle, end, target=TARGET, speed=200.0, **inputs):
+    """The context of a vehicle after a time under held inputs."""
+    simulator = Simulator(vehicle)
+    context = simulator.get_mutable_context()
+    if vehicle.HasInputPort("attitude_target"):
+        inputs["attitude_target"] = list(target)
+    for name, values in {"rotor_speed_command": [speed] * 4, **inputs}.items():
+        vehicle.GetInputPort(name).FixValue(context, values)
+    simulator.get_mutable_integrator().set_target_accuracy(1e-9)
+    simulator.AdvanceTo(end)
+    simulator.AdvancePendingEvents()
+    return context
+
+
+def lag(omega, zeta, target, start, end):
+    """Angle and rate of a lag of second order under a held command, by a matrix exponential."""
+    A = np.array([[0.0, 1.0], [-(omega**2), -2.0 * zeta * omega]])
+    return target + (expm(A * end) @ [start - target, 0.0])[0], (expm(A * end) @ [start - target, 0.0])[1]
+
+
+@pytest.mark.parametrize("time_step", [0.01, 0.0])
+def test_each_angle_follows_its_command_by_its_own_lag(time_step):
+    """Also through half a turn: from 3 rad to -3 rad the short way. The target's thrust and body rates do not count."""
+    vehicle = made(start=Place(yaw=3.0), time_step=time_step)
+    for end in (0.1, 0.5):
+        context = flown(vehicle, end, TARGET._replace(yaw=-3.0))
+        state = vehicle.GetOutputPort("state").Eval(context)
+        wanted = [0.3, -0.2, 2.0 * np.pi - 3.0]
+        angles, rates = zip(
+            *(lag(*numbers, end) for numbers in zip(OMEGA, ZETA, wanted, [0.0, 0.0, 3.0], strict=True)), strict=True
+        )
+        np.testing.assert_allclose(state[3:6], angles, atol=2e-6)
+        # Body rates by (2), from the rates of the angles.
+        (s_r, s_p, _), (c_r, c_p, _) = np.sin(angles), np.cos(angles)
+        to_body = np.array([[1.0, 0.0, -s_p], [0.0, c_r, s_r * c_p], [0.0, -s_r, c_r * c_p]])
+        np.testing.assert_allclose(state[9:12], to_body @ rates, atol=2e-5)
+
+
+def test_with_small_angles_body_rates_are_those_of_the_angles():
+    vehicle = made(kinematics="small_angle")
+    state = vehicle.GetOutputPort("state").Eval(flown(vehicle, 0.2))
+    numbers = zip(OMEGA, ZETA, [0.3, -0.2, 0.5], [0.0] * 3, strict=True)
+    np.testing.assert_allclose(state[9:12], [lag(*each, 0.2)[1] for each in numbers], atol=2e-5)
+
+
+def test_it_is_moved_as_a_quadrotor_is(asymmetric_vehicle):
+    """Level under even thrust and in wind, where nothing turns either of them."""
+    even = asymmetric_vehicle._replace(
+        thrust_factor=ThrustFactors(*[4.1e-5] * 4), centre_of_mass=QuadrotorParameters().centre_of_mass
+    )
+    level = AttitudeTarget(*[0.0] * 7)
+    ends = []
+    for vehicle in (made(even), Quadrotor(numbers=QuadrotorNumbers(even))):
+        context = flown(vehicle, 1.0, level, 220.0, wind=[3.0, -2.0, 1.0])
+        ends.append([vehicle.GetOutputPort(name).Eval(context).copy() for name in ("state", "rotor_speed")])
+    for found, expected in zip(*ends, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-15)
+    assert np.abs(ends[0][0][0:3]).min() > 0.05
+
+
+def test_of_single_rotors_only_the_sum_of_the_thrusts_counts(asymmetric_vehicle):
+    """Uneven rotors, and a centre of mass beside the middle, do not turn it."""
+    vehicle = made(asymmetric_vehicle)
+    context = flown(vehicle, 0.5, AttitudeTarget(*[0.0] * 7))
+    state = vehicle.GetOutputPort("state").Eval(context)
+    np.testing.assert_array_equal(state[[3, 4, 5, 9, 10, 11]], 0.0)
+    speeds = RotorSpeed(*vehicle.GetOutputPort("rotor_speed").Eval(context))
+    begun = RotorSpeed(*vehicle.GetOutputPort("rotor_speed").Eval(vehicle.CreateDefaultContext()))
+    later = [200.0 + (w - 200.0) * np.exp(-0.5 / 0.04) for w in begun]
+    np.testing.assert_allclose(speeds, later, rtol=1e-12)
+
+
+def test_one_that_has_crashed_stays_as_it_is():
+    for time_step in (0.01, 0.0):
+        vehicle = made(start=Place(1.0, 2.0, 3.0, 0.4), time_step=time_step)
+        context = flown(vehicle, 0.3, crashed=[1.0])
+        begun = vehicle.CreateDefaultContext()
+        for name in ("state", "rotor_speed"):
+            port = vehicle.GetOutputPort(name)
+            np.testing.assert_array_equal(port.Eval(context), port.Eval(begun))
+
+
+def test_a_battery_that_sags_costs_thrust():
+    """With 10 % of the speed a fifth of the thrust is gone, and what is left falls."""
+    vehicle = made(faulty=True, faults=RotorFaults(battery_sag=0.1))
+    context = flown(vehicle, 1.0, AttitudeTarget(*[0.0] * 7))
+    np.testing.assert_allclose(vehicle.GetOutputPort("rotor_speed").Eval(context), 200.0 * 0.9, rtol=0.02)
+    assert "faults" not in made().parameters
