@@ -309,7 +309,7 @@ DEFAULTS = {
             (None,) * 9,
         ),
     },
-    RespondingQuadrotor: {"time_step": 0.01, "kinematics": "exact", "faulty": False},
+    RespondingQuadrotor: {"time_step": 0.01, "kinematics": "exact", "faulty": False, "effects": ()},
     SteadyWind: {},
     ThrottleAllocation: {"paired": False},
     ThrustAlone: {},

@@ -6,16 +6,29 @@ from pydrake.systems.analysis import Simulator
 from scipy.linalg import expm
 
 from drake_quad.signals import AttitudeTarget, RotorSpeed
+from drake_quad.vehicle.aerodynamics import (
+    BodyDrag,
+    CentreOfPressure,
+    GroundEffect,
+    LinearDrag,
+    QuadraticDrag,
+    RotorAerodynamics,
+)
+from drake_quad.vehicle.battery import Battery
+from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.faults import RotorFaults
-from drake_quad.vehicle.parameters import QuadrotorParameters, ThrustFactors
+from drake_quad.vehicle.motors import SpinDown, ThrustCurve
+from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
 from drake_quad.vehicle.responding import (
+    RESPONDING_EFFECTS,
     AttitudeResponse,
     DampingRatios,
     NaturalFrequencies,
     RespondingNumbers,
     RespondingQuadrotor,
 )
+from drake_quad.vehicle.rotors import Rotors
 
 OMEGA, ZETA = np.array([6.8, 6.1, 3.0]), np.array([0.45, 1.0, 1.4])
 RESPONSE = AttitudeResponse(NaturalFrequencies(*OMEGA), DampingRatios(*ZETA))
@@ -75,9 +88,7 @@ def test_with_small_angles_body_rates_are_those_of_the_angles():
 
 def test_it_is_moved_as_a_quadrotor_is(asymmetric_vehicle):
     """Level under even thrust and in wind, where nothing turns either of them."""
-    even = asymmetric_vehicle._replace(
-        thrust_factor=ThrustFactors(*[4.1e-5] * 4), centre_of_mass=QuadrotorParameters().centre_of_mass
-    )
+    even = asymmetric_vehicle._replace(rotors=Rotors.plus(), centre_of_mass=QuadrotorParameters().centre_of_mass)
     level = AttitudeTarget(*[0.0] * 7)
     ends = []
     for vehicle in (made(even), Quadrotor(numbers=QuadrotorNumbers(even))):
@@ -86,6 +97,47 @@ def test_it_is_moved_as_a_quadrotor_is(asymmetric_vehicle):
     for found, expected in zip(*ends, strict=True):
         np.testing.assert_allclose(found, expected, rtol=1e-13, atol=1e-15)
     assert np.abs(ends[0][0][0:3]).min() > 0.05
+
+
+@pytest.mark.parametrize("time_step", [0.01, 0.0])
+def test_effects_of_motors_and_air_move_it_as_a_quadrotor(time_step):
+    """Level under throttles above the ground, in wind that drags at the centre of mass: nothing turns either."""
+    effects = Effects(
+        body_drag=BodyDrag(LinearDrag(0.2, 0.1, 0.3), QuadraticDrag(0.02, 0.03, 0.01), CentreOfPressure(0.0, 0.0, 0.0)),
+        rotor_aerodynamics=RotorAerodynamics(0.02, -0.1, 1e-5, 2e-5),
+        ground_effect=GroundEffect(0.1, 0.0),
+        spin_down=SpinDown(0.09),
+        thrust_curve=ThrustCurve(0.1, 1.0, 2.8),
+    )
+    assert effects.names == RESPONDING_EFFECTS
+    numbers = QuadrotorNumbers(start=Place(0.3, 0.2, 0.25), effects=effects)
+    structure = {"time_step": time_step, "effects": effects.names}
+    vehicles = (
+        RespondingQuadrotor(numbers=RespondingNumbers(numbers, RESPONSE), **structure),
+        Quadrotor(numbers=numbers, **structure),
+    )
+    ends = []
+    for vehicle in vehicles:
+        simulator = Simulator(vehicle)
+        simulator.get_mutable_integrator().set_target_accuracy(1e-11)
+        context = simulator.get_mutable_context()
+        inputs = {"throttle_command": [0.51] * 4, "wind": [3.0, -2.0, 0.5], "attitude_target": [0.0] * 7}
+        for name, values in inputs.items():
+            if vehicle.HasInputPort(name):
+                vehicle.GetInputPort(name).FixValue(context, values)
+        simulator.AdvanceTo(0.5)
+        simulator.AdvancePendingEvents()
+        ends.append([vehicle.GetOutputPort(name).Eval(context).copy() for name in ("state", "rotor_speed")])
+    for found, expected in zip(*ends, strict=True):
+        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+    assert np.abs(ends[0][0][0:2] - [0.3, 0.2]).min() > 0.01
+
+
+def test_an_effect_that_it_does_not_know_is_refused():
+    effects = Effects(battery=Battery(12.6, 10.2, 1.0, 0.04, 0.6))
+    numbers = RespondingNumbers(QuadrotorNumbers(effects=effects), RESPONSE)
+    with pytest.raises(ValueError, match="responds as a whole knows no battery"):
+        RespondingQuadrotor(numbers=numbers, effects=("battery",))
 
 
 def test_of_single_rotors_only_the_sum_of_the_thrusts_counts(asymmetric_vehicle):
