@@ -210,6 +210,11 @@ FLEET_SYSTEMS = [
         Quadrotor, VEHICLE, {"time_step": 0.0, "kinematics": "small_angle", "faulty": True}, num_vehicles=2, whole=False
     ),
     Example(RespondingQuadrotor, RESPONDING, {"faulty": True}),
+    Example(
+        RespondingQuadrotor,
+        RESPONDING._replace(vehicle=RESPONDING.vehicle._replace(effects=Effects(ground_effect=GroundEffect(0.11, 0.05)))),
+        {"effects": ("ground_effect",)},
+    ),
     Example(RespondingQuadrotor, RESPONDING, {"time_step": 0.0, "kinematics": "small_angle"}, num_vehicles=2),
     Example(SteadyWind, Wind(0.7, -0.5, 0.3), num_vehicles=2),
     Example(

@@ -7,7 +7,14 @@ structure of the diagram (periods, counts, choices), what the ground believes, a
 import math
 from typing import Annotated, Any, Generic, Literal, TypeVar, get_args, get_type_hints
 
-from pydantic import Field, ValidationInfo, field_validator, model_validator
+from pydantic import (
+    Field,
+    SerializerFunctionWrapHandler,
+    ValidationInfo,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
 from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse, Autopilot, NoAutopilot
@@ -89,6 +96,12 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
     gravity: _Positive = _paper("gravity", "g")
     min_rotor_speed: _NonNegative = _paper("min_rotor_speed", "idle")
     max_rotor_speed: _Positive = _paper("max_rotor_speed", "top speed of the rotors")
+
+    @model_serializer(mode="wrap")
+    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Without an arm length where distances say it: its default would contradict them."""
+        fields: dict[str, Any] = write(self)
+        return {name: value for name, value in fields.items() if name != "arm_length" or not has_distances(self.layout)}
 
     def check_layout(self) -> None:
         """Raises an error if the arm length is not that of the layout, or some part of a wrench cannot be given."""

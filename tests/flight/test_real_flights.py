@@ -1,4 +1,4 @@
-"""Flights of a real quadrotor in wind, predicted from what was identified of it; nothing was fitted to the positions."""
+"""Flights of a real quadrotor in wind, predicted from what was identified of it, but not from its positions."""
 
 import re
 

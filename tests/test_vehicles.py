@@ -1,0 +1,31 @@
+"""The vehicles that are shipped: gains are designed for each as it is, and fly it on the paper's figure eight."""
+
+from pathlib import Path
+
+import pytest
+
+from drake_quad import simulate
+from drake_quad.analysis.cascade_design import design_cascade, with_gains
+from drake_quad.scenario import load_undesigned
+
+FOLDER = Path(__file__).parent.parent / "diagrams" / "vehicles"
+# RMSE that is at most flown, m. A Crazyflie without its own attitude control answers within a third of a second.
+MOST = {"paper": 0.02, "crazyflie": 1.3, "crazyflie_onboard": 0.06, "hummingbird": 0.2, "racer": 0.02}
+
+
+def test_every_vehicle_is_flown_here_or_with_real_flights():
+    assert {path.stem for path in FOLDER.glob("*.yaml")} == {*MOST, "neural_fly"}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", MOST)
+def test_a_vehicle_flies_with_gains_that_are_designed_for_it(name):
+    scenario = load_undesigned(FOLDER / f"{name}.yaml")
+    metrics = simulate(with_gains(scenario, design_cascade(scenario).gains()), compiled=True).metrics
+    assert not metrics.crashed
+    assert metrics.rmse < MOST[name]
+
+
+def test_the_paper_s_vehicle_is_what_is_flown_by_default():
+    paper = load_undesigned(FOLDER / "paper.yaml")
+    assert (paper.nominal, paper.vehicle.model_dump()) == (type(paper.nominal)(), type(paper.vehicle)().model_dump())
