@@ -176,6 +176,7 @@ STREAMS = (
 ALL_ERRORS = {"noisy": True, "loses_frames": True, "misaligned": True, "filtered": True, "longest_latency": 2}
 LOSSY = {"longest_delay": 3, "loses_packets": True}
 
+NEAR_GROUND = Effects(ground_effect=GroundEffect(0.11, 0.05))
 FLEET_SYSTEMS = [
     Example(Allocation, RotorModel.of(VEHICLE.parameters)),
     Example(Allocation, RotorModel.of(VEHICLE.parameters), {"paired": True}, num_vehicles=2),
@@ -212,7 +213,7 @@ FLEET_SYSTEMS = [
     Example(RespondingQuadrotor, RESPONDING, {"faulty": True}),
     Example(
         RespondingQuadrotor,
-        RESPONDING._replace(vehicle=RESPONDING.vehicle._replace(effects=Effects(ground_effect=GroundEffect(0.11, 0.05)))),
+        RESPONDING._replace(vehicle=RESPONDING.vehicle._replace(effects=NEAR_GROUND)),
         {"effects": ("ground_effect",)},
     ),
     Example(RespondingQuadrotor, RESPONDING, {"time_step": 0.0, "kinematics": "small_angle"}, num_vehicles=2),

@@ -541,6 +541,10 @@ def _counted(declare: Callable[..., None]) -> Callable[..., None]:
     """A method of Drake's that declares an event, which is counted."""
 
     def counted(self: FleetSystem, *args: Any, **options: Any) -> None:
+        """Declares an event as Drake's method does, and counts it.
+
+        :meta private:
+        """
         self.num_events += 1
         declare(self, *args, **options)
 
