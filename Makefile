@@ -1,5 +1,5 @@
 # make fly   sets up a virtual environment and flies the figure eight
-# make test  sets it up and runs the tests
+# make test  sets it up and runs the tests; TESTS="-m 'not slow'" those that are quick
 # make fuzz  reads and flies ten thousand mutated scenarios, and a hundred structures in compiled diagrams
 # make paper  flies the paper's experiment again and writes a report
 # make lint  checks style, spelling and types
@@ -27,7 +27,7 @@ fly: $(VENV)/.installed
 	$(VENV)/bin/python scripts/simulate.py diagrams/figure_eight.yaml
 
 test: $(VENV)/.installed-test
-	$(VENV)/bin/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder
+	$(VENV)/bin/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder $(TESTS)
 
 fuzz: $(VENV)/.installed-test
 	FUZZ_CASES=10000 $(VENV)/bin/python -m pytest tests/scenario/test_fuzz.py tests/compilation/test_compiled_scenarios.py
