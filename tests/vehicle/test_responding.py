@@ -119,17 +119,17 @@ def test_effects_of_motors_and_air_move_it_as_a_quadrotor(time_step):
     ends = []
     for vehicle in vehicles:
         simulator = Simulator(vehicle)
-        simulator.get_mutable_integrator().set_target_accuracy(1e-11)
+        simulator.get_mutable_integrator().set_target_accuracy(1e-7)
         context = simulator.get_mutable_context()
         inputs = {"throttle_command": [0.51] * 4, "wind": [3.0, -2.0, 0.5], "attitude_target": [0.0] * 7}
         for name, values in inputs.items():
             if vehicle.HasInputPort(name):
                 vehicle.GetInputPort(name).FixValue(context, values)
-        simulator.AdvanceTo(0.5)
+        simulator.AdvanceTo(0.3)
         simulator.AdvancePendingEvents()
         ends.append([vehicle.GetOutputPort(name).Eval(context).copy() for name in ("state", "rotor_speed")])
     for found, expected in zip(*ends, strict=True):
-        np.testing.assert_allclose(found, expected, rtol=1e-9, atol=1e-9)
+        np.testing.assert_allclose(found, expected, rtol=1e-9 if time_step else 1e-6, atol=1e-12 if time_step else 1e-6)
     assert np.abs(ends[0][0][0:2] - [0.3, 0.2]).min() > 0.01
 
 
