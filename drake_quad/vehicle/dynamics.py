@@ -181,14 +181,6 @@ def equations_of_motion(
     )
 
 
-def rigid_body_derivative(
-    state: State, rotors: RotorAction, wind: Wind, parameters: QuadrotorParameters, kinematics: AttitudeKinematics
-) -> State:
-    """Eq (3): the time derivative of the rigid body's state; arguments as for `equations_of_motion`."""
-    rates = equations_of_motion(Motion.of(state), rotors, wind, parameters, kinematics)
-    return State(state.v_x, state.v_y, state.v_z, *rates)
-
-
 def held_rotor_speed(command: RotorSpeed, parameters: QuadrotorParameters, factors: SpeedFactors) -> RotorSpeed:
     """Where the rotors go under a held command.
 

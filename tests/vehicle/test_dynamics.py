@@ -8,6 +8,7 @@ from pydrake.multibody.math import SpatialVelocity
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, Propeller, PropellerInfo
 from pydrake.multibody.tree import SpatialInertia, UnitInertia
 from pydrake.systems.framework import DiagramBuilder
+from rigid_body import rigid_body_derivative
 
 from drake_quad.signals import RotorSpeed, State, Wind, Wrench
 from drake_quad.vehicle.dynamics import (
@@ -15,7 +16,6 @@ from drake_quad.vehicle.dynamics import (
     drag,
     held_rotor_speed,
     hover_rotor_speeds,
-    rigid_body_derivative,
     rigid_kinematics,
     rotor_action,
     small_angle_kinematics,

@@ -1,10 +1,11 @@
 import numpy as np
 import pytest
+from rigid_body import rigid_body_derivative
 
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.signals import Jerk, Reference, Snap, State, Wind, Wrench
-from drake_quad.vehicle.dynamics import hover_rotor_speeds, rigid_body_derivative, rigid_kinematics, rotor_action
+from drake_quad.vehicle.dynamics import hover_rotor_speeds, rigid_kinematics, rotor_action
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
