@@ -142,7 +142,8 @@ def _tree(structure, rng, duration):
         link["loss_rate"] = draw(0.05, 0.3)
     return {
         "route": _route(structure["route"], rng),
-        "nominal": {"layout": _layout(structure["layout"], lambda size: size)}
+        # Rotors that idle slowly, so that the short routes can be flown in every layout.
+        "nominal": {"layout": _layout(structure["layout"], lambda size: size), "min_rotor_speed": 25.0}
         | ({"motors": {"kind": "throttle", "curve": [0.1, 1.0, 2.8]}} if "motors" in effects else {}),
         "vehicle": vehicle | {"layout": _layout(structure["layout"], lambda size: draw(size - 0.002, size + 0.002))},
         "laboratory": {
