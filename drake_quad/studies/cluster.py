@@ -112,7 +112,7 @@ def dask_crew(address: str, num_workers: int | None = None) -> Iterator[DaskCrew
         raise InputError(
             "Dask is not installed; pip install --constraint constraints.txt --editable '.[cluster]' has it"
         ) from None
-    with _silent("distributed"):
+    with _silent("distributed", "tornado"):  # Tornado runs the client's loop, and logs what Ctrl-C breaks off there
         try:
             client = Client(address, timeout=_HANDSHAKE, set_as_default=False)
         except (OSError, ValueError, TypeError) as error:
@@ -148,9 +148,9 @@ def _close(client: Any) -> None:
 
 
 @contextmanager
-def _silent(package: str) -> Iterator[None]:
-    """Keeps a package from logging what a person is told in a sentence; its loggers have levels of their own."""
-    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] == package]
+def _silent(*packages: str) -> Iterator[None]:
+    """Keeps packages from logging what a person is told in a sentence; their loggers have levels of their own."""
+    names = [name for name in logging.root.manager.loggerDict if name.split(".")[0] in packages]
     before = {name: logging.getLogger(name).level for name in names}
     for name in names:
         logging.getLogger(name).setLevel(logging.CRITICAL + 1)

@@ -85,6 +85,7 @@ def unreachable(tmp_path_factory):
         yield folder, runs
     for process in runs.values():
         process.kill()
+        process.communicate()
 
 
 @pytest.mark.slow
@@ -106,6 +107,21 @@ def test_a_cluster_flies_the_same_study(cluster, tmp_path):
     assert stdout.splitlines()[-1].endswith("vehicle-seconds per second")
     run_monte_carlo(load_scenario(ROOT / "diagrams" / "robustness.yaml", OVERRIDES), 600, folder=tmp_path / "here")
     assert (folder / "results.csv").read_bytes() == (tmp_path / "here" / "results.csv").read_bytes()
+
+
+def test_the_loop_of_a_client_logs_nothing(cluster):
+    """Ctrl-C between two lines of Dask's `sync` is an exception in its loop; a person is told a sentence only."""
+    script = f"""
+import threading
+from drake_quad.studies.cluster import dask_crew
+with dask_crew("{cluster.address}") as crew:
+    loop, told = crew._client.loop, threading.Event()
+    loop.add_callback(lambda: 1 / 0)
+    loop.add_callback(told.set)
+    assert told.wait(30)
+"""
+    run = subprocess.run([sys.executable, "-c", script], cwd=ROOT, capture_output=True, text=True)
+    assert (run.returncode, run.stderr) == (0, "")
 
 
 def ends_when(cluster, folder, sent, words):
