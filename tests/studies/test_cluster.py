@@ -11,6 +11,7 @@ import socket
 import subprocess
 import sys
 import time
+from contextlib import suppress
 from pathlib import Path
 
 import pytest
@@ -29,9 +30,11 @@ class Cluster:
         self._folder, self._file = folder, folder / "scheduler.json"
         self.processes = []
         self.scheduler = self._start("dask_scheduler", "--host", "127.0.0.1", "--port", 0)
-        while not self._file.exists():
+        self.address = None
+        while self.address is None:
             time.sleep(0.05)
-        self.address = json.loads(self._file.read_text())["address"]
+            with suppress(FileNotFoundError, json.JSONDecodeError):  # it is there before it is written
+                self.address = json.loads(self._file.read_text())["address"]
 
     def add_worker(self, sources=ROOT):
         """Starts a worker that takes this package from a folder."""
