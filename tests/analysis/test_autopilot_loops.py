@@ -7,9 +7,9 @@ from argparse import ArgumentParser
 
 import numpy as np
 import pytest
+import scipy
 from pydrake.systems.analysis import InitializeParams, Simulator
 from ruamel.yaml import YAML
-from scipy.linalg import expm
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario
 from drake_quad.analysis.cascade_design import (
@@ -97,7 +97,7 @@ def test_the_plant_on_board_is_a_double_integrator_behind_the_rotors(onboard):
     h, lag = 0.0025, 0.05
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / lag]])
     B = np.array([[0.0], [0.0], [1.0 / lag]])
-    held = expm(np.block([[A, B], [np.zeros((1, 4))]]) * h)
+    held = scipy.linalg.expm(np.block([[A, B], [np.zeros((1, 4))]]) * h)
     for time_step in (0.0025, 0.00125):
         whole = on_board_plant(onboard(*UNEVEN, f"vehicle.time_step={time_step}"))
         assert whole.period == h

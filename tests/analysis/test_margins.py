@@ -4,7 +4,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
-from scipy.signal import cont2discrete, ss2tf
+import scipy
 
 from drake_quad.analysis.margins import fast_margins, frequencies, margins
 from drake_quad.analysis.sampled_system import SampledSystem
@@ -16,7 +16,7 @@ def loop_of(k_p, k_d, *, lag=0.05, delay_ticks=2):
     """A PD around a double integrator with a lag, a zero-order hold and whole ticks of delay."""
     A = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / lag]])
     B = np.array([[0.0], [0.0], [1.0 / lag]])
-    Ad, Bd, *_ = cont2discrete((A, B, np.eye(3), np.zeros((3, 1))), PERIOD)
+    Ad, Bd, *_ = scipy.signal.cont2discrete((A, B, np.eye(3), np.zeros((3, 1))), PERIOD)
     n = 3 + delay_ticks
     whole = np.zeros((n, n))
     whole[:3, :3], whole[:3, 3:4] = Ad, Bd
@@ -88,7 +88,7 @@ def test_a_resonance_that_is_late_by_more_than_a_turn_stands_what_is_left_of_the
     frequency, damping, gain, delay_ticks = 4.0, 0.02, 0.1, 55
     A = np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]])
     B = np.array([[0.0], [gain * frequency**2]])
-    Ad, Bd, *_ = cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), PERIOD)
+    Ad, Bd, *_ = scipy.signal.cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), PERIOD)
     n = 2 + delay_ticks
     whole, into, out = np.zeros((n, n)), np.zeros((n, 1)), np.zeros((1, n))
     whole[:2, :2], whole[:2, 2:3] = Ad, Bd
@@ -98,7 +98,7 @@ def test_a_resonance_that_is_late_by_more_than_a_turn_stands_what_is_left_of_the
     grid = frequencies(PERIOD)
     fast = fast_margins(loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0], grid)
     z = np.exp(1j * np.geomspace(1.0, 20.0, 200_001) * PERIOD)
-    numerator, denominator = ss2tf(Ad, Bd, np.array([[1.0, 0.0]]), np.zeros((1, 1)))
+    numerator, denominator = scipy.signal.ss2tf(Ad, Bd, np.array([[1.0, 0.0]]), np.zeros((1, 1)))
     phase = nearest(np.polyval(numerator[0], z) / np.polyval(denominator, z) * z**-delay_ticks)
     found = margins(loop)
     assert found.delay == pytest.approx(0.497, abs=5e-4)

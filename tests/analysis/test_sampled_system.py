@@ -4,11 +4,11 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+import scipy
 from pydrake.common.value import AbstractValue
 from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, ZeroOrderHold
-from scipy.linalg import expm
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario
 from drake_quad.analysis.closed_loop import WATCHERS, laboratory_plant
@@ -41,7 +41,7 @@ def classical(frequency, *, delay_ticks, h=0.01):
     B = np.array([[0.0], [0.0], [20.0]])
 
     def held(time):
-        exponential = expm(np.block([[A, B], [np.zeros((1, 4))]]) * time)
+        exponential = scipy.linalg.expm(np.block([[A, B], [np.zeros((1, 4))]]) * time)
         return exponential[:3, :3], exponential[:3, 3:]
 
     phi, gamma = held(2.0 * h)

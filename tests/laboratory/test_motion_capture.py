@@ -4,13 +4,13 @@ import math
 
 import numpy as np
 import pytest
+import scipy
 from noise_feed import feed_noise
 from pydrake.math import RollPitchYaw
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
-from scipy.signal import welch
 
 from drake_quad.laboratory.motion_capture import (
     CameraNumbers,
@@ -80,7 +80,7 @@ def test_spectrum_of_the_velocity_noise(bandwidth):
     decay = math.exp(-bandwidth * H)
     gain = (1.0 - decay) / (2.0 * H)
     assert velocity.std() == pytest.approx(sigma * gain * math.sqrt(2.0), rel=0.01)
-    frequency, density = welch(velocity, fs=1.0 / H, nperseg=512, axis=1, detrend=False)
+    frequency, density = scipy.signal.welch(velocity, fs=1.0 / H, nperseg=512, axis=1, detrend=False)
     z = np.exp(-2j * np.pi * frequency * H)
     theory = 2.0 * sigma**2 * H * np.abs(gain * (1.0 - z**2) / (1.0 - decay * z)) ** 2
     for low in range(4, 240, 20):

@@ -3,7 +3,7 @@
 import math
 
 import numpy as np
-from scipy.integrate import quad
+import scipy
 
 from oracle.randomness import WIND, Stream
 
@@ -78,7 +78,10 @@ class Dryden:
         p = math.exp(-h / T)
         transition = np.array([[p, 0.0], [h / T * p, p]])
         covariance = [
-            [quad(lambda t, i=i, j=j: response(t)[i] * response(t)[j], 0.0, h, epsabs=0.0)[0] for j in range(2)]
+            [
+                scipy.integrate.quad(lambda t, i=i, j=j: response(t)[i] * response(t)[j], 0.0, h, epsabs=0.0)[0]
+                for j in range(2)
+            ]
             for i in range(2)
         ]
         return transition, np.linalg.cholesky(covariance)

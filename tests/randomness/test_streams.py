@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from drake_quad.framework.formulas import TickOf, kernel
 from drake_quad.framework.records import layout_of
@@ -85,18 +85,18 @@ def states():
 @pytest.mark.slow
 def test_normal_numbers_are_normal(states):
     numbers = normal_pairs(states, 2000)
-    assert stats.kstest(numbers[:, ::10].ravel(), "norm").pvalue > 1e-3
+    assert scipy.stats.kstest(numbers[:, ::10].ravel(), "norm").pvalue > 1e-3
     n = numbers.size
     for power, expected, variance in ((1, 0.0, 1.0), (2, 1.0, 2.0), (3, 0.0, 15.0), (4, 3.0, 96.0)):
         assert abs((numbers**power).mean() - expected) < 4.5 * np.sqrt(variance / n)
-    assert (np.abs(numbers) > 5.0).sum() == pytest.approx(n * 2.0 * stats.norm.sf(5.0), abs=6.0)
+    assert (np.abs(numbers) > 5.0).sum() == pytest.approx(n * 2.0 * scipy.stats.norm.sf(5.0), abs=6.0)
 
 
 def test_uniform_numbers_are_uniform(states):
     numbers = numbers_of(states, range(2000), normal=False)
     assert 0.0 < numbers.min() < 1e-5
     assert 1.0 - 1e-5 < numbers.max() < 1.0
-    assert stats.kstest(numbers[::10].ravel(), "uniform").pvalue > 1e-3
+    assert scipy.stats.kstest(numbers[::10].ravel(), "uniform").pvalue > 1e-3
 
 
 @pytest.mark.parametrize("word", [0, 2**64 - 1])

@@ -3,9 +3,9 @@ import math
 import minsnap_trajectories as other
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.interpolate import make_interp_spline
 
 from drake_quad.errors import InputError
 from drake_quad.reference.minimum_snap import (
@@ -72,7 +72,7 @@ def test_is_the_clamped_interpolating_spline_of_degree_7(segments, seed):
     waypoints = rng.normal(size=(segments + 1, 3))
     times = np.cumsum(rng.uniform(0.5, 2.0, segments + 1))
     rest = [(order, np.zeros(3)) for order in (1, 2, 3)]
-    spline = make_interp_spline(times, waypoints, k=7, bc_type=(rest, rest))
+    spline = scipy.interpolate.make_interp_spline(times, waypoints, k=7, bc_type=(rest, rest))
     path = minimum_snap(waypoints, times)
     samples = np.linspace(times[0], times[-1], 60)
     for order in range(5):

@@ -2,10 +2,10 @@ import logging
 
 import numpy as np
 import pytest
+import scipy
 from hypothesis import assume, example, given, settings
 from hypothesis import strategies as st
 from pydrake.solvers import ClarabelSolver, SolutionResult
-from scipy.optimize import minimize
 
 from drake_quad.reference import minimum_snap_program
 from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
@@ -83,7 +83,7 @@ def test_an_independent_optimiser_finds_the_same_constrained_path():
 
     start = np.array([evaluate(free, [1.0], order)[0, 0] for order in (1, 2, 3)])
     cost = snap_cost(free)[0]
-    found = minimize(
+    found = scipy.optimize.minimize(
         lambda x: snap_cost(path_of(x))[0] / cost,
         start,
         method="SLSQP",

@@ -1,8 +1,8 @@
 import numpy as np
 import pytest
+import scipy
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from scipy.optimize import minimize
 
 from drake_quad.reference.minimum_snap import Contact, MinimumSnap, rest_at_ends
 from drake_quad.reference.path_problem import Limits
@@ -66,7 +66,7 @@ def test_a_search_without_gradients_finds_nothing_shorter(seed):
         return np.log(total_within_limits(points, np.exp(logarithms)))
 
     options = {"maxfev": 800, "xatol": 1e-5, "fatol": 1e-7}
-    found = minimize(logarithm_of_total, np.log(durations), method="Nelder-Mead", options=options)
+    found = scipy.optimize.minimize(logarithm_of_total, np.log(durations), method="Nelder-Mead", options=options)
     assert durations.sum() <= np.exp(found.fun) * (1.0 + 1e-3)
 
 

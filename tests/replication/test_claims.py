@@ -6,7 +6,7 @@ from pathlib import Path
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.replication.claims import all_claims, as_good, judge, typical_over_best
@@ -82,7 +82,7 @@ def found():
 def interval(values):
     """Mean and 95 % interval of what is finite."""
     values = np.asarray(values)[np.isfinite(values)]
-    mean, half = values.mean(), stats.t.ppf(0.975, len(values) - 1) * stats.sem(values)
+    mean, half = values.mean(), scipy.stats.t.ppf(0.975, len(values) - 1) * scipy.stats.sem(values)
     return np.array([mean, mean - half, mean + half])
 
 
@@ -356,7 +356,9 @@ def test_definitions_of_effort_beside_the_printed_ratios(found):
             wanted.append([float(row[column] or "nan") / float(pd[column] or "nan") for column in columns])
     wanted = np.array(wanted)
     kept = np.isfinite(wanted)
-    np.testing.assert_allclose(printed_ratios(), [stats.gmean(column[np.isfinite(column)]) for column in wanted.T])
+    np.testing.assert_allclose(
+        printed_ratios(), [scipy.stats.gmean(column[np.isfinite(column)]) for column in wanted.T]
+    )
     variance = np.mean([np.sum((runs - runs.mean()) ** 2) / 2.0 for runs in logs["x"] + logs["y"]])
     assert printed_scatter() == pytest.approx(np.exp(np.sqrt(variance / 3.0 + variance / 3.0)))
 
@@ -374,7 +376,7 @@ def test_definitions_of_effort_beside_the_printed_ratios(found):
         )
         off = np.sqrt([np.mean(np.log(shares[kept, k] / wanted[kept]) ** 2) for k in range(4)])
         np.testing.assert_allclose(matches[name].distance, np.exp(interval(off)))
-        means = [stats.gmean(shares[kept[:, axis], axis].ravel()) for axis in (0, 1)]
+        means = [scipy.stats.gmean(shares[kept[:, axis], axis].ravel()) for axis in (0, 1)]
         np.testing.assert_allclose((matches[name].ratio_x, matches[name].ratio_y), means)
 
 

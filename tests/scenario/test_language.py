@@ -1,5 +1,6 @@
 """The page and the schema of the scenario language are those of the models, and fit the scenarios that are there."""
 
+import functools
 import json
 import re
 from pathlib import Path
@@ -11,13 +12,17 @@ from ruamel.yaml import YAML
 from drake_quad.scenario.schema import file_schema, language_page
 
 ROOT = Path(__file__).parent.parent.parent
-VALIDATOR = jsonschema.Draft202012Validator(file_schema())
 PAGES = "".join(page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs").glob("*.md")))
 BLOCKS = re.findall(r"```yaml\n(.*?)```", PAGES, re.DOTALL)
 
 
+@functools.cache
+def validator():
+    return jsonschema.Draft202012Validator(file_schema())
+
+
 def complaints(text):
-    return [error.message for error in VALIDATOR.iter_errors(YAML(typ="safe", pure=True).load(text))]
+    return [error.message for error in validator().iter_errors(YAML(typ="safe", pure=True).load(text))]
 
 
 def test_page_and_schema_are_not_stale():

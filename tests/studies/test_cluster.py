@@ -4,6 +4,7 @@
 Everything of Dask's runs in other processes: its threads stay, and those of this one are forked elsewhere.
 """
 
+import importlib.util
 import json
 import shutil
 import signal
@@ -18,7 +19,10 @@ import pytest
 
 from drake_quad import load_scenario, read_study, run_monte_carlo
 
-pytest.importorskip("distributed", reason="needs dask[distributed], the extra `cluster`")
+# Found and not imported: that takes a second in every process of pytest.
+pytestmark = pytest.mark.skipif(
+    importlib.util.find_spec("distributed") is None, reason="needs dask[distributed], the extra `cluster`"
+)
 ROOT = Path(__file__).parents[2]
 OVERRIDES = ["duration=0.3"]
 
@@ -112,6 +116,7 @@ def test_a_cluster_flies_the_same_study(cluster, tmp_path):
     assert (folder / "results.csv").read_bytes() == (tmp_path / "here" / "results.csv").read_bytes()
 
 
+@pytest.mark.slow
 def test_the_loop_of_a_client_logs_nothing(cluster):
     """Ctrl-C between two lines of Dask's `sync` is an exception in its loop; a person is told a sentence only."""
     script = f"""
@@ -179,6 +184,7 @@ def test_a_worker_with_other_code_is_refused(tmp_path):
     assert not (tmp_path / "study").exists()
 
 
+@pytest.mark.slow
 def test_a_cluster_that_is_not_there_is_named(unreachable):
     folder, runs = unreachable
     for address, process in runs.items():

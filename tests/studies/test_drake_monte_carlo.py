@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from drake_quad import load_scenario
 from drake_quad.studies import drake_monte_carlo as drakes_tool
@@ -21,9 +21,9 @@ def test_the_two_agree(path):
     for name in ("rmse", "rmse_x", "rmse_z", "peak_error", "effort_y", "variation_x"):
         samples = [getattr(metrics, name)[~metrics.crashed] for metrics in (theirs, ours)]
         assert len(np.unique(samples[0])) == len(samples[0]) > 20
-        assert stats.ks_2samp(*samples).pvalue > 0.01
+        assert scipy.stats.ks_2samp(*samples).pvalue > 0.01
     counts = [[metrics.crashed.sum(), (~metrics.crashed).sum()] for metrics in (theirs, ours)]
-    assert stats.fisher_exact(counts).pvalue > 0.01
+    assert scipy.stats.fisher_exact(counts).pvalue > 0.01
 
 
 @pytest.mark.slow

@@ -4,7 +4,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy import stats
+import scipy
 
 from drake_quad import load_scenario
 from drake_quad.laboratory.metrics import Metrics
@@ -40,7 +40,7 @@ def coverage(interval, truth, draw, repetitions=600):
 
 def test_the_interval_of_a_mean_is_scipy_s_and_covers():
     values = np.random.default_rng(0).normal(2.0, 3.0, 25)
-    expected = stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
+    expected = scipy.stats.ttest_1samp(values, 0.0).confidence_interval(0.95)
     assert mean_interval(values) == pytest.approx((values.mean(), expected.low, expected.high))
     share = coverage(mean_interval, 2.0, lambda rng: rng.normal(2.0, 3.0, 8))
     assert share == pytest.approx(0.95, abs=0.03)
@@ -49,7 +49,7 @@ def test_the_interval_of_a_mean_is_scipy_s_and_covers():
 @pytest.mark.parametrize("probability", [0.05, 0.5, 0.95])
 def test_the_interval_of_a_quantile_is_scipy_s_and_covers_for_a_skewed_distribution(probability):
     values = np.random.default_rng(0).exponential(size=150)
-    expected = stats.quantile_test(values, p=probability).confidence_interval(0.95)
+    expected = scipy.stats.quantile_test(values, p=probability).confidence_interval(0.95)
     found = quantile_interval(values, probability)
     assert (found.low, found.high) == pytest.approx((expected.low, expected.high))
     assert found.value == np.quantile(values, probability, method="inverted_cdf")
@@ -78,8 +78,8 @@ def test_the_interval_of_a_share_is_exact():
     """Nothing in n trials: 1 - (α / 2)^(1 / n)."""
     assert share_interval(0, 100) == pytest.approx((0.0, 0.0, 1.0 - 0.025**0.01))
     found = share_interval(7, 50)
-    assert stats.binom.sf(6, 50, found.low) == pytest.approx(0.025)
-    assert stats.binom.cdf(7, 50, found.high) == pytest.approx(0.025)
+    assert scipy.stats.binom.sf(6, 50, found.low) == pytest.approx(0.025)
+    assert scipy.stats.binom.cdf(7, 50, found.high) == pytest.approx(0.025)
     assert share_interval(0, 0)[1:] == (0.0, 1.0)
 
 
@@ -160,7 +160,7 @@ def test_a_comparison_counts_crashes_apart():
     baseline = study([2.0, 2.0, 2.0, 2.0, 2.0], [inf, inf, 1.0, inf, inf])
     found = compare_studies(ours, baseline)
     assert (found.num_pairs, found.crashed, found.baseline_crashed) == (1, 2, 1)
-    assert found.crash_significance == stats.binomtest(2, 3).pvalue
+    assert found.crash_significance == scipy.stats.binomtest(2, 3).pvalue
     assert compare_studies(baseline, baseline).crash_significance == 1.0
 
 
@@ -189,14 +189,14 @@ def test_few_values_have_no_interval():
 
 def test_intervals_are_as_wide_as_the_confidence_that_is_asked_for():
     values = np.random.default_rng(5).normal(size=40)
-    expected = stats.ttest_1samp(values, 0.0).confidence_interval(0.8)
+    expected = scipy.stats.ttest_1samp(values, 0.0).confidence_interval(0.8)
     assert mean_interval(values, 0.8)[1:] == pytest.approx((expected.low, expected.high))
     assert [ends[-1] for ends in running_mean(values, 0.8)[1:]] == pytest.approx((expected.low, expected.high))
-    expected = stats.quantile_test(values, p=0.5).confidence_interval(0.8)
+    expected = scipy.stats.quantile_test(values, p=0.5).confidence_interval(0.8)
     assert quantile_interval(values, 0.5, 0.8)[1:] == pytest.approx((expected.low, expected.high))
     assert share_interval(0, 100, 0.8).high == pytest.approx(1.0 - 0.1**0.01)
     low, high = rank_correlation(np.arange(40), values, 0.8)[1:]
-    rho = stats.spearmanr(np.arange(40), values).statistic
+    rho = scipy.stats.spearmanr(np.arange(40), values).statistic
     reach = 1.2815515655 * math.sqrt((1.0 + 0.5 * rho**2) / 37.0)
     assert (math.atanh(low), math.atanh(high)) == pytest.approx((math.atanh(rho) - reach, math.atanh(rho) + reach))
 

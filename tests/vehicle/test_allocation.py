@@ -1,9 +1,9 @@
 import numpy as np
 import pytest
+import scipy
 from hypothesis import example, given, settings
 from hypothesis import strategies as st
 from pydrake.systems.framework import DiagramBuilder
-from scipy.optimize import linprog
 
 from drake_quad.framework.wiring import split_output
 from drake_quad.signals import RotorSpeed, Wrench
@@ -64,8 +64,10 @@ def test_gives_up_yaw_first_then_roll_and_pitch_and_thrust_last(allocate, wrench
     rows = np.array([[-pitch, yaw], [-roll, -yaw], [pitch, yaw], [roll, -yaw]]) / unit
     limits = np.concatenate([np.full(4, unit - level), np.full(4, level - 60.0**2)]) / unit
     both = np.vstack([rows, -rows])
-    share = linprog([-1.0, 0.0], A_ub=both, b_ub=limits, bounds=[(0, 1), (0, 1)]).x[0]
-    kept = linprog([0.0, -1.0], A_ub=both, b_ub=limits + 1e-9, bounds=[(max(share - 1e-9, 0.0), share), (0, 1)]).x[1]
+    share = scipy.optimize.linprog([-1.0, 0.0], A_ub=both, b_ub=limits, bounds=[(0, 1), (0, 1)]).x[0]
+    kept = scipy.optimize.linprog(
+        [0.0, -1.0], A_ub=both, b_ub=limits + 1e-9, bounds=[(max(share - 1e-9, 0.0), share), (0, 1)]
+    ).x[1]
     expected = Wrench(thrust, share * wrench.tau_x, share * wrench.tau_y, kept * wrench.tau_z)
     np.testing.assert_allclose(np.subtract(wrench, shortfall), expected, atol=1e-6)
 
@@ -111,9 +113,11 @@ def test_priorities_of_any_layout_against_linear_programs():
         level = inverse[:, 0] * thrust
         rows = np.column_stack([tilt, yaw])
         both, limits = np.vstack([rows, -rows]), np.concatenate([high - level, level - low])
-        share = linprog([-1.0, 0.0], A_ub=both, b_ub=limits, bounds=[(0, 1), (0, 1)]).x[0]
+        share = scipy.optimize.linprog([-1.0, 0.0], A_ub=both, b_ub=limits, bounds=[(0, 1), (0, 1)]).x[0]
         slack = limits + 1e-9
-        kept = linprog([0.0, -1.0], A_ub=both, b_ub=slack, bounds=[(max(share - 1e-9, 0.0), share), (0, 1)]).x[1]
+        kept = scipy.optimize.linprog(
+            [0.0, -1.0], A_ub=both, b_ub=slack, bounds=[(max(share - 1e-9, 0.0), share), (0, 1)]
+        ).x[1]
         expected = Wrench(thrust, share * wrench.tau_x, share * wrench.tau_y, kept * wrench.tau_z)
         np.testing.assert_allclose(np.subtract(wrench, shortfall), expected, atol=2e-6)
         np.testing.assert_allclose(forward @ np.square(found), np.subtract(wrench, shortfall), atol=1e-9)

@@ -2,8 +2,8 @@
 
 import numpy as np
 import pytest
+import scipy
 from pydrake.systems.analysis import Simulator
-from scipy.linalg import expm
 
 from drake_quad.signals import AttitudeTarget, RotorSpeed
 from drake_quad.vehicle.aerodynamics import (
@@ -58,7 +58,9 @@ def flown(vehicle, end, target=TARGET, speed=200.0, **inputs):
 def lag(omega, zeta, target, start, end):
     """Angle and rate of a lag of second order under a held command, by a matrix exponential."""
     A = np.array([[0.0, 1.0], [-(omega**2), -2.0 * zeta * omega]])
-    return target + (expm(A * end) @ [start - target, 0.0])[0], (expm(A * end) @ [start - target, 0.0])[1]
+    return target + (scipy.linalg.expm(A * end) @ [start - target, 0.0])[0], (
+        scipy.linalg.expm(A * end) @ [start - target, 0.0]
+    )[1]
 
 
 @pytest.mark.parametrize("time_step", [0.01, 0.0])

@@ -4,7 +4,6 @@ import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
-from pyit2fls import IT2TSK, BMM_algorithm, IT2FS_Elliptic, probabilistic_sum_s_norm, product_t_norm
 
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, elliptic_membership, firing_strengths
 
@@ -28,16 +27,18 @@ def fuzzy_sets(draw):
 
 
 def oracle(antecedents, weights):
-    """The same network in pyit2fls."""
-    network = IT2TSK(product_t_norm, probabilistic_sum_s_norm)
+    """The same network in pyit2fls, which takes two seconds to import."""
+    import pyit2fls
+
+    network = pyit2fls.IT2TSK(pyit2fls.product_t_norm, pyit2fls.probabilistic_sum_s_norm)
     # Its solver takes a pair for an interval of which the middle counts.
     q = antecedents.q
-    network.algorithm = lambda intervals: (BMM_algorithm(intervals, (q, 1.0 - q)),) * 2
+    network.algorithm = lambda intervals: (pyit2fls.BMM_algorithm(intervals, (q, 1.0 - q)),) * 2
     inputs = {}
     for name, sets in (("error", antecedents.error), ("rate", antecedents.rate)):
         network.add_input_variable(name)
         inputs[name] = [
-            IT2FS_Elliptic(np.linspace(c - d, c + d, 3), [c, d, antecedents.a1, antecedents.a2, 1.0])
+            pyit2fls.IT2FS_Elliptic(np.linspace(c - d, c + d, 3), [c, d, antecedents.a1, antecedents.a2, 1.0])
             for c, d in zip(sets.centres, sets.widths, strict=True)
         ]
     network.add_output_variable("u")

@@ -5,7 +5,7 @@ import math
 
 import numpy as np
 import pytest
-from scipy.integrate import solve_ivp
+import scipy
 
 from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw, trace
@@ -137,7 +137,7 @@ def test_the_sampled_law_converges_to_the_differential_equations():
         return np.concatenate([-gain * surface * g, -np.outer(g, g).ravel()])
 
     start = np.concatenate([np.zeros(9), (initial * np.eye(9)).ravel()])
-    exact = solve_ivp(slope, (0.0, duration), start, method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
+    exact = scipy.integrate.solve_ivp(slope, (0.0, duration), start, method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
     errors = []
     for period in (0.005, 0.0025, 0.00125):
         learner = Learner(CovarianceLaw(gain, initial), period=period)

@@ -5,12 +5,11 @@ import math
 
 import numpy as np
 import pytest
+import scipy
 from noise_feed import feed_noise
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import LogVectorOutput
-from scipy.linalg import solve_discrete_lyapunov
-from scipy.signal import welch
 
 from drake_quad.laboratory.wind.dryden import (
     FOOT,
@@ -47,21 +46,21 @@ def matrices(turbulence, period):
 def test_stationary_variance_is_that_of_the_specification(period, airspeed):
     turbulence = NEAR_GROUND._replace(airspeed=airspeed)
     A, B, C = matrices(turbulence, period)
-    covariance = solve_discrete_lyapunov(A, B @ B.T)
+    covariance = scipy.linalg.solve_discrete_lyapunov(A, B @ B.T)
     np.testing.assert_allclose(C @ covariance @ C.T, np.diag(np.square(turbulence.deviation)), rtol=1e-9, atol=1e-9)
 
 
 def test_it_starts_in_the_stationary_distribution():
     A, B, _ = matrices(NEAR_GROUND, 0.01)
     S = np.column_stack([stationary_state(FilterState(*column)) for column in np.eye(5)])
-    np.testing.assert_allclose(S @ S.T, solve_discrete_lyapunov(A, B @ B.T), atol=1e-9)
+    np.testing.assert_allclose(S @ S.T, scipy.linalg.solve_discrete_lyapunov(A, B @ B.T), atol=1e-9)
 
 
 @pytest.mark.parametrize("period", [0.002, 0.01, 0.05])
 def test_sampled_covariances_are_those_of_the_continuous_process(period):
     """u has σ² exp(-t / T), v and w have σ² (1 - t / 2T) exp(-t / T): the transforms of Dryden's spectra."""
     A, B, C = matrices(NEAR_GROUND, period)
-    covariance = solve_discrete_lyapunov(A, B @ B.T)
+    covariance = scipy.linalg.solve_discrete_lyapunov(A, B @ B.T)
     for steps in (1, 7, 100):
         expected = []
         for axis, (deviation, length) in enumerate(zip(NEAR_GROUND.deviation, NEAR_GROUND.length, strict=True)):
@@ -130,7 +129,7 @@ def test_power_spectral_density_over_two_decades():
     for tick in range(ticks):
         record[tick] = filtered_velocity(state, turbulence.deviation)
         state = filtered(state, FilterState(*rng.standard_normal((5, count))), sampled)
-    frequency, density = welch(record, fs=1.0 / period, nperseg=2**14, axis=0, detrend=False)
+    frequency, density = scipy.signal.welch(record, fs=1.0 / period, nperseg=2**14, axis=0, detrend=False)
     density = density.mean(axis=2)
     bands = np.geomspace(0.05, 5.0, 13)
     for low, high in itertools.pairwise(bands):

@@ -4,11 +4,11 @@ import math
 
 import numpy as np
 import pytest
+import scipy
 from noise_feed import feed_noise
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput
-from scipy.integrate import quad
 
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet, air, jet_speed
 from drake_quad.laboratory.wind.wind import build_wind
@@ -34,7 +34,8 @@ def integral(along, power):
     """Of a power of the speed over the cross section."""
     reach = 0.5 * D + 8.0 * 0.094 * along
     parts = [
-        quad(lambda r: 2.0 * math.pi * r * speed(along, r) ** power, a, b)[0] for a, b in ((0, D / 2), (D / 2, reach))
+        scipy.integrate.quad(lambda r: 2.0 * math.pi * r * speed(along, r) ** power, a, b)[0]
+        for a, b in ((0, D / 2), (D / 2, reach))
     ]
     return sum(parts)
 

@@ -4,9 +4,9 @@ import math
 
 import numpy as np
 import pytest
+import scipy
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
-from scipy.integrate import solve_ivp
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.laboratory import jets
@@ -107,7 +107,9 @@ def test_response_to_a_gust_agrees_with_an_independent_solver():
     """The same by hand and by SciPy, so that the hand's formula is right too."""
     c, height, rise = 0.3, 4.0, 1.5
     a, w = c / MASS, math.pi / rise
-    solution = solve_ivp(lambda t, v: a * (0.5 * height * (1 - math.cos(w * t)) - v), (0.0, rise), [0.0], rtol=1e-10)
+    solution = scipy.integrate.solve_ivp(
+        lambda t, v: a * (0.5 * height * (1 - math.cos(w * t)) - v), (0.0, rise), [0.0], rtol=1e-10
+    )
     part = (a * math.cos(w * rise) + w * math.sin(w * rise)) * a / (a * a + w * w)
     by_hand = 0.5 * height * (1.0 - part - math.exp(-a * rise) * (1.0 - a * a / (a * a + w * w)))
     assert solution.y[0, -1] == pytest.approx(by_hand, rel=1e-6)
