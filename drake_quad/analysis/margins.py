@@ -37,19 +37,17 @@ class Margins(NamedTuple):
 
 
 def margins(loop: SampledSystem) -> Margins:
-    """The margins of a stable loop with one input and one output, by python-control.
+    """The margins of a stable loop with one input and one output.
 
-    Gain and phase margins are of the frequency response at 2,000 points, interpolated by splines: a polynomial in z for
+    Gain and phase margins are of the frequency response at 2,000 points, interpolated by splines in python-control: a polynomial in z for
     a dozen states loses the digits that they need.
     """
     import control
 
     grid = frequencies(loop.period)
-    system = loop.to_state_space()
     response = loop.response(np.exp(1j * grid * loop.period))[:, 0, 0]
     data = control.FrequencyResponseData(response, grid, smooth=True)
     gains, phases, _, _, crossovers, _ = control.stability_margins(data, returnall=True)
-    disk, _, _ = control.disk_margins(system, grid)
     gains = np.concatenate([gains, [_gain_at_half_the_rate(response), _gain_at_standstill(loop)]])
     complementary = np.abs(response / (1.0 + response))
     below = np.flatnonzero(complementary < math.sqrt(0.5))
@@ -58,7 +56,7 @@ def margins(loop: SampledSystem) -> Margins:
         gain_reduction=-_decibel(np.max(gains[gains < 1.0], initial=0.0)),
         phase=float(np.min(np.abs(phases), initial=np.inf)),
         delay=float(np.min(np.radians(phases % 360.0) / crossovers, initial=np.inf)),
-        disk=float(disk),
+        disk=float(1.0 / np.abs(1.0 / (1.0 + response) - 0.5).max()),
         crossover=float(np.max(crossovers, initial=0.0)),
         sensitivity=float(np.abs(1.0 / (1.0 + response)).max()),
         bandwidth=float(grid[below[0]]) if len(below) else math.inf,

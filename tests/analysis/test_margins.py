@@ -111,6 +111,8 @@ def test_a_resonance_that_is_late_by_more_than_a_turn_stands_what_is_left_of_the
 
 @pytest.mark.parametrize(("k_p", "k_d"), CASES)
 def test_the_disk_margin_stands_every_gain_and_phase_within_it(k_p, k_d):
+    import control
+
     loop = loop_of(k_p, k_d)
     found = margins(loop)
     low = (1.0 - 0.5 * found.disk) / (1.0 + 0.5 * found.disk)
@@ -121,6 +123,7 @@ def test_the_disk_margin_stands_every_gain_and_phase_within_it(k_p, k_d):
     # The disk of -1 / f touches the Nyquist curve and holds none of it.
     middle, radius = -0.5 * (low + 1.0 / low), 0.5 * (1.0 / low - low)
     assert np.abs(response - middle).min() == pytest.approx(radius, rel=1e-3)
+    assert found.disk == pytest.approx(control.disk_margins(loop.to_state_space(), grid)[0], rel=1e-9)
     # Its consequences cannot be larger than the margins themselves.
     assert -20.0 * np.log10(low) <= found.gain * (1.0 + 1e-6)
     assert np.degrees(2.0 * np.arctan(0.5 * found.disk)) <= found.phase * (1.0 + 1e-6)

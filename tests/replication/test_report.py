@@ -110,6 +110,7 @@ def check_table(text, written):
                 assert off == "–"
 
 
+@pytest.mark.slow
 def test_the_report_says_what_its_tables_say(run, report):
     folder, *_ = run
     assert not re.search(r"[{}]", report)
