@@ -39,8 +39,8 @@ class Margins(NamedTuple):
 def margins(loop: SampledSystem) -> Margins:
     """The margins of a stable loop with one input and one output.
 
-    Gain and phase margins are of the frequency response at 2,000 points, interpolated by splines in python-control: a polynomial in z for
-    a dozen states loses the digits that they need.
+    Gain and phase margins are python-control's, of the frequency response at 2,000 points, interpolated by splines: a
+    polynomial in z for a dozen states loses the digits that they need.
     """
     import control
 
