@@ -74,7 +74,7 @@ def main() -> None:
         raise InputError(f"--before is {arguments.before}, which has no environment in .venv")
     repetitions = 5 if quick else 15
     print(f"{machine()}\n")
-    print_beside(before, 3 if quick else 8, quick=quick)
+    print_beside(before, 3 if quick else 5, quick=quick)
     if arguments.beside:
         return
     print(f"\nMedians (and best) of {repetitions} runs on one core, of studies {repetitions // 3}.\n")
@@ -97,30 +97,44 @@ _PIECES = {
 }
 
 
+# How often those who are compared are launched: one and the same program differs by a quarter from launch to launch.
+_LAUNCHES = 4
+
+
 def print_beside(before: Path | None, rounds: int, *, quick: bool) -> None:
     """Prints how fast short pieces are flown by those who can, by turns, and the ratios."""
-    with ExitStack() as stack:
-        who: dict[str, list[str]] = {"compiled": [], "wired": []}
-        if before is not None:
-            who["before"] = [str(before / "scripts")]
-        if find_spec("crazyflow") is not None:
-            who["crazyflow"] = []
-        flyers = {
-            name: stack.enter_context(Contestant(name, rest, None if name != "before" else before))
-            for name, rest in who.items()
-        }
-        print("| vehicle-seconds per second of the processor: best | " + " | ".join(flyers) + " | compiled × |")
-        print("|---" * (len(flyers) + 2) + "|")
-        for piece, words in _PIECES.items():
-            if piece.startswith("study") and quick:
-                continue
-            times = 2 if piece.startswith("study") else rounds
-            costs = [{name: flyer.cost(piece) for name, flyer in flyers.items()} for _ in range(times)]
-            best = {name: min(each[name] for each in costs) for name in flyers}
-            speeds = ["–" if math.isnan(cost) else f"{1.0 / cost:,.0f}" for cost in best.values()]
-            others = [name for name in flyers if name != "compiled" and not math.isnan(best[name])]
-            ratios = ", ".join(f"{name} {best[name] / best['compiled']:.3g}" for name in others)
-            print(f"| {words} | {' | '.join(speeds)} | {ratios} |", flush=True)
+    who: dict[str, list[str]] = {"compiled": [], "wired": []}
+    if before is not None:
+        who["before"] = [str(before / "scripts")]
+    if find_spec("crazyflow") is not None:
+        who["crazyflow"] = []
+    pieces = [piece for piece in _PIECES if not (quick and piece.startswith("study"))]
+    costs: dict[str, dict[str, list[float]]] = {piece: {name: [] for name in who} for piece in pieces}
+    for _ in range(1 if quick else _LAUNCHES):
+        with ExitStack() as stack:
+            flyers = [
+                stack.enter_context(Contestant(name, rest, None if name != "before" else before))
+                for name, rest in who.items()
+            ]
+            for piece in pieces:
+                turns = [
+                    [flyer.cost(piece) for flyer in flyers] for _ in range(1 if piece.startswith("study") else rounds)
+                ]
+                for name, found in zip(who, zip(*turns, strict=True), strict=True):
+                    costs[piece][name].append(min(found))
+    print("| vehicle-seconds per second of the processor: best | " + " | ".join(who) + " | compiled × |")
+    print("|---" * (len(who) + 2) + "|")
+    for piece in pieces:
+        speeds = ["–" if math.isnan(cost[0]) else f"{1.0 / min(cost):,.0f}" for cost in costs[piece].values()]
+        others = [name for name, cost in costs[piece].items() if name != "compiled" and not math.isnan(cost[0])]
+        ratios = ", ".join(f"{name} {ratio_of(costs[piece][name], costs[piece]['compiled'])}" for name in others)
+        print(f"| {_PIECES[piece]} | {' | '.join(speeds)} | {ratios} |", flush=True)
+
+
+def ratio_of(theirs: Sequence[float], ours: Sequence[float]) -> str:
+    """The ratio of the least costs, and the least and the largest ratio of a launch."""
+    each = [one / other for one, other in zip(theirs, ours, strict=True)]
+    return f"{min(theirs) / min(ours):.3g} ({min(each):.3g} to {max(each):.3g})"
 
 
 class Contestant:
