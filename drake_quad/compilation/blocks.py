@@ -4,6 +4,7 @@ A FleetSystem says all that by itself. Of Drake's own systems those are known th
 them up or hold them.
 """
 
+import math
 from abc import ABC, abstractmethod
 from collections.abc import Callable, Sequence
 from typing import Any, NamedTuple, Protocol
@@ -82,10 +83,8 @@ class Block(ABC):
 
     @property
     def signature(self) -> tuple[Any, ...]:
-        """All that what it computes depends on, beside what it sees."""
-        ports = [self.system.get_input_port(index).size() for index in range(self.system.num_input_ports())]
-        ports += [self.system.get_output_port(index).size() for index in range(self.system.num_output_ports())]
-        return type(self), *ports, *[work.period for work in self.works]
+        """All that what it computes depends on, beside what it sees and the number of vehicles."""
+        return type(self), *[work.period for work in self.works]
 
     @abstractmethod
     def output(self, index: int, around: Surroundings) -> Rows:
@@ -231,6 +230,11 @@ class _Same(Block):
 
 
 class _Demultiplexer(Block):
+    @property
+    def signature(self) -> tuple[Any, ...]:
+        ports = [self.system.get_output_port(index).size() for index in range(self.system.num_output_ports())]
+        return *super().signature, *(size // math.gcd(*ports) for size in ports)
+
     def output(self, index: int, around: Surroundings) -> Rows:
         rows = _connected(around.input(0))
         unit = self.system.get_input_port().size() // len(rows)
@@ -258,7 +262,8 @@ class _Adder(Block):
 class _Gain(Block):
     @property
     def signature(self) -> tuple[Any, ...]:
-        return *super().signature, *map(told_apart, self._factors)
+        factors = [told_apart(factor) for factor in self._factors]
+        return *super().signature, *(factors[:1] if len(set(factors)) == 1 else factors)
 
     @property
     def _factors(self) -> list[float]:
@@ -295,8 +300,12 @@ class _Hold(Block):
 
 
 class _Trajectory(Block):
+    @property
+    def signature(self) -> tuple[Any, ...]:
+        return *super().signature, self.system.get_output_port().size()
+
     def output(self, index: int, around: Surroundings) -> Rows:
-        return [around.source(index, element) for element in range(self.system.get_output_port(index).size())]
+        return [around.source(index, element) for element in range(self.system.get_output_port().size())]
 
 
 def _connected(rows: Rows | None) -> Rows:

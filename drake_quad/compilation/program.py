@@ -20,7 +20,7 @@ from drake_quad.framework.symbols import Symbol
 
 # Of instants until everything happens together again.
 _LONGEST_CYCLE = 64
-# Events of diagrams that are alike but for their numbers are made once.
+# Events of diagrams that are alike but for their numbers, and the size of their fleets, are made once.
 _MOST_MADE = 256
 _made: dict[Any, Any] = {}
 

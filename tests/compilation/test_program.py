@@ -4,9 +4,18 @@ import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, Gain, ZeroOrderHold
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    Demultiplexer,
+    Gain,
+    Multiplexer,
+    TrajectorySource,
+    ZeroOrderHold,
+)
+from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad.compilation import compile_diagram, compiled_part, program
+from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import FleetSystem, fleet_system
 from drake_quad.framework.records import ROW
 
@@ -89,6 +98,41 @@ def test_diagrams_that_differ_by_their_numbers_have_the_same_events(made):
     np.testing.assert_allclose(flown(other), wired(other), rtol=1e-12)
     assert len(made) == count
     assert not np.array_equal(flown(other), first)
+
+
+def test_fleets_of_any_size_have_the_same_events(made):
+    """Through a multiplexer and back, with a reference that all share."""
+
+    def fleet(n):
+        builder = DiagramBuilder()
+        reference = PiecewisePolynomial.FirstOrderHold([0.0, 1.0], np.array([[0.0, 1.0], [2.0, 0.0], [0.5, 3.0]]))
+        source = builder.AddNamedSystem("source", TrajectorySource(reference))
+        parts = builder.AddNamedSystem("parts", Demultiplexer([1, 2]))
+        shared = builder.AddNamedSystem("shared", Broadcast(n, num_rows=1))
+        grows = builder.AddNamedSystem("grows", Grows(num_vehicles=n))
+        together = builder.AddNamedSystem("together", Multiplexer([n, n]))
+        apart = builder.AddNamedSystem("apart", Demultiplexer([n, n]))
+        factor = builder.AddNamedSystem("factor", Gain(0.5, n))
+        builder.Connect(source.get_output_port(), parts.get_input_port())
+        builder.Connect(parts.get_output_port(0), shared.get_input_port())
+        builder.Connect(grows.GetOutputPort("x"), together.get_input_port(0))
+        builder.Connect(shared.get_output_port(), together.get_input_port(1))
+        builder.Connect(together.get_output_port(), apart.get_input_port())
+        builder.Connect(apart.get_output_port(1), factor.get_input_port())
+        builder.Connect(factor.get_output_port(), grows.GetInputPort("seen"))
+        builder.ExportOutput(grows.GetOutputPort("x"), "x")
+        builder.ExportOutput(apart.get_output_port(1), "turned")
+        diagram = builder.Build()
+        diagram.set_name("fleet")
+        return diagram
+
+    counts = []
+    for n in (3, 2, 17):
+        np.testing.assert_allclose(flown(fleet(n)), wired(fleet(n)), rtol=1e-12)
+        counts.append(len(made))
+    assert counts == counts[:1] * 3
+    flown(fleet(1))
+    assert len(made) > counts[0]
 
 
 DIFFERENT = [
