@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from drake_quad.assembly.effects import thrust_curve
 from drake_quad.errors import InputError
 from drake_quad.reference.feasibility import first_violation, sample_times
 from drake_quad.reference.lissajous import lissajous
@@ -29,12 +30,25 @@ from drake_quad.scenario.routes import (
 )
 from drake_quad.signals import Jerk, Reference, Snap
 from drake_quad.vehicle.inverse_dynamics import RotorDemand, rotor_demand
+from drake_quad.vehicle.motors import mean_thrust_factor, speeds_of_throttles
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 
 
 def nominal_parameters(mission: Mission) -> QuadrotorParameters:
     """What is believed of the vehicle: no drag, the centre of mass in the middle of its layout."""
     return QuadrotorParameters()._replace(**airframe_parameters(mission.nominal))
+
+
+def planned_parameters(mission: Mission) -> QuadrotorParameters:
+    """The same, where motors take throttles within the speeds that the believed thrust curve gives them."""
+    parameters, curve = nominal_parameters(mission), thrust_curve(mission.nominal.motors)
+    if curve is None:
+        return parameters
+    slowest, fastest = speeds_of_throttles(curve, mean_thrust_factor(parameters))
+    return parameters._replace(
+        min_rotor_speed=max(parameters.min_rotor_speed, slowest),
+        max_rotor_speed=min(parameters.max_rotor_speed, fastest),
+    )
 
 
 def airframe_parameters(airframe: Any) -> dict[str, Any]:
@@ -91,7 +105,7 @@ def plan_route(mission: Mission) -> Plan:
             plan = _within_limits(route, laps, cruise_speed=math.sqrt(route.top_acceleration * route.radius))
     if not plan.duration <= LONGEST:
         raise InputError(f"within its limits the route would take {plan.duration:g} s, more than {LONGEST:g} s")
-    _check_rotors(plan, nominal_parameters(mission))
+    _check_rotors(plan, planned_parameters(mission))
     return plan
 
 

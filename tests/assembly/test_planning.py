@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario, simulate
-from drake_quad.assembly.planning import plan_route
+from drake_quad.assembly.planning import nominal_parameters, plan_route, planned_parameters
 from drake_quad.errors import InputError
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.trajectory_files import save_plan
@@ -125,3 +125,43 @@ def test_a_yaw_that_turns_too_fast_for_the_rotors_is_refused(slalom):
     route = f"{{kind: waypoints, waypoints: {waypoints}, heading: waypoints, times: [0, 0.8]}}"
     with pytest.raises(InputError, match="the rotors cannot fly this route"):
         plan_route(slalom("route=" + route, "route.corridors=null", "route.space=null"))
+
+
+@pytest.mark.parametrize(
+    ("overrides", "limit"),
+    [
+        ([], None),
+        (["nominal.motors.curve=[0.0, 0.3, 1.36]"], 200.49),  # 1.66 N of 1.668 N in hover
+        (["nominal.motors.curve=[0.0, 0.3, 1.38]"], None),
+        (["nominal.motors.curve=[1.68, 0.3, 2.0]"], 201.69),
+        (["nominal.motors.curve=[1.66, 0.3, 2.0]"], None),
+        (["nominal.max_rotor_speed=200"], 200.0),
+        (["nominal.min_rotor_speed=202"], 202.0),
+    ],
+)
+def test_a_plan_keeps_to_the_narrower_limits_of_rotors_and_throttles(diagrams, overrides, limit):
+    """In hover, where each rotor of the paper's vehicle gives m g / 4 = 1.668 N at 200.95 rad/s."""
+    curve = "nominal.motors={kind: throttle, curve: [0.1, 0.3, 3.0]}"
+    mission = load_mission(diagrams / "hover.yaml", [curve, *overrides])
+    if limit is None:
+        plan_route(mission)
+        return
+    with pytest.raises(InputError, match=r"rotor 1 would have to turn at 201 rad/s, but its limit") as refused:
+        plan_route(mission)
+    assert f"but its limit is {limit:.0f} rad/s" in str(refused.value)
+
+
+def test_full_throttle_is_a_speed_by_the_mean_thrust_factor(diagrams):
+    places = [((0.2, 0.1), "clockwise", 4e-5), ((-0.1, -0.2), "anticlockwise", 4.4e-5)]
+    places += [((-0.2, -0.1), "clockwise", 4.1e-5), ((0.1, 0.2), "anticlockwise", 3.9e-5)]
+    rotors = [
+        f"{{position: [{x}, {y}, 0], turns: {turns}, thrust_factor: {factor}}}" for (x, y), turns, factor in places
+    ]
+    layout = f"nominal.layout={{kind: rotors, rotors: [{', '.join(rotors)}]}}"
+    mission = load_mission(
+        diagrams / "hover.yaml", [layout, "nominal.motors={kind: throttle, curve: [0.2, 0.5, 2.3]}"]
+    )
+    planned, mean = planned_parameters(mission), 4.1e-5
+    assert planned == nominal_parameters(mission)._replace(
+        min_rotor_speed=pytest.approx(np.sqrt(0.2 / mean)), max_rotor_speed=pytest.approx(np.sqrt(3.0 / mean))
+    )
