@@ -318,6 +318,19 @@ def test_stability_map_counts_and_draws(run, tmp_path):
 
 
 @pytest.mark.slow
+def test_with_an_autopilot_the_gains_on_board_are_mapped(run, tmp_path):
+    result = run(
+        *("stability_map.py", ONBOARD, "--loop", "attitude", "--size", "3", "--set", "duration=1"),
+        *("--k-attitude", "4", "40", "--k-rate", "5", "15", "--output", tmp_path),
+    )
+    assert (result.returncode, result.stderr) == (0, "")
+    assert re.search(r"^nominal: 33 % of the gains .* at k_attitude 4, k_rate \d+$", result.stdout, re.MULTILINE)
+    header, *rows = (tmp_path / "attitude_map.csv").read_text(encoding="utf-8").splitlines()
+    assert header.startswith("k_attitude (1/s),k_rate (1/s),nominal: stable,")
+    assert [row.split(",")[:3] for row in rows[2:4]] == [["4", "15", "1"], ["22", "5", "0"]]
+
+
+@pytest.mark.slow
 def test_a_map_of_gains_from_zero_on_and_of_flights_without_error(run, tmp_path):
     """Neither is logarithms of zero, which the tests would not let pass."""
     result = run(
@@ -409,8 +422,8 @@ def test_sensitivities_are_by_the_distances_that_the_layout_has(run, tmp_path):
         ("design_gains.py", [ONBOARD, "--delay-margin", "2"], "--delay-margin is for attitude control on the ground"),
         (
             "stability_map.py",
-            [ONBOARD, "--quick", "--loop", "attitude"],
-            "with laboratory.autopilot of kind attitude there is no attitude loop to map on the ground",
+            [ONBOARD, *RESPONDING, "--quick", "--loop", "attitude"],
+            "with laboratory.autopilot of kind response the attitude has no gains that could be mapped",
         ),
         ("stability_map.py", ["--size", "1"], "--size is 1, but must be between 2 and 200"),
         ("stability_map.py", ["--quick", "--worst", "control.position.k_p.0=3"], "must be a field of vehicle or lab"),

@@ -157,9 +157,7 @@ def allocate_throttle(
     """
     rotors, b, curve = model
     slowest, fastest = speeds_of_throttles(curve, b)
-    within = rotors._replace(
-        min_speed=maximum(rotors.min_speed, slowest), max_speed=minimum(rotors.max_speed, fastest)
-    )
+    within = rotors._replace(min_speed=maximum(rotors.min_speed, slowest), max_speed=minimum(rotors.max_speed, fastest))
     allocated = allocation(wrench, within)
     throttles = [throttle_for(b * speed * speed, curve) for speed in allocated.rotor_speed_command]
     return AllocatedThrottle(Throttle._make(throttles), allocated.shortfall)

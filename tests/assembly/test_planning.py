@@ -158,9 +158,7 @@ def test_full_throttle_is_a_speed_by_the_mean_thrust_factor(diagrams):
         f"{{position: [{x}, {y}, 0], turns: {turns}, thrust_factor: {factor}}}" for (x, y), turns, factor in places
     ]
     layout = f"nominal.layout={{kind: rotors, rotors: [{', '.join(rotors)}]}}"
-    mission = load_mission(
-        diagrams / "hover.yaml", [layout, "nominal.motors={kind: throttle, curve: [0.2, 0.5, 2.3]}"]
-    )
+    mission = load_mission(diagrams / "hover.yaml", [layout, "nominal.motors={kind: throttle, curve: [0.2, 0.5, 2.3]}"])
     planned, mean = planned_parameters(mission), 4.1e-5
     assert planned == nominal_parameters(mission)._replace(
         min_rotor_speed=pytest.approx(np.sqrt(0.2 / mean)), max_rotor_speed=pytest.approx(np.sqrt(3.0 / mean))
