@@ -228,12 +228,7 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
     recipes = laboratory_recipes(Batch(resting, (0,), {}), plan, plan.duration)
     laboratory = build_laboratory_of(recipes, 1, Samples(0, [0]))
     context = laboratory.CreateDefaultContext()
-    parameters, hover = vehicle_parameters(resting.vehicle), _hover_speeds(resting)
-    if not max(hover) < parameters.max_rotor_speed or not min(hover) > parameters.min_rotor_speed:
-        raise InputError(
-            f"the rotors cannot hold {scenario.name} in hover: they would turn at {max(hover):.0f} rad/s, but can at"
-            f" {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g} rad/s"
-        )
+    hover = _hover_speeds(resting)
     wrench = _hover_wrench(resting, hover)
     link, command = recipes["command_link"], resting.laboratory.autopilot.command
     held = link.numbers.initial._replace(thrust=wrench.thrust) if command == "attitude_target" else wrench
@@ -246,7 +241,10 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
         raise InputError(
             f"hover is not an equilibrium of {scenario.name}: {system.states[worst]} moves by {moved[worst]:.3g} a tick"
         )
-    return LaboratoryPlant(_with_axes_apart(system, hover, parameters), float(wrench.thrust / resting.nominal.mass))
+    return LaboratoryPlant(
+        _with_axes_apart(system, hover, vehicle_parameters(resting.vehicle)),
+        float(wrench.thrust / resting.nominal.mass),
+    )
 
 
 def _in_still_air(scenario: Scenario, vehicle: Literal["believed", "as it is"]) -> Scenario:
@@ -255,9 +253,19 @@ def _in_still_air(scenario: Scenario, vehicle: Literal["believed", "as it is"]) 
 
 
 def _hover_speeds(resting: Scenario) -> RotorSpeed:
-    """At which the rotors of a resting scenario's vehicle turn in hover."""
-    effects = vehicle_effects(resting.vehicle)
-    return hover_rotor_speeds(as_in_hover(vehicle_parameters(resting.vehicle), effects, _HOVER.position[2]))
+    """At which the rotors of a resting scenario's vehicle turn in hover.
+
+    Raises:
+        InputError: they cannot.
+    """
+    parameters, effects = vehicle_parameters(resting.vehicle), vehicle_effects(resting.vehicle)
+    hover = hover_rotor_speeds(as_in_hover(parameters, effects, _HOVER.position[2]))
+    if not max(hover) < parameters.max_rotor_speed or not min(hover) > parameters.min_rotor_speed:
+        raise InputError(
+            f"the rotors cannot hold {resting.name} in hover: they would turn at {max(hover):.0f} rad/s, but can at"
+            f" {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g} rad/s"
+        )
+    return hover
 
 
 def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
@@ -289,7 +297,7 @@ def on_board_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it is
         vehicle: as in `laboratory_plant`.
 
     Raises:
-        InputError: the vehicle has a continuous state.
+        InputError: the vehicle has a continuous state, or cannot hover.
     """
     resting = _in_still_air(scenario, vehicle)
     autopilot = resting.laboratory.autopilot

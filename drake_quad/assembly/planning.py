@@ -40,7 +40,7 @@ def nominal_parameters(mission: Mission) -> QuadrotorParameters:
 
 
 def planned_parameters(mission: Mission) -> QuadrotorParameters:
-    """The same, where motors take throttles within the speeds that the believed thrust curve gives them."""
+    """`nominal_parameters`, where motors take throttles with the narrower limits of the believed thrust curve."""
     parameters, curve = nominal_parameters(mission), thrust_curve(mission.nominal.motors)
     if curve is None:
         return parameters

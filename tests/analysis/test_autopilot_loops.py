@@ -282,14 +282,21 @@ def test_loops_on_board_that_cannot_be_designed(onboard, overrides, words):
         design_cascade(onboard(*overrides), on_board=True)
 
 
-def test_the_map_on_board_is_the_diagram_with_a_position_left_alone(onboard):
+THROTTLES = [
+    "nominal.motors={kind: throttle, curve: [0.1, 1.0, 2.8]}",
+    "vehicle.motors={kind: throttle, curve: [0.11, 1.05, 2.6]}",
+]
+
+
+@pytest.mark.parametrize("motors", [[], THROTTLES], ids=["speed", "throttle"])
+def test_the_map_on_board_is_the_diagram_with_a_position_left_alone(onboard, motors):
     """The vehicle as it is, not as it is believed; eight periods of the autopilot make a tick of the multipliers."""
     real = [
         *("vehicle.mass=0.75", "vehicle.inertia=[0.0071, 0.0079, 0.0131]", "vehicle.rotor_time_constant=0.04"),
         "control.position={k_p: [1e-7, 1e-7, 5.5], k_d: [1e-7, 1e-7, 3.4]}",
         "laboratory.autopilot.gyroscope_bias=[0, 0, 0]",
     ]
-    scenario = onboard(*UNEVEN, *real)
+    scenario = onboard(*UNEVEN, *real, *motors)
     k_attitude, k_rate = np.array([5.0, 30.0]), np.array([8.0, 14.0, 22.0])
     found = linear_map(scenario, "attitude", k_attitude, k_rate)
     np.testing.assert_array_equal(found.stable, [[True] * 3, [False] * 3])
@@ -326,6 +333,12 @@ def test_each_place_of_the_flown_map_on_board_is_a_flight_of_its_own(onboard):
         assert found.crash_time[i, j] == metrics.crash_time
     assert found.crashed.any()
     assert not found.crashed.all()
+
+
+def test_a_vehicle_that_cannot_hover_has_no_map(onboard):
+    for loop in ("position", "attitude"):
+        with pytest.raises(InputError, match="the rotors cannot hold onboard in hover: they would turn at 545 rad/s"):
+            mapped_plant(onboard("vehicle.mass=5"), loop)
 
 
 def test_an_attitude_that_responds_has_no_gains_to_map(onboard):
