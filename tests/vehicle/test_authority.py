@@ -102,3 +102,12 @@ def test_a_rotor_that_hovers_below_idle_beside_another_at_its_top_is_a_flaw():
     assert hover_flaw(uneven, min_speed=60.0, max_speed=300.0) is None
     flaw = hover_flaw(uneven, min_speed=60.0, max_speed=150.0)
     assert flaw.startswith("rotor 1 would have to turn 0.38 times as fast as the fastest")
+
+
+def test_the_rotor_that_would_have_to_be_too_slow_is_named():
+    """Of a plus whose right rotor is eight times as far out as the left one."""
+    rotors = layout([(0.2, 0.0), (0.0, -0.8), (-0.2, 0.0), (0.0, 0.1)])
+    assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) is None
+    assert hover_flaw(rotors, min_speed=150.0, max_speed=300.0).startswith(
+        "rotor 2 would have to turn 0.35 times as fast"
+    )
