@@ -105,7 +105,7 @@ def plan_route(mission: Mission) -> Plan:
             plan = _within_limits(route, laps, cruise_speed=math.sqrt(route.top_acceleration * route.radius))
     if not plan.duration <= LONGEST:
         raise InputError(f"within its limits the route would take {plan.duration:g} s, more than {LONGEST:g} s")
-    _check_rotors(plan, planned_parameters(mission))
+    _check_rotors(plan, mission)
     return plan
 
 
@@ -183,8 +183,8 @@ def plan_demand(plan: Plan, parameters: QuadrotorParameters, times: np.ndarray) 
     return rotor_demand(reference, Jerk._make(jerk), Snap._make([*snap, yaw_acceleration]), parameters)
 
 
-def _check_rotors(plan: Plan, parameters: QuadrotorParameters) -> None:
-    times = sample_times(plan.path)
+def _check_rotors(plan: Plan, mission: Mission) -> None:
+    times, parameters = sample_times(plan.path), planned_parameters(mission)
     violation = first_violation(
         times,
         np.array(plan_demand(plan, parameters, times).rotor_speed),
@@ -192,4 +192,6 @@ def _check_rotors(plan: Plan, parameters: QuadrotorParameters) -> None:
         max_rotor_speed=parameters.max_rotor_speed,
     )
     if violation is not None:
-        raise InputError(f"the rotors cannot fly this route: {violation}")
+        own = mission.nominal.min_rotor_speed, mission.nominal.max_rotor_speed
+        of_throttle = "" if violation.limit in own else ", that of the throttle"
+        raise InputError(f"the rotors cannot fly this route: {violation}{of_throttle}")
