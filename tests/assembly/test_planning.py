@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario, simulate
-from drake_quad.assembly.planning import nominal_parameters, plan_route, planned_parameters
+from drake_quad.assembly.planning import (
+    flight_duration,
+    nominal_parameters,
+    plan_demand,
+    plan_route,
+    planned_parameters,
+)
 from drake_quad.errors import InputError
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.trajectory_files import save_plan
@@ -164,3 +170,22 @@ def test_full_throttle_is_a_speed_by_the_mean_thrust_factor(diagrams):
     assert planned == nominal_parameters(mission)._replace(
         min_rotor_speed=pytest.approx(np.sqrt(0.2 / mean)), max_rotor_speed=pytest.approx(np.sqrt(3.0 / mean))
     )
+
+
+def test_a_plan_that_goes_up_and_down_asks_for_weight_and_acceleration(diagrams):
+    """z = 0.3 sin(2π t / 3) by rotors that are alike: 4 b ω² = m (g + z̈), and ω of all four."""
+    route = "{kind: lissajous, centre: [0, 0, 1], amplitude: [0, 0, 0.3], turns: [0, 0, 1], period: 3, laps: 2}"
+    mission = load_mission(diagrams / "hover.yaml", [f"route={route}"])
+    plan, parameters = plan_route(mission), nominal_parameters(mission)
+    times = np.linspace(0.0, 6.0, 61)
+    thrust = 0.68 * (9.81 + evaluate(plan.path, times, 2)[2])
+    assert np.ptp(thrust) > 1.5
+    speeds = np.array(plan_demand(plan, parameters, times).rotor_speed)
+    np.testing.assert_allclose(speeds, np.sqrt(thrust / (4.0 * 4.13e-5)) * np.ones((4, 1)), rtol=1e-9)
+
+
+def test_a_flight_takes_whole_ticks_of_the_control(diagrams):
+    """Of 20 ms, though the vehicle steps and is seen every 10 ms."""
+    for wanted, duration in ((0.05, 0.06), (0.06, 0.06), (0.061, 0.08)):
+        scenario = load_scenario(diagrams / "hover.yaml", [f"duration={wanted}"])
+        assert flight_duration(scenario, plan_route(scenario)) == pytest.approx(duration, rel=1e-12)
