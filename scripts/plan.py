@@ -6,7 +6,7 @@ from command_line import add_vector, folder_of, mission_of, parser, print_files,
 
 import numpy as np
 
-from drake_quad.assembly.planning import nominal_parameters, plan_demand, plan_route
+from drake_quad.assembly.planning import plan_demand, plan_route, planned_parameters
 from drake_quad.files import output_folder
 from drake_quad.reference.binding import Binding, bindings
 from drake_quad.reference.feasibility import sample_times
@@ -38,7 +38,7 @@ def main() -> None:
     limits = route.limits() if isinstance(route, WaypointRoute | FigureEightRoute | CircleRoute) else Limits()
     figure = plot_plan(
         plan,
-        nominal_parameters(mission),
+        planned_parameters(mission),
         limits=limits,
         places=problem.places if problem else (),
         corridors=problem.corridors if problem else (),
@@ -54,7 +54,7 @@ def main() -> None:
 
 def summary(mission: Mission, plan: Plan, limits: Limits, problem: PathProblem | None) -> list[tuple[str, str, str]]:
     """The properties of a plan, as rows of name, value and unit."""
-    path, parameters = plan.path, nominal_parameters(mission)
+    path, parameters = plan.path, planned_parameters(mission)
     times = sample_times(path)
     length = np.linalg.norm(np.diff(evaluate(path, times), axis=1), axis=0).sum()
     rotors = np.array(plan_demand(plan, parameters, times).rotor_speed)

@@ -1,4 +1,7 @@
-"""Maps which PD gains stabilise a loop, in its linear model and in flight, nominal and with more lag and delay."""
+"""Maps which gains stabilise a loop, in its linear model and in flight, nominal and with more lag and delay.
+
+With an autopilot of kind attitude the gains of the attitude are those on board, k_attitude and k_rate.
+"""
 
 import argparse
 import math
@@ -9,17 +12,17 @@ from command_line import add_vector, add_wired, folder_of, overrides_of, parser,
 import numpy as np
 
 from drake_quad import InputError, Scenario
-from drake_quad.analysis.gain_design import AxisGains
-from drake_quad.analysis.stability_map import Loop, flown_map, mapped_plant, stability_map
+from drake_quad.analysis.stability_map import Loop, MappedGains, flown_map, linear_map, mapped_gains
 from drake_quad.files import output_folder, write_table
 from drake_quad.scenario import draw_sample
+from drake_quad.scenario.paths import value_at
 from drake_quad.visualization.map_plots import MapPanel, plot_map
 from drake_quad.visualization.style import save_figures
 
 # Default ranges of k_P (1/s²) and k_D (1/s): the stable region of the shipped laboratories and some room around it.
 _RANGES = {"position": ((0.02, 1.2), (0.05, 3.0)), "attitude": ((0.5, 40.0), (0.5, 24.0))}
-# With attitude control on board position control can be that much stiffer.
-_RANGES_WITH_AUTOPILOT = ((0.1, 6.0), (0.1, 8.0))
+# With attitude control on board position control can be that much stiffer; of k_attitude and k_rate (1/s) on board.
+_RANGES_WITH_AUTOPILOT = {"position": ((0.1, 6.0), (0.1, 8.0)), "attitude": ((0.5, 30.0), (0.5, 60.0))}
 # The default worst case: the factor by which rotors are slower, and the ticks by which commands are later.
 _SLOWER, _LATER = 1.4, 1
 
@@ -33,8 +36,11 @@ def main() -> None:
     )
     options.add_argument("--loop", choices=tuple(_RANGES), default="position", help="whose gains (default: position)")
     options.add_argument("--size", type=int, help="gains along each side of the map (default: 40)")
-    options.add_argument("--k-p", type=float, nargs=2, metavar=("LEAST", "MOST"), help="range of k_P, 1/s²")
-    options.add_argument("--k-d", type=float, nargs=2, metavar=("LEAST", "MOST"), help="range of k_D, 1/s")
+    for flags, what in (
+        (("--k-p", "--k-attitude"), "range of k_P, 1/s², or of k_attitude, 1/s"),
+        (("--k-d", "--k-rate"), "range of k_D or k_rate, 1/s"),
+    ):
+        options.add_argument(*flags, type=float, nargs=2, metavar=("LEAST", "MOST"), help=what)
     options.add_argument(
         "--worst",
         metavar="FIELD=VALUE",
@@ -52,8 +58,9 @@ def main() -> None:
     if arguments.quick:
         arguments.set = ["duration=5", *arguments.set]
     scenario = scenario_of(arguments)
+    gains = mapped_gains(scenario, arguments.loop)
     on_the_ground = scenario.laboratory.autopilot.kind == "none"
-    ranges = _RANGES[arguments.loop] if on_the_ground else _RANGES_WITH_AUTOPILOT
+    ranges = (_RANGES if on_the_ground else _RANGES_WITH_AUTOPILOT)[arguments.loop]
     k_p = _grid("--k-p", arguments.k_p or ranges[0], size)
     k_d = _grid("--k-d", arguments.k_d or ranges[1], size)
     worst = arguments.worst or _worst_of(scenario)
@@ -62,16 +69,15 @@ def main() -> None:
     folder = output_folder(folder_of(arguments, scenario.name))
     compiled = not arguments.wired
     panels = [panel(title, case, arguments.loop, k_p, k_d, compiled=compiled) for title, case in cases.items()]
-    block = getattr(scenario.control, arguments.loop)
-    index = 0 if arguments.loop == "position" else 1
-    marked = AxisGains(block.k_p[index], block.k_d[index])
-    figure = plot_map(panels, k_p, k_d, marked=marked, loop=arguments.loop)
+    axis = 0 if arguments.loop == "position" else 1
+    first, second = (float(value_at(scenario, f"{gains.block}.{name}.{axis}")) for name in gains.fields)
+    figure = plot_map(panels, k_p, k_d, labels=gains.labels, marked=(first, second), loop=arguments.loop)
     files = [
-        write_map(folder / f"{arguments.loop}_map.csv", panels, k_p, k_d),
+        write_map(folder / f"{arguments.loop}_map.csv", panels, gains, k_p, k_d),
         *save_figures({f"{arguments.loop}_map": figure}, folder, vector=arguments.vector),
     ]
     for each in panels:
-        print_panel(each, k_p, k_d)
+        print_panel(each, gains, k_p, k_d)
     print_files(files)
 
 
@@ -95,19 +101,21 @@ def _worst_case(arguments: argparse.Namespace, worst: list[str]) -> Scenario:
 
 def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, *, compiled: bool) -> MapPanel:
     """Maps the gains in one case."""
-    linear = stability_map(mapped_plant(scenario, loop), k_p, k_d)
+    linear = linear_map(scenario, loop, k_p, k_d)
     flown = flown_map(scenario, loop, k_p, k_d, sample=scenario.sample or 0, compiled=compiled)
     return MapPanel(title, linear, flown)
 
 
-def print_panel(panel: MapPanel, k_p: np.ndarray, k_d: np.ndarray) -> None:
+def print_panel(panel: MapPanel, gains: MappedGains, k_p: np.ndarray, k_d: np.ndarray) -> None:
     """Prints which share of the gains is stable, which flew to the end, and which pair flew best."""
     rmse = np.where(panel.flown.crashed | ~panel.linear.stable, np.inf, panel.flown.rmse)
     row, column = np.unravel_index(np.argmin(rmse), rmse.shape)
     best = "no stable gains flew to the end"
     if np.isfinite(rmse[row, column]):
+        first, second = gains.symbols
         best = (
-            f"least RMSE of the stable {100.0 * rmse[row, column]:.2f} cm at k_P {k_p[row]:.3g}, k_D {k_d[column]:.3g}"
+            f"least RMSE of the stable {100.0 * rmse[row, column]:.2f} cm at {first} {k_p[row]:.3g},"
+            f" {second} {k_d[column]:.3g}"
         )
     print(
         f"{panel.title}: {100.0 * panel.linear.stable.mean():.0f} % of the gains are stable,"
@@ -115,10 +123,10 @@ def print_panel(panel: MapPanel, k_p: np.ndarray, k_d: np.ndarray) -> None:
     )
 
 
-def write_map(path: Path, panels: list[MapPanel], k_p: np.ndarray, k_d: np.ndarray) -> Path:
+def write_map(path: Path, panels: list[MapPanel], gains: MappedGains, k_p: np.ndarray, k_d: np.ndarray) -> Path:
     """Writes a row for each pair of gains, and returns the path."""
     rows, columns = np.meshgrid(k_p, k_d, indexing="ij")
-    table = {"k_P (1/s²)": rows.ravel(), "k_D (1/s)": columns.ravel()}
+    table = dict(zip(gains.labels, (rows.ravel(), columns.ravel()), strict=True))
     for title, linear, flown in panels:
         table |= {
             f"{title}: stable": linear.stable.ravel().astype(int),

@@ -128,6 +128,36 @@ def test_simulate_prints_a_table_and_the_files_it_wrote(run, tmp_path):
 
 
 @pytest.mark.slow
+def test_simulate_flies_another_layout(run, tmp_path):
+    """An x flies as well as the plus, with as long arms; what is flown is what is saved."""
+    short = ["diagrams/figure_eight.yaml", "--set", "duration=2", "--output"]
+    plus = run("simulate.py", *short, tmp_path / "plus")
+    result = run("simulate.py", *short, tmp_path / "x", "--set", "nominal.layout={kind: x}")
+    assert (result.returncode, result.stderr) == (0, "")
+    rmse = [float(re.search(r"^RMSE +(\S+) cm$", each.stdout, re.MULTILINE).group(1)) for each in (plus, result)]
+    assert rmse[1] == pytest.approx(rmse[0], abs=0.05)
+    saved = load_scenario(tmp_path / "x" / "scenario.yaml")
+    assert (saved.nominal.layout.kind, saved.vehicle.layout.kind, saved.vehicle.arm_length) == ("x", "x", 0.17)
+
+
+@pytest.mark.parametrize(
+    ("layout", "words"),
+    [
+        ("{kind: y}", "nominal.layout.kind is 'y', but must be"),
+        ("{kind: x, length: 0.2}", "but must have width beside length"),
+        ("{kind: h, length: 0.2, width: -0.3}", "nominal.layout.width is -0.3, but must be"),
+        ("{kind: x, length: 0.2, width: 0.000001}", "must give thrust and all torques: it has no"),
+    ],
+)
+def test_simulate_refuses_a_broken_layout_in_one_sentence(run, tmp_path, layout, words):
+    result = run("simulate.py", "--set", f"nominal.layout={layout}", "--output", tmp_path / "out")
+    assert (result.returncode, result.stdout) == (2, "")
+    assert words in result.stderr
+    assert len(result.stderr.splitlines()) == 1
+    assert not (tmp_path / "out").exists()
+
+
+@pytest.mark.slow
 def test_simulate_flies_one_sample_of_a_study_in_the_wind(run, tmp_path):
     study = ["diagrams/laboratory.yaml:low_wind", "--set", "vehicle.mass={choice: [0.6, 0.7]}", "--set", "duration=2"]
     result = run("simulate.py", *study, "--seed", 5, "--sample", 3, "--output", tmp_path)
@@ -318,6 +348,19 @@ def test_stability_map_counts_and_draws(run, tmp_path):
 
 
 @pytest.mark.slow
+def test_with_an_autopilot_the_gains_on_board_are_mapped(run, tmp_path):
+    result = run(
+        *("stability_map.py", ONBOARD, "--loop", "attitude", "--size", "3", "--set", "duration=1"),
+        *("--k-attitude", "4", "40", "--k-rate", "5", "15", "--output", tmp_path),
+    )
+    assert (result.returncode, result.stderr) == (0, "")
+    assert re.search(r"^nominal: 33 % of the gains .* at k_attitude 4, k_rate \d+$", result.stdout, re.MULTILINE)
+    header, *rows = (tmp_path / "attitude_map.csv").read_text(encoding="utf-8").splitlines()
+    assert header.startswith("k_attitude (1/s),k_rate (1/s),nominal: stable,")
+    assert [row.split(",")[:3] for row in rows[2:4]] == [["4", "15", "1"], ["22", "5", "0"]]
+
+
+@pytest.mark.slow
 def test_a_map_of_gains_from_zero_on_and_of_flights_without_error(run, tmp_path):
     """Neither is logarithms of zero, which the tests would not let pass."""
     result = run(
@@ -409,8 +452,8 @@ def test_sensitivities_are_by_the_distances_that_the_layout_has(run, tmp_path):
         ("design_gains.py", [ONBOARD, "--delay-margin", "2"], "--delay-margin is for attitude control on the ground"),
         (
             "stability_map.py",
-            [ONBOARD, "--quick", "--loop", "attitude"],
-            "with laboratory.autopilot of kind attitude there is no attitude loop to map on the ground",
+            [ONBOARD, *RESPONDING, "--quick", "--loop", "attitude"],
+            "with laboratory.autopilot of kind response the attitude has no gains that could be mapped",
         ),
         ("stability_map.py", ["--size", "1"], "--size is 1, but must be between 2 and 200"),
         ("stability_map.py", ["--quick", "--worst", "control.position.k_p.0=3"], "must be a field of vehicle or lab"),

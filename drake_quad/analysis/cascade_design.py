@@ -191,15 +191,26 @@ def _design_on_board(scenario: Scenario, options: Mapping[str, LoopOptions]) -> 
     plant, inertia = on_board_plant(scenario), scenario.nominal.inertia
     loops = {}
     for angle, moment in zip(_ANGLES, inertia, strict=True):
-        torque, value, rate = _SIGNALS[angle]
-        turned = plant.between([f"wrench.{torque}"], [f"state.{value}", f"state.{rate}"])
-        turned = turned.connected().scaled(moment, "acceleration_command")
+        turned = turned_on_board(plant, angle, moment)
         name = _rate_of(angle)
         inner = turned.between(turned.inputs, turned.outputs[1:]).connected()
         loops[name] = _designed(inner, options[name], name)
         outer = on_board_attitude_plant(turned, _proportional(loops[name]))
         loops[angle] = _designed(outer, options[angle], angle)
     return loops
+
+
+def turned_on_board(plant: SampledSystem, angle: str, inertia: float) -> SampledSystem:
+    """From an angular acceleration that an autopilot commands to an angle and its rate.
+
+    Args:
+        plant: of `on_board_plant`.
+        angle: roll, pitch or yaw.
+        inertia: believed, about the axis of this angle, kg m².
+    """
+    torque, value, rate = _SIGNALS[angle]
+    turned = plant.between([f"wrench.{torque}"], [f"state.{value}", f"state.{rate}"])
+    return turned.connected().scaled(inertia, "acceleration_command")
 
 
 def on_board_attitude_plant(turned: SampledSystem, k_rate: float) -> SampledSystem:

@@ -219,7 +219,7 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
     Raises:
         InputError: hover is no equilibrium, or something happens less often than the control ticks.
     """
-    resting = as_believed(scenario) if vehicle == "believed" else _even(at_rest(scenario))
+    resting = _in_still_air(scenario, vehicle)
     period = resting.laboratory.command_link.period
     for name, other in _periods(resting).items():
         if not 0.0 < other <= period:
@@ -228,19 +228,8 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
     recipes = laboratory_recipes(Batch(resting, (0,), {}), plan, plan.duration)
     laboratory = build_laboratory_of(recipes, 1, Samples(0, [0]))
     context = laboratory.CreateDefaultContext()
-    parameters, effects = vehicle_parameters(resting.vehicle), vehicle_effects(resting.vehicle)
     hover = _hover_speeds(resting)
-    if not max(hover) < parameters.max_rotor_speed or not min(hover) > parameters.min_rotor_speed:
-        raise InputError(
-            f"the rotors cannot hold {scenario.name} in hover: they would turn at {max(hover):.0f} rad/s, but can at"
-            f" {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g} rad/s"
-        )
-    believed, commanded = nominal_parameters(resting), hover
-    curve = thrust_curve(resting.nominal.motors)
-    if effects.thrust_curve is not None and curve is not None:
-        flown, known = ThrottleModel.of(parameters, effects.thrust_curve), ThrottleModel.of(believed, curve)
-        commanded = told_as(hover, flown, known)
-    wrench = rotor_action(commanded, believed).wrench
+    wrench = _hover_wrench(resting, hover)
     link, command = recipes["command_link"], resting.laboratory.autopilot.command
     held = link.numbers.initial._replace(thrust=wrench.thrust) if command == "attitude_target" else wrench
     laboratory.GetInputPort(command).FixValue(context, held)
@@ -252,13 +241,41 @@ def laboratory_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it 
         raise InputError(
             f"hover is not an equilibrium of {scenario.name}: {system.states[worst]} moves by {moved[worst]:.3g} a tick"
         )
-    return LaboratoryPlant(_with_axes_apart(system, hover, parameters), float(wrench.thrust / believed.mass))
+    return LaboratoryPlant(
+        _with_axes_apart(system, hover, vehicle_parameters(resting.vehicle)),
+        float(wrench.thrust / resting.nominal.mass),
+    )
+
+
+def _in_still_air(scenario: Scenario, vehicle: Literal["believed", "as it is"]) -> Scenario:
+    """The scenario of which plants are made, in hover at (0, 0, 1)."""
+    return as_believed(scenario) if vehicle == "believed" else _even(at_rest(scenario))
 
 
 def _hover_speeds(resting: Scenario) -> RotorSpeed:
-    """At which the rotors of a resting scenario's vehicle turn in hover."""
-    effects = vehicle_effects(resting.vehicle)
-    return hover_rotor_speeds(as_in_hover(vehicle_parameters(resting.vehicle), effects, _HOVER.position[2]))
+    """At which the rotors of a resting scenario's vehicle turn in hover.
+
+    Raises:
+        InputError: they cannot.
+    """
+    parameters, effects = vehicle_parameters(resting.vehicle), vehicle_effects(resting.vehicle)
+    hover = hover_rotor_speeds(as_in_hover(parameters, effects, _HOVER.position[2]))
+    if not max(hover) < parameters.max_rotor_speed or not min(hover) > parameters.min_rotor_speed:
+        raise InputError(
+            f"the rotors cannot hold {resting.name} in hover: they would turn at {max(hover):.0f} rad/s, but can at"
+            f" {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g} rad/s"
+        )
+    return hover
+
+
+def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
+    """What the ground believes to command where the vehicle's rotors hover at some speeds."""
+    believed, commanded = nominal_parameters(resting), hover
+    flown, known = vehicle_effects(resting.vehicle).thrust_curve, thrust_curve(resting.nominal.motors)
+    if flown is not None and known is not None:
+        parameters = vehicle_parameters(resting.vehicle)
+        commanded = told_as(hover, ThrottleModel.of(parameters, flown), ThrottleModel.of(believed, known))
+    return rotor_action(commanded, believed).wrench
 
 
 def _with_axes_apart(system: SampledSystem, hover: RotorSpeed, parameters: QuadrotorParameters) -> SampledSystem:
@@ -269,19 +286,20 @@ def _with_axes_apart(system: SampledSystem, hover: RotorSpeed, parameters: Quadr
     return system.transformed(rotors, pattern, names)
 
 
-def on_board_plant(scenario: Scenario) -> SampledSystem:
+def on_board_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it is"] = "believed") -> SampledSystem:
     """The plant of an autopilot's loops: from `wrench` to `state`, over a period of the autopilot.
 
     The autopilot sees the state of its instant, and its wrench acts from then on. So does a fixed input here: just
     before an instant's events a stepping vehicle still has the state of a step before, and there the period begins.
 
     Args:
-        scenario: with an autopilot of kind attitude, flown `as_believed`.
+        scenario: with an autopilot of kind attitude.
+        vehicle: as in `laboratory_plant`.
 
     Raises:
-        InputError: the vehicle has a continuous state.
+        InputError: the vehicle has a continuous state, or cannot hover.
     """
-    resting = as_believed(scenario)
+    resting = _in_still_air(scenario, vehicle)
     autopilot = resting.laboratory.autopilot
     assert isinstance(autopilot, AttitudeAutopilot)
     if not resting.vehicle.time_step > 0.0:
@@ -290,17 +308,18 @@ def on_board_plant(scenario: Scenario) -> SampledSystem:
     recipes = laboratory_recipes(Batch(resting, (0,), {}), plan, plan.duration)
     builder = DiagramBuilder()
     allocated = split_output(builder, "allocation", recipes["allocation"].build(1))
-    vehicle = builder.AddNamedSystem("vehicle", recipes["vehicle"].build(1))
+    flown = builder.AddNamedSystem("vehicle", recipes["vehicle"].build(1))
     (told,) = (name for name in allocated if name != "shortfall")
-    builder.Connect(allocated[told], vehicle.GetInputPort(told))
+    builder.Connect(allocated[told], flown.GetInputPort(told))
     builder.ExportInput(builder.GetSubsystemByName("allocation").GetInputPort("wrench"), "wrench")
-    builder.ExportOutput(vehicle.GetOutputPort("state"), "state")
+    builder.ExportOutput(flown.GetOutputPort("state"), "state")
     diagram = builder.Build()
     context = diagram.CreateDefaultContext()
-    diagram.GetInputPort("wrench").FixValue(context, recipes["autopilot"].numbers.initial)
+    hover = _hover_speeds(resting)
+    diagram.GetInputPort("wrench").FixValue(context, _hover_wrench(resting, hover))
     at_tick(diagram, _TICKS * autopilot.period, context)
     system, _ = linearize(diagram, context, period=autopilot.period, inputs=["wrench"], outputs=["state"])
-    return _with_axes_apart(system, _hover_speeds(resting), vehicle_parameters(resting.vehicle))
+    return _with_axes_apart(system, hover, vehicle_parameters(resting.vehicle))
 
 
 def _wrench_pattern(hover: RotorSpeed, parameters: QuadrotorParameters) -> np.ndarray:

@@ -1,11 +1,11 @@
-"""Maps which PD gains stabilise a loop, and how well they fly."""
+"""Maps which gains stabilise a loop, and how well they fly."""
 
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from drake_quad.analysis.cascade_design import attitude_plant_in_flight, position_plant
-from drake_quad.analysis.closed_loop import laboratory_plant
+from drake_quad.analysis.cascade_design import attitude_plant_in_flight, position_plant, turned_on_board
+from drake_quad.analysis.closed_loop import laboratory_plant, on_board_plant
 from drake_quad.analysis.gain_design import AxisGains
 from drake_quad.analysis.margins import fast_margins, frequencies
 from drake_quad.analysis.sampled_system import SampledSystem
@@ -15,10 +15,33 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario import Batch, Scenario, draw_sample
 
 Loop = Literal["position", "attitude"]
+_ON_BOARD = "laboratory.autopilot"
 
 # Modes that die faster than this within a tick are delay lines, whose damping means nothing.
 _FAST = 0.05
 _POINTS = 300
+
+
+class MappedGains(NamedTuple):
+    """The two gains of a map.
+
+    Attributes:
+        block: of a scenario that they are fields of, by its path.
+        fields: their names there.
+        symbols: k_P and k_D as they are written, or the names of gains on board.
+        units: of both.
+    """
+
+    block: str
+    fields: tuple[str, str]
+    symbols: tuple[str, str]
+    units: tuple[str, str]
+
+    @property
+    def labels(self) -> tuple[str, str]:
+        """Symbols with their units."""
+        first, second = (f"{symbol} ({unit})" for symbol, unit in zip(self.symbols, self.units, strict=True))
+        return first, second
 
 
 class StabilityMap(NamedTuple):
@@ -40,6 +63,37 @@ class StabilityMap(NamedTuple):
         return self.size < 1.0 - 1e-9  # an integrator that is left alone is found on either side of 1
 
 
+def mapped_gains(scenario: Scenario, loop: Loop) -> MappedGains:
+    """Which gains of a scenario's loop are mapped: those of the PD on the ground, or those of an autopilot.
+
+    Raises:
+        InputError: the attitude is asked for and responds as a whole, without gains.
+    """
+    kind = scenario.laboratory.autopilot.kind
+    if loop == "position" or kind == "none":
+        return MappedGains(f"control.{loop}", ("k_p", "k_d"), ("k_P", "k_D"), ("1/s²", "1/s"))
+    if kind == "attitude":
+        fields = "k_attitude", "k_rate"
+        return MappedGains(_ON_BOARD, fields, fields, ("1/s", "1/s"))
+    raise InputError(f"with laboratory.autopilot of kind {kind} the attitude has no gains that could be mapped")
+
+
+def linear_map(scenario: Scenario, loop: Loop, first: np.ndarray, second: np.ndarray) -> StabilityMap:
+    """The map of a scenario's loop in its linear model, see `mapped_plant`.
+
+    Args:
+        scenario: whose loop it is.
+        loop: position or attitude.
+        first: (rows,) of the first of the `mapped_gains`.
+        second: (columns,) of the second.
+
+    Raises:
+        InputError: see `mapped_gains` and `mapped_plant`.
+    """
+    make = cascade_map if mapped_gains(scenario, loop).block == _ON_BOARD else stability_map
+    return make(mapped_plant(scenario, loop), first, second)
+
+
 def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> StabilityMap:
     """The map of a PD around a plant, from the poles and the frequency response of every loop.
 
@@ -48,7 +102,23 @@ def stability_map(plant: SampledSystem, k_p: np.ndarray, k_d: np.ndarray) -> Sta
         k_p: (rows,) 1/s².
         k_d: (columns,) 1/s.
     """
-    gains = np.stack(np.meshgrid(k_p, k_d, indexing="ij"), axis=-1)
+    return _mapped(plant, np.stack(np.meshgrid(k_p, k_d, indexing="ij"), axis=-1))
+
+
+def cascade_map(plant: SampledSystem, k_attitude: np.ndarray, k_rate: np.ndarray) -> StabilityMap:
+    """The map of an attitude loop around a rate loop: u = k_rate (k_attitude (θ_r - θ) - q).
+
+    Args:
+        plant: from a commanded angular acceleration to the angle and its rate.
+        k_attitude: (rows,) 1/s.
+        k_rate: (columns,) 1/s.
+    """
+    outer, inner = np.meshgrid(k_attitude, k_rate, indexing="ij")
+    return _mapped(plant, np.stack([inner * outer, inner], axis=-1))
+
+
+def _mapped(plant: SampledSystem, gains: np.ndarray) -> StabilityMap:
+    """The map of (rows, columns, 2) gains on a value and its rate."""
     closed = plant.A - plant.B @ (gains[..., np.newaxis, :] @ plant.C)
     poles = np.linalg.eigvals(closed)
     lasting = np.where(np.abs(poles) > _FAST, poles, _FAST)
@@ -66,15 +136,18 @@ def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
 
     For the position that is the plant around its own attitude loop, or around that on board. For the attitude it is the
     plant with its own position loop closed: u = -k_P (θ - θ_r) - k_D q with θ_r = -(K_P x + K_D v) over the
-    specific thrust, eq (7), is a PD in θ - θ_r and q.
+    specific thrust, eq (7), is a PD in θ - θ_r and q. For the attitude on board it is what the autopilot turns, over a
+    period of the autopilot; the position loop, which ticks less often, is not in it.
 
     Raises:
-        InputError: the attitude loop is asked for and runs on board, or the laboratory has no plant.
+        InputError: there is no such plant, or the attitude has no gains, see `mapped_gains`.
     """
-    kind = scenario.laboratory.autopilot.kind
-    if loop == "attitude" and kind != "none":
-        raise InputError(f"with laboratory.autopilot of kind {kind} there is no attitude loop to map on the ground")
+    mapped = mapped_gains(scenario, loop)
     scenario = draw_sample(scenario, scenario.sample) if scenario.sample is not None else scenario
+    if mapped.block == _ON_BOARD:
+        whole = on_board_plant(scenario, vehicle="as it is")
+        return turned_on_board(whole, "pitch", scenario.nominal.inertia[1])
+    kind = scenario.laboratory.autopilot.kind
     laboratory = laboratory_plant(scenario, vehicle="as it is")
     if loop == "position":
         return position_plant(laboratory, scenario, "x", _gains(scenario, "attitude", 1) if kind == "none" else None)
@@ -87,15 +160,15 @@ def _gains(scenario: Scenario, loop: Loop, axis: int) -> AxisGains:
 
 
 def flown_map(
-    scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, *, sample: int = 0, compiled: bool = True
+    scenario: Scenario, loop: Loop, first: np.ndarray, second: np.ndarray, *, sample: int = 0, compiled: bool = True
 ) -> Metrics:
     """Flies a scenario with every pair of gains in one fleet, all in the same wind and noise.
 
     Args:
         scenario: whose route is flown.
         loop: whose gains differ: on x and y of the position, or on roll and pitch.
-        k_p: (rows,) 1/s².
-        k_d: (columns,) 1/s.
+        first: (rows,) of the first of the `mapped_gains`.
+        second: (columns,) of the second.
         sample: of the scenario's study.
         compiled: whether the diagram is compiled to machine code; else it flies as it is wired.
 
@@ -103,12 +176,13 @@ def flown_map(
         (rows, columns) arrays of each metric.
     """
     scenario = draw_sample(scenario, sample)
-    pairs = [grid.ravel() for grid in np.meshgrid(k_p, k_d, indexing="ij")]
+    mapped = mapped_gains(scenario, loop)
+    pairs = [grid.ravel() for grid in np.meshgrid(first, second, indexing="ij")]
     varying = {
-        f"control.{loop}.{name}.{axis}": values
-        for name, values in zip(("k_p", "k_d"), pairs, strict=True)
+        f"{mapped.block}.{name}.{axis}": values
+        for name, values in zip(mapped.fields, pairs, strict=True)
         for axis in (0, 1)
     }
     batch = Batch(scenario, (sample,) * len(pairs[0]), varying)
     metrics = StudyFleet(scenario, len(batch), compiled=compiled).fly_batch(batch)
-    return Metrics(*(values.reshape(len(k_p), len(k_d)) for values in metrics))
+    return Metrics(*(values.reshape(len(first), len(second)) for values in metrics))

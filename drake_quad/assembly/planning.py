@@ -6,6 +6,7 @@ from typing import Any
 
 import numpy as np
 
+from drake_quad.assembly.effects import thrust_curve
 from drake_quad.errors import InputError
 from drake_quad.reference.feasibility import first_violation, sample_times
 from drake_quad.reference.lissajous import lissajous
@@ -29,12 +30,25 @@ from drake_quad.scenario.routes import (
 )
 from drake_quad.signals import Jerk, Reference, Snap
 from drake_quad.vehicle.inverse_dynamics import RotorDemand, rotor_demand
+from drake_quad.vehicle.motors import mean_thrust_factor, speeds_of_throttles
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 
 
 def nominal_parameters(mission: Mission) -> QuadrotorParameters:
     """What is believed of the vehicle: no drag, the centre of mass in the middle of its layout."""
     return QuadrotorParameters()._replace(**airframe_parameters(mission.nominal))
+
+
+def planned_parameters(mission: Mission) -> QuadrotorParameters:
+    """`nominal_parameters`, where motors take throttles with the narrower limits of the believed thrust curve."""
+    parameters, curve = nominal_parameters(mission), thrust_curve(mission.nominal.motors)
+    if curve is None:
+        return parameters
+    slowest, fastest = speeds_of_throttles(curve, mean_thrust_factor(parameters))
+    return parameters._replace(
+        min_rotor_speed=max(parameters.min_rotor_speed, slowest),
+        max_rotor_speed=min(parameters.max_rotor_speed, fastest),
+    )
 
 
 def airframe_parameters(airframe: Any) -> dict[str, Any]:
@@ -91,7 +105,7 @@ def plan_route(mission: Mission) -> Plan:
             plan = _within_limits(route, laps, cruise_speed=math.sqrt(route.top_acceleration * route.radius))
     if not plan.duration <= LONGEST:
         raise InputError(f"within its limits the route would take {plan.duration:g} s, more than {LONGEST:g} s")
-    _check_rotors(plan, nominal_parameters(mission))
+    _check_rotors(plan, mission)
     return plan
 
 
@@ -169,8 +183,8 @@ def plan_demand(plan: Plan, parameters: QuadrotorParameters, times: np.ndarray) 
     return rotor_demand(reference, Jerk._make(jerk), Snap._make([*snap, yaw_acceleration]), parameters)
 
 
-def _check_rotors(plan: Plan, parameters: QuadrotorParameters) -> None:
-    times = sample_times(plan.path)
+def _check_rotors(plan: Plan, mission: Mission) -> None:
+    times, parameters = sample_times(plan.path), planned_parameters(mission)
     violation = first_violation(
         times,
         np.array(plan_demand(plan, parameters, times).rotor_speed),
@@ -178,4 +192,6 @@ def _check_rotors(plan: Plan, parameters: QuadrotorParameters) -> None:
         max_rotor_speed=parameters.max_rotor_speed,
     )
     if violation is not None:
-        raise InputError(f"the rotors cannot fly this route: {violation}")
+        own = mission.nominal.min_rotor_speed, mission.nominal.max_rotor_speed
+        of_throttle = "" if violation.limit in own else ", that of the throttle"
+        raise InputError(f"the rotors cannot fly this route: {violation}{of_throttle}")

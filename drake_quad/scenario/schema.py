@@ -22,6 +22,9 @@ def file_schema() -> dict[str, Any]:
     definitions["Waypoint"] = {"anyOf": [waypoint, {"type": "array", "minItems": 3, "maxItems": 3}]}
     times = definitions["WaypointRoute"]["properties"]["times"]
     times["oneOf"] += [{"type": "array"}, {"enum": list(times["discriminator"]["mapping"])}]
+    # Vehicles and beliefs have the same layouts, but of what is believed there are no distributions.
+    believed = definitions["Nominal"]["properties"]
+    believed["layout"] = _of_numbers(believed["layout"], definitions)
     names = {"type": "string", "description": "FILE, FILE:NAME, or NAME of this file"}
     scenario["properties"]["extends"] = {
         "description": "what this scenario is laid over, the last on top",
@@ -37,6 +40,21 @@ def file_schema() -> dict[str, Any]:
     }
     loosened: dict[str, Any] = _loosened(schema)
     return loosened
+
+
+def _of_numbers(node: Any, definitions: dict[str, Any]) -> Any:
+    """The same with what it refers to written out, and no distribution in place of a number."""
+    if isinstance(node, list):
+        return [_of_numbers(each, definitions) for each in node if not _is_distribution(each)]
+    if not isinstance(node, dict):
+        return node
+    if "$ref" in node:
+        return _of_numbers(definitions[node["$ref"].removeprefix(_REFERENCE)], definitions)
+    return {key: _of_numbers(value, definitions) for key, value in node.items()}
+
+
+def _is_distribution(node: Any) -> bool:
+    return isinstance(node, dict) and node.get("$ref", "").removeprefix(_REFERENCE) in _DISTRIBUTIONS
 
 
 def _loosened(node: Any) -> Any:

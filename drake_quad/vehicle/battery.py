@@ -55,7 +55,7 @@ def terminals(charge: Charge, power: Row, battery: Battery) -> Terminals:
     electrical = power / battery.efficiency
     root = sqrt(maximum(at_rest * at_rest - 4.0 * battery.resistance * electrical, TINY))
     voltage = 0.5 * (at_rest + root)
-    return Terminals(voltage, electrical / maximum(voltage, TINY))
+    return Terminals(voltage, electrical / voltage)
 
 
 def rotor_power(speed: RotorSpeed, parameters: QuadrotorParameters) -> Row:

@@ -46,6 +46,16 @@ def throttle_for(thrust: Row, curve: ThrustCurve) -> Row:
     return 2.0 * above / maximum(curve.k_1 + root, TINY)
 
 
+def speeds_of_throttles(curve: ThrustCurve, thrust_factor: Row) -> tuple[Row, Row]:
+    """The least and the largest speed (rad/s) that throttles stand for, of a curve that rises over [0, 1].
+
+    Args:
+        curve: of the thrust of each rotor.
+        thrust_factor: b of a rotor whose thrust is that of the curve, N s².
+    """
+    return sqrt(maximum(curve.k_0, 0.0) / thrust_factor), sqrt(thrust_of(1.0, curve) / thrust_factor)
+
+
 def told_by_throttle(command: Throttle, curve: ThrustCurve, parameters: QuadrotorParameters) -> RotorSpeed:
     """The rotor speeds that throttles stand for: √(T / b), with b the mean of the rotors' thrust factors.
 
@@ -146,10 +156,8 @@ def allocate_throttle(
         allocation: `allocate`, or `allocate_to_pairs`.
     """
     rotors, b, curve = model
-    within = rotors._replace(
-        min_speed=maximum(rotors.min_speed, sqrt(maximum(curve.k_0, 0.0) / b)),
-        max_speed=minimum(rotors.max_speed, sqrt(thrust_of(1.0, curve) / b)),
-    )
+    slowest, fastest = speeds_of_throttles(curve, b)
+    within = rotors._replace(min_speed=maximum(rotors.min_speed, slowest), max_speed=minimum(rotors.max_speed, fastest))
     allocated = allocation(wrench, within)
     throttles = [throttle_for(b * speed * speed, curve) for speed in allocated.rotor_speed_command]
     return AllocatedThrottle(Throttle._make(throttles), allocated.shortfall)

@@ -1,4 +1,4 @@
-"""The map of PD gains: which stabilise a loop, and how well they fly."""
+"""The map of gains: which stabilise a loop, and how well they fly."""
 
 from typing import Any, NamedTuple
 
@@ -11,7 +11,6 @@ from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import NullLocator
 
-from drake_quad.analysis.gain_design import AxisGains
 from drake_quad.analysis.stability_map import StabilityMap
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.visualization.style import BLACK, VERMILION, new_figure, shading, styled
@@ -46,13 +45,22 @@ class MapPanel(NamedTuple):
     flown: Metrics
 
 
-def plot_map(panels: list[MapPanel], k_p: np.ndarray, k_d: np.ndarray, *, marked: AxisGains, loop: str) -> Figure:
+def plot_map(
+    panels: list[MapPanel],
+    first: np.ndarray,
+    second: np.ndarray,
+    *,
+    labels: tuple[str, str],
+    marked: tuple[float, float],
+    loop: str,
+) -> Figure:
     """Plots the RMSE of the flights in colours, with lines of damping and delay margin over it.
 
     Args:
         panels: that stand side by side and share one scale of colours.
-        k_p: (rows,) 1/s².
-        k_d: (columns,) 1/s.
+        first: (rows,) gains.
+        second: (columns,) gains.
+        labels: of both, with their units.
         marked: the scenario's own gains, marked by a star.
         loop: name of the loop, for the title.
     """
@@ -66,11 +74,11 @@ def plot_map(panels: list[MapPanel], k_p: np.ndarray, k_d: np.ndarray, *, marked
         figure = new_figure(5.2 * len(panels) + 0.8, 4.8)
         row = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
         for axes, panel, error in zip(row, panels, errors, strict=True):
-            shades = _draw(axes, panel, error, k_p, k_d, norm)
-            if k_p[0] <= marked.k_p <= k_p[-1] and k_d[0] <= marked.k_d <= k_d[-1]:
-                axes.plot(marked.k_d, marked.k_p, **_STAR)
-            axes.set(xlabel="k_D (1/s)", title=panel.title)
-        row[0].set_ylabel("k_P (1/s²)")
+            shades = _draw(axes, panel, error, first, second, norm)
+            if first[0] <= marked[0] <= first[-1] and second[0] <= marked[1] <= second[-1]:
+                axes.plot(marked[1], marked[0], **_STAR)
+            axes.set(xlabel=labels[1], title=panel.title)
+        row[0].set_ylabel(labels[0])
         label = "RMSE of the flight (cm)"
         bar = figure.colorbar(shades, ax=list(row), label=label, pad=0.02, fraction=0.05, extend="max")
         ticks = [number * 10.0**power for power in range(-2, 4) for number in (1.0, 2.0, 5.0)]
@@ -94,16 +102,18 @@ def _key(panels: list[MapPanel]) -> list[Line2D | Patch]:
     ]
 
 
-def _draw(axes: Axes, panel: MapPanel, error: np.ndarray, k_p: np.ndarray, k_d: np.ndarray, norm: LogNorm) -> AxesImage:
-    half_p, half_d = 0.5 * (k_p[1] - k_p[0]), 0.5 * (k_d[1] - k_d[0])
-    edges = (k_d[0] - half_d, k_d[-1] + half_d, k_p[0] - half_p, k_p[-1] + half_p)
+def _draw(
+    axes: Axes, panel: MapPanel, error: np.ndarray, first: np.ndarray, second: np.ndarray, norm: LogNorm
+) -> AxesImage:
+    up, aside = 0.5 * (first[1] - first[0]), 0.5 * (second[1] - second[0])
+    edges = (second[0] - aside, second[-1] + aside, first[0] - up, first[-1] + up)
     axes.set_facecolor(_CRASHED)
     shades = axes.imshow(error, origin="lower", extent=edges, aspect="auto", cmap=shading(), norm=norm)
     if not panel.linear.stable.all():
-        axes.contour(k_d, k_p, panel.linear.size, [1.0], **_contour(_EDGE))
-    damping = axes.contour(k_d, k_p, panel.linear.damping, _DAMPINGS, **_contour(_DAMPING))
+        axes.contour(second, first, panel.linear.size, [1.0], **_contour(_EDGE))
+    damping = axes.contour(second, first, panel.linear.damping, _DAMPINGS, **_contour(_DAMPING))
     labels = axes.clabel(damping, fmt=lambda level: f"ζ {level:g}", fontsize=9)
-    delay = axes.contour(k_d, k_p, panel.linear.delay, _DELAYS, **_contour(_DELAY))
+    delay = axes.contour(second, first, panel.linear.delay, _DELAYS, **_contour(_DELAY))
     labels += axes.clabel(delay, fmt=lambda level: f"{1e3 * level:.0f} ms", fontsize=9)
     for label in labels:
         label.set_clip_on(False)

@@ -11,7 +11,7 @@ import scipy
 from pydrake.systems.analysis import InitializeParams, Simulator
 from ruamel.yaml import YAML
 
-from drake_quad import InputError, build_tracking_diagram, load_scenario
+from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
 from drake_quad.analysis.cascade_design import (
     attitude_plant,
     default_options,
@@ -34,7 +34,7 @@ from drake_quad.analysis.context_vector import ContextVector
 from drake_quad.analysis.gain_design import Proportional, ProportionalGain, Requirements, design_loop, pd_loop
 from drake_quad.analysis.margins import margins
 from drake_quad.analysis.sampled_system import at_tick, linearize
-from drake_quad.analysis.stability_map import mapped_plant, stability_map
+from drake_quad.analysis.stability_map import flown_map, linear_map, mapped_gains, mapped_plant, stability_map
 from drake_quad.analysis.step_response import release
 
 RESPONSE = [
@@ -282,6 +282,67 @@ def test_loops_on_board_that_cannot_be_designed(onboard, overrides, words):
         design_cascade(onboard(*overrides), on_board=True)
 
 
-def test_there_is_no_attitude_loop_on_the_ground_to_map(onboard):
-    with pytest.raises(InputError, match="with laboratory.autopilot of kind attitude there is no attitude loop to map"):
-        mapped_plant(onboard(), "attitude")
+THROTTLES = [
+    "nominal.motors={kind: throttle, curve: [0.1, 1.0, 2.8]}",
+    "vehicle.motors={kind: throttle, curve: [0.11, 1.05, 2.6]}",
+]
+
+
+@pytest.mark.parametrize("motors", [[], THROTTLES], ids=["speed", "throttle"])
+def test_the_map_on_board_is_the_diagram_with_a_position_left_alone(onboard, motors):
+    """The vehicle as it is, not as it is believed; eight periods of the autopilot make a tick of the multipliers."""
+    real = [
+        *("vehicle.mass=0.75", "vehicle.inertia=[0.0071, 0.0079, 0.0131]", "vehicle.rotor_time_constant=0.04"),
+        "control.position={k_p: [1e-7, 1e-7, 5.5], k_d: [1e-7, 1e-7, 3.4]}",
+        "laboratory.autopilot.gyroscope_bias=[0, 0, 0]",
+    ]
+    scenario = onboard(*UNEVEN, *real, *motors)
+    k_attitude, k_rate = np.array([5.0, 30.0]), np.array([8.0, 14.0, 22.0])
+    found = linear_map(scenario, "attitude", k_attitude, k_rate)
+    np.testing.assert_array_equal(found.stable, [[True] * 3, [False] * 3])
+    plant = mapped_plant(scenario, "attitude")
+    assert plant.period == 0.0025
+    driven = with_autopilot_gains(scenario, {"k_attitude": (4.0, 5.0, 4.0), "k_rate": (12.0, 22.0, 10.0)})
+    multipliers = closed_loop(driven).system.poles()
+    poles = plant.with_feedback(np.array([[5.0 * 22.0, 22.0]])).poles()
+    assert len(poles) == 3
+    for pole in poles**8:
+        assert np.abs(multipliers - pole).min() < 1e-6
+    assert found.size[0, 2] == pytest.approx(np.abs(poles).max(), rel=1e-9)
+
+
+def test_on_board_the_edge_of_stability_of_the_attitude_is_that_of_routh(onboard):
+    """Of s² (T s + 1) + k_rate (1 - s h / 2) (s + k_attitude): a lag of the rotors, and a hold that delays by h / 2."""
+    lag, hold = 0.05, 0.0025
+    for k_rate in (4.0, 30.0):
+        rest = 1.0 - 0.5 * k_rate * hold
+        edge = rest / (lag + 0.5 * hold * rest)
+        found = linear_map(onboard(), "attitude", edge * np.array([0.998, 1.002]), np.array([k_rate, 50.0]))
+        np.testing.assert_array_equal(found.stable[:, 0], [True, False])
+
+
+@pytest.mark.slow
+def test_each_place_of_the_flown_map_on_board_is_a_flight_of_its_own(onboard):
+    short = ["duration=2", "crash.position_error=0.5"]
+    k_attitude, k_rate = np.array([5.0, 60.0]), np.array([6.0, 14.0])
+    found = flown_map(onboard(*short), "attitude", k_attitude, k_rate, sample=3)
+    for i, j in np.ndindex(found.rmse.shape):
+        gains = {"k_attitude": [k_attitude[i]] * 2 + [6.073], "k_rate": [k_rate[j]] * 2 + [12.8]}
+        metrics = simulate(with_autopilot_gains(onboard(*short), gains), sample=3).metrics
+        assert found.rmse[i, j] == pytest.approx(metrics.rmse, rel=1e-9)
+        assert found.crash_time[i, j] == metrics.crash_time
+    assert found.crashed.any()
+    assert not found.crashed.all()
+
+
+def test_a_vehicle_that_cannot_hover_has_no_map(onboard):
+    for loop in ("position", "attitude"):
+        with pytest.raises(InputError, match="the rotors cannot hold onboard in hover: they would turn at 545 rad/s"):
+            mapped_plant(onboard("vehicle.mass=5"), loop)
+
+
+def test_an_attitude_that_responds_has_no_gains_to_map(onboard):
+    words = "with laboratory.autopilot of kind response the attitude has no gains that could be mapped"
+    for refused in (mapped_plant, mapped_gains):
+        with pytest.raises(InputError, match=words):
+            refused(onboard(*RESPONSE), "attitude")

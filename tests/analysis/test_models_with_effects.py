@@ -48,6 +48,19 @@ def test_a_trim_balances_all_that_acts(asymmetric_vehicle):
     np.testing.assert_allclose(left, 0.0, atol=1e-9)
 
 
+def test_a_trim_is_at_the_beginning(asymmetric_vehicle):
+    """A payload that is picked up half a second later is not there, nor has one gone that is dropped then."""
+    bare = find_trim(asymmetric_vehicle)
+    later = find_trim(asymmetric_vehicle, effects=Effects(payload=LADEN.payload._replace(picked_up=0.5)))
+    np.testing.assert_allclose(later.rotor_speed, bare.rotor_speed, rtol=1e-9)
+    laden, dropped = (
+        find_trim(asymmetric_vehicle, effects=Effects(payload=payload))
+        for payload in (LADEN.payload, LADEN.payload._replace(dropped=0.5))
+    )
+    np.testing.assert_allclose(dropped.rotor_speed, laden.rotor_speed, rtol=1e-9)
+    assert np.abs(laden.rotor_speed - bare.rotor_speed).min() > 1.0
+
+
 @pytest.mark.parametrize("effects", [LADEN, LADEN._replace(payload=None, slung_load=SLUNG)], ids=["laden", "slung"])
 def test_a_model_in_flight_against_differences(asymmetric_vehicle, effects):
     velocity, wind = (2.0, 1.0, -0.5), (1.0, -2.0, 0.3)

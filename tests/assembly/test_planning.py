@@ -4,7 +4,13 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario, simulate
-from drake_quad.assembly.planning import plan_route
+from drake_quad.assembly.planning import (
+    flight_duration,
+    nominal_parameters,
+    plan_demand,
+    plan_route,
+    planned_parameters,
+)
 from drake_quad.errors import InputError
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.trajectory_files import save_plan
@@ -125,3 +131,61 @@ def test_a_yaw_that_turns_too_fast_for_the_rotors_is_refused(slalom):
     route = f"{{kind: waypoints, waypoints: {waypoints}, heading: waypoints, times: [0, 0.8]}}"
     with pytest.raises(InputError, match="the rotors cannot fly this route"):
         plan_route(slalom("route=" + route, "route.corridors=null", "route.space=null"))
+
+
+@pytest.mark.parametrize(
+    ("overrides", "limit"),
+    [
+        ([], None),
+        (["nominal.motors.curve=[0.0, 0.3, 1.36]"], 200.49),  # 1.66 N of 1.668 N in hover
+        (["nominal.motors.curve=[0.0, 0.3, 1.38]"], None),
+        (["nominal.motors.curve=[1.68, 0.3, 2.0]"], 201.69),
+        (["nominal.motors.curve=[1.66, 0.3, 2.0]"], None),
+        (["nominal.max_rotor_speed=200"], 200.0),
+        (["nominal.min_rotor_speed=202"], 202.0),
+    ],
+)
+def test_a_plan_keeps_to_the_narrower_limits_of_rotors_and_throttles(diagrams, overrides, limit):
+    """In hover, where each rotor of the paper's vehicle gives m g / 4 = 1.668 N at 200.95 rad/s."""
+    curve = "nominal.motors={kind: throttle, curve: [0.1, 0.3, 3.0]}"
+    mission = load_mission(diagrams / "hover.yaml", [curve, *overrides])
+    if limit is None:
+        plan_route(mission)
+        return
+    with pytest.raises(InputError, match=r"rotor 1 would have to turn at 201 rad/s, but its limit") as refused:
+        plan_route(mission)
+    of_throttle = "" if limit in (200.0, 202.0) else ", that of the throttle"
+    assert str(refused.value).endswith(f"but its limit is {limit:.0f} rad/s{of_throttle}")
+
+
+def test_full_throttle_is_a_speed_by_the_mean_thrust_factor(diagrams):
+    places = [((0.2, 0.1), "clockwise", 4e-5), ((-0.1, -0.2), "anticlockwise", 4.4e-5)]
+    places += [((-0.2, -0.1), "clockwise", 4.1e-5), ((0.1, 0.2), "anticlockwise", 3.9e-5)]
+    rotors = [
+        f"{{position: [{x}, {y}, 0], turns: {turns}, thrust_factor: {factor}}}" for (x, y), turns, factor in places
+    ]
+    layout = f"nominal.layout={{kind: rotors, rotors: [{', '.join(rotors)}]}}"
+    mission = load_mission(diagrams / "hover.yaml", [layout, "nominal.motors={kind: throttle, curve: [0.2, 0.5, 2.3]}"])
+    planned, mean = planned_parameters(mission), 4.1e-5
+    assert planned == nominal_parameters(mission)._replace(
+        min_rotor_speed=pytest.approx(np.sqrt(0.2 / mean)), max_rotor_speed=pytest.approx(np.sqrt(3.0 / mean))
+    )
+
+
+def test_a_plan_that_goes_up_and_down_asks_for_weight_and_acceleration(diagrams):
+    """z = 0.3 sin(2π t / 3) by rotors that are alike: 4 b ω² = m (g + z̈), and ω of all four."""
+    route = "{kind: lissajous, centre: [0, 0, 1], amplitude: [0, 0, 0.3], turns: [0, 0, 1], period: 3, laps: 2}"
+    mission = load_mission(diagrams / "hover.yaml", [f"route={route}"])
+    plan, parameters = plan_route(mission), nominal_parameters(mission)
+    times = np.linspace(0.0, 6.0, 61)
+    thrust = 0.68 * (9.81 + evaluate(plan.path, times, 2)[2])
+    assert np.ptp(thrust) > 1.5
+    speeds = np.array(plan_demand(plan, parameters, times).rotor_speed)
+    np.testing.assert_allclose(speeds, np.sqrt(thrust / (4.0 * 4.13e-5)) * np.ones((4, 1)), rtol=1e-9)
+
+
+def test_a_flight_takes_whole_ticks_of_the_control(diagrams):
+    """Of 20 ms, though the vehicle steps and is seen every 10 ms."""
+    for wanted, duration in ((0.05, 0.06), (0.06, 0.06), (0.061, 0.08)):
+        scenario = load_scenario(diagrams / "hover.yaml", [f"duration={wanted}"])
+        assert flight_duration(scenario, plan_route(scenario)) == pytest.approx(duration, rel=1e-12)

@@ -29,7 +29,7 @@ from tqdm import tqdm
 OUTPUT = ROOT / "out" / "mutants"
 PACKAGES = (
     "vehicle", "control", "laboratory", "reference", "analysis", "studies", "replication", "randomness", "assembly",
-    "framework",
+    "framework", "compilation", "flight", "scenario",
 )  # fmt: skip
 # What writes and draws a report is looked at, not computed with; what speaks to a cluster is tested by processes of its
 # own.
@@ -59,7 +59,9 @@ def main() -> int:
     parser.add_argument("--number", default="500", help="of mutants, drawn evenly over the lines; or all")
     parser.add_argument("--seed", type=int, default=0, help="of the draw")
     parser.add_argument("--processes", type=int, default=os.cpu_count())
-    parser.add_argument("--only", default="", help="mutants of the files whose path begins so, from drake_quad/ on")
+    parser.add_argument(
+        "--only", nargs="+", default=[""], help="mutants of the files whose paths begin so, from drake_quad/ on"
+    )
     arguments = parser.parse_args()
     if sys.version_info < (3, 12):
         print("a mutation run needs Python 3.12 or newer, which tells what lines a test runs", file=sys.stderr)
@@ -85,12 +87,12 @@ def main() -> int:
     return report(sorted(results, key=lambda result: (result[0], result[1].line)))
 
 
-def drawn(number: str, seed: int, only: str) -> list[tuple[str, Mutant]]:
+def drawn(number: str, seed: int, only: list[str]) -> list[tuple[str, Mutant]]:
     """So many mutants: one of each line, lines in disorder, then another one of each."""
     generator, by_line = random.Random(seed), defaultdict(list)
     for package in PACKAGES:
         for path in sorted(Path("drake_quad", package).rglob("*.py")):
-            if str(path).startswith(only) and str(path.relative_to("drake_quad")) not in LEFT_OUT:
+            if str(path).startswith(tuple(only)) and str(path.relative_to("drake_quad")) not in LEFT_OUT:
                 for mutant in mutants_of(path.read_text()):
                     by_line[str(path), mutant.line].append((str(path), mutant))
     lines = [generator.sample(mutants, len(mutants)) for _, mutants in sorted(by_line.items())]

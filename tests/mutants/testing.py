@@ -96,7 +96,7 @@ class Plugin:
         self.lines.clear()
         if self.chosen is None:
             # Every test shall be seen to run the formulas that it needs, of which machine code may be there.
-            sys.modules["drake_quad.framework.formulas"].kernel.cache_clear()
+            sys.modules["drake_quad.framework.formulas"]._kernels.clear()
             sys.monitoring.restart_events()
         else:
             limit_time(item.nodeid, 10.0 * self.chosen[item.nodeid] + LEAST)
@@ -142,7 +142,9 @@ def note(file: str) -> tuple[dict[str, Test], list[str]]:
     for module in pkgutil.walk_packages([str(ROOT / "drake_quad")], "drake_quad."):
         importlib.import_module(module.name)
     plugin.note_lines()
-    run_pytest(plugin, file)
+    status = run_pytest(plugin, file)
+    if status not in (pytest.ExitCode.OK, pytest.ExitCode.TESTS_FAILED, pytest.ExitCode.NO_TESTS_COLLECTED):
+        raise RuntimeError(f"the tests of {file} do not run: pytest ends with status {status}")
     return plugin.noted, plugin.failed
 
 

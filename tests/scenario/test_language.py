@@ -57,6 +57,26 @@ def test_the_schema_finds_what_is_wrong(wrong):
     assert complaints(wrong)
 
 
+DRAWN = "{uniform: {min: 0.1, max: 0.2}}"
+PLACE = "{position: [X, 0.1, 0], turns: clockwise, drag_factor: 0.1}"
+
+
+@pytest.mark.parametrize(
+    "field",
+    [
+        *("mass: X", "arm_length: X", "inertia: [0.1, X, 0.2]", "motors: {kind: throttle, curve: [0.0, X, 2.0]}"),
+        *(f"layout: {{kind: {kind}, length: X, width: 0.1}}" for kind in ("plus", "x", "h")),
+        *(f"layout: {{kind: {kind}, length: 0.1, width: X}}" for kind in ("plus", "x", "h")),
+        f"layout: {{kind: rotors, rotors: [{PLACE}, {PLACE}, {PLACE}, {PLACE}]}}",
+    ],
+)
+def test_the_schema_has_numbers_alone_in_what_is_believed(field):
+    """Distributions are for the vehicle as it is."""
+    assert complaints(f"a: {{nominal: {{{field.replace('X', '0.15')}}}}}") == []
+    assert complaints(f"a: {{vehicle: {{{field.replace('X', DRAWN)}}}}}") == []
+    assert complaints(f"a: {{nominal: {{{field.replace('X', DRAWN)}}}}}") != []
+
+
 def test_every_field_is_on_the_page():
     page = language_page()
     fields = set(re.findall(r"^\| `(\w+)` \|", page, re.MULTILINE))

@@ -8,7 +8,7 @@ import pytest
 from ruamel.yaml import YAML
 
 from drake_quad.errors import InputError
-from drake_quad.scenario import Scenario, distributions_in, load_scenario, load_undesigned
+from drake_quad.scenario import Scenario, distributions_in, load_scenario, load_undesigned, save_scenario
 from drake_quad.scenario.layouts import rotors_of
 
 BODY = """\
@@ -327,6 +327,27 @@ def test_an_arm_length_that_agrees_with_the_layout_may_stand_beside_it(write):
     refusal(write, text.replace("0.1401", "0.1435"))
     refusal(write, text.replace("0.1401", "0.1395"))
     assert load_scenario(write(text.replace("arm_length: 0.1401, ", ""))).nominal.arm_length == 0.17
+
+
+@pytest.mark.parametrize(
+    ("nominal", "vehicle", "arms"),
+    [
+        ("layout: {kind: x, length: 0.2, width: 0.24}", "mass: 0.7", (False, False)),
+        ("layout: {kind: plus, length: 0.2, width: 0.24}, arm_length: 0.11", "mass: 0.7", (False, False)),
+        (f"layout: {rotors()}", "mass: 0.7", (False, False)),
+        ("layout: {kind: x}, arm_length: 0.2", "layout: {kind: h, length: 0.2, width: 0.3}", (True, False)),
+        ("layout: {kind: h, length: 0.2, width: 0.3}", "layout: {kind: plus}, arm_length: 0.21", (False, True)),
+    ],
+)
+def test_a_saved_layout_with_distances_has_no_arm_length_and_the_same_rotors(write, tmp_path, nominal, vehicle, arms):
+    scenario = load_scenario(write(f"a:\n{BODY}  nominal: {{{nominal}}}\n  vehicle: {{{vehicle}}}\n"))
+    save_scenario(scenario, tmp_path / "saved.yaml")
+    saved = YAML(typ="safe").load(tmp_path / "saved.yaml")["a"]
+    assert ("arm_length" in saved["nominal"], "arm_length" in saved["vehicle"]) == arms
+    again = load_scenario(tmp_path / "saved.yaml")
+    assert again.model_dump() == scenario.model_dump()
+    for name in ("nominal", "vehicle"):
+        assert rotors_of(getattr(again, name)) == rotors_of(getattr(scenario, name))
 
 
 def test_rotors_are_where_the_layout_says(write):

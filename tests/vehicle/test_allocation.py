@@ -202,3 +202,25 @@ def test_what_little_room_is_left_is_given_whole():
     speeds, shortfall = allocate(wrench, ROTORS)
     np.testing.assert_allclose(np.square(speeds), level + np.array([0.0, -roll, 0.0, roll]), atol=1e-6)
     np.testing.assert_allclose(shortfall, 0.0, atol=1e-12)
+
+
+@both_ways
+@pytest.mark.parametrize("sign", [1.0, -1.0])
+def test_a_demand_that_is_small_is_held_to_what_little_room_there_is(allocate, sign):
+    """A tenth of a squared rad/s below the top; of half of one, which roll asks for, a fifth fits."""
+    level, roll = 300.0**2 - 0.1, sign * 0.5
+    tau_x = 2.0 * 4.13e-5 * 0.17 * roll
+    speeds, shortfall = allocate(Wrench(4.0 * 4.13e-5 * level, tau_x, 0.0, 0.0), ROTORS)
+    assert shortfall.tau_x == pytest.approx(0.8 * tau_x, rel=1e-6)
+    np.testing.assert_allclose(np.square(speeds), level + np.array([0.0, -0.2, 0.0, 0.2]) * roll, atol=1e-6)
+
+
+@pytest.mark.slow
+@both_ways
+def test_no_rounding_takes_a_rotor_below_its_limit(allocate):
+    """Nor the square of a speed below zero, where the root is not a number."""
+    for low in (0.0, 60.0):
+        rotors, rng = RotorModel.of(TABLE_I._replace(min_rotor_speed=low)), np.random.default_rng(3)
+        for _ in range(3000):
+            speeds, _ = allocate(Wrench(*rng.normal(size=4) * [10.0, 3.0, 3.0, 0.3]), rotors)
+            assert min(speeds) >= low

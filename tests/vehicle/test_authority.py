@@ -55,6 +55,35 @@ def test_of_several_vehicles_any_counts():
     assert missing_direction(layout(places, one_way)).startswith("yaw torque without thrust")
 
 
+def test_one_of_several_vehicles_whose_rotors_are_all_in_the_middle_counts():
+    arm = np.array([0.2, 0.0])
+    places = ((arm, -arm), (-arm, -arm), (-arm, arm), (arm, arm))
+    assert missing_direction(layout(places)) == "roll and pitch torque, since its rotors are all in the middle"
+
+
+def test_yaw_is_by_drag_factor_over_thrust_factor():
+    """With d / b of 1, 2, 1, 2 and neighbours that turn one way, yaw torque cannot be had without other torques."""
+    turns, thrust_factors, ratios = (1.0, 1.0, -1.0, -1.0), (4e-5, 4e-5, 8e-5, 4e-5), (0.02, 0.04, 0.02, 0.04)
+    rotors = Rotors(
+        *(
+            Rotor(x, y, 0.0, turn, b, b * r)
+            for (x, y), turn, b, r in zip(SQUARE, turns, thrust_factors, ratios, strict=True)
+        )
+    )
+    assert missing_direction(rotors).startswith("yaw torque without")
+
+
+@pytest.mark.parametrize(("share", "stands"), [(1e-10, True), (-1e-10, True), (1e-8, False), (-1e-8, False)])
+def test_a_rotor_that_carries_next_to_nothing_stands_still(share, stands):
+    """In a plus of arms of 0.2 m whose rotors 2 and 4 are e in front of the middle, rotor 1 carries (0.2 - e) / 0.8."""
+    e = 0.2 - 0.8 * (0.5 * share)
+    flaw = hover_flaw(layout([(0.2, 0.0), (e, -0.2), (-0.2, 0.0), (e, 0.2)]), min_speed=0.0, max_speed=300.0)
+    if stands:
+        assert flaw == "rotor 1 would have to stand still"
+    else:
+        assert flaw == (None if share > 0.0 else "rotor 1 would have to push down")
+
+
 def test_three_rotors_of_four_that_turn_one_way_cannot_hover():
     """Without yaw torque, the one that turns the other way must carry half of the weight, and so must its opposite."""
     rotors = layout(SQUARE, (1.0, 1.0, 1.0, -1.0))
@@ -73,3 +102,12 @@ def test_a_rotor_that_hovers_below_idle_beside_another_at_its_top_is_a_flaw():
     assert hover_flaw(uneven, min_speed=60.0, max_speed=300.0) is None
     flaw = hover_flaw(uneven, min_speed=60.0, max_speed=150.0)
     assert flaw.startswith("rotor 1 would have to turn 0.38 times as fast as the fastest")
+
+
+def test_the_rotor_that_would_have_to_be_too_slow_is_named():
+    """Of a plus whose right rotor is eight times as far out as the left one."""
+    rotors = layout([(0.2, 0.0), (0.0, -0.8), (-0.2, 0.0), (0.0, 0.1)])
+    assert hover_flaw(rotors, min_speed=60.0, max_speed=300.0) is None
+    assert hover_flaw(rotors, min_speed=150.0, max_speed=300.0).startswith(
+        "rotor 2 would have to turn 0.35 times as fast"
+    )

@@ -51,6 +51,13 @@ def test_the_wrench_is_that_of_two_proportional_loops():
     np.testing.assert_array_equal(thrust_alone(TARGET), [6.6, 0.0, 0.0, 0.0])
 
 
+def test_senses_of_which_nothing_is_said_are_right():
+    numbers = AutopilotNumbers(NUMBERS.k_attitude, NUMBERS.k_rate, NUMBERS.inertia)
+    noise = SensorNoise(0.7, -1.2, 0.4, 1.1, -0.3, 0.9)
+    assert autopilot_law(TARGET, STATE, noise, numbers) == autopilot_law(TARGET, STATE, None, numbers)
+    assert numbers.gyroscope.bias == numbers.initial[1:] == (0.0, 0.0, 0.0)
+
+
 def test_a_target_and_a_state_are_taken_at_an_instant_and_the_wrench_is_held():
     autopilot = AttitudeAutopilot(period=0.005, numbers=NUMBERS)
     simulator = Simulator(autopilot)

@@ -110,6 +110,21 @@ def test_against_forces_at_their_points(asymmetric_vehicle, name):
     assert moved > 0.1, "the effect must have done something"
 
 
+def test_numbers_that_are_not_given_do_nothing(asymmetric_vehicle):
+    effects = Effects(BodyDrag(), RotorAerodynamics())
+    vehicle, context = continuous(asymmetric_vehicle, effects)
+    bare, bare_context = continuous(asymmetric_vehicle, Effects())
+    for sample in samples(20, seed=5):
+        assert_close(slope(vehicle, context, sample), slope(bare, bare_context, sample))
+
+
+def test_an_effect_without_numbers_is_refused():
+    with pytest.raises(ValueError, match="the effect body_drag has no numbers"):
+        Quadrotor(
+            effects=("ground_effect", "body_drag"), numbers=QuadrotorNumbers(effects=Effects(ground_effect=GROUND))
+        )
+
+
 @pytest.mark.parametrize("name", ["body drag", "rotor aerodynamics"])
 def test_drag_only_dissipates_in_still_air(asymmetric_vehicle, name):
     """Forces in the middle, which do no work on the turning; without lift, which comes out of the rotors' power."""

@@ -109,9 +109,10 @@ def test_a_wrong_belief_of_the_curve_is_a_wrong_thrust(asymmetric_vehicle):
     assert np.abs(np.subtract(commanded, wanted)).min() > 1.0
 
 
-def test_the_system_allocates_throttles():
-    model = ThrottleModel.of(QuadrotorParameters(), RISING[0])
-    system = ThrottleAllocation(numbers=model)
+@pytest.mark.parametrize("paired", [False, True])
+def test_the_system_allocates_throttles(asymmetric_vehicle, paired):
+    model = ThrottleModel.of(QuadrotorParameters() if paired else asymmetric_vehicle, RISING[0])
+    system = ThrottleAllocation(paired=paired, numbers=model)
     context = system.CreateDefaultContext()
     wrench = Wrench(6.0, 0.01, 0.02, 0.001)
     system.GetInputPort("wrench").FixValue(context, wrench)

@@ -14,7 +14,7 @@ from drake_quad.vehicle.rotors import Rotors
 from drake_quad.visualization.replay.live import LiveView
 from drake_quad.visualization.replay.page import save_replay, save_swarm
 from drake_quad.visualization.replay.scene import local_meshcat
-from drake_quad.visualization.replay.shapes import draw_quadrotor, quadrotor_mesh, rotor_poses, turned_by
+from drake_quad.visualization.replay.shapes import Frame, draw_quadrotor, quadrotor_mesh, rotor_poses, turned_by
 
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on PATH; Debian's package is chromium")
 
@@ -137,10 +137,33 @@ def test_rotors_are_drawn_where_they_are():
     np.testing.assert_allclose(places[:, :2], [[0.05, -0.04], [-0.05, -0.04], [-0.05, 0.04], [0.05, 0.04]])
     assert list(np.sign(turned_by(rotors, RotorSpeed(*[200.0] * 4), 0.01))) == [1.0, -1.0, 1.0, -1.0]
     meshcat = local_meshcat()
-    draw_quadrotor(meshcat, "/x", rotors, "black")
+    frame = Frame(rotors, (np.zeros(3),) * 4)
+    draw_quadrotor(meshcat, "/x", frame, "black")
     assert [meshcat.HasPath(f"/x/nose_{number}") for number in (1, 2, 3, 4)] == [True, False, False, True]
-    corners = np.array(quadrotor_mesh(rotors).vertices())
+    corners = np.array(quadrotor_mesh(frame).vertices())
     assert np.abs(corners[:, 1]).max() < 0.04 + 0.5 * 0.08
+
+
+def test_an_h_is_drawn_as_an_h():
+    """Two bars from front to back and one across; an x with the same rotors has four arms from its middle."""
+    layout = "nominal.layout={{kind: {}, length: 0.2, width: 0.3}}"
+    frames = {
+        kind: Frame.of(load_scenario("diagrams/hover.yaml", [layout.format(kind)]).vehicle) for kind in ("h", "x")
+    }
+    assert frames["h"].rotors == frames["x"].rotors
+    assert not np.any(frames["x"].roots)
+    np.testing.assert_array_equal(frames["h"].roots, [[0, -0.15, 0], [0, -0.15, 0], [0, 0.15, 0], [0, 0.15, 0]])
+    meshcat = local_meshcat()
+    for kind, frame in frames.items():
+        draw_quadrotor(meshcat, f"/{kind}", frame, "black")
+        arms = [meshcat.HasPath(f"/{kind}/{name}") for name in ("crossbar_1", "crossbar_2", "crossbar_3", "arm_4")]
+        assert arms == [kind == "h", kind == "h", False, True]
+        mesh = quadrotor_mesh(frame)
+        corners = np.array(mesh.vertices())
+        middles = np.array([corners[[part.vertex(i) for i in range(3)]].mean(axis=0) for part in mesh.triangles()])
+        bars = middles[np.abs(middles[:, 2]) < 0.01]
+        on_sides, across = np.abs(np.abs(bars[:, 1]) - 0.15) < 0.01, np.abs(bars[:, 0]) < 0.01
+        assert (on_sides | across).all() == (kind == "h")
 
 
 def test_a_live_view_shows_where_the_vehicle_is():

@@ -10,12 +10,12 @@ from pydrake.systems.framework import Context, EventStatus
 
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Scenario, draw_sample
-from drake_quad.scenario.layouts import rotors_of
 from drake_quad.signals import SIGNALS, Reference, RotorSpeed, State, Wind
 from drake_quad.visualization.places import places
 from drake_quad.visualization.replay.scene import draw_surroundings, wind_blows_elsewhere
 from drake_quad.visualization.replay.shapes import (
     TRAIL_PIECE,
+    Frame,
     draw_arrow,
     draw_quadrotor,
     draw_trail_piece,
@@ -43,9 +43,10 @@ class LiveView:
 
     def __init__(self, meshcat: Meshcat, scenario: Scenario, plan: Plan) -> None:
         flown = draw_sample(scenario, scenario.sample or 0)
-        self._meshcat, self._rotors = meshcat, rotors_of(flown.vehicle)
+        frame = Frame.of(flown.vehicle)
+        self._meshcat, self._rotors = meshcat, frame.rotors
         draw_surroundings(meshcat, scenario, plan, np.empty((0, 3)))
-        draw_quadrotor(meshcat, _WHERE, self._rotors, BLACK)
+        draw_quadrotor(meshcat, _WHERE, frame, BLACK)
         meshcat.SetObject("/reference/point", Sphere(0.04))
         self._shows_wind = wind_blows_elsewhere(scenario)
         if self._shows_wind:

@@ -13,13 +13,13 @@ from pydrake.math import RigidTransform
 
 from drake_quad.files import write_text
 from drake_quad.flight import Flight
-from drake_quad.scenario.layouts import rotors_of
 from drake_quad.signals import RotorSpeed, State, Wind
 from drake_quad.visualization.places import places
 from drake_quad.visualization.replay.scene import draw_surroundings, local_meshcat, wind_blows_elsewhere
 from drake_quad.visualization.replay.shapes import (
     ERRORS,
     TRAIL_PIECE,
+    Frame,
     draw_arrow,
     draw_quadrotor,
     draw_trail_piece,
@@ -93,7 +93,7 @@ def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
             crashed = bool(flight.metrics.crashed)
             body = rgba(_RED) if crashed else rgba(colors[name], 0.6)
             where = f"/{_key(name)}/{number}"
-            meshcat.SetObject(f"{where}/body", quadrotor_mesh(rotors_of(flight.scenario.vehicle)), body)
+            meshcat.SetObject(f"{where}/body", quadrotor_mesh(Frame.of(flight.scenario.vehicle)), body)
             for frame, tick in _frames(flight, SWARM_FRAMES_PER_SECOND, last):
                 animation.SetTransform(frame, where, pose_of(State(*flight["state"][tick])))
             line = places(flight.record("state"))[:: max(len(flight.time) // 150, 1)].T
@@ -120,15 +120,15 @@ def _seen(flight: Flight) -> Flight:
 def _animate_vehicle(
     meshcat: Meshcat, animation: MeshcatAnimation, where: str, flight: Flight, color: str, last: int
 ) -> None:
-    rotors = rotors_of(flight.scenario.vehicle)
-    draw_quadrotor(meshcat, where, rotors, color)
+    body = Frame.of(flight.scenario.vehicle)
+    draw_quadrotor(meshcat, where, body, color)
     frames = _frames(flight, FRAMES_PER_SECOND, last)
     angles = np.zeros(4)
     for frame, tick in frames:
         animation.SetTransform(frame, where, pose_of(State(*flight["state"][tick])))
-        for number, pose in enumerate(rotor_poses(rotors, angles), start=1):
+        for number, pose in enumerate(rotor_poses(body.rotors, angles), start=1):
             animation.SetTransform(frame, f"{where}/rotor_{number}", pose)
-        angles += turned_by(rotors, RotorSpeed(*flight["rotor_speed"][tick]), 1.0 / FRAMES_PER_SECOND)
+        angles += turned_by(body.rotors, RotorSpeed(*flight["rotor_speed"][tick]), 1.0 / FRAMES_PER_SECOND)
     if _blows_unseen(flight):
         draw_arrow(meshcat, f"{where}_wind/arrow")
         for frame, tick in frames:

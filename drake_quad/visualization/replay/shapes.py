@@ -2,6 +2,7 @@
 
 from collections.abc import Sequence
 from itertools import combinations
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib import colormaps
@@ -10,6 +11,7 @@ from pydrake.geometry import Box, Cylinder, Meshcat, Rgba, Sphere, SurfaceTriang
 from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from drake_quad.laboratory.wind.fans import SPREAD, Jet
+from drake_quad.scenario.layouts import rotors_of
 from drake_quad.signals import RotorSpeed, State, Wind
 from drake_quad.vehicle.rotors import Rotors
 from drake_quad.visualization.places import places
@@ -33,6 +35,30 @@ ERRORS = colormaps["viridis"]
 _FRONT = 0.5
 # Radius of a propeller over the distance of the nearest rotors, at most: they do not touch.
 _ROOM = 0.48
+
+
+class Frame(NamedTuple):
+    """What a quadrotor is drawn of.
+
+    Attributes:
+        rotors: 1 to 4.
+        roots: (3,) where the arm of each begins in B, m: in the middle, or on the crossbar of an h.
+    """
+
+    rotors: Rotors
+    roots: tuple[np.ndarray, ...]
+
+    @classmethod
+    def of(cls, vehicle: Any) -> "Frame":
+        """The frame of a scenario's vehicle: an h has a bar on each side, and one across; others have four arms."""
+        rotors = rotors_of(vehicle)
+        has_sides = vehicle.layout.kind == "h"
+        return cls(rotors, tuple(np.array([0.0, rotor.y if has_sides else 0.0, 0.0]) for rotor in rotors))
+
+    @property
+    def crossbars(self) -> list[np.ndarray]:
+        """(3,) where the bars from the middle end, m."""
+        return [np.array(end) for end in dict.fromkeys(map(tuple, self.roots)) if any(end)]
 
 
 def rgba(color: str, opacity: float = 1.0) -> Rgba:
@@ -88,22 +114,20 @@ def _propeller_radius(rotors: Rotors) -> float:
     return min(_PROPELLER, _ROOM * min(float(np.linalg.norm(a - b)) for a, b in pairs))
 
 
-def draw_quadrotor(meshcat: Meshcat, path: str, rotors: Rotors, color: str) -> None:
+def draw_quadrotor(meshcat: Meshcat, path: str, frame: Frame, color: str) -> None:
     """Draws a quadrotor in the frame `path`; its rotors turn in the frames `path`/rotor_1 to `path`/rotor_4.
 
     Its front is orange; the blades that turn clockwise are blue, the others light blue.
     """
-    width, height = _ARM
+    rotors, middle = frame.rotors, np.zeros(3)
     radius, foremost = _propeller_radius(rotors), max(rotor.x for rotor in rotors)
     meshcat.SetObject(f"{path}/hub", Cylinder(0.45 * radius, 0.04), rgba(color))
+    for number, end in enumerate(frame.crossbars, start=1):
+        _draw_arm(meshcat, f"{path}/crossbar_{number}", middle, end, color)
     for number, (rotor, place) in enumerate(zip(rotors, _rotor_places(rotors), strict=True), start=1):
         foot = place - [0.0, 0.0, _ROTOR_HEIGHT]
         in_front = rotor.x > 0.0 and rotor.x >= _FRONT * foremost
-        length = float(np.linalg.norm(foot))
-        if length > 0.0:
-            meshcat.SetObject(f"{path}/arm_{number}", Box(length, width, height), rgba(ORANGE if in_front else color))
-            along = RotationMatrix.MakeFromOneVector(foot, 0)
-            meshcat.SetTransform(f"{path}/arm_{number}", RigidTransform(along, 0.5 * foot))
+        _draw_arm(meshcat, f"{path}/arm_{number}", frame.roots[number - 1], foot, ORANGE if in_front else color)
         if in_front:
             meshcat.SetObject(f"{path}/nose_{number}", Sphere(0.022), rgba(ORANGE))
             meshcat.SetTransform(f"{path}/nose_{number}", RigidTransform(foot))
@@ -116,10 +140,22 @@ def draw_quadrotor(meshcat: Meshcat, path: str, rotors: Rotors, color: str) -> N
         meshcat.SetTransform(f"{path}/rotor_{number}", RigidTransform(place))
 
 
-def quadrotor_mesh(rotors: Rotors) -> TriangleSurfaceMesh:
+def _draw_arm(meshcat: Meshcat, path: str, start: np.ndarray, end: np.ndarray, color: str) -> None:
+    """Draws an arm between two points in B, unless they are the same."""
+    along = end - start
+    length = float(np.linalg.norm(along))
+    if length > 0.0:
+        meshcat.SetObject(path, Box(length, *_ARM), rgba(color))
+        turn = RotationMatrix.MakeFromOneVector(along, 0)
+        meshcat.SetTransform(path, RigidTransform(turn, 0.5 * (start + end)))
+
+
+def quadrotor_mesh(frame: Frame) -> TriangleSurfaceMesh:
     """A quadrotor as a single mesh of few triangles, for scenes with hundreds of them."""
+    rotors, middle = frame.rotors, np.zeros(3)
     feet = [np.array([rotor.x, rotor.y, rotor.z]) for rotor in rotors]
-    parts = [_bar(foot) for foot in feet if np.hypot(*foot[:2]) > 0.0]
+    bars = [*((middle, end) for end in frame.crossbars), *zip(frame.roots, feet, strict=True)]
+    parts = [_bar(start, end) for start, end in bars if np.hypot(*(end - start)[:2]) > 0.0]
     angles = np.linspace(0.0, 2.0 * np.pi, 10, endpoint=False)
     rim = _propeller_radius(rotors) * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
     fan = [(0, i + 1, (i + 1) % len(rim) + 1) for i in range(len(rim))]
@@ -141,7 +177,8 @@ def draw_fan(meshcat: Meshcat, path: str, jet: Jet, reach: float) -> None:
 
 def draw_arrow(meshcat: Meshcat, path: str) -> None:
     """Draws an arrow of 1 m along x, which can be scaled and turned."""
-    meshcat.SetObject(path, _mesh([_bar(np.array([0.8, 0.0, 0.0]), 0.012), _tip()]), rgba(VERMILION))
+    shaft = _bar(np.zeros(3), np.array([0.8, 0.0, 0.0]), 0.012)
+    meshcat.SetObject(path, _mesh([shaft, _tip()]), rgba(VERMILION))
 
 
 def tube(points: np.ndarray, radius: float) -> tuple[np.ndarray, np.ndarray]:
@@ -166,11 +203,13 @@ def pose_of(state: State) -> RigidTransform:
     return RigidTransform(RollPitchYaw(state.roll, state.pitch, state.yaw), places(state))
 
 
-def _bar(end: np.ndarray, half_width: float = 0.009) -> tuple[np.ndarray, list[tuple[int, int, int]]]:
-    """Vertices and triangles of a flat bar from the origin."""
-    aside = half_width * np.cross(end / np.linalg.norm(end), [0.0, 0.0, 1.0])
+def _bar(
+    start: np.ndarray, end: np.ndarray, half_width: float = 0.009
+) -> tuple[np.ndarray, list[tuple[int, int, int]]]:
+    """Vertices and triangles of a flat bar between two points."""
+    aside = half_width * np.cross((end - start) / np.linalg.norm(end - start), [0.0, 0.0, 1.0])
     lift = np.array([0.0, 0.0, half_width])
-    corners = np.array([base + a + b for base in (0.0 * end, end) for a in (-aside, aside) for b in (-lift, lift)])
+    corners = np.array([base + a + b for base in (start, end) for a in (-aside, aside) for b in (-lift, lift)])
     faces = [
         (0, 1, 5),
         (0, 5, 4),

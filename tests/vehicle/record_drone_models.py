@@ -1,0 +1,73 @@
+"""Writes `drone_models.json`: derivatives of Crazyflies by the package drone-models, for `test_drone_models.py`.
+
+In an environment of its own, since the package needs CasADi:
+
+    pip install drone-models==0.1.0
+    python tests/vehicle/record_drone_models.py
+
+Its model `first_principles` (utiasDSL, MIT licence) is evaluated in random states. Numbers of the drones are written as
+they are in its data/params.toml, with rotor speeds in rpm; states and derivatives are in SI units.
+"""
+
+import importlib.metadata
+import json
+import tomllib
+from pathlib import Path
+
+import drone_models
+import numpy as np
+from drone_models.first_principles import dynamics
+from scipy.spatial.transform import Rotation
+
+DRONES = ("cf2x_L250", "cf21B_500")
+NUMBERS = (
+    *("mass", "L", "prop_inertia", "gravity_vec", "J", "rpm2thrust", "rpm2torque", "mixing_matrix", "drag_matrix"),
+    "rotor_dyn_coef",
+)
+NUM_STATES = 25
+RPM = 2.0 * np.pi / 60.0
+
+
+def main() -> None:
+    tables = tomllib.loads((Path(drone_models.__file__).parent / "data" / "params.toml").read_text(encoding="utf-8"))
+    rng = np.random.default_rng(23)
+    drones = {}
+    for drone in DRONES:
+        numbers = {name: tables[drone][name] for name in NUMBERS}
+        drones[drone] = {"numbers": numbers, "samples": [sample(rng, numbers) for _ in range(NUM_STATES)]}
+    record = {"package": f"drone-models {importlib.metadata.version('drone-models')}", "drones": drones}
+    text = json.dumps(record, indent=1).replace("\n     ", "").replace("\n    ]", "]")
+    Path(__file__).with_name("drone_models.json").write_text(text + "\n", encoding="utf-8")
+
+
+def sample(rng: np.random.Generator, numbers: dict) -> dict:
+    """A state, the speeds that rotors are told, and the derivatives."""
+    attitude = rng.uniform(-1.2, 1.2, 3) * [1.0, 1.0, 2.5]
+    velocity, rates = 2.0 * rng.normal(size=3), 5.0 * rng.normal(size=3)
+    speeds, commands = rng.uniform(900.0, 2500.0, (2, 4))
+    arrays = {name: np.array(value) for name, value in numbers.items()}
+    _, _, acceleration, turning, spinning = dynamics(
+        np.zeros(3),
+        Rotation.from_euler("ZYX", attitude[::-1]).as_quat(),
+        velocity,
+        rates,
+        commands / RPM,
+        speeds / RPM,
+        J_inv=np.linalg.inv(arrays["J"]),
+        **arrays,
+    )
+    rows = {
+        "attitude": attitude,
+        "velocity": velocity,
+        "rates": rates,
+        "speeds": speeds,
+        "commands": commands,
+        "acceleration": acceleration,
+        "turning": turning,
+        "spinning": spinning * RPM,
+    }
+    return {name: row.tolist() for name, row in rows.items()}
+
+
+if __name__ == "__main__":
+    main()
