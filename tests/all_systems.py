@@ -165,7 +165,10 @@ RESPONDING = RespondingNumbers(
     VEHICLE, AttitudeResponse(NaturalFrequencies(6.8, 6.4, 3.1), DampingRatios(0.5, 0.7, 1.1))
 )
 SETS = Antecedents(
-    1.4, 0.6, 0.3, FuzzySets(1.8, (-1.0, 0.1, 1.2), (1.1, 0.9, 1.3)), FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4))
+    1.4,
+    0.6,
+    0.3,
+    (FuzzySets(1.8, (-1.0, 0.1, 1.2), (1.1, 0.9, 1.3)), FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4))),
 )
 LIMITS = Limits(0.9, 0.01, 0.02)
 SAMPLES = Samples(3, (5, 6))
@@ -244,6 +247,12 @@ def _cascade() -> Any:
     )
 
 
+def _corrected_pid() -> Any:
+    """With both kinds of corrections, and so all of its ports."""
+    integral = IntegralCorrection(numbers=IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6))
+    return build_position_controller(ProportionalDerivative(numbers=GAINS), integral=integral, takes_correction=True)
+
+
 def _network() -> Any:
     learning = LearningNumbers(initial_weight=0.5)
     return build_fuzzy_network(
@@ -291,7 +300,7 @@ DIAGRAMS: list[tuple[Callable[..., Any], Callable[[], Any]]] = [
     (build_fuzzy_network, _network),
     (build_held_wind, lambda: build_held_wind(Along(), period=0.01)),
     (build_laboratory, _laboratory),
-    (build_position_controller, lambda: build_position_controller(ProportionalDerivative(numbers=GAINS))),
+    (build_position_controller, _corrected_pid),
     (build_wind, _wind),
     (build_reference, lambda: build_reference(Plan.hover([0.0, 0.0, 1.0], duration=1.0), num_vehicles=2)),
 ]

@@ -278,7 +278,7 @@ DEFAULTS = {
     FlightMonitor: {"period": 0.02, "limits": (math.radians(80.0), 5.0, -0.5), "window": (0.0, math.inf)},
     FuzzyRules: {
         "axes": ("x", "y"),
-        "numbers": (1.2, 0.8, 0.5, *[(1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0))] * 2),
+        "numbers": (1.2, 0.8, 0.5, ((1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0)),) * 2),
     },
     Gust: {"period": 0.01},
     SineWind: {"period": 0.01},

@@ -42,7 +42,8 @@ def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
             {"derivative": derivative, "feeds_forward": feeds_forward},
             PdGains(PerAxis(*position.k_p), PerAxis(*position.k_d)),
         ),
-        **_correction(scenario, position, plan),
+        **_integral(position, scenario.laboratory.command_link.period),
+        **_network(fleet.control.network, plan, scenario.laboratory.command_link.period),
         "thrust_vectoring": Recipe(ThrustVectoring, {}, VectoringNumbers(believed.mass, believed.gravity, thrust)),
         **_attitude(fleet.control.attitude, believed.inertia),
     }
@@ -60,18 +61,18 @@ def build_control(
         position_controller: takes the place of the scenario's, for which there are no recipes then.
     """
     systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}
+    network = None
+    if "network.rules" in systems:
+        network = build_fuzzy_network(rules=systems["network.rules"], learning=systems["network.learning"])
     if position_controller is None:
-        correction = None
-        if "position.integral" in systems:
-            correction = systems["position.integral"]
-            correction.set_name("integral")
-        elif "position.network.rules" in systems:
-            correction = build_fuzzy_network(
-                rules=systems["position.network.rules"], learning=systems["position.network.learning"]
-            )
-        position_controller = build_position_controller(systems["position.pd"], correction=correction)
+        position_controller = build_position_controller(
+            systems["position.pd"],
+            integral=systems.get("position.integral"),
+            takes_correction=network is not None,
+        )
     return build_cascade(
         position=position_controller,
+        network=network,
         thrust_vectoring=systems["thrust_vectoring"],
         attitude=systems.get("attitude"),
         feed_forward=scenario.control.position.feed_forward,
@@ -91,20 +92,19 @@ def _attitude(gains: Any, inertia: Inertia) -> dict[str, Recipe]:
     return {"attitude": Recipe(AttitudeController, {}, numbers)}
 
 
-def _correction(scenario: Scenario, position: Any, plan: Plan) -> dict[str, Recipe]:
-    """What is subtracted from a position controller's PD, if anything is."""
-    period = scenario.laboratory.command_link.period
-    match position.kind:
-        case "pid":
-            gains = IntegralGains(PerAxis(*position.k_i), position.integral_limit)
-            return {"position.integral": Recipe(IntegralCorrection, {"period": period}, gains)}
-        case "pd_t1fnn" | "pd_t2fnn":
-            return _network(position, plan, period)
-    return {}
+def _integral(position: Any, period: float) -> dict[str, Recipe]:
+    """The integral of a position controller, if it has one."""
+    if position.kind != "pid":
+        return {}
+    gains = IntegralGains(PerAxis(*position.k_i), position.integral_limit)
+    return {"position.integral": Recipe(IntegralCorrection, {"period": period}, gains)}
 
 
-def _network(position: Any, plan: Plan, period: float) -> dict[str, Recipe]:
-    learning, sets = position.learning, antecedents(position)
+def _network(network: Any, plan: Plan, period: float) -> dict[str, Recipe]:
+    """The network around a position controller, if there is one."""
+    if network is None:
+        return {}
+    learning, sets = network.learning, antecedents(network)
     law: Any
     match learning.kind:
         case "covariance":
@@ -115,7 +115,7 @@ def _network(position: Any, plan: Plan, period: float) -> dict[str, Recipe]:
             law = SignLaw(learning.rate, learning.initial_slope)
     limit = math.inf if learning.weight_limit is None else learning.weight_limit
     resets = learning.kind == "covariance" and learning.reset == "at_segments"
-    axes = tuple([axis for axis in ("x", "y", "z") if axis in position.axes])
+    axes = tuple([axis for axis in ("x", "y", "z") if axis in network.axes])
     numbers = LearningNumbers(
         slope=0.0 if learning.kind == "sign" else learning.slope,
         law=law,
@@ -129,14 +129,16 @@ def _network(position: Any, plan: Plan, period: float) -> dict[str, Recipe]:
         "reset_times": tuple(plan.leg_times[1:]) if resets else (),
     }
     return {
-        "position.network.rules": Recipe(FuzzyRules, {"axes": axes}, sets),
-        "position.network.learning": Recipe(WeightLearning, structure, numbers),
+        "network.rules": Recipe(FuzzyRules, {"axes": axes}, sets),
+        "network.learning": Recipe(WeightLearning, structure, numbers),
     }
 
 
-def antecedents(position: Any) -> Antecedents:
-    """The antecedents of the network of a position controller of a scenario, or of a `FleetScenario`."""
-    network = position.network
-    inputs = (FuzzySets(sets.scale, tuple(sets.centres), tuple(sets.widths)) for sets in (network.error, network.rate))
-    exponents = (network.a1, network.a2, network.q) if position.kind == "pd_t2fnn" else (1.0, 1.0, 0.0)
-    return Antecedents(*exponents, *inputs)
+def antecedents(network: Any) -> Antecedents:
+    """The antecedents of the network of a scenario, or of a `FleetScenario`."""
+    inputs = (
+        FuzzySets(sets.scale, tuple(sets.centres), tuple(sets.widths))
+        for sets in (network.inputs.error, network.inputs.error_rate)
+    )
+    a1, a2, q = (network.a1, network.a2, network.q) if network.kind == "type_2" else (1.0, 1.0, 0.0)
+    return Antecedents(a1, a2, q, tuple(inputs))

@@ -33,6 +33,7 @@ from drake_quad.scenario.effects import (
 )
 from drake_quad.scenario.layouts import Layout, PlusLayout, has_distances, implied_arms, rotors_of
 from drake_quad.scenario.limits import MOST_SOURCES, MOST_TICKS
+from drake_quad.scenario.networks import Network
 from drake_quad.scenario.paths import distributions_in, steps_of
 from drake_quad.scenario.quantities import (
     Gains,
@@ -279,6 +280,7 @@ class Control(Model):
     """The cascade: position, thrust vectoring and, without an autopilot on board, attitude."""
 
     position: PositionController
+    network: Network | None = Field(default=None, description="around the position controller, if any")
     thrust_vectoring: ThrustVectoring = ThrustVectoring()
     attitude: AttitudePd | None = Field(
         default=None, description="on the ground; needed without an autopilot, and to be left out, or null, with one"

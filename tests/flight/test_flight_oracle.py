@@ -29,7 +29,7 @@ FLIGHTS = {
         "pd_t1fnn",
         [
             "duration=4",
-            "control.position.learning={kind: gradient, rate: 0.4, slope: 1.7, leakage: 0.1, deadzone: 0.05}",
+            "control.network.learning={kind: gradient, rate: 0.4, slope: 1.7, leakage: 0.1, deadzone: 0.05}",
             "control.position.derivative=measurement",
             "laboratory.command_link={delay_ticks: 3, loss_rate: 0}",
             "laboratory.motion_capture.latency_frames=0",
@@ -167,8 +167,8 @@ DRAWN = [
     "laboratory.wind.1.start={uniform: {min: 0.0, max: 3.0}}",
     "laboratory.wind.5.flow={uniform: {min: 1.0, max: 3.0}}",
     "control.position.k_p.0={uniform: {min: 1.0, max: 1.5}}",
-    "control.position.network.q={uniform: {min: 0.0, max: 1.0}}",
-    "control.position.learning.slope={uniform: {min: 1.0, max: 2.0}}",
+    "control.network.q={uniform: {min: 0.0, max: 1.0}}",
+    "control.network.learning.slope={uniform: {min: 1.0, max: 2.0}}",
 ]
 
 
@@ -201,12 +201,12 @@ def test_the_whole_flights_go_both_ways_on_all_axes_and_meet_their_limits(flown,
     assert (thrust * upright).min() == pytest.approx(limits.min_thrust * weight)
     assert thrust.max() == pytest.approx(limits.max_thrust * weight)
     learned = flight["correction" if name == "pid" else "weights"]
-    position = flight.scenario.control.position
-    limit = position.integral_limit if name == "pid" else position.learning.weight_limit
+    control = flight.scenario.control
+    limit = control.position.integral_limit if name == "pid" else control.network.learning.weight_limit
     assert (learned.min(), learned.max()) == (-limit, limit)
     assert 0.0 < np.mean(flight.record("shortfall").tau_z != 0.0) < 0.5
     if name == "pd_t2fnn":
-        for signal, sets in (("error", position.network.error), ("error_rate", position.network.rate)):
+        for signal, sets in control.network.inputs:
             assert sets.scale * flight[signal].min() < sets.centres[0]
             assert sets.scale * flight[signal].max() > sets.centres[-1]
 

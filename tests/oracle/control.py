@@ -29,16 +29,16 @@ class Network:
     """Fuzzy rules whose consequents learn, on some axes.
 
     Args:
-        numbers: of the scenario's position controller.
+        numbers: of the scenario's network.
         h: the period of the ticks.
         leg_times: when the legs of the route begin.
     """
 
     def __init__(self, numbers, h, leg_times):
         self.numbers, self.h = numbers, h
-        network, learning = numbers.network, numbers.learning
+        learning = numbers.learning
         self.axes = ["xyz".index(axis) for axis in numbers.axes]
-        self.R = len(network.error.centres) * len(network.rate.centres)
+        self.R = math.prod(len(sets.centres) for _, sets in numbers.inputs)
         self.F = {axis: np.full(self.R, float(learning.initial_weight)) for axis in self.axes}
         self.memory = {axis: self._fresh() for axis in self.axes}
         self.resets = set()
@@ -54,15 +54,15 @@ class Network:
 
     def firing(self, e, rate):
         """(10): the normalised firing strengths W."""
-        network = self.numbers.network
+        network = self.numbers
 
         def strengths(exponent):
-            mu_1 = self.memberships(e, network.error, exponent)
-            mu_2 = self.memberships(rate, network.rate, exponent)
+            mu_1 = self.memberships(e, network.inputs.error, exponent)
+            mu_2 = self.memberships(rate, network.inputs.error_rate, exponent)
             w = np.array([one * two for one in mu_1 for two in mu_2])
             return w / w.sum()
 
-        if self.numbers.kind == "pd_t1fnn":
+        if network.kind == "type_1":
             return strengths(1.0)
         return network.q * strengths(network.a2) + (1.0 - network.q) * strengths(network.a1)
 
@@ -135,8 +135,8 @@ class Controller:
         self.law = None
         if position.kind == "pid":
             self.law = Integral(position, h)
-        elif position.kind != "pd":
-            self.law = Network(position, h, leg_times)
+        elif scenario.control.network is not None:
+            self.law = Network(scenario.control.network, h, leg_times)
 
     def act(self, tick, measured, reference):
         """The signals of a tick, by name; what learns, learns from them."""

@@ -27,7 +27,7 @@ def firing_on_axes(
     error: PositionError, rate: PositionErrorRate, antecedents: Antecedents, axes: Sequence[Axis]
 ) -> PerNetworkAxis:
     """The firing strengths on each axis of a network."""
-    return tuple([firing_strengths(getattr(error, axis), getattr(rate, axis), antecedents) for axis in axes])
+    return tuple([firing_strengths((getattr(error, axis), getattr(rate, axis)), antecedents) for axis in axes])
 
 
 @fleet_system(float, AutoDiffXd)

@@ -77,7 +77,7 @@ def triangles(P):
 
 def strengths(rng, n):
     """(9, n) firing strengths somewhere."""
-    return np.array(firing_strengths(rng.uniform(-1.2, 1.2, n), rng.uniform(-1.2, 1.2, n), Antecedents()))
+    return np.array(firing_strengths(rng.uniform(-1.2, 1.2, (2, n)), Antecedents()))
 
 
 @pytest.mark.parametrize("n", [1, 3, 48, 200])
@@ -122,7 +122,7 @@ def test_the_covariance_stays_one(initial, n):
 
 def signals(t):
     """A firing strength, which moves through the sets, and s_p at a time."""
-    firing = np.array(firing_strengths(0.9 * math.sin(1.3 * t), 0.8 * math.cos(0.7 * t), Antecedents()))
+    firing = np.array(firing_strengths((0.9 * math.sin(1.3 * t), 0.8 * math.cos(0.7 * t)), Antecedents()))
     return firing, math.sin(0.9 * t) + 0.3
 
 

@@ -1,0 +1,137 @@
+"""Networks of the scenario language: they stand around a controller and learn what it should have commanded."""
+
+import itertools
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+from pydantic_core import PydanticCustomError
+
+from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.quantities import NonNegative, Number, Positive, Probability, bounded, extremes
+
+Axis = Literal["x", "y", "z"]
+Axes = Annotated[tuple[Axis, ...], Field(strict=False, min_length=1)]
+
+
+class FuzzySets(Model):
+    """The fuzzy sets of one input of a network."""
+
+    scale: Positive = Field(default=1.0, description="that the input is multiplied with (1 over its unit)")
+    centres: Annotated[tuple[Real, ...], Field(strict=False, min_length=2, max_length=15)] = Field(
+        default=(-1.0, 0.0, 1.0), description="c of each set, ascending (1); inputs are clamped to the first and last"
+    )
+    widths: Annotated[tuple[Positive, ...], Field(strict=False)] = Field(
+        default=(1.0, 1.0, 1.0), description="d of each set (1)"
+    )
+
+    @field_validator("centres")
+    @classmethod
+    def _ascending(cls, centres: tuple[float, ...]) -> tuple[float, ...]:
+        if any(not low < high for low, high in itertools.pairwise(centres)):
+            raise PydanticCustomError("order", "must rise from one to the next")
+        return centres
+
+    @model_validator(mode="after")
+    def _covered(self) -> "FuzzySets":
+        if len(self.widths) != len(self.centres):
+            raise self.wrong(
+                "widths", kind="widths", demand="must be as many as centres, {count}", count=len(self.centres)
+            )
+        ends = [(centre, extremes(width)[0]) for centre, width in zip(self.centres, self.widths, strict=True)]
+        for i, ((left, reach_right), (right, reach_left)) in enumerate(itertools.pairwise(ends)):
+            if reach_right is None or reach_left is None or not left + reach_right > right - reach_left:
+                raise self.wrong(
+                    "widths",
+                    i,
+                    kind="cover",
+                    demand="must be wide enough that the sets at {left} and {right} overlap,"
+                    " or no rule fires in between",
+                    left=left,
+                    right=right,
+                )
+        return self
+
+
+class Inputs(Model):
+    """What the rules of a network look at: the fuzzy sets of each of its inputs."""
+
+    error: FuzzySets = Field(default=FuzzySets(), description="of e on the network's own axis, scale in 1/m")
+    error_rate: FuzzySets = Field(default=FuzzySets(), description="of ė on the network's own axis, scale in s/m")
+
+
+class _Learning(Model):
+    """What all laws have in common."""
+
+    weight_limit: Positive | None = Field(
+        default=None, description="largest size of a weight (m/s²); none if not given"
+    )
+    initial_weight: Number = Field(default=0.0, description="of all rules (m/s²)")
+    leakage: NonNegative = Field(default=0.0, description="rate at which the weights decay by themselves (1/s)")
+
+
+class _SurfaceLearning(_Learning):
+    """What the laws have in common that learn from s_p of eq (15)."""
+
+    slope: Positive = Field(default=1.0, description="λ of eq (15) (1/s)")
+    deadzone: NonNegative = Field(default=0.0, description="s_p below which nothing is learned (m/s)")
+
+
+class CovarianceLearning(_SurfaceLearning):
+    """The paper's law, eqs (15) to (17), with forgetting and resets as options."""
+
+    kind: Literal["covariance"]
+    gain: Positive = Field(default=1.0, description="K_D of eq (16) (1/s)")
+    initial_covariance: Positive = Field(default=1.0, description="p₀ of P₀ = p₀ I (1/s)")
+    forgetting: Annotated[Number, bounded(above=0.0, most=1.0)] = Field(
+        default=1.0, description="factor for a tick (1); with less than 1 the covariance grows back, up to p₀"
+    )
+    reset: Literal["never", "at_segments"] = Field(
+        default="never", description="when the covariance begins anew: never, as in the paper, or with every segment"
+    )
+
+
+class GradientLearning(_SurfaceLearning):
+    """Eq (16) with a constant covariance."""
+
+    kind: Literal["gradient"]
+    rate: Positive = Field(default=1.0, description="K_D p (1/s²)")
+
+
+class SignLearning(_Learning):
+    """By the sign of the PD's command, with a slope that grows."""
+
+    kind: Literal["sign"]
+    rate: Positive = Field(default=1.0, description="γ by which the slope grows (1/s²)")
+    initial_slope: NonNegative = Field(default=0.0, description="of the correction at the beginning (m/s³)")
+    deadzone: NonNegative = Field(default=0.0, description="command below which nothing is learned (m/s²)")
+
+
+Learning = Annotated[CovarianceLearning | GradientLearning | SignLearning, Field(discriminator="kind")]
+
+
+class _Network(Model):
+    """What networks of both types have in common."""
+
+    axes: Axes = Field(default=("x", "y"), description="on which there is a network")
+    inputs: Inputs = Inputs()
+    learning: Learning = CovarianceLearning(kind="covariance")
+
+
+class Type1Network(_Network):
+    """A type-1 fuzzy neural network that learns in flight: its antecedents are triangles."""
+
+    kind: Literal["type_1"]
+
+
+class Type2Network(_Network):
+    """An interval type-2 fuzzy neural network that learns in flight: its antecedents lie between two ellipses."""
+
+    kind: Literal["type_2"]
+    a1: Annotated[Number, bounded(above=1.0)] = Field(default=1.2, description="exponent of the upper memberships (1)")
+    a2: Annotated[Number, bounded(above=0.0, below=1.0)] = Field(
+        default=0.8, description="exponent of the lower memberships (1)"
+    )
+    q: Probability = Field(default=0.5, description="share of the lower memberships in the output (1)")
+
+
+Network = Annotated[Type1Network | Type2Network, Field(discriminator="kind")]
