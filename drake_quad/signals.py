@@ -157,7 +157,7 @@ class PositionErrorRate(NamedTuple):
 
 
 class Acceleration(NamedTuple):
-    """A commanded acceleration, or a part of it."""
+    """A commanded acceleration, or a part of it; or one that is estimated, of what disturbs the vehicle."""
 
     x: AccelerationW
     y: AccelerationW
@@ -251,6 +251,7 @@ SIGNALS: dict[str, Any] = {
     "feed_forward": Acceleration,
     "correction": Acceleration,
     "acceleration_command": Acceleration,
+    "disturbance": Acceleration,
     "thrust": Thrust,
     "torque": Torque,
     "attitude_command": Attitude,

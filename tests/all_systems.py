@@ -196,7 +196,7 @@ FLEET_SYSTEMS = [
     Example(Fans, JETS),
     Example(FlightMonitor),
     Example(FlightMonitor, num_vehicles=3),
-    Example(FuzzyRules, SETS, num_vehicles=2),
+    Example(FuzzyRules, (SETS,), num_vehicles=2),
     Example(Gust, GUST),
     Example(SineWind, SineNumbers(Wind(1.0, 2.0, 3.0), 1.1, 2.2)),
     Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), num_vehicles=2),

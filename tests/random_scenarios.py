@@ -17,7 +17,14 @@ STRUCTURES = {
     "derivative": ["tracking_error", "measurement"],
     "feed_forward": ["none", "acceleration", "jerk", "snap"],
     "axes": [["x", "y"], ["z"], ["y", "z"], ["x", "y", "z"], ["x"]],
-    "sets": [(3, 3), (2, 3), (3, 2), (2, 2)],
+    "inputs": [
+        {"error": 3, "error_rate": 3},
+        {"error": 2, "error_rate": 3},
+        {"x": 2, "v_y": 3},
+        {"error": 2, "y": 2, "phase": 3},
+        {"error_rate": 2, "z": 2, "v_x": 2, "phase": 2},
+    ],
+    "signal": ["surface", "feedback"],
     "reset": ["never", "at_segments"],
     "limited": [False, True],
     "leaks": [False, True],
@@ -261,11 +268,10 @@ def _network(structure, draw):
     if not described:
         return None
     kind, law = described
-    names = "error", "error_rate"
     network = {
         "kind": kind,
         "axes": structure["axes"],
-        "inputs": {name: _sets(count, draw) for name, count in zip(names, structure["sets"], strict=True)},
+        "inputs": {name: _sets(count, draw) for name, count in structure["inputs"].items()},
         "learning": _learning(law, structure, draw),
     }
     if kind == "type_2":
@@ -280,6 +286,8 @@ def _sets(count, draw):
 
 def _learning(kind, structure, draw):
     learning = {"kind": kind, "initial_weight": draw.signed(0.1)}
+    if kind != "sign":
+        learning["signal"] = structure["signal"]
     match kind:
         case "covariance":
             learning |= {"gain": draw(0.5, 1.0), "initial_covariance": draw(1.0, 6.0), "slope": draw(1.0, 2.0)}

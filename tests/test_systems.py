@@ -278,7 +278,9 @@ DEFAULTS = {
     FlightMonitor: {"period": 0.02, "limits": (math.radians(80.0), 5.0, -0.5), "window": (0.0, math.inf)},
     FuzzyRules: {
         "axes": ("x", "y"),
-        "numbers": (1.2, 0.8, 0.5, ((1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0)),) * 2),
+        "inputs": ("error", "error_rate"),
+        "lap_times": (),
+        "numbers": ((1.2, 0.8, 0.5, ((1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0)),) * 2),),
     },
     Gust: {"period": 0.01},
     SineWind: {"period": 0.01},
@@ -318,6 +320,7 @@ DEFAULTS = {
         "period": 0.02,
         "axes": ("x", "y"),
         "num_rules": 9,
+        "learns_from": "surface",
         "reset_times": (),
         "numbers": (1.0, (1.0, 1.0, 1.0), (math.inf, 0.0, 0.0), 0.0),
     },

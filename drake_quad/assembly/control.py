@@ -116,6 +116,8 @@ def _network(network: Any, plan: Plan, period: float) -> dict[str, Recipe]:
     limit = math.inf if learning.weight_limit is None else learning.weight_limit
     resets = learning.kind == "covariance" and learning.reset == "at_segments"
     axes = tuple([axis for axis in ("x", "y", "z") if axis in network.axes])
+    inputs = tuple(network.inputs.given)
+    lap_times = plan.lap_times if "phase" in inputs else ()
     numbers = LearningNumbers(
         slope=0.0 if learning.kind == "sign" else learning.slope,
         law=law,
@@ -126,19 +128,18 @@ def _network(network: Any, plan: Plan, period: float) -> dict[str, Recipe]:
         "period": period,
         "axes": axes,
         "num_rules": sets.num_rules,
+        "learns_from": "feedback" if learning.kind == "sign" else learning.signal,
         "reset_times": tuple(plan.leg_times[1:]) if resets else (),
     }
     return {
-        "network.rules": Recipe(FuzzyRules, {"axes": axes}, sets),
+        "network.rules": Recipe(FuzzyRules, {"axes": axes, "inputs": inputs, "lap_times": lap_times}, (sets,)),
         "network.learning": Recipe(WeightLearning, structure, numbers),
     }
 
 
 def antecedents(network: Any) -> Antecedents:
     """The antecedents of the network of a scenario, or of a `FleetScenario`."""
-    inputs = (
-        FuzzySets(sets.scale, tuple(sets.centres), tuple(sets.widths))
-        for sets in (network.inputs.error, network.inputs.error_rate)
-    )
+    of_inputs = (getattr(network.inputs, name) for name in network.inputs.given)
+    inputs = (FuzzySets(sets.scale, tuple(sets.centres), tuple(sets.widths)) for sets in of_inputs)
     a1, a2, q = (network.a1, network.a2, network.q) if network.kind == "type_2" else (1.0, 1.0, 0.0)
     return Antecedents(a1, a2, q, tuple(inputs))

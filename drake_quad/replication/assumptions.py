@@ -118,7 +118,9 @@ def _of_laboratory(scenario: Scenario) -> list[Assumption]:
 def _of_control(scenario: Scenario) -> list[Assumption]:
     position, network, attitude = scenario.control.position, scenario.control.network, scenario.control.attitude
     assert isinstance(network, Type2Network)
-    sets, learning = network.inputs.error, network.learning
+    sets, rate_sets, learning = network.inputs.error, network.inputs.error_rate, network.learning
+    assert sets is not None
+    assert rate_sets is not None
     assert isinstance(learning, CovarianceLearning)
     assert attitude is not None
     count = len(sets.centres)
@@ -154,7 +156,7 @@ def _of_control(scenario: Scenario) -> list[Assumption]:
         ),
         Assumption(
             "scales of the inputs",
-            f"{sets.scale:g} 1/m, {network.inputs.error_rate.scale:g} s/m",
+            f"{sets.scale:g} 1/m, {rate_sets.scale:g} s/m",
             "the sets span the paper's largest error, 1.3 m, and its top speed, 2 m/s",
         ),
         Assumption(

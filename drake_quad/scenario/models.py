@@ -286,6 +286,16 @@ class Control(Model):
         default=None, description="on the ground; needed without an autopilot, and to be left out, or null, with one"
     )
 
+    @model_validator(mode="after")
+    def _disturbance_is_estimated(self) -> "Control":
+        """A network looks at no disturbance that no controller estimates."""
+        estimator = self.position.kind
+        if self.network is not None and self.network.inputs.disturbance is not None and estimator in ("pd", "pid"):
+            demand = "must be left out: a position controller of kind {estimator} estimates none"
+            path = "network", "inputs", "disturbance"
+            raise self.wrong(*path, kind="estimate", demand=demand, estimator=estimator)
+        return self
+
 
 class Window(Model):
     """The part of a flight that counts for the metrics."""

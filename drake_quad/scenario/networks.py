@@ -1,12 +1,15 @@
 """Networks of the scenario language: they stand around a controller and learn what it should have commanded."""
 
 import itertools
-from typing import Annotated, Literal
+import math
+from typing import Annotated, Literal, get_args
 
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from drake_quad.control.fuzzy.inputs import InputName
 from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.limits import MOST_RULES
 from drake_quad.scenario.quantities import NonNegative, Number, Positive, Probability, bounded, extremes
 
 Axis = Literal["x", "y", "z"]
@@ -53,10 +56,42 @@ class FuzzySets(Model):
 
 
 class Inputs(Model):
-    """What the rules of a network look at: the fuzzy sets of each of its inputs."""
+    """What the rules of a network look at: the fuzzy sets of two to four inputs; there is a rule for every choice."""
 
-    error: FuzzySets = Field(default=FuzzySets(), description="of e on the network's own axis, scale in 1/m")
-    error_rate: FuzzySets = Field(default=FuzzySets(), description="of ė on the network's own axis, scale in s/m")
+    error: FuzzySets | None = Field(default=None, description="of e on the network's own axis (m)")
+    error_rate: FuzzySets | None = Field(default=None, description="of ė on the network's own axis (m/s)")
+    x: FuzzySets | None = Field(default=None, description="of the measured position along X of W (m)")
+    y: FuzzySets | None = Field(default=None, description="along Y (m)")
+    z: FuzzySets | None = Field(default=None, description="along Z (m)")
+    v_x: FuzzySets | None = Field(default=None, description="of the measured velocity along X of W (m/s)")
+    v_y: FuzzySets | None = Field(default=None, description="along Y (m/s)")
+    v_z: FuzzySets | None = Field(default=None, description="along Z (m/s)")
+    phase: FuzzySets | None = Field(
+        default=None, description="of the share of the lap, or of a route without laps, that should be over, 0 to 1 (1)"
+    )
+    disturbance: FuzzySets | None = Field(
+        default=None, description="of the disturbance on the network's own axis that the controller estimates (m/s²)"
+    )
+
+    @property
+    def given(self) -> dict[InputName, FuzzySets]:
+        """The inputs that there are, in the order in which rules take them."""
+        return {name: sets for name in _INPUT_NAMES if (sets := getattr(self, name)) is not None}
+
+    @model_validator(mode="after")
+    def _some(self) -> "Inputs":
+        given = self.given
+        if not 2 <= len(given) <= 4:
+            demand = "must be two to four of {names}"
+            raise PydanticCustomError("inputs", demand, {"names": ", ".join(_INPUT_NAMES)})
+        rules = math.prod(len(sets.centres) for sets in given.values())
+        if rules > MOST_RULES:
+            numbers = {"most": MOST_RULES, "rules": rules}
+            raise PydanticCustomError("rules", "must make at most {most} rules, not {rules}", numbers)
+        return self
+
+
+_INPUT_NAMES: tuple[InputName, ...] = get_args(InputName)
 
 
 class _Learning(Model):
@@ -69,14 +104,19 @@ class _Learning(Model):
     leakage: NonNegative = Field(default=0.0, description="rate at which the weights decay by themselves (1/s)")
 
 
-class _SurfaceLearning(_Learning):
-    """What the laws have in common that learn from s_p of eq (15)."""
+class _LearningFromEither(_Learning):
+    """What the laws have in common that learn from s_p of eq (15), or from the feedback."""
 
-    slope: Positive = Field(default=1.0, description="λ of eq (15) (1/s)")
-    deadzone: NonNegative = Field(default=0.0, description="s_p below which nothing is learned (m/s)")
+    signal: Literal["surface", "feedback"] = Field(
+        default="surface",
+        description="what is learned from: s_p of eq (15) (m/s), or the feedback that the controller commands (m/s²),"
+        " for which gains have other units",
+    )
+    slope: Positive = Field(default=1.0, description="λ of eq (15) (1/s); of no meaning with the feedback")
+    deadzone: NonNegative = Field(default=0.0, description="size of the signal below which nothing is learned (m/s)")
 
 
-class CovarianceLearning(_SurfaceLearning):
+class CovarianceLearning(_LearningFromEither):
     """The paper's law, eqs (15) to (17), with forgetting and resets as options."""
 
     kind: Literal["covariance"]
@@ -90,7 +130,7 @@ class CovarianceLearning(_SurfaceLearning):
     )
 
 
-class GradientLearning(_SurfaceLearning):
+class GradientLearning(_LearningFromEither):
     """Eq (16) with a constant covariance."""
 
     kind: Literal["gradient"]
@@ -113,7 +153,9 @@ class _Network(Model):
     """What networks of both types have in common."""
 
     axes: Axes = Field(default=("x", "y"), description="on which there is a network")
-    inputs: Inputs = Inputs()
+    inputs: Inputs = Field(
+        default=Inputs(error=FuzzySets(), error_rate=FuzzySets()), description="what its rules look at"
+    )
     learning: Learning = CovarianceLearning(kind="covariance")
 
 

@@ -35,6 +35,15 @@ FLIGHTS = {
             "laboratory.motion_capture.latency_frames=0",
         ],
     ),
+    "maps of where the vehicle is, and when, that learn from the feedback": (
+        "pd_t2fnn",
+        [
+            "duration=6",
+            "control.network.inputs={error_rate: null, y: {scale: 0.6, centres: [-1.0, 0.1, 1], widths: [1.2, 1, 1.3]},"
+            " v_x: {scale: 0.9}, phase: {scale: 4.0, centres: [0.0, 0.6], widths: [0.5, 0.4]}}",
+            "control.network.learning={kind: gradient, signal: feedback, rate: 1.5, deadzone: 0.02}",
+        ],
+    ),
     "a grid of three periods, no delay, no filter": (
         "pid",
         [
@@ -206,7 +215,7 @@ def test_the_whole_flights_go_both_ways_on_all_axes_and_meet_their_limits(flown,
     assert (learned.min(), learned.max()) == (-limit, limit)
     assert 0.0 < np.mean(flight.record("shortfall").tau_z != 0.0) < 0.5
     if name == "pd_t2fnn":
-        for signal, sets in control.network.inputs:
+        for signal, sets in control.network.inputs.given.items():
             assert sets.scale * flight[signal].min() < sets.centres[0]
             assert sets.scale * flight[signal].max() > sets.centres[-1]
 

@@ -9,6 +9,8 @@ from drake_quad import InputError, load_scenario
 ROOT = Path(__file__).parent.parent.parent
 PAPER = ROOT / "diagrams" / "controllers" / "paper.yaml"
 NETWORK = "control.network"
+# Nine sets.
+MANY = "{centres: [-4, -3, -2, -1, 0, 1, 2, 3, 4], widths: [1, 1, 1, 1, 1, 1, 1, 1, 1]}"
 
 
 def load(controller, *overrides):
@@ -34,6 +36,11 @@ def load(controller, *overrides):
         ("inputs.error_rate.widths", "[0.5, 0.5, 1]", "must be wide enough"),
         ("inputs.error_rate.widths", "[1, 0, 1]", "must be larger than 0"),
         ("inputs.error.scale", "0", "must be larger than 0"),
+        ("inputs.error", "null", "inputs is .*, but must be two to four of error, .*, disturbance$"),
+        ("inputs", "{x: {}, y: {}, z: {}}", "inputs is .*, but must be two to four of"),
+        ("inputs", f"{{x: {MANY}, y: {MANY}, error: {MANY}}}", "must make at most 256 rules, not 2187"),
+        ("inputs.disturbance", "{}", "disturbance .*must be left out: a position controller of kind pd estimates none"),
+        ("learning.signal", "error", "must be 'surface' or 'feedback'"),
         ("learning.slope", "0", "must be larger than 0"),
         ("learning.gain", "-1", "must be larger than 0"),
         ("learning.initial_covariance", "0", "must be larger than 0"),

@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.control.axes import Axis
 from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
+from drake_quad.control.fuzzy.inputs import InputName, input_values, signals_of
 from drake_quad.control.fuzzy.laws import CovarianceLaw, Limits, Rows, dot, trace
 from drake_quad.framework.elementary import exp, maximum, minimum, nearest, where
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
@@ -24,10 +25,35 @@ def _layout(num_axes: int, num_rows: int) -> Layout:
 
 
 def firing_on_axes(
-    error: PositionError, rate: PositionErrorRate, antecedents: Antecedents, axes: Sequence[Axis]
+    antecedents: tuple[Antecedents, ...],
+    axes: Sequence[Axis],
+    inputs: Sequence[InputName],
+    time: Row,
+    lap_times: Sequence[float],
+    *signals: Any,
 ) -> PerNetworkAxis:
-    """The firing strengths on each axis of a network."""
-    return tuple([firing_strengths((getattr(error, axis), getattr(rate, axis)), antecedents) for axis in axes])
+    """The firing strengths on each axis of a network.
+
+    Args:
+        antecedents: of all axes, or of each.
+        axes: of the network.
+        inputs: of the rules.
+        time: s.
+        lap_times: when the laps of the route begin and the last one ends, s.
+        signals: from which the inputs follow, in the order of `signals_of`.
+    """
+    known = dict(zip(signals_of(inputs), signals, strict=True))
+    return tuple(
+        [
+            firing_strengths(input_values(axis, inputs, known, time, lap_times), sets)
+            for axis, sets in zip(axes, _for_each(axes, antecedents), strict=True)
+        ]
+    )
+
+
+def _for_each(axes: Sequence[Axis], antecedents: tuple[Antecedents, ...]) -> tuple[Antecedents, ...]:
+    """The antecedents on each axis; one for all of them stands for as many."""
+    return antecedents * len(axes) if len(antecedents) == 1 else antecedents
 
 
 @fleet_system(float, AutoDiffXd)
@@ -43,30 +69,43 @@ class FuzzyRules(FleetSystem):
         output_ports:
         - firing
 
-    `error` and `error_rate` are those of the position controller. `firing` has the normalised firing strengths, R rows
-    for each axis of the network, one axis after another.
+    The ports are the signals from which the inputs of the rules follow: `error`, `error_rate`, `measurement`,
+    `disturbance`. `firing` has the normalised firing strengths, R rows for each axis of the network, one axis after
+    another.
 
     The only parameter of the context is `antecedents`.
 
     Args:
         num_vehicles: N.
         axes: of the network, in the order of X, Y, Z.
-        numbers: antecedents of the rules.
+        inputs: of the rules, see `drake_quad.control.fuzzy.inputs`.
+        lap_times: when the laps of the route begin and the last one ends, s; needed for the phase only.
+        numbers: antecedents of the rules, for all axes or for each.
     """
 
-    def declare(self, *, axes: Sequence[Axis] = ("x", "y"), numbers: Antecedents = Antecedents()) -> None:
+    def declare(
+        self,
+        *,
+        axes: Sequence[Axis] = ("x", "y"),
+        inputs: Sequence[InputName] = ("error", "error_rate"),
+        lap_times: Sequence[float] = (),
+        numbers: tuple[Antecedents, ...] = (Antecedents(),),
+    ) -> None:
         """Declares the system."""
-        error, rate = self.input("error"), self.input("error_rate")
+        axes, inputs = tuple(axes), tuple(inputs)
+        signals = [self.input(name) for name in signals_of(inputs)]
         antecedents = self.parameter("antecedents", lambda antecedents: antecedents)
-        layout = _layout(len(axes), numbers.num_rules)
-        self.output("firing", firing_on_axes, error, rate, antecedents, tuple(axes), layout=layout)
+        first, *_ = numbers
+        time, layout = TIME if "phase" in inputs else 0.0, _layout(len(axes), first.num_rules)
+        reads = antecedents, axes, inputs, time, tuple(lap_times), *signals
+        self.output("firing", firing_on_axes, *reads, layout=layout)
 
 
 class LearningNumbers(NamedTuple):
     """What a network learns by.
 
     Attributes:
-        slope: λ of eq (15), 1/s; of no meaning for a law that learns from the PD's command.
+        slope: λ of eq (15), 1/s; of no meaning where the feedback is learned from.
         law: a record of `drake_quad.control.fuzzy.laws`.
         limits: of learning.
         initial_weight: F₀ of all rules, m/s².
@@ -84,8 +123,13 @@ def surface(axis: Axis, numbers: LearningNumbers, error: PositionError, rate: Po
     return sliding
 
 
-def command(axis: Axis, numbers: LearningNumbers, pd: Acceleration) -> Row:
-    """The PD's command on an axis, m/s²."""
+def feedback(axis: Axis, numbers: LearningNumbers, pd: Acceleration) -> Row:
+    """What the controller's own feedback τ_c commands on an axis, m/s².
+
+    Like s_p it asks for more while the correction takes away too much: by τ = τ_c - τ_f the network has learned all
+    there is when τ_c is zero (feedback-error learning: M. Kawato, K. Furukawa and R. Suzuki, "A hierarchical
+    neural-network model for control and learning of voluntary movement", Biological Cybernetics 57, 1987).
+    """
     commanded: Row = getattr(pd, axis)
     return commanded
 
@@ -113,7 +157,7 @@ def learned(
         axes: of the network.
         period: h, s.
         reset_ticks: at which the law forgets all that it remembers.
-        signal_of: `surface` or `command`, from which the law learns.
+        signal_of: `surface` or `feedback`, from which the law learns.
         signals: that it is made of.
     """
     law, (limit, deadzone, leakage) = numbers.law, numbers.limits
@@ -167,9 +211,9 @@ class WeightLearning(FleetSystem):
         - covariance_trace
 
     `correction` is τ_f = Fᵀ W of the `firing` strengths from `FuzzyRules`, zero on axes that the network does not have.
-    The weights F learn at every tick from s_p = ė + λ e, eq (15), of `error` and `error_rate`. A law that learns from
-    the PD's command has the input `pd` in their place. `weights` shows F in the order of `firing`; `covariance_trace`,
-    with the law that has one, a row for each axis.
+    The weights F learn at every tick from s_p = ė + λ e, eq (15), of `error` and `error_rate`; or from the feedback,
+    with the input `pd` in their place. `weights` shows F in the order of `firing`; `covariance_trace`, with the law
+    that has one, a row for each axis.
 
     The states are `weights` and the memory of the law, under its name, if it has one. The only parameter of the context
     is `learning`.
@@ -179,6 +223,7 @@ class WeightLearning(FleetSystem):
         period: h of the ticks, s.
         axes: of the network, in the order of X, Y, Z.
         num_rules: R.
+        learns_from: "surface" or "feedback".
         reset_times: at which the memory of the law begins anew, s: at the first tick from then on.
         numbers: to learn by.
     """
@@ -189,6 +234,7 @@ class WeightLearning(FleetSystem):
         period: float = 0.02,
         axes: Sequence[Axis] = ("x", "y"),
         num_rules: int = 9,
+        learns_from: Literal["surface", "feedback"] = "surface",
         reset_times: Sequence[float] = (),
         numbers: LearningNumbers = LearningNumbers(),
     ) -> None:
@@ -211,10 +257,10 @@ class WeightLearning(FleetSystem):
                 layout=_layout(len(axes), rows),
             )
             writes = [weights, memory]
-        if law.learns_from == "surface":
+        if learns_from == "surface":
             signals: tuple[Any, ...] = surface, self.input("error"), self.input("error_rate")
         else:
-            signals = command, self.input("pd")
+            signals = feedback, self.input("pd")
         reads = weights, memory, firing, learning, TIME if ticks else 0.0, axes, period, ticks, *signals
         self.update(period, learned, *reads, writes=writes)
         self.output("correction", network_output, weights, firing, axes)
@@ -239,22 +285,26 @@ def build_fuzzy_network(*, rules: Any, learning: Any) -> Diagram:
         - covariance_trace
 
     It is two systems so that Drake keeps the firing strengths between the output and the learning of a tick. Ports are
-    those of the two; a law that learns from the PD's command makes `pd` a third input.
+    those of the two; there are others with other inputs of the rules, or where the feedback is learned from.
 
     Args:
         rules: a `FuzzyRules`.
         learning: a `WeightLearning` on the same axes, for as many rules.
     """
     builder = DiagramBuilder()
-    builder.AddNamedSystem("rules", rules)
-    builder.AddNamedSystem("learning", learning)
+    parts = {"rules": rules, "learning": learning}
+    for name, system in parts.items():
+        builder.AddNamedSystem(name, system)
     builder.Connect(rules.GetOutputPort("firing"), learning.GetInputPort("firing"))
-    for name in ("error", "error_rate"):
-        builder.ExportInput(rules.GetInputPort(name), name)
-        if learning.HasInputPort(name):
-            builder.ConnectInput(name, learning.GetInputPort(name))
-    if learning.HasInputPort("pd"):
-        builder.ExportInput(learning.GetInputPort("pd"), "pd")
+    exported: set[str] = set()
+    for system in parts.values():
+        for port in map(system.get_input_port, range(system.num_input_ports())):
+            name = port.get_name()
+            if name in exported:
+                builder.ConnectInput(name, port)
+            elif name != "firing":
+                builder.ExportInput(port, name)
+                exported.add(name)
     for name in ("correction", "weights", "covariance_trace"):
         if learning.HasOutputPort(name):
             builder.ExportOutput(learning.GetOutputPort(name), name)
