@@ -226,10 +226,11 @@ class CrashTime(NamedTuple):
     crash_time: Time
 
 
-# Signals of a network have as many rows as it has rules, or axes.
+# Signals of a network have as many rows as it has rules, axes, or numbers of sets.
 Firing = tuple[Number, ...]
 Weights = tuple[AccelerationW, ...]
 CovarianceTrace = tuple[Gain, ...]
+Antecedents = tuple[Number, ...]
 
 SIGNALS: dict[str, Any] = {
     "state": State,
@@ -263,6 +264,7 @@ SIGNALS: dict[str, Any] = {
     "firing": Firing,
     "weights": Weights,
     "covariance_trace": CovarianceTrace,
+    "antecedents": Antecedents,
 }
 """What a port of this name holds."""
 

@@ -10,8 +10,10 @@ from pydrake.common import RandomDistribution
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
 from drake_quad.control.axes import PerAngle, PerAxis
 from drake_quad.control.cascade import build_cascade
+from drake_quad.control.fuzzy.adaptation import AdaptationRates
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
+from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning, build_fuzzy_network
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
@@ -231,6 +233,16 @@ FLEET_SYSTEMS = [
         WeightLearning,
         LearningNumbers(1.4, CovarianceLaw(0.8, 5.0, 0.997), LIMITS, 0.05),
         {"axes": ("x", "z"), "num_rules": 4, "reset_times": (1.0, 2.0)},
+        num_vehicles=2,
+    ),
+    Example(
+        SetLearning,
+        AdaptationNumbers(
+            (SETS, SETS._replace(a1=1.7)),
+            AdaptationRates(0.3, 0.2, 0.1),
+            LearningNumbers(1.4, GradientLaw(0.4), LIMITS, 0.05),
+        ),
+        {"axes": ("x", "z")},
         num_vehicles=2,
     ),
     Example(WeightLearning, LearningNumbers(1.4, GradientLaw(0.4), LIMITS, 0.05), whole=False),

@@ -25,6 +25,7 @@ STRUCTURES = {
         {"error_rate": 2, "z": 2, "v_x": 2, "phase": 2},
     ],
     "signal": ["surface", "feedback"],
+    "adapts": ["", "centres widths", "exponents", "", "widths exponents"],
     "reset": ["never", "at_segments"],
     "limited": [False, True],
     "leaks": [False, True],
@@ -274,6 +275,9 @@ def _network(structure, draw):
         "inputs": {name: _sets(count, draw) for name, count in structure["inputs"].items()},
         "learning": _learning(law, structure, draw),
     }
+    adapts = [part for part in structure["adapts"].split() if kind == "type_2" or part != "exponents"]
+    if adapts:
+        network["adaptive"] = {part: draw(0.1, 2.0) for part in adapts}
     if kind == "type_2":
         network |= {"a1": draw(1.1, 1.4), "a2": draw(0.6, 0.9), "q": draw(0.2, 0.8)}
     return network

@@ -11,8 +11,10 @@ from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
 from drake_quad.control.axes import PerAngle, PerAxis
 from drake_quad.control.cascade import build_cascade
+from drake_quad.control.fuzzy.adaptation import AdaptationRates
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
+from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning, build_fuzzy_network
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
@@ -63,7 +65,8 @@ def build_control(
     systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}
     network = None
     if "network.rules" in systems:
-        network = build_fuzzy_network(rules=systems["network.rules"], learning=systems["network.learning"])
+        parts = {name: systems.get(f"network.{name}") for name in ("rules", "learning", "sets")}
+        network = build_fuzzy_network(**parts)
     if position_controller is None:
         position_controller = build_position_controller(
             systems["position.pd"],
@@ -124,17 +127,22 @@ def _network(network: Any, plan: Plan, period: float) -> dict[str, Recipe]:
         limits=Limits(limit, learning.deadzone, learning.leakage),
         initial_weight=learning.initial_weight,
     )
-    structure = {
-        "period": period,
-        "axes": axes,
-        "num_rules": sets.num_rules,
-        "learns_from": "feedback" if learning.kind == "sign" else learning.signal,
-        "reset_times": tuple(plan.leg_times[1:]) if resets else (),
+    learns_from = "feedback" if learning.kind == "sign" else learning.signal
+    timing = {"period": period, "axes": axes, "learns_from": learns_from}
+    looks_at = {"axes": axes, "inputs": inputs, "lap_times": lap_times}
+    resets_at = tuple(plan.leg_times[1:]) if resets else ()
+    found = {
+        "network.rules": Recipe(FuzzyRules, {**looks_at, "adaptive": network.adaptive is not None}, (sets,)),
+        "network.learning": Recipe(
+            WeightLearning, {**timing, "num_rules": sets.num_rules, "reset_times": resets_at}, numbers
+        ),
     }
-    return {
-        "network.rules": Recipe(FuzzyRules, {"axes": axes, "inputs": inputs, "lap_times": lap_times}, (sets,)),
-        "network.learning": Recipe(WeightLearning, structure, numbers),
-    }
+    if network.adaptive is not None:
+        parts = network.adaptive.parts
+        rates = AdaptationRates(**{part: getattr(network.adaptive, part) for part in parts})
+        adaptation = AdaptationNumbers((sets,) * len(axes), rates, numbers)
+        found["network.sets"] = Recipe(SetLearning, {**timing, **looks_at, "parts": parts}, adaptation)
+    return found
 
 
 def antecedents(network: Any) -> Antecedents:

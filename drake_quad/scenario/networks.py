@@ -7,6 +7,7 @@ from typing import Annotated, Literal, get_args
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
+from drake_quad.control.fuzzy.adaptation import Part
 from drake_quad.control.fuzzy.inputs import InputName
 from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.limits import MOST_RULES
@@ -159,10 +160,38 @@ class _Network(Model):
     learning: Learning = CovarianceLearning(kind="covariance")
 
 
+class AdaptiveTriangles(Model):
+    """Rates at which membership functions learn, by the gradient of what the weights learn from; one at least."""
+
+    centres: Positive | None = Field(
+        default=None, description="of the inner centres (s²/m² for the surface, s³/m² for the feedback)"
+    )
+    widths: Positive | None = Field(default=None, description="of the widths (likewise)")
+
+    @property
+    def parts(self) -> tuple[Part, ...]:
+        """What learns."""
+        return tuple([part for part in get_args(Part) if getattr(self, part, None) is not None])
+
+    @model_validator(mode="after")
+    def _some(self) -> "AdaptiveTriangles":
+        if not self.parts:
+            names = " or ".join(type(self).model_fields)
+            raise PydanticCustomError("parts", "must have a rate of {names}, or be null", {"names": names})
+        return self
+
+
+class AdaptiveEllipses(AdaptiveTriangles):
+    """Rates at which membership functions of type 2 learn."""
+
+    exponents: Positive | None = Field(default=None, description="of a1, a2 and q (likewise)")
+
+
 class Type1Network(_Network):
     """A type-1 fuzzy neural network that learns in flight: its antecedents are triangles."""
 
     kind: Literal["type_1"]
+    adaptive: AdaptiveTriangles | None = Field(default=None, description="how its memberships learn, if they do")
 
 
 class Type2Network(_Network):
@@ -174,6 +203,7 @@ class Type2Network(_Network):
         default=0.8, description="exponent of the lower memberships (1)"
     )
     q: Probability = Field(default=0.5, description="share of the lower memberships in the output (1)")
+    adaptive: AdaptiveEllipses | None = Field(default=None, description="how its memberships learn, if they do")
 
 
 Network = Annotated[Type1Network | Type2Network, Field(discriminator="kind")]

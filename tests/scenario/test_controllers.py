@@ -49,6 +49,8 @@ def load(controller, *overrides):
         ("learning.kind", "newton", "must be one of 'covariance', 'gradient', 'sign'"),
         ("learning.rate", "1.0", "rate is unknown"),
         ("learning.deadzone", "-0.1", "must be at least 0"),
+        ("adaptive", "{}", "must have a rate of centres or widths or exponents, or be null"),
+        ("adaptive.widths", "0", "must be larger than 0"),
         ("axes", "[]", "axes"),
         ("axes", "[x, w]", "must be 'x', 'y' or 'z'"),
     ],
@@ -61,8 +63,9 @@ def test_wrong_numbers_are_named(field, value, words):
 
 
 def test_a_type_1_network_has_no_ellipses():
-    with pytest.raises(InputError, match="a1 is unknown"):
-        load("pd_t1fnn", f"{NETWORK}.a1=1.2")
+    for field in ("a1", "adaptive.exponents"):
+        with pytest.raises(InputError, match="(a1|exponents) is unknown"):
+            load("pd_t1fnn", f"{NETWORK}.{field}=1.2")
 
 
 def test_numbers_of_a_network_may_be_distributions():

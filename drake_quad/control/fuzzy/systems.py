@@ -19,9 +19,14 @@ from drake_quad.signals import SIGNALS, Acceleration, PositionError, PositionErr
 PerNetworkAxis = tuple[Rows, ...]
 
 
-def _layout(num_axes: int, num_rows: int) -> Layout:
+def layout_on_axes(num_axes: int, num_rows: int) -> Layout:
     """The layout of so many rows on each axis of a network."""
     return layout_of(PerNetworkAxis, ((0.0,) * num_rows,) * num_axes)
+
+
+def layout_of_antecedents(antecedents: tuple[Antecedents, ...]) -> Layout:
+    """The layout of the antecedents of a network on each of its axes."""
+    return layout_of(tuple[Antecedents, ...], antecedents)
 
 
 def firing_on_axes(
@@ -73,13 +78,14 @@ class FuzzyRules(FleetSystem):
     `disturbance`. `firing` has the normalised firing strengths, R rows for each axis of the network, one axis after
     another.
 
-    The only parameter of the context is `antecedents`.
+    The only parameter of the context is `antecedents`; where they learn, they are an input, from a `SetLearning`.
 
     Args:
         num_vehicles: N.
         axes: of the network, in the order of X, Y, Z.
         inputs: of the rules, see `drake_quad.control.fuzzy.inputs`.
         lap_times: when the laps of the route begin and the last one ends, s; needed for the phase only.
+        adaptive: whether the antecedents learn.
         numbers: antecedents of the rules, for all axes or for each.
     """
 
@@ -89,14 +95,19 @@ class FuzzyRules(FleetSystem):
         axes: Sequence[Axis] = ("x", "y"),
         inputs: Sequence[InputName] = ("error", "error_rate"),
         lap_times: Sequence[float] = (),
+        adaptive: bool = False,
         numbers: tuple[Antecedents, ...] = (Antecedents(),),
     ) -> None:
         """Declares the system."""
         axes, inputs = tuple(axes), tuple(inputs)
         signals = [self.input(name) for name in signals_of(inputs)]
-        antecedents = self.parameter("antecedents", lambda antecedents: antecedents)
+        antecedents: Any
+        if adaptive:
+            antecedents = self.input("antecedents", layout=layout_of_antecedents(_for_each(axes, numbers)))
+        else:
+            antecedents = self.parameter("antecedents", lambda antecedents: antecedents)
         first, *_ = numbers
-        time, layout = TIME if "phase" in inputs else 0.0, _layout(len(axes), first.num_rules)
+        time, layout = TIME if "phase" in inputs else 0.0, layout_on_axes(len(axes), first.num_rules)
         reads = antecedents, axes, inputs, time, tuple(lap_times), *signals
         self.output("firing", firing_on_axes, *reads, layout=layout)
 
@@ -134,6 +145,11 @@ def feedback(axis: Axis, numbers: LearningNumbers, pd: Acceleration) -> Row:
     return commanded
 
 
+def signal_and_ports(learns_from: Literal["surface", "feedback"]) -> tuple[Callable[..., Row], tuple[str, ...]]:
+    """The formula of what a network learns from, and the names of the signals that it is made of."""
+    return (surface, ("error", "error_rate")) if learns_from == "surface" else (feedback, ("pd",))
+
+
 def learned(
     weights: PerNetworkAxis,
     memory: PerNetworkAxis,
@@ -166,11 +182,16 @@ def learned(
     for axis, f, remembered, w in zip(axes, weights, memory, firing, strict=True):
         signal = signal_of(axis, numbers, *signals)
         known = where(begins_anew, law.memory(len(f)), remembered)
-        counts = where(abs(signal) < deadzone, 0.0 * signal, signal)
+        counts = counted(signal, deadzone)
         f_after, memory_after = law.learned(tuple([kept * f_i for f_i in f]), known, w, counts, period)
         after.append((tuple([minimum(maximum(f_i, -limit), limit) for f_i in f_after]), memory_after))
     all_weights, all_memory = tuple([f for f, _ in after]), tuple([remembered for _, remembered in after])
     return (all_weights, all_memory) if any(all_memory) else all_weights
+
+
+def counted(signal: Row, deadzone: Row) -> Row:
+    """What counts of a signal, of which too little counts as zero."""
+    return where(abs(signal) < deadzone, 0.0 * signal, signal)
 
 
 def _is_one_of(time: Row, ticks: Sequence[int], period: float) -> bool:
@@ -241,7 +262,7 @@ class WeightLearning(FleetSystem):
         """Declares the system."""
         law, axes = numbers.law, tuple(axes)
         ticks = tuple([math.ceil(time / period - 1e-9) for time in reset_times])
-        per_axis = _layout(len(axes), num_rules)
+        per_axis = layout_on_axes(len(axes), num_rules)
         firing = self.input("firing", layout=per_axis)
         learning = self.parameter("learning", lambda numbers: numbers)
         weights = self.state(
@@ -254,13 +275,11 @@ class WeightLearning(FleetSystem):
             memory = self.state(
                 law.memory_name,
                 lambda numbers: (numbers.law.memory(num_rules),) * len(axes),
-                layout=_layout(len(axes), rows),
+                layout=layout_on_axes(len(axes), rows),
             )
             writes = [weights, memory]
-        if learns_from == "surface":
-            signals: tuple[Any, ...] = surface, self.input("error"), self.input("error_rate")
-        else:
-            signals = feedback, self.input("pd")
+        signal_of, ports = signal_and_ports(learns_from)
+        signals = signal_of, *(self.input(name) for name in ports)
         reads = weights, memory, firing, learning, TIME if ticks else 0.0, axes, period, ticks, *signals
         self.update(period, learned, *reads, writes=writes)
         self.output("correction", network_output, weights, firing, axes)
@@ -270,7 +289,7 @@ class WeightLearning(FleetSystem):
             self.output("covariance_trace", covariance_traces, memory, layout=trace_layout)
 
 
-def build_fuzzy_network(*, rules: Any, learning: Any) -> Diagram:
+def build_fuzzy_network(*, rules: Any, learning: Any, sets: Any = None) -> Diagram:
     """Builds the diagram `network`.
 
     .. pydrake_system::
@@ -284,30 +303,35 @@ def build_fuzzy_network(*, rules: Any, learning: Any) -> Diagram:
         - weights
         - covariance_trace
 
-    It is two systems so that Drake keeps the firing strengths between the output and the learning of a tick. Ports are
-    those of the two; there are others with other inputs of the rules, or where the feedback is learned from.
+    It is several systems so that Drake keeps the firing strengths between the output and the learning of a tick. Ports
+    are those of its parts; there are others with other inputs of the rules, or where the feedback is learned from, and
+    `antecedents` where they learn.
 
     Args:
         rules: a `FuzzyRules`.
         learning: a `WeightLearning` on the same axes, for as many rules.
+        sets: a `SetLearning` likewise, if the rules are adaptive.
     """
     builder = DiagramBuilder()
-    parts = {"rules": rules, "learning": learning}
+    parts = {"rules": rules, "learning": learning} | ({} if sets is None else {"sets": sets})
     for name, system in parts.items():
         builder.AddNamedSystem(name, system)
-    builder.Connect(rules.GetOutputPort("firing"), learning.GetInputPort("firing"))
+    inside = {"firing": rules, "weights": learning, "antecedents": sets}
     exported: set[str] = set()
     for system in parts.values():
         for port in map(system.get_input_port, range(system.num_input_ports())):
             name = port.get_name()
-            if name in exported:
+            if name in inside:
+                builder.Connect(inside[name].GetOutputPort(name), port)
+            elif name in exported:
                 builder.ConnectInput(name, port)
-            elif name != "firing":
+            else:
                 builder.ExportInput(port, name)
                 exported.add(name)
-    for name in ("correction", "weights", "covariance_trace"):
-        if learning.HasOutputPort(name):
-            builder.ExportOutput(learning.GetOutputPort(name), name)
+    shown = [(learning, name) for name in ("correction", "weights", "covariance_trace")] + [(sets, "antecedents")]
+    for system, name in shown:
+        if system is not None and system.HasOutputPort(name):
+            builder.ExportOutput(system.GetOutputPort(name), name)
     network = builder.Build()
     network.set_name("network")
     return network
