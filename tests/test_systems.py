@@ -337,6 +337,7 @@ DEFAULTS = {
         "num_rules": 9,
         "learns_from": "surface",
         "reset_times": (),
+        "initial_weights": (),
         "numbers": (1.0, (1.0, 1.0, 1.0), (math.inf, 0.0, 0.0), 0.0),
     },
 }

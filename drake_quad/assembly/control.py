@@ -19,6 +19,7 @@ from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, Weight
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
+from drake_quad.framework.records import layout_of
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario
 from drake_quad.vehicle.parameters import Inertia
@@ -131,16 +132,27 @@ def _network(network: Any, plan: Plan, period: float) -> dict[str, Recipe]:
     timing = {"period": period, "axes": axes, "learns_from": learns_from}
     looks_at = {"axes": axes, "inputs": inputs, "lap_times": lap_times}
     resets_at = tuple(plan.leg_times[1:]) if resets else ()
+    known, begun = (() if network.learned is None else tuple(network.learned.axes.values())), (sets,)
+    if any(each.antecedents is not None for each in known):
+        layout = layout_of(Antecedents, sets)
+        begun = tuple([layout.build(each.antecedents) for each in known])
     found = {
-        "network.rules": Recipe(FuzzyRules, {**looks_at, "adaptive": network.adaptive is not None}, (sets,)),
+        "network.rules": Recipe(FuzzyRules, {**looks_at, "adaptive": network.adaptive is not None}, begun),
         "network.learning": Recipe(
-            WeightLearning, {**timing, "num_rules": sets.num_rules, "reset_times": resets_at}, numbers
+            WeightLearning,
+            {
+                **timing,
+                "num_rules": sets.num_rules,
+                "reset_times": resets_at,
+                "initial_weights": tuple([each.weights for each in known]),
+            },
+            numbers,
         ),
     }
     if network.adaptive is not None:
         parts = network.adaptive.parts
         rates = AdaptationRates(**{part: getattr(network.adaptive, part) for part in parts})
-        adaptation = AdaptationNumbers((sets,) * len(axes), rates, numbers)
+        adaptation = AdaptationNumbers(begun * len(axes) if len(begun) == 1 else begun, rates, numbers)
         found["network.sets"] = Recipe(SetLearning, {**timing, **looks_at, "parts": parts}, adaptation)
     return found
 

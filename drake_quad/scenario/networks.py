@@ -2,7 +2,7 @@
 
 import itertools
 import math
-from typing import Annotated, Literal, get_args
+from typing import Annotated, Any, Literal, get_args
 
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
@@ -14,6 +14,7 @@ from drake_quad.scenario.limits import MOST_RULES
 from drake_quad.scenario.quantities import NonNegative, Number, Positive, Probability, bounded, extremes
 
 Axis = Literal["x", "y", "z"]
+_AXES: tuple[Axis, ...] = get_args(Axis)
 Axes = Annotated[tuple[Axis, ...], Field(strict=False, min_length=1)]
 
 
@@ -150,14 +151,85 @@ class SignLearning(_Learning):
 Learning = Annotated[CovarianceLearning | GradientLearning | SignLearning, Field(discriminator="kind")]
 
 
+class LearnedAxis(Model):
+    """What a network has learned on one axis."""
+
+    weights: Annotated[tuple[Real, ...], Field(strict=False)] = Field(description="F, one a rule (m/s²)")
+    antecedents: Annotated[tuple[Real, ...], Field(strict=False)] | None = Field(
+        default=None, description="numbers of the sets, if they have learned, as the signal of that name has them (1)"
+    )
+
+
+class LearnedNetwork(Model):
+    """What a network has learned in a flight; `learned: FILE` reads it from what `simulate.py --save-network` wrote."""
+
+    kind: Literal["type_1", "type_2"] = Field(description="type of the network")
+    inputs: Annotated[tuple[InputName, ...], Field(strict=False)] = Field(description="what its rules look at")
+    sets: Annotated[tuple[int, ...], Field(strict=False)] = Field(description="number of sets of each input")
+    x: LearnedAxis | None = Field(default=None, description="on X")
+    y: LearnedAxis | None = Field(default=None, description="on Y")
+    z: LearnedAxis | None = Field(default=None, description="on Z")
+
+    @property
+    def axes(self) -> dict[Axis, LearnedAxis]:
+        """What has been learned, by axis."""
+        return {axis: known for axis in _AXES if (known := getattr(self, axis)) is not None}
+
+    @model_validator(mode="after")
+    def _complete(self) -> "LearnedNetwork":
+        rules, numbers = math.prod(self.sets), 3 + sum(1 + 2 * count for count in self.sets)
+        for axis, known in self.axes.items():
+            if len(known.weights) != rules:
+                raise self.wrong(axis, "weights", kind="learned", demand="must be {rules} numbers", rules=rules)
+            if known.antecedents is not None and len(known.antecedents) != numbers:
+                raise self.wrong(axis, "antecedents", kind="learned", demand="must be {count} numbers", count=numbers)
+        if len({known.antecedents is None for known in self.axes.values()}) > 1:
+            raise PydanticCustomError("learned", "must have antecedents on all axes or on none")
+        return self
+
+
+def _or_file(schema: dict[str, Any]) -> None:
+    """Tells editors that the name of a file stands for what is in it; loading puts that in its place."""
+    schema["anyOf"].insert(0, {"type": "string"})
+
+
 class _Network(Model):
     """What networks of both types have in common."""
 
+    kind: Literal["type_1", "type_2"]
     axes: Axes = Field(default=("x", "y"), description="on which there is a network")
     inputs: Inputs = Field(
         default=Inputs(error=FuzzySets(), error_rate=FuzzySets()), description="what its rules look at"
     )
     learning: Learning = CovarianceLearning(kind="covariance")
+    learned: LearnedNetwork | None = Field(
+        default=None,
+        description="file of what was learned before, beside the one that names it: where the flight begins from",
+        json_schema_extra=_or_file,
+    )
+
+    @model_validator(mode="after")
+    def _fits(self) -> "_Network":
+        """What was learned before is of a network like this one."""
+        if self.learned is None:
+            return self
+        own = {
+            "kind": self.kind,
+            "inputs": tuple(self.inputs.given),
+            "sets": tuple([len(sets.centres) for sets in self.inputs.given.values()]),
+            "axes": tuple(axis for axis in _AXES if axis in self.axes),
+        }
+        known = {name: getattr(self.learned, name) for name in ("kind", "inputs", "sets")}
+        for name, value in {**known, "axes": tuple(self.learned.axes)}.items():
+            if value != own[name]:
+                words = {"name": name, "own": _words(own[name]), "learned": _words(value)}
+                demand = "must be of a network of the same {name}: this one's are {own}, those learned on {learned}"
+                raise self.wrong("learned", kind="learned", demand=demand, **words)
+        return self
+
+
+def _words(value: str | tuple[str | int, ...]) -> str:
+    return value if isinstance(value, str) else ", ".join(map(str, value))
 
 
 class AdaptiveTriangles(Model):

@@ -246,6 +246,7 @@ class WeightLearning(FleetSystem):
         num_rules: R.
         learns_from: "surface" or "feedback".
         reset_times: at which the memory of the law begins anew, s: at the first tick from then on.
+        initial_weights: F of the rules on each axis at the beginning, m/s², if they are not all the same.
         numbers: to learn by.
     """
 
@@ -257,6 +258,7 @@ class WeightLearning(FleetSystem):
         num_rules: int = 9,
         learns_from: Literal["surface", "feedback"] = "surface",
         reset_times: Sequence[float] = (),
+        initial_weights: PerNetworkAxis = (),
         numbers: LearningNumbers = LearningNumbers(),
     ) -> None:
         """Declares the system."""
@@ -266,7 +268,9 @@ class WeightLearning(FleetSystem):
         firing = self.input("firing", layout=per_axis)
         learning = self.parameter("learning", lambda numbers: numbers)
         weights = self.state(
-            "weights", lambda numbers: ((numbers.initial_weight,) * num_rules,) * len(axes), layout=per_axis
+            "weights",
+            lambda numbers: initial_weights or ((numbers.initial_weight,) * num_rules,) * len(axes),
+            layout=per_axis,
         )
         rows = len(law.memory(num_rules))
         memory: Any = ((),) * len(axes)
