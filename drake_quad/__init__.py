@@ -12,13 +12,14 @@ __all__ = [
     "load_scenario",
     "read_study",
     "run_monte_carlo",
+    "save_network",
     "simulate",
 ]
 
 if TYPE_CHECKING:
     from drake_quad.assembly.tracking import build_tracking_diagram
     from drake_quad.errors import InputError
-    from drake_quad.flight import Flight, simulate
+    from drake_quad.flight import Flight, save_network, simulate
     from drake_quad.scenario import Scenario, load_scenario
     from drake_quad.studies import Study, read_study, run_monte_carlo
 else:
@@ -32,6 +33,7 @@ else:
         "load_scenario": "scenario",
         "read_study": "studies",
         "run_monte_carlo": "studies",
+        "save_network": "flight",
         "simulate": "flight",
     }
 

@@ -157,7 +157,7 @@ class PositionErrorRate(NamedTuple):
 
 
 class Acceleration(NamedTuple):
-    """A commanded acceleration, or a part of it."""
+    """A commanded acceleration, or a part of it; or one that is estimated, of what disturbs the vehicle."""
 
     x: AccelerationW
     y: AccelerationW
@@ -226,10 +226,11 @@ class CrashTime(NamedTuple):
     crash_time: Time
 
 
-# Signals of a network have as many rows as it has rules, or axes.
+# Signals of a network have as many rows as it has rules, axes, or numbers of sets.
 Firing = tuple[Number, ...]
 Weights = tuple[AccelerationW, ...]
 CovarianceTrace = tuple[Gain, ...]
+Antecedents = tuple[Number, ...]
 
 SIGNALS: dict[str, Any] = {
     "state": State,
@@ -251,6 +252,7 @@ SIGNALS: dict[str, Any] = {
     "feed_forward": Acceleration,
     "correction": Acceleration,
     "acceleration_command": Acceleration,
+    "disturbance": Acceleration,
     "thrust": Thrust,
     "torque": Torque,
     "attitude_command": Attitude,
@@ -262,6 +264,7 @@ SIGNALS: dict[str, Any] = {
     "firing": Firing,
     "weights": Weights,
     "covariance_trace": CovarianceTrace,
+    "antecedents": Antecedents,
 }
 """What a port of this name holds."""
 

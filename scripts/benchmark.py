@@ -219,12 +219,11 @@ def print_rules(repetitions: int) -> None:
 def with_rules(sets: int) -> Scenario:
     """The figure eight with type-2 networks that have so many sets on each of their two inputs."""
     centres, widths = np.linspace(-1.0, 1.0, sets).tolist(), [2.0 / (sets - 1)] * sets
-    position = "control.position"
     return load_scenario(
         _DIAGRAMS / "figure_eight.yaml",
         [
-            f"{position}.network.{signal}.{name}={values}"
-            for signal in ("error", "rate")
+            f"control.network.inputs.{signal}.{name}={values}"
+            for signal in ("error", "error_rate")
             for name, values in (("centres", centres), ("widths", widths))
         ],
         layers=[_NETWORK],

@@ -10,7 +10,7 @@ from command_line import add_vector, flight_progress, folder_of, parser, print_f
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
 
-from drake_quad import Flight, InputError, Scenario, simulate
+from drake_quad import Flight, InputError, Scenario, save_network, simulate
 from drake_quad.assembly.planning import plan_route
 from drake_quad.files import output_folder
 from drake_quad.reference.plan import Plan
@@ -30,6 +30,11 @@ def main() -> None:
     options.add_argument(
         "--rate", type=float, default=1.0, help="of real time, with --meshcat; 0 is as fast as can be (default: 1)"
     )
+    options.add_argument(
+        "--save-network",
+        metavar="FILE",
+        help="write what the network has learned, for `control.network.learned: FILE` of another flight",
+    )
     add_vector(options)
     arguments = options.parse_args()
     if not (math.isfinite(arguments.rate) and arguments.rate >= 0.0):
@@ -37,6 +42,8 @@ def main() -> None:
     if arguments.compiled and arguments.meshcat:
         raise InputError("--meshcat shows the diagram as it is wired, which --compiled does not fly; give one of them")
     scenario = scenario_of(arguments)
+    if arguments.save_network and scenario.control.network is None:
+        raise InputError("--save-network needs a network, but the scenario has none")
     folder = output_folder(folder_of(arguments, scenario.name))
     sample = scenario.sample if arguments.sample is None else arguments.sample
     meshcat = opened_meshcat() if arguments.meshcat else None
@@ -53,6 +60,8 @@ def main() -> None:
 
     replay = save_replay({scenario.name: flight}, folder / "replay.html")
     files = [*flight.save(folder), *save_plots(flight, folder, vector=arguments.vector), replay]
+    if arguments.save_network:
+        files.append(save_network(flight, arguments.save_network))
     which = [("sample", str(sample), f"of seed {scenario.seed}")] if sample is not None else []
     print_table([*which, *summary(flight)])
     print_files(files)

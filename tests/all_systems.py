@@ -10,8 +10,10 @@ from pydrake.common import RandomDistribution
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
 from drake_quad.control.axes import PerAngle, PerAxis
 from drake_quad.control.cascade import build_cascade
+from drake_quad.control.fuzzy.adaptation import AdaptationRates
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
+from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning, build_fuzzy_network
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
@@ -165,7 +167,10 @@ RESPONDING = RespondingNumbers(
     VEHICLE, AttitudeResponse(NaturalFrequencies(6.8, 6.4, 3.1), DampingRatios(0.5, 0.7, 1.1))
 )
 SETS = Antecedents(
-    1.4, 0.6, 0.3, FuzzySets(1.8, (-1.0, 0.1, 1.2), (1.1, 0.9, 1.3)), FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4))
+    1.4,
+    0.6,
+    0.3,
+    (FuzzySets(1.8, (-1.0, 0.1, 1.2), (1.1, 0.9, 1.3)), FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4))),
 )
 LIMITS = Limits(0.9, 0.01, 0.02)
 SAMPLES = Samples(3, (5, 6))
@@ -193,7 +198,7 @@ FLEET_SYSTEMS = [
     Example(Fans, JETS),
     Example(FlightMonitor),
     Example(FlightMonitor, num_vehicles=3),
-    Example(FuzzyRules, SETS, num_vehicles=2),
+    Example(FuzzyRules, (SETS,), num_vehicles=2),
     Example(Gust, GUST),
     Example(SineWind, SineNumbers(Wind(1.0, 2.0, 3.0), 1.1, 2.2)),
     Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), num_vehicles=2),
@@ -230,6 +235,16 @@ FLEET_SYSTEMS = [
         {"axes": ("x", "z"), "num_rules": 4, "reset_times": (1.0, 2.0)},
         num_vehicles=2,
     ),
+    Example(
+        SetLearning,
+        AdaptationNumbers(
+            (SETS, SETS._replace(a1=1.7)),
+            AdaptationRates(0.3, 0.2, 0.1),
+            LearningNumbers(1.4, GradientLaw(0.4), LIMITS, 0.05),
+        ),
+        {"axes": ("x", "z")},
+        num_vehicles=2,
+    ),
     Example(WeightLearning, LearningNumbers(1.4, GradientLaw(0.4), LIMITS, 0.05), whole=False),
     Example(WeightLearning, LearningNumbers(1.4, SignLaw(0.4, 0.2), LIMITS, 0.05), num_vehicles=2, whole=False),
 ]
@@ -242,6 +257,12 @@ def _cascade() -> Any:
         attitude=AttitudeController(numbers=ATTITUDE),
         feed_forward="snap",
     )
+
+
+def _corrected_pid() -> Any:
+    """With both kinds of corrections, and so all of its ports."""
+    integral = IntegralCorrection(numbers=IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6))
+    return build_position_controller(ProportionalDerivative(numbers=GAINS), integral=integral, takes_correction=True)
 
 
 def _network() -> Any:
@@ -291,7 +312,7 @@ DIAGRAMS: list[tuple[Callable[..., Any], Callable[[], Any]]] = [
     (build_fuzzy_network, _network),
     (build_held_wind, lambda: build_held_wind(Along(), period=0.01)),
     (build_laboratory, _laboratory),
-    (build_position_controller, lambda: build_position_controller(ProportionalDerivative(numbers=GAINS))),
+    (build_position_controller, _corrected_pid),
     (build_wind, _wind),
     (build_reference, lambda: build_reference(Plan.hover([0.0, 0.0, 1.0], duration=1.0), num_vehicles=2)),
 ]

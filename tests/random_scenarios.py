@@ -11,12 +11,21 @@ STRUCTURES = {
     "position": [
         "pd",
         "pid",
-        *(f"{kind} {law}" for kind in ("pd_t1fnn", "pd_t2fnn") for law in ("covariance", "gradient", "sign")),
+        *(f"pd {kind} {law}" for kind in ("type_1", "type_2") for law in ("covariance", "gradient", "sign")),
+        "pid type_2 covariance",
     ],
     "derivative": ["tracking_error", "measurement"],
     "feed_forward": ["none", "acceleration", "jerk", "snap"],
     "axes": [["x", "y"], ["z"], ["y", "z"], ["x", "y", "z"], ["x"]],
-    "sets": [(3, 3), (2, 3), (3, 2), (2, 2)],
+    "inputs": [
+        {"error": 3, "error_rate": 3},
+        {"error": 2, "error_rate": 3},
+        {"x": 2, "v_y": 3},
+        {"error": 2, "y": 2, "phase": 3},
+        {"error_rate": 2, "z": 2, "v_x": 2, "phase": 2},
+    ],
+    "signal": ["surface", "feedback"],
+    "adapts": ["", "centres widths", "exponents", "", "widths exponents"],
     "reset": ["never", "at_segments"],
     "limited": [False, True],
     "leaks": [False, True],
@@ -154,6 +163,7 @@ def _tree(structure, rng, duration):
         },
         "control": {
             "position": _position(structure, draw),
+            "network": _network(structure, draw),
             "attitude": {
                 "k_p": [draw(8.0, 12.0), draw(8.0, 12.0), draw(4.0, 6.0)],
                 "k_d": [draw(5.0, 7.0), draw(5.0, 7.0), draw(2.5, 4.0)],
@@ -241,7 +251,7 @@ def _autopilot(structure, draw, period):
 
 
 def _position(structure, draw):
-    kind, *law = structure["position"].split()
+    kind, *_ = structure["position"].split()
     position = {
         "kind": kind,
         "k_p": [draw(1.0, 2.0), draw(1.0, 2.0), draw(4.0, 6.0)],
@@ -251,12 +261,26 @@ def _position(structure, draw):
     }
     if kind == "pid":
         position |= {"k_i": [draw(0.1, 1.0) for _ in range(3)], "integral_limit": draw(0.01, 0.1)}
-    if law:
-        network = {name: _sets(count, draw) for name, count in zip(("error", "rate"), structure["sets"], strict=True)}
-        if kind == "pd_t2fnn":
-            network |= {"a1": draw(1.1, 1.4), "a2": draw(0.6, 0.9), "q": draw(0.2, 0.8)}
-        position |= {"axes": structure["axes"], "network": network, "learning": _learning(law[0], structure, draw)}
     return position
+
+
+def _network(structure, draw):
+    _, *described = structure["position"].split()
+    if not described:
+        return None
+    kind, law = described
+    network = {
+        "kind": kind,
+        "axes": structure["axes"],
+        "inputs": {name: _sets(count, draw) for name, count in structure["inputs"].items()},
+        "learning": _learning(law, structure, draw),
+    }
+    adapts = [part for part in structure["adapts"].split() if kind == "type_2" or part != "exponents"]
+    if adapts:
+        network["adaptive"] = {part: draw(0.1, 2.0) for part in adapts}
+    if kind == "type_2":
+        network |= {"a1": draw(1.1, 1.4), "a2": draw(0.6, 0.9), "q": draw(0.2, 0.8)}
+    return network
 
 
 def _sets(count, draw):
@@ -266,6 +290,8 @@ def _sets(count, draw):
 
 def _learning(kind, structure, draw):
     learning = {"kind": kind, "initial_weight": draw.signed(0.1)}
+    if kind != "sign":
+        learning["signal"] = structure["signal"]
     match kind:
         case "covariance":
             learning |= {"gain": draw(0.5, 1.0), "initial_covariance": draw(1.0, 6.0), "slope": draw(1.0, 2.0)}

@@ -17,6 +17,7 @@ from pydrake.systems.framework import Diagram
 
 import drake_quad
 from drake_quad.control.attitude import AttitudeController
+from drake_quad.control.fuzzy.set_learning import SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning
 from drake_quad.control.integral import IntegralCorrection
 from drake_quad.control.position import ProportionalDerivative
@@ -278,7 +279,10 @@ DEFAULTS = {
     FlightMonitor: {"period": 0.02, "limits": (math.radians(80.0), 5.0, -0.5), "window": (0.0, math.inf)},
     FuzzyRules: {
         "axes": ("x", "y"),
-        "numbers": (1.2, 0.8, 0.5, *[(1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0))] * 2),
+        "inputs": ("error", "error_rate"),
+        "lap_times": (),
+        "adaptive": False,
+        "numbers": ((1.2, 0.8, 0.5, ((1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0)),) * 2),),
     },
     Gust: {"period": 0.01},
     SineWind: {"period": 0.01},
@@ -314,11 +318,26 @@ DEFAULTS = {
     ThrottleAllocation: {"paired": False},
     ThrustAlone: {},
     ThrustVectoring: {},
+    SetLearning: {
+        "period": 0.02,
+        "axes": ("x", "y"),
+        "inputs": ("error", "error_rate"),
+        "lap_times": (),
+        "learns_from": "surface",
+        "parts": ("centres", "widths", "exponents"),
+        "numbers": (
+            ((1.2, 0.8, 0.5, ((1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0)),) * 2),) * 2,
+            (0.0, 0.0, 0.0),
+            (1.0, (1.0, 1.0, 1.0), (math.inf, 0.0, 0.0), 0.0),
+        ),
+    },
     WeightLearning: {
         "period": 0.02,
         "axes": ("x", "y"),
         "num_rules": 9,
+        "learns_from": "surface",
         "reset_times": (),
+        "initial_weights": (),
         "numbers": (1.0, (1.0, 1.0, 1.0), (math.inf, 0.0, 0.0), 0.0),
     },
 }

@@ -11,12 +11,15 @@ from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
 from drake_quad.control.axes import PerAngle, PerAxis
 from drake_quad.control.cascade import build_cascade
+from drake_quad.control.fuzzy.adaptation import AdaptationRates
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
+from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning, build_fuzzy_network
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
+from drake_quad.framework.records import layout_of
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario
 from drake_quad.vehicle.parameters import Inertia
@@ -42,7 +45,8 @@ def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
             {"derivative": derivative, "feeds_forward": feeds_forward},
             PdGains(PerAxis(*position.k_p), PerAxis(*position.k_d)),
         ),
-        **_correction(scenario, position, plan),
+        **_integral(position, scenario.laboratory.command_link.period),
+        **_network(fleet.control.network, plan, scenario.laboratory.command_link.period),
         "thrust_vectoring": Recipe(ThrustVectoring, {}, VectoringNumbers(believed.mass, believed.gravity, thrust)),
         **_attitude(fleet.control.attitude, believed.inertia),
     }
@@ -60,18 +64,19 @@ def build_control(
         position_controller: takes the place of the scenario's, for which there are no recipes then.
     """
     systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}
+    network = None
+    if "network.rules" in systems:
+        parts = {name: systems.get(f"network.{name}") for name in ("rules", "learning", "sets")}
+        network = build_fuzzy_network(**parts)
     if position_controller is None:
-        correction = None
-        if "position.integral" in systems:
-            correction = systems["position.integral"]
-            correction.set_name("integral")
-        elif "position.network.rules" in systems:
-            correction = build_fuzzy_network(
-                rules=systems["position.network.rules"], learning=systems["position.network.learning"]
-            )
-        position_controller = build_position_controller(systems["position.pd"], correction=correction)
+        position_controller = build_position_controller(
+            systems["position.pd"],
+            integral=systems.get("position.integral"),
+            takes_correction=network is not None,
+        )
     return build_cascade(
         position=position_controller,
+        network=network,
         thrust_vectoring=systems["thrust_vectoring"],
         attitude=systems.get("attitude"),
         feed_forward=scenario.control.position.feed_forward,
@@ -91,20 +96,19 @@ def _attitude(gains: Any, inertia: Inertia) -> dict[str, Recipe]:
     return {"attitude": Recipe(AttitudeController, {}, numbers)}
 
 
-def _correction(scenario: Scenario, position: Any, plan: Plan) -> dict[str, Recipe]:
-    """What is subtracted from a position controller's PD, if anything is."""
-    period = scenario.laboratory.command_link.period
-    match position.kind:
-        case "pid":
-            gains = IntegralGains(PerAxis(*position.k_i), position.integral_limit)
-            return {"position.integral": Recipe(IntegralCorrection, {"period": period}, gains)}
-        case "pd_t1fnn" | "pd_t2fnn":
-            return _network(position, plan, period)
-    return {}
+def _integral(position: Any, period: float) -> dict[str, Recipe]:
+    """The integral of a position controller, if it has one."""
+    if position.kind != "pid":
+        return {}
+    gains = IntegralGains(PerAxis(*position.k_i), position.integral_limit)
+    return {"position.integral": Recipe(IntegralCorrection, {"period": period}, gains)}
 
 
-def _network(position: Any, plan: Plan, period: float) -> dict[str, Recipe]:
-    learning, sets = position.learning, antecedents(position)
+def _network(network: Any, plan: Plan, period: float) -> dict[str, Recipe]:
+    """The network around a position controller, if there is one."""
+    if network is None:
+        return {}
+    learning, sets = network.learning, antecedents(network)
     law: Any
     match learning.kind:
         case "covariance":
@@ -115,28 +119,47 @@ def _network(position: Any, plan: Plan, period: float) -> dict[str, Recipe]:
             law = SignLaw(learning.rate, learning.initial_slope)
     limit = math.inf if learning.weight_limit is None else learning.weight_limit
     resets = learning.kind == "covariance" and learning.reset == "at_segments"
-    axes = tuple([axis for axis in ("x", "y", "z") if axis in position.axes])
+    axes = tuple([axis for axis in ("x", "y", "z") if axis in network.axes])
+    inputs = tuple(network.inputs.given)
+    lap_times = plan.lap_times if "phase" in inputs else ()
     numbers = LearningNumbers(
         slope=0.0 if learning.kind == "sign" else learning.slope,
         law=law,
         limits=Limits(limit, learning.deadzone, learning.leakage),
         initial_weight=learning.initial_weight,
     )
-    structure = {
-        "period": period,
-        "axes": axes,
-        "num_rules": sets.num_rules,
-        "reset_times": tuple(plan.leg_times[1:]) if resets else (),
+    learns_from = "feedback" if learning.kind == "sign" else learning.signal
+    timing = {"period": period, "axes": axes, "learns_from": learns_from}
+    looks_at = {"axes": axes, "inputs": inputs, "lap_times": lap_times}
+    resets_at = tuple(plan.leg_times[1:]) if resets else ()
+    known, begun = (() if network.learned is None else tuple(network.learned.axes.values())), (sets,)
+    if any(each.antecedents is not None for each in known):
+        layout = layout_of(Antecedents, sets)
+        begun = tuple([layout.build(each.antecedents) for each in known])
+    found = {
+        "network.rules": Recipe(FuzzyRules, {**looks_at, "adaptive": network.adaptive is not None}, begun),
+        "network.learning": Recipe(
+            WeightLearning,
+            {
+                **timing,
+                "num_rules": sets.num_rules,
+                "reset_times": resets_at,
+                "initial_weights": tuple([each.weights for each in known]),
+            },
+            numbers,
+        ),
     }
-    return {
-        "position.network.rules": Recipe(FuzzyRules, {"axes": axes}, sets),
-        "position.network.learning": Recipe(WeightLearning, structure, numbers),
-    }
+    if network.adaptive is not None:
+        parts = network.adaptive.parts
+        rates = AdaptationRates(**{part: getattr(network.adaptive, part) for part in parts})
+        adaptation = AdaptationNumbers(begun * len(axes) if len(begun) == 1 else begun, rates, numbers)
+        found["network.sets"] = Recipe(SetLearning, {**timing, **looks_at, "parts": parts}, adaptation)
+    return found
 
 
-def antecedents(position: Any) -> Antecedents:
-    """The antecedents of the network of a position controller of a scenario, or of a `FleetScenario`."""
-    network = position.network
-    inputs = (FuzzySets(sets.scale, tuple(sets.centres), tuple(sets.widths)) for sets in (network.error, network.rate))
-    exponents = (network.a1, network.a2, network.q) if position.kind == "pd_t2fnn" else (1.0, 1.0, 0.0)
-    return Antecedents(*exponents, *inputs)
+def antecedents(network: Any) -> Antecedents:
+    """The antecedents of the network of a scenario, or of a `FleetScenario`."""
+    of_inputs = (getattr(network.inputs, name) for name in network.inputs.given)
+    inputs = (FuzzySets(sets.scale, tuple(sets.centres), tuple(sets.widths)) for sets in of_inputs)
+    a1, a2, q = (network.a1, network.a2, network.q) if network.kind == "type_2" else (1.0, 1.0, 0.0)
+    return Antecedents(a1, a2, q, tuple(inputs))

@@ -59,8 +59,8 @@ def build_tracking_diagram(
     Args:
         scenario: with numbers only.
         num_vehicles: N.
-        position_controller: a system that stands in for the scenario's: from `measurement` (12 rows) and `reference`
-            (11 rows) to `acceleration_command` (3 rows, m/s²). The diagram takes it over.
+        position_controller: a system that stands in for the scenario's and its network: from `measurement` (12 rows)
+            and `reference` (11 rows) to `acceleration_command` (3 rows, m/s²). The diagram takes it over.
         control: a system that stands in for the whole cascade: from `measurement` and `reference` to `wrench`
             (4 rows: F_z in N; τ_x, τ_y, τ_z in N m) or, with an autopilot on board, to `attitude_target` (7 rows: F_z
             in N; roll, pitch, yaw in rad; p, q, r in rad/s). The diagram takes it over.
@@ -185,7 +185,7 @@ def _control_recipes(batch: Batch, plan: Plan, own: UserSystems) -> dict[str, Re
     recipes = control_recipes(batch, plan)
     if own.position_controller is None:
         return recipes
-    return {path: recipe for path, recipe in recipes.items() if not path.startswith("position.")}
+    return {path: recipe for path, recipe in recipes.items() if not path.startswith(("position.", "network."))}
 
 
 def _samples(batch: Batch) -> Samples:

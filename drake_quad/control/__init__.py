@@ -3,14 +3,18 @@
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
 from drake_quad.control.axes import PerAngle, PerAxis
 from drake_quad.control.cascade import build_cascade
+from drake_quad.control.fuzzy.adaptation import AdaptationRates
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
+from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning, build_fuzzy_network
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
 
 __all__ = [
+    "AdaptationNumbers",
+    "AdaptationRates",
     "Antecedents",
     "AttitudeController",
     "AttitudeNumbers",
@@ -26,6 +30,7 @@ __all__ = [
     "PerAngle",
     "PerAxis",
     "ProportionalDerivative",
+    "SetLearning",
     "SignLaw",
     "ThrustLimits",
     "ThrustVectoring",

@@ -1,4 +1,4 @@
-"""The cascade as one diagram: position control, thrust vectoring and, unless it is done on board, attitude control."""
+"""The cascade as one diagram: position control, perhaps a network, thrust vectoring and, unless on board, attitude."""
 
 from typing import Any
 
@@ -8,14 +8,16 @@ from pydrake.systems.primitives import Multiplexer
 from drake_quad.control.position import FeedForward
 from drake_quad.framework.wiring import split_output
 
-# What a position controller may show of its inside, beside its `acceleration_command`.
-POSITION_SIGNALS = ("error", "error_rate", "pd", "correction", "weights", "covariance_trace")
+# What a position controller, and then a network around it, may show beside what they command.
+POSITION_SIGNALS = ("error", "error_rate", "pd", "correction", "weights", "covariance_trace", "antecedents")
 
 # The signals that make an attitude target, in its order.
 _TARGET = ("thrust", "attitude_command", "body_rate_command")
 
 
-def build_cascade(*, position: Any, thrust_vectoring: Any, attitude: Any | None, feed_forward: FeedForward) -> Diagram:
+def build_cascade(
+    *, position: Any, network: Any | None = None, thrust_vectoring: Any, attitude: Any | None, feed_forward: FeedForward
+) -> Diagram:
     """Builds the diagram `control`.
 
     .. pydrake_system::
@@ -35,12 +37,13 @@ def build_cascade(*, position: Any, thrust_vectoring: Any, attitude: Any | None,
         - pd
         - correction
 
-    The last four are there if the position controller has them, and so are `weights` and `covariance_trace` of a
-    network; `reference_jerk` and `reference_snap` if they are fed forward. Without an attitude controller there is an
-    `attitude_target` for the autopilot in place of the `wrench`.
+    The last four are there if the position controller or the network has them, and so are `weights` and
+    `covariance_trace` of a network; `reference_jerk` and `reference_snap` if they are fed forward. Without an attitude
+    controller there is an `attitude_target` for the autopilot in place of the `wrench`.
 
     Args:
         position: from `measurement` and `reference` to `acceleration_command`.
+        network: that stands around the position controller, which takes its correction, if any.
         thrust_vectoring: a `ThrustVectoring`.
         attitude: an `AttitudeController`; None if an autopilot on board does its work.
         feed_forward: with "jerk" the body rates follow the reference's jerk; with "snap" the torques of an
@@ -78,9 +81,29 @@ def build_cascade(*, position: Any, thrust_vectoring: Any, attitude: Any | None,
     builder.ExportOutput(together.get_output_port(), command)
     builder.ExportOutput(acceleration_command, "acceleration_command")
     builder.ExportOutput(commanded["attitude_command"], "attitude_command")
+    if network is not None:
+        put_around(builder, position, network)
     for name in POSITION_SIGNALS:
-        if position.HasOutputPort(name):
-            builder.ExportOutput(position.GetOutputPort(name), name)
+        source = next((each for each in (position, network) if each is not None and each.HasOutputPort(name)), None)
+        if source is not None:
+            builder.ExportOutput(source.GetOutputPort(name), name)
     control = builder.Build()
     control.set_name("control")
     return control
+
+
+def put_around(builder: DiagramBuilder, controller: Any, network: Any) -> None:
+    """Adds a network around a controller: it sees what the controller shows and measures, and corrects its command.
+
+    Args:
+        builder: with the controller, and with the input `measurement`.
+        controller: with the input `correction` and outputs for all of the network's inputs but the measurement.
+        network: to add.
+    """
+    builder.AddNamedSystem("network", network)
+    for port in map(network.get_input_port, range(network.num_input_ports())):
+        if port.get_name() == "measurement":
+            builder.ConnectInput("measurement", port)
+        else:
+            builder.Connect(controller.GetOutputPort(port.get_name()), port)
+    builder.Connect(network.GetOutputPort("correction"), controller.GetInputPort("correction"))

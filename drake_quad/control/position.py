@@ -102,7 +102,7 @@ class ProportionalDerivative(FleetSystem):
         self.packed_output("error_and_command", PdOutput, pd_law, *reads)
 
 
-def build_position_controller(pd: Any, *, correction: Any = None) -> Diagram:
+def build_position_controller(pd: Any, *, integral: Any = None, takes_correction: bool = False) -> Diagram:
     """Builds the diagram `position`, eq (14): command = `pd` - `correction` + feed-forward.
 
     .. pydrake_system::
@@ -111,6 +111,7 @@ def build_position_controller(pd: Any, *, correction: Any = None) -> Diagram:
         input_ports:
         - measurement
         - reference
+        - correction
         output_ports:
         - acceleration_command
         - error
@@ -119,40 +120,48 @@ def build_position_controller(pd: Any, *, correction: Any = None) -> Diagram:
         - correction
 
     `error` is e = p_r - p in W; `error_rate` is ė = v_r - v with the derivative on the tracking error, and ė = -v with
-    the derivative on the measurement, which makes the loop lag by about (k_D / k_P) v; `pd` is τ_c = k_P e + k_D ė.
-    `correction`, τ_f, is zero without a system that makes it; what else such a system shows is shown beside it.
+    it on the measurement. The input `correction` is there if it is taken, as from a network. The output shows all that
+    is subtracted; nothing but the input it does not show again.
 
-    Any system with these two inputs and the first output can stand in its place.
+    Any system with the first two inputs and the first output can stand in its place.
 
     Args:
         pd: a `ProportionalDerivative`.
-        correction: a system from any of `error`, `error_rate` and `pd` to `correction`, such as a network that learns.
+        integral: a system from `error` to `correction`, such as an `IntegralCorrection`.
+        takes_correction: whether something is subtracted that comes from outside.
     """
     builder = DiagramBuilder()
     parts = split_output(builder, "pd", pd)
     size = parts["pd"].size()
     summands = [parts["pd"], parts["feed_forward"]]
-    if correction is None:
-        correction = builder.AddNamedSystem("correction", ConstantVectorSource(np.zeros(size)))
-        shown = {"correction": correction.get_output_port()}
-    else:
-        builder.AddNamedSystem(correction.get_name(), correction)
-        for signal in ("error", "error_rate", "pd"):
-            if correction.HasInputPort(signal):
-                builder.Connect(parts[signal], correction.GetInputPort(signal))
-        outputs = [correction.get_output_port(i) for i in range(correction.num_output_ports())]
-        shown = {port.get_name(): port for port in outputs}
+    shown = {name: parts[name] for name in ("error", "error_rate", "pd")}
+    builder.ExportInput(pd.GetInputPort("measurement"), "measurement")
+    builder.ExportInput(pd.GetInputPort("reference"), "reference")
+    if integral is not None:
+        builder.AddNamedSystem("integral", integral)
+        builder.Connect(parts["error"], integral.GetInputPort("error"))
+        shown["correction"] = integral.GetOutputPort("correction")
+    elif not takes_correction:
+        nothing = builder.AddNamedSystem("correction", ConstantVectorSource(np.zeros(size)))
+        shown["correction"] = nothing.get_output_port()
+    if integral is not None or takes_correction:
         minus = builder.AddNamedSystem("minus", Gain(-1.0, size))
-        builder.Connect(shown["correction"], minus.get_input_port())
         summands.append(minus.get_output_port())
+        if takes_correction and integral is not None:
+            both = builder.AddNamedSystem("correction", Adder(2, size))
+            builder.Connect(shown["correction"], both.get_input_port(0))
+            builder.ExportInput(both.get_input_port(1), "correction")
+            shown["correction"] = both.get_output_port()
+        elif takes_correction:
+            builder.ExportInput(minus.get_input_port(), "correction")
+        if "correction" in shown:
+            builder.Connect(shown["correction"], minus.get_input_port())
     command = builder.AddNamedSystem("acceleration_command", Adder(len(summands), size))
     for i, port in enumerate(summands):
         builder.Connect(port, command.get_input_port(i))
 
-    builder.ExportInput(pd.GetInputPort("measurement"), "measurement")
-    builder.ExportInput(pd.GetInputPort("reference"), "reference")
     builder.ExportOutput(command.get_output_port(), "acceleration_command")
-    for name, port in ({name: parts[name] for name in ("error", "error_rate", "pd")} | shown).items():
+    for name, port in shown.items():
         builder.ExportOutput(port, name)
     position = builder.Build()
     position.set_name("position")

@@ -52,6 +52,11 @@ class Plan:
         return self.path.duration
 
     @property
+    def lap_times(self) -> tuple[float, ...]:
+        """When the laps begin and the last one ends, s; a route without laps is one."""
+        return float(self.path.times[0]), float(self.path.times[-1])
+
+    @property
     def leg_times(self) -> list[float]:
         """When the legs begin, s."""
         return [float(self.path.times[leg.first]) for leg in self.legs]

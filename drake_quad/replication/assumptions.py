@@ -5,7 +5,7 @@ from typing import NamedTuple
 from drake_quad.assembly.planning import plan_route
 from drake_quad.reference.polynomial_path import peak_norm
 from drake_quad.scenario import Scenario
-from drake_quad.scenario.controllers import CovarianceLearning, Type2Position
+from drake_quad.scenario.networks import CovarianceLearning, Type2Network
 from drake_quad.scenario.routes import FigureEightRoute
 from drake_quad.scenario.wind import Fan
 
@@ -116,12 +116,14 @@ def _of_laboratory(scenario: Scenario) -> list[Assumption]:
 
 
 def _of_control(scenario: Scenario) -> list[Assumption]:
-    position, attitude = scenario.control.position, scenario.control.attitude
-    assert isinstance(position, Type2Position)
-    network, learning = position.network, position.learning
+    position, network, attitude = scenario.control.position, scenario.control.network, scenario.control.attitude
+    assert isinstance(network, Type2Network)
+    sets, rate_sets, learning = network.inputs.error, network.inputs.error_rate, network.learning
+    assert sets is not None
+    assert rate_sets is not None
     assert isinstance(learning, CovarianceLearning)
     assert attitude is not None
-    count = len(network.error.centres)
+    count = len(sets.centres)
     return [
         Assumption(
             "k_P, k_D on X and Y",
@@ -149,13 +151,12 @@ def _of_control(scenario: Scenario) -> list[Assumption]:
         Assumption("q", f"{network.q:g}", "the middle; the report varies it"),
         Assumption(
             "fuzzy sets",
-            f"{count} × {count}, centres {', '.join(f'{c:g}' for c in network.error.centres)}, widths"
-            f" {network.error.widths[0]:g}",
+            f"{count} × {count}, centres {', '.join(f'{c:g}' for c in sets.centres)}, widths {sets.widths[0]:g}",
             "what other work of the authors' group uses",
         ),
         Assumption(
             "scales of the inputs",
-            f"{network.error.scale:g} 1/m, {network.rate.scale:g} s/m",
+            f"{sets.scale:g} 1/m, {rate_sets.scale:g} s/m",
             "the sets span the paper's largest error, 1.3 m, and its top speed, 2 m/s",
         ),
         Assumption(

@@ -93,11 +93,11 @@ def _offset(offset: float) -> list[str]:
 
 
 def _slope(slope: float) -> list[str]:
-    return [f"control.position.learning.slope={slope!r}"]
+    return [f"control.network.learning.slope={slope!r}"]
 
 
 def _speed(initial_covariance: float) -> list[str]:
-    return [*_slope(1.0), f"control.position.learning.initial_covariance={initial_covariance!r}"]
+    return [*_slope(1.0), f"control.network.learning.initial_covariance={initial_covariance!r}"]
 
 
 _TRACKING = "control.position.derivative=tracking_error"

@@ -67,7 +67,7 @@ NOISE = (0.0, 0.001, 0.005, 0.01, 0.02)
 Q_VALUES = (0.0, 0.25, 0.5, 0.75, 1.0)
 # Slopes λ around the calibrated one, 1.975, 1/s.
 SLOPES = (1.0, 1.5, 1.75, 2.0, 2.25, 2.5, 3.0)
-_POSITION = "control.position"
+_POSITION, _NETWORK = "control.position", "control.network"
 # Ranges of k_P (1/s²) and k_D (1/s): around the calibrated 1.447 and 1.684, and so wide that the best gains are inside.
 _ALL_GAINS = (0.3, 20.0), (0.3, 12.0)
 # Ranges around the best gains, to tell the best on straight lines from the best on curves.
@@ -114,12 +114,12 @@ def _gains(count: int, k_p_range: tuple[float, float], k_d_range: tuple[float, f
 # The fields of a scenario that a number of a setting is written to.
 _PATHS = {
     "noise": ["laboratory.motion_capture.position_noise"],
-    "q": [f"{_POSITION}.network.q"],
-    "a1": [f"{_POSITION}.network.a1"],
-    "a2": [f"{_POSITION}.network.a2"],
+    "q": [f"{_NETWORK}.q"],
+    "a1": [f"{_NETWORK}.a1"],
+    "a2": [f"{_NETWORK}.a2"],
     "k_p": [f"{_POSITION}.k_p.{axis}" for axis in (0, 1)],
     "k_d": [f"{_POSITION}.k_d.{axis}" for axis in (0, 1)],
-    "slope": [f"{_POSITION}.learning.slope"],
+    "slope": [f"{_NETWORK}.learning.slope"],
 }
 
 

@@ -1,16 +1,11 @@
 """Position controllers of the scenario language."""
 
-import itertools
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator, model_validator
-from pydantic_core import PydanticCustomError
+from pydantic import Field
 
-from drake_quad.scenario.distributions import Model, Real
-from drake_quad.scenario.quantities import Gains, NonNegative, Number, Positive, Probability, bounded, extremes
-
-Axis = Literal["x", "y", "z"]
-Axes = Annotated[tuple[Axis, ...], Field(strict=False, min_length=1)]
+from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.quantities import Gains, Positive
 
 
 class PdPosition(Model):
@@ -37,128 +32,4 @@ class PidPosition(PdPosition):
     )
 
 
-class FuzzySets(Model):
-    """The fuzzy sets of one input of a network."""
-
-    scale: Positive = Field(default=1.0, description="that the input is multiplied with (1/m for e, s/m for its rate)")
-    centres: Annotated[tuple[Real, ...], Field(strict=False, min_length=2, max_length=15)] = Field(
-        default=(-1.0, 0.0, 1.0), description="c of each set, ascending (1); inputs are clamped to the first and last"
-    )
-    widths: Annotated[tuple[Positive, ...], Field(strict=False)] = Field(
-        default=(1.0, 1.0, 1.0), description="d of each set (1)"
-    )
-
-    @field_validator("centres")
-    @classmethod
-    def _ascending(cls, centres: tuple[float, ...]) -> tuple[float, ...]:
-        if any(not low < high for low, high in itertools.pairwise(centres)):
-            raise PydanticCustomError("order", "must rise from one to the next")
-        return centres
-
-    @model_validator(mode="after")
-    def _covered(self) -> "FuzzySets":
-        if len(self.widths) != len(self.centres):
-            raise self.wrong(
-                "widths", kind="widths", demand="must be as many as centres, {count}", count=len(self.centres)
-            )
-        ends = [(centre, extremes(width)[0]) for centre, width in zip(self.centres, self.widths, strict=True)]
-        for i, ((left, reach_right), (right, reach_left)) in enumerate(itertools.pairwise(ends)):
-            if reach_right is None or reach_left is None or not left + reach_right > right - reach_left:
-                raise self.wrong(
-                    "widths",
-                    i,
-                    kind="cover",
-                    demand="must be wide enough that the sets at {left} and {right} overlap,"
-                    " or no rule fires in between",
-                    left=left,
-                    right=right,
-                )
-        return self
-
-
-class Triangles(Model):
-    """The rules of a type-1 network: their antecedents are triangles."""
-
-    error: FuzzySets = Field(default=FuzzySets(), description="of e")
-    rate: FuzzySets = Field(default=FuzzySets(), description="of its rate")
-
-
-class Ellipses(Triangles):
-    """The rules of a type-2 network: their antecedents lie between two ellipses."""
-
-    a1: Annotated[Number, bounded(above=1.0)] = Field(default=1.2, description="exponent of the upper memberships (1)")
-    a2: Annotated[Number, bounded(above=0.0, below=1.0)] = Field(
-        default=0.8, description="exponent of the lower memberships (1)"
-    )
-    q: Probability = Field(default=0.5, description="share of the lower memberships in the output (1)")
-
-
-class _Learning(Model):
-    """What all laws have in common."""
-
-    weight_limit: Positive | None = Field(
-        default=None, description="largest size of a weight (m/s²); none if not given"
-    )
-    initial_weight: Number = Field(default=0.0, description="of all rules (m/s²)")
-    leakage: NonNegative = Field(default=0.0, description="rate at which the weights decay by themselves (1/s)")
-
-
-class _SurfaceLearning(_Learning):
-    """What the laws have in common that learn from s_p of eq (15)."""
-
-    slope: Positive = Field(default=1.0, description="λ of eq (15) (1/s)")
-    deadzone: NonNegative = Field(default=0.0, description="s_p below which nothing is learned (m/s)")
-
-
-class CovarianceLearning(_SurfaceLearning):
-    """The paper's law, eqs (15) to (17), with forgetting and resets as options."""
-
-    kind: Literal["covariance"]
-    gain: Positive = Field(default=1.0, description="K_D of eq (16) (1/s)")
-    initial_covariance: Positive = Field(default=1.0, description="p₀ of P₀ = p₀ I (1/s)")
-    forgetting: Annotated[Number, bounded(above=0.0, most=1.0)] = Field(
-        default=1.0, description="factor for a tick (1); with less than 1 the covariance grows back, up to p₀"
-    )
-    reset: Literal["never", "at_segments"] = Field(
-        default="never", description="when the covariance begins anew: never, as in the paper, or with every segment"
-    )
-
-
-class GradientLearning(_SurfaceLearning):
-    """Eq (16) with a constant covariance."""
-
-    kind: Literal["gradient"]
-    rate: Positive = Field(default=1.0, description="K_D p (1/s²)")
-
-
-class SignLearning(_Learning):
-    """By the sign of the PD's command, with a slope that grows."""
-
-    kind: Literal["sign"]
-    rate: Positive = Field(default=1.0, description="γ by which the slope grows (1/s²)")
-    initial_slope: NonNegative = Field(default=0.0, description="of the correction at the beginning (m/s³)")
-    deadzone: NonNegative = Field(default=0.0, description="command below which nothing is learned (m/s²)")
-
-
-Learning = Annotated[CovarianceLearning | GradientLearning | SignLearning, Field(discriminator="kind")]
-
-
-class Type1Position(PdPosition):
-    """PD with a type-1 fuzzy neural network that learns in flight."""
-
-    kind: Literal["pd_t1fnn"]  # type: ignore[assignment]
-    axes: Axes = Field(default=("x", "y"), description="on which there is a network")
-    network: Triangles = Triangles()
-    learning: Learning = CovarianceLearning(kind="covariance")
-
-
-class Type2Position(PdPosition):
-    """PD with an interval type-2 fuzzy neural network with elliptic memberships that learns in flight."""
-
-    kind: Literal["pd_t2fnn"]  # type: ignore[assignment]
-    axes: Axes = Field(default=("x", "y"), description="on which there is a network")
-    network: Ellipses = Ellipses()
-    learning: Learning = CovarianceLearning(kind="covariance")
-
-
-PositionController = Annotated[PdPosition | PidPosition | Type1Position | Type2Position, Field(discriminator="kind")]
+PositionController = Annotated[PdPosition | PidPosition, Field(discriminator="kind")]

@@ -37,6 +37,17 @@ class Library:
         path, name = _split(str(spec))
         return self._resolve(Path(path), name, Mark(str(spec), 0), ())
 
+    def mapping(self, path: Path) -> Tree:
+        """Reads a file that is no scenario, but a mapping of fields.
+
+        Raises:
+            InputError: it cannot be read, or is something else.
+        """
+        tree = self.parse(read_text(path, most=self._bytes), str(path), numbered=True)
+        if not isinstance(tree.value, dict):
+            raise InputError(f"{tree.mark}: must be a mapping of fields")
+        return tree
+
     def parse(self, text: str, source: str, *, numbered: bool) -> Tree:
         """Parses YAML as a part of the scenario; see `parse_document`."""
         if len(text) > self._bytes:

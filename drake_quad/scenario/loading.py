@@ -115,7 +115,23 @@ def _loaded(spec: str | Path, overrides: Overrides, layers: Sequence[str | Path]
         tree = merged(tree, _within_lists(tree, _parsed(override, library)))._replace(mark=tree.mark)
     if "name" not in tree.value:
         tree = Tree({"name": Tree(name, tree.mark), **tree.value}, tree.mark)
-    return tree
+    return _with_learned(tree, library)
+
+
+def _with_learned(tree: Tree, library: Library, path: tuple[str, ...] = ("control", "network", "learned")) -> Tree:
+    """The tree with what a network has learned in the place of the name of its file.
+
+    A file that is named in another is looked for beside that, as those that are extended are.
+    """
+    if not path:
+        if not isinstance(tree.value, str):
+            return tree
+        folder = Path(tree.mark.source).parent if tree.mark.line else Path()
+        return library.mapping(folder / tree.value)
+    field, *inside = path
+    if not isinstance(tree.value, dict) or field not in tree.value:
+        return tree
+    return Tree({**tree.value, field: _with_learned(tree.value[field], library, tuple(inside))}, tree.mark)
 
 
 def _validated(model: type[_Loaded], tree: Tree) -> _Loaded:

@@ -33,6 +33,7 @@ from drake_quad.scenario.effects import (
 )
 from drake_quad.scenario.layouts import Layout, PlusLayout, has_distances, implied_arms, rotors_of
 from drake_quad.scenario.limits import MOST_SOURCES, MOST_TICKS
+from drake_quad.scenario.networks import Network
 from drake_quad.scenario.paths import distributions_in, steps_of
 from drake_quad.scenario.quantities import (
     Gains,
@@ -279,10 +280,21 @@ class Control(Model):
     """The cascade: position, thrust vectoring and, without an autopilot on board, attitude."""
 
     position: PositionController
+    network: Network | None = Field(default=None, description="around the position controller, if any")
     thrust_vectoring: ThrustVectoring = ThrustVectoring()
     attitude: AttitudePd | None = Field(
         default=None, description="on the ground; needed without an autopilot, and to be left out, or null, with one"
     )
+
+    @model_validator(mode="after")
+    def _disturbance_is_estimated(self) -> "Control":
+        """A network looks at no disturbance that no controller estimates."""
+        estimator = self.position.kind
+        if self.network is not None and self.network.inputs.disturbance is not None and estimator in ("pd", "pid"):
+            demand = "must be left out: a position controller of kind {estimator} estimates none"
+            path = "network", "inputs", "disturbance"
+            raise self.wrong(*path, kind="estimate", demand=demand, estimator=estimator)
+        return self
 
 
 class Window(Model):

@@ -10,7 +10,7 @@ from matplotlib.figure import Figure
 from drake_quad.assembly.control import antecedents
 from drake_quad.control.fuzzy.inference import Antecedents, elliptic_membership, firing_strengths
 from drake_quad.flight import Flight
-from drake_quad.scenario.controllers import Type1Position, Type2Position
+from drake_quad.scenario.networks import Network
 from drake_quad.visualization.style import BLUE, GREEN, PLATE, VERMILION, new_figure, shading, styled
 
 # The pairs of exponents of the paper's Fig. 4.
@@ -42,7 +42,7 @@ def plot_memberships(exponents: Sequence[tuple[float, float]] = PAPER_EXPONENTS)
 
 def plot_own_memberships(flight: Flight) -> Figure:
     """Plots the memberships of the paper's Fig. 4, and those of the flight's network if its exponents are others."""
-    sets = antecedents(_controller(flight))
+    sets = antecedents(_network(flight))
     return plot_memberships(tuple(dict.fromkeys([*PAPER_EXPONENTS, (float(sets.a1), float(sets.a2))])))
 
 
@@ -79,10 +79,9 @@ def plot_surfaces(flight: Flight) -> Figure:
 
     Shades are -τ_f; each dot is a pair of error and rate that the network met at a tick.
     """
-    axes_learned, sets = _axes(flight), antecedents(_controller(flight))
+    axes_learned, sets = _axes(flight), antecedents(_network(flight))
     met, met_rate = flight.record("error"), flight.record("error_rate")
-    error = np.linspace(-1.05, 1.05, _FINE) / sets.error.scale
-    rate = np.linspace(-1.05, 1.05, _FINE) / sets.rate.scale
+    error, rate = (np.linspace(-1.05, 1.05, _FINE) / each.scale for each in sets.inputs)
     across, up = (each.ravel() for each in np.meshgrid(error, rate))
     firing = _firing(across, up, sets)
     added = {axis: -(weights[[0, -1]] @ firing).reshape(2, _FINE, _FINE) for axis, weights in _weights(flight).items()}
@@ -129,8 +128,8 @@ def secant_gains(
 
 def plot_secant_gains(flight: Flight) -> Figure:
     """Plots the gain with which the network answers an error at the end of the flight, over the size of the error."""
-    sets, weights = antecedents(_controller(flight)), _weights(flight)
-    errors = np.geomspace(5e-4, 1.0 / sets.error.scale, 120)
+    sets, weights = antecedents(_network(flight)), _weights(flight)
+    errors = np.geomspace(5e-4, 1.0 / sets.inputs[0].scale, 120)
     with styled():
         figure = new_figure(4.2 * len(weights), 3.2)
         row = figure.subplots(1, len(weights), sharey=True, squeeze=False)[0]
@@ -154,12 +153,12 @@ def _draw_gains(axes: Axes, errors: np.ndarray, own: np.ndarray, triangles: np.n
 
 def _firing(error: Any, rate: Any, sets: Antecedents) -> np.ndarray:
     """(R, n) firing strengths at n pairs of error and rate."""
-    return np.array(firing_strengths(error, rate, sets))
+    return np.array(firing_strengths((error, rate), sets))
 
 
 def _axes(flight: Flight) -> list[str]:
     """The axes of a flight's network, in the order of its signals."""
-    return sorted(_controller(flight).axes)
+    return sorted(_network(flight).axes)
 
 
 def _weights(flight: Flight) -> dict[str, np.ndarray]:
@@ -168,8 +167,8 @@ def _weights(flight: Flight) -> dict[str, np.ndarray]:
     return dict(zip(axes, np.split(flight["weights"], len(axes), axis=1), strict=True))
 
 
-def _controller(flight: Flight) -> Type1Position | Type2Position:
-    position = flight.scenario.control.position
-    if not isinstance(position, Type1Position | Type2Position):
-        raise ValueError(f"a {position.kind} has no network")
-    return position
+def _network(flight: Flight) -> Network:
+    network = flight.scenario.control.network
+    if network is None:
+        raise ValueError("the flight has no network")
+    return network

@@ -163,7 +163,8 @@ PLOTS: dict[str, Callable[[Flight], Figure]] = {
 def save_plots(flight: Flight, folder: Path | str, *, vector: Vector | None = None) -> list[Path]:
     """Draws all plots of a flight into a folder and returns the files.
 
-    A flight without wind has no plot of wind, and one without a network none of learning.
+    A flight without wind has no plot of wind, and one without a network none of learning; surfaces and gains are drawn
+    of networks that look at error and rate, as the paper's.
 
     Args:
         flight: to plot.
@@ -177,11 +178,9 @@ def save_plots(flight: Flight, folder: Path | str, *, vector: Vector | None = No
     plots = dict(PLOTS)
     if flight.scenario.laboratory.wind or flight["wind"].any():
         plots["wind"] = plot_wind
-    if "weights" in flight.signals:
-        plots |= {
-            "memberships": plot_own_memberships,
-            "learning": plot_learning,
-            "surfaces": plot_surfaces,
-            "secant_gains": plot_secant_gains,
-        }
+    network = flight.scenario.control.network
+    if network is not None and "weights" in flight.signals:
+        plots |= {"memberships": plot_own_memberships, "learning": plot_learning}
+        if [*network.inputs.given] == ["error", "error_rate"]:
+            plots |= {"surfaces": plot_surfaces, "secant_gains": plot_secant_gains}
     return save_figures({name: plot(flight) for name, plot in plots.items()}, target, vector=vector)

@@ -9,6 +9,7 @@ from pydantic import TypeAdapter
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.analysis.sensitivity import _ABOVE, _AROUND, _BELOW, DIFFERENTIABLE, flight_sensitivities
 from drake_quad.scenario.controllers import PositionController
+from drake_quad.scenario.networks import Network
 from drake_quad.scenario.numbers import number_at, with_number
 
 ROOT = Path(__file__).parent.parent.parent
@@ -78,18 +79,16 @@ def test_a_crash_before_anything_counts():
 def test_derivatives_reach_through_what_is_learned(windy, reset):
     """Also where the covariance begins anew, as it does here after the rise of 2.3 s."""
     learning = {
-        "kind": "pd_t2fnn",
-        "k_p": (1.4, 1.4, 6.0),
-        "k_d": (1.4, 1.4, 3.5),
-        "derivative": "measurement",
+        "kind": "type_2",
         "learning": {"kind": "covariance", "slope": 2.0, "initial_covariance": 6.0, "reset": reset},
     }
-    position = TypeAdapter(PositionController).validate_python(learning)
-    scenario = windy.model_copy(update={"control": windy.control.model_copy(update={"position": position})})
-    fields = [
-        f"control.position.{name}"
-        for name in ("learning.slope", "learning.initial_covariance", "network.a1", "network.q")
-    ]
+    gains = {"kind": "pd", "k_p": (1.4, 1.4, 6.0), "k_d": (1.4, 1.4, 3.5), "derivative": "measurement"}
+    parts = {
+        "position": TypeAdapter(PositionController).validate_python(gains),
+        "network": TypeAdapter(Network).validate_python(learning),
+    }
+    scenario = windy.model_copy(update={"control": windy.control.model_copy(update=parts)})
+    fields = [f"control.network.{name}" for name in ("learning.slope", "learning.initial_covariance", "a1", "q")]
     found = flight_sensitivities(scenario, fields, sample=1)
     for i, field in enumerate(fields):
         step = 1e-4 * found.values[i]
@@ -102,7 +101,7 @@ def test_derivatives_reach_through_what_is_learned(windy, reset):
 
 @pytest.mark.slow
 @pytest.mark.parametrize(
-    ("field", "bound", "step"), [("vehicle.linear_drag", 0.0, 1e-6), ("control.position.network.q", 1.0, -1e-4)]
+    ("field", "bound", "step"), [("vehicle.linear_drag", 0.0, 1e-6), ("control.network.q", 1.0, -1e-4)]
 )
 def test_a_number_at_its_bound_is_varied_to_one_side(asymmetric, field, bound, step):
     """Upwards from the least that it can be, downwards from the most."""

@@ -53,11 +53,11 @@ def test_a_pd_without_feed_forward_may_differentiate_the_measurement(asymmetric)
 
 def test_a_network_has_the_sets_and_the_law_of_the_scenario(asymmetric):
     found, plan = recipes_of(asymmetric("pd_t2fnn"))
-    rules, learning = found["position.network.rules"], found["position.network.learning"]
+    rules, learning = found["network.rules"], found["network.learning"]
     assert (rules.system, learning.system) == (FuzzyRules, WeightLearning)
     error = FuzzySets(2.4, (-1.0, -0.1, 0.8), (1.1, 0.9, 1.0))
     rate = FuzzySets(1.4, (-0.9, -0.4, 0.3, 1.1), (0.8, 0.7, 0.9, 1.2))
-    assert rules.numbers == Antecedents(1.3, 0.7, 0.4, error, rate)
+    assert rules.numbers == (Antecedents(1.3, 0.7, 0.4, (error, rate)),)
     assert rules.structure["axes"] == learning.structure["axes"] == ("x", "y", "z")
     assert (learning.structure["num_rules"], learning.structure["period"]) == (12, 0.02)
     law, limits = CovarianceLaw(0.8, 5.0, 0.997), Limits(0.9, 0.01, 0.02)
@@ -65,19 +65,19 @@ def test_a_network_has_the_sets_and_the_law_of_the_scenario(asymmetric):
     # The route begins with the first leg, at which nothing has been learned yet.
     assert learning.structure["reset_times"] == tuple(plan.leg_times[1:])
     assert len(plan.leg_times) > 3
-    never, _ = recipes_of(asymmetric("pd_t2fnn", "control.position.learning.reset=never"))
-    assert never["position.network.learning"].structure["reset_times"] == ()
+    never, _ = recipes_of(asymmetric("pd_t2fnn", "control.network.learning.reset=never"))
+    assert never["network.learning"].structure["reset_times"] == ()
 
 
 def test_a_network_of_type_1_has_triangles_and_the_other_laws_their_numbers(asymmetric):
     found, _ = recipes_of(asymmetric("pd_t1fnn"))
-    sets = found["position.network.rules"].numbers
+    (sets,) = found["network.rules"].numbers
     assert (sets.a1, sets.a2, sets.q) == (1.0, 1.0, 0.0)
     # A law that learns from the command has no use for a slope.
-    learning = found["position.network.learning"].numbers
+    learning = found["network.learning"].numbers
     assert learning == LearningNumbers(0.0, SignLaw(0.05, 0.2), Limits(1.5, 0.03, 0.0), -0.04)
-    gradient = "control.position.learning={kind: gradient, rate: 0.4, slope: 1.7}"
-    learning = recipes_of(asymmetric("pd_t1fnn", gradient))[0]["position.network.learning"].numbers
+    gradient = "control.network.learning={kind: gradient, rate: 0.4, slope: 1.7}"
+    learning = recipes_of(asymmetric("pd_t1fnn", gradient))[0]["network.learning"].numbers
     assert (learning.law, learning.slope, learning.limits) == (GradientLaw(0.4), 1.7, Limits())
 
 
@@ -85,8 +85,8 @@ def test_what_varies_is_an_array_of_a_number_for_each_vehicle(asymmetric):
     """Gains and the numbers of a law; what is believed is the same for all."""
     drawn = [
         "control.position.k_p.1={uniform: {min: 0.8, max: 1.2}}",
-        "control.position.learning.gain={uniform: {min: 0.5, max: 1.0}}",
-        "control.position.network.error.scale={uniform: {min: 2.0, max: 3.0}}",
+        "control.network.learning.gain={uniform: {min: 0.5, max: 1.0}}",
+        "control.network.inputs.error.scale={uniform: {min: 2.0, max: 3.0}}",
         "vehicle.mass={uniform: {min: 0.6, max: 0.8}}",
     ]
     scenario = asymmetric("pd_t2fnn", *drawn)
@@ -95,9 +95,10 @@ def test_what_varies_is_an_array_of_a_number_for_each_vehicle(asymmetric):
     k_p = found["position.pd"].numbers.k_p
     np.testing.assert_array_equal(k_p.y, batch.varying["control.position.k_p.1"])
     assert (k_p.x, k_p.z) == (1.3, 5.0)
-    law = found["position.network.learning"].numbers.law
-    np.testing.assert_array_equal(law.gain, batch.varying["control.position.learning.gain"])
-    sets = found["position.network.rules"].numbers
-    np.testing.assert_array_equal(sets.error.scale, batch.varying["control.position.network.error.scale"])
-    assert (sets.rate.scale, sets.error.centres) == (1.4, (-1.0, -0.1, 0.8))
+    law = found["network.learning"].numbers.law
+    np.testing.assert_array_equal(law.gain, batch.varying["control.network.learning.gain"])
+    (sets,) = found["network.rules"].numbers
+    error, rate = sets.inputs
+    np.testing.assert_array_equal(error.scale, batch.varying["control.network.inputs.error.scale"])
+    assert (rate.scale, error.centres) == (1.4, (-1.0, -0.1, 0.8))
     assert found["thrust_vectoring"].numbers.mass == 0.7

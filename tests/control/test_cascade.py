@@ -26,11 +26,15 @@ INPUTS = {
 }
 
 
-def cascade(feed_forward, position=None):
+def cascade(feed_forward, position=None, network=None):
     position = position or build_position_controller(ProportionalDerivative(feeds_forward=True, numbers=GAINS))
     thrust_vectoring, attitude = ThrustVectoring(numbers=VECTORING), AttitudeController(numbers=ATTITUDE)
     return build_cascade(
-        position=position, thrust_vectoring=thrust_vectoring, attitude=attitude, feed_forward=feed_forward
+        position=position,
+        network=network,
+        thrust_vectoring=thrust_vectoring,
+        attitude=attitude,
+        feed_forward=feed_forward,
     )
 
 
@@ -97,11 +101,10 @@ def test_it_shows_what_its_position_controller_shows():
     pd = ProportionalDerivative(numbers=GAINS)
     assert ports(cascade("none")) == (["measurement", "reference"], always + of_the_pd)
     network = build_fuzzy_network(rules=FuzzyRules(), learning=WeightLearning())
-    learns = build_position_controller(pd, correction=network)
-    assert ports(cascade("snap", learns)) == ([*INPUTS], [*always, *POSITION_SIGNALS])
+    corrected = build_position_controller(pd, takes_correction=True)
+    assert ports(cascade("snap", corrected, network)) == ([*INPUTS], [*always, *POSITION_SIGNALS])
     integral = IntegralCorrection(numbers=IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6))
-    integral.set_name("integral")
-    pid = build_position_controller(ProportionalDerivative(numbers=GAINS), correction=integral)
+    pid = build_position_controller(ProportionalDerivative(numbers=GAINS), integral=integral)
     assert ports(cascade("jerk", pid)) == ([*INPUTS][:3], always + of_the_pd)
 
 

@@ -1,8 +1,9 @@
 import numpy as np
 
 from drake_quad.control.axes import PerAxis
+from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
-from drake_quad.signals import Reference, State
+from drake_quad.signals import Acceleration, Reference, State
 
 K_P, K_D = np.array([1.0, 2.0, 3.0]), np.array([0.5, 0.6, 0.7])
 MEASUREMENT = State(*np.arange(12.0) / 10.0)
@@ -20,6 +21,21 @@ def signals(num_vehicles=1, **structure):
     diagram.GetInputPort("reference").FixValue(context, np.repeat(REFERENCE, num_vehicles))
     names = (diagram.get_output_port(i).get_name() for i in range(diagram.num_output_ports()))
     return {name: diagram.GetOutputPort(name).Eval(context).reshape(3, num_vehicles) for name in names}
+
+
+def test_an_integral_and_a_correction_from_outside_are_both_subtracted():
+    gains = IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6)
+    pd = ProportionalDerivative(feeds_forward=True, numbers=PdGains(PerAxis(*K_P), PerAxis(*K_D)))
+    integral = IntegralCorrection(numbers=gains)
+    diagram = build_position_controller(pd, integral=integral, takes_correction=True)
+    context = diagram.CreateDefaultContext()
+    for name, rows in (("measurement", MEASUREMENT), ("reference", REFERENCE), ("correction", (0.4, -0.2, 0.1))):
+        diagram.GetInputPort(name).FixValue(context, rows)
+    integral.set_state(integral.GetMyMutableContextFromRoot(context), "correction", Acceleration(-0.5, 0.3, 0.2))
+    found = {name: diagram.GetOutputPort(name).Eval(context) for name in ("pd", "correction", "acceleration_command")}
+    np.testing.assert_allclose(found["correction"], [-0.1, 0.1, 0.3], atol=1e-15)
+    fed = [REFERENCE.a_x, REFERENCE.a_y, REFERENCE.a_z]
+    np.testing.assert_allclose(found["acceleration_command"], found["pd"] + fed - found["correction"], atol=1e-14)
 
 
 def test_is_eq_8_on_the_tracking_error():

@@ -40,11 +40,11 @@ def flown(study, batch):
 
 
 CONTROLLERS = ["pd", "pid", "pd_t1fnn", "pd_t2fnn", "pd_feed_forward"]
-SIGN = ["control.position.learning={kind: sign, rate: {uniform: {min: 0.5, max: 1.0}}}"]
+SIGN = ["control.network.learning={kind: sign, rate: {uniform: {min: 0.5, max: 1.0}}}"]
 NETWORK = [
-    "control.position.network.a1={uniform: {min: 1.1, max: 1.5}}",
-    "control.position.learning.initial_covariance={uniform: {min: 1.0, max: 6.0}}",
-    "control.position.learning.initial_weight={uniform: {min: -0.1, max: 0.1}}",
+    "control.network.a1={uniform: {min: 1.1, max: 1.5}}",
+    "control.network.learning.initial_covariance={uniform: {min: 1.0, max: 6.0}}",
+    "control.network.learning.initial_weight={uniform: {min: -0.1, max: 0.1}}",
     "vehicle.rotor_failure={rotor: {choice: [1, 2]}, time: 0.2, speed_factor: {uniform: {min: 0.8, max: 0.9}}}",
 ]
 
@@ -75,7 +75,7 @@ def test_what_is_made_to_vary_flies_as_in_a_fleet_of_its_own(scenario):
     varying = {
         "laboratory.command_link.delay_ticks": np.array([2.0, 0.0, 1.0]),
         "control.position.k_p.0": np.array([0.8, 1.0, 1.2]),
-        "control.position.learning.gain": np.array([0.2, 0.5, 0.7]),
+        "control.network.learning.gain": np.array([0.2, 0.5, 0.7]),
         "vehicle.mass": np.array([0.68, 0.7, 0.72]),
     }
     fleet, drawn = StudyFleet(study, 3), Batch.draw(study, [5, 5, 2])

@@ -29,10 +29,19 @@ FLIGHTS = {
         "pd_t1fnn",
         [
             "duration=4",
-            "control.position.learning={kind: gradient, rate: 0.4, slope: 1.7, leakage: 0.1, deadzone: 0.05}",
+            "control.network.learning={kind: gradient, rate: 0.4, slope: 1.7, leakage: 0.1, deadzone: 0.05}",
             "control.position.derivative=measurement",
             "laboratory.command_link={delay_ticks: 3, loss_rate: 0}",
             "laboratory.motion_capture.latency_frames=0",
+        ],
+    ),
+    "maps of where the vehicle is, and when, that learn from the feedback": (
+        "pd_t2fnn",
+        [
+            "duration=6",
+            "control.network.inputs={error_rate: null, y: {scale: 0.6, centres: [-1.0, 0.1, 1], widths: [1.2, 1, 1.3]},"
+            " v_x: {scale: 0.9}, phase: {scale: 4.0, centres: [0.0, 0.6], widths: [0.5, 0.4]}}",
+            "control.network.learning={kind: gradient, signal: feedback, rate: 1.5, deadzone: 0.02}",
         ],
     ),
     "a grid of three periods, no delay, no filter": (
@@ -167,8 +176,8 @@ DRAWN = [
     "laboratory.wind.1.start={uniform: {min: 0.0, max: 3.0}}",
     "laboratory.wind.5.flow={uniform: {min: 1.0, max: 3.0}}",
     "control.position.k_p.0={uniform: {min: 1.0, max: 1.5}}",
-    "control.position.network.q={uniform: {min: 0.0, max: 1.0}}",
-    "control.position.learning.slope={uniform: {min: 1.0, max: 2.0}}",
+    "control.network.q={uniform: {min: 0.0, max: 1.0}}",
+    "control.network.learning.slope={uniform: {min: 1.0, max: 2.0}}",
 ]
 
 
@@ -201,12 +210,12 @@ def test_the_whole_flights_go_both_ways_on_all_axes_and_meet_their_limits(flown,
     assert (thrust * upright).min() == pytest.approx(limits.min_thrust * weight)
     assert thrust.max() == pytest.approx(limits.max_thrust * weight)
     learned = flight["correction" if name == "pid" else "weights"]
-    position = flight.scenario.control.position
-    limit = position.integral_limit if name == "pid" else position.learning.weight_limit
+    control = flight.scenario.control
+    limit = control.position.integral_limit if name == "pid" else control.network.learning.weight_limit
     assert (learned.min(), learned.max()) == (-limit, limit)
     assert 0.0 < np.mean(flight.record("shortfall").tau_z != 0.0) < 0.5
     if name == "pd_t2fnn":
-        for signal, sets in (("error", position.network.error), ("error_rate", position.network.rate)):
+        for signal, sets in control.network.inputs.given.items():
             assert sets.scale * flight[signal].min() < sets.centres[0]
             assert sets.scale * flight[signal].max() > sets.centres[-1]
 

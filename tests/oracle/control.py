@@ -13,32 +13,32 @@ class Integral:
     def __init__(self, numbers, h):
         self.numbers, self.h, self.i = numbers, h, np.zeros(3)
 
-    def correction(self, error, rate):
+    def correction(self, seen):
         return -self.i
 
     def shown(self):
         """What it lets others see, by name."""
         return {}
 
-    def learn(self, tick, error, rate, pd):
+    def learn(self, tick, seen):
         limit = self.numbers.integral_limit
-        self.i = np.clip(self.i + self.h * np.array(self.numbers.k_i) * error, -limit, limit)
+        self.i = np.clip(self.i + self.h * np.array(self.numbers.k_i) * seen["error"], -limit, limit)
 
 
 class Network:
     """Fuzzy rules whose consequents learn, on some axes.
 
     Args:
-        numbers: of the scenario's position controller.
+        numbers: of the scenario's network.
         h: the period of the ticks.
         leg_times: when the legs of the route begin.
     """
 
     def __init__(self, numbers, h, leg_times):
         self.numbers, self.h = numbers, h
-        network, learning = numbers.network, numbers.learning
+        learning = numbers.learning
         self.axes = ["xyz".index(axis) for axis in numbers.axes]
-        self.R = len(network.error.centres) * len(network.rate.centres)
+        self.R = math.prod(len(sets.centres) for _, sets in numbers.inputs if sets is not None)
         self.F = {axis: np.full(self.R, float(learning.initial_weight)) for axis in self.axes}
         self.memory = {axis: self._fresh() for axis in self.axes}
         self.resets = set()
@@ -52,17 +52,19 @@ class Network:
             return learning.initial_covariance * np.eye(self.R)
         return learning.initial_slope if learning.kind == "sign" else None
 
-    def firing(self, e, rate):
+    def firing(self, axis, seen):
         """(10): the normalised firing strengths W."""
-        network = self.numbers.network
+        network = self.numbers
+        given = [(name, sets) for name, sets in network.inputs if sets is not None]
 
         def strengths(exponent):
-            mu_1 = self.memberships(e, network.error, exponent)
-            mu_2 = self.memberships(rate, network.rate, exponent)
-            w = np.array([one * two for one in mu_1 for two in mu_2])
+            w = np.ones(1)
+            for name, sets in given:
+                value = seen[name][axis] if name.startswith("error") else seen[name]
+                w = np.outer(w, self.memberships(value, sets, exponent)).ravel()
             return w / w.sum()
 
-        if self.numbers.kind == "pd_t1fnn":
+        if network.kind == "type_1":
             return strengths(1.0)
         return network.q * strengths(network.a2) + (1.0 - network.q) * strengths(network.a1)
 
@@ -73,11 +75,11 @@ class Network:
         u = [abs((x - c) / d) for c, d in zip(sets.centres, sets.widths, strict=True)]
         return [(1.0 - distance**a) ** (1.0 / a) if distance < 1.0 else 0.0 for distance in u]
 
-    def correction(self, error, rate):
+    def correction(self, seen):
         """τ_f = Fᵀ W."""
         tau = np.zeros(3)
         for axis in self.axes:
-            tau[axis] = self.F[axis] @ self.firing(error[axis], rate[axis])
+            tau[axis] = self.F[axis] @ self.firing(axis, seen)
         return tau
 
     def shown(self):
@@ -87,15 +89,17 @@ class Network:
             return weights
         return weights | {"covariance_trace": np.array([np.trace(self.memory[axis]) for axis in self.axes])}
 
-    def learn(self, tick, error, rate, pd):
+    def learn(self, tick, seen):
         learning, h = self.numbers.learning, self.h
         limit = math.inf if learning.weight_limit is None else learning.weight_limit
         for axis in self.axes:
             if tick in self.resets:
                 self.memory[axis] = self._fresh()
-            W = self.firing(error[axis], rate[axis])
-            # (15)
-            signal = pd[axis] if learning.kind == "sign" else rate[axis] + learning.slope * error[axis]
+            W = self.firing(axis, seen)
+            if learning.kind == "sign" or learning.signal == "feedback":
+                signal = seen["pd"][axis]
+            else:  # (15)
+                signal = seen["error_rate"][axis] + learning.slope * seen["error"][axis]
             if abs(signal) < learning.deadzone:
                 signal = 0.0
             F = self.F[axis] * math.exp(-learning.leakage * h)
@@ -127,16 +131,22 @@ class Controller:
     Args:
         scenario: of numbers.
         leg_times: when the legs of the route begin.
+        duration: of the route, from time zero on.
     """
 
-    def __init__(self, scenario, leg_times):
+    def __init__(self, scenario, leg_times, duration):
         self.numbers, self.believed = scenario.control, scenario.nominal
         position, h = scenario.control.position, scenario.laboratory.command_link.period
         self.law = None
+        self.duration, self.h = duration, h
         if position.kind == "pid":
             self.law = Integral(position, h)
-        elif position.kind != "pd":
-            self.law = Network(position, h, leg_times)
+        elif scenario.control.network is not None:
+            self.law = Network(scenario.control.network, h, leg_times)
+
+    def phase(self, tick):
+        """The share of the route that should be over."""
+        return min(tick * self.h / self.duration, 1.0)
 
     def act(self, tick, measured, reference):
         """The signals of a tick, by name; what learns, learns from them."""
@@ -147,8 +157,11 @@ class Controller:
         pd = np.array(position.k_p) * error + np.array(position.k_d) * rate  # (8)
         correction, shown = np.zeros(3), {}
         if self.law is not None:
-            correction, shown = self.law.correction(error, rate), self.law.shown()
-            self.law.learn(tick, error, rate, pd)
+            seen = {"error": error, "error_rate": rate, "pd": pd, "phase": self.phase(tick)}
+            seen |= dict(zip(("x", "y", "z"), measured[0:3], strict=True))
+            seen |= dict(zip(("v_x", "v_y", "v_z"), measured[6:9], strict=True))
+            correction, shown = self.law.correction(seen), self.law.shown()
+            self.law.learn(tick, seen)
         u = pd - correction  # (14)
         if position.feed_forward != "none":
             u = u + reference["acceleration"]

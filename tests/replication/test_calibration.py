@@ -34,10 +34,11 @@ def test_a_fit_finds_the_declared_numbers(monkeypatch):
         pd=first.pd._replace(low=1.19, high=1.215), network=first.network._replace(low=1.94, high=2.01)
     )
     found = calibrate(near, load, 3)
-    position = load(calibration.NETWORK_CELL).control.position
+    control = load(calibration.NETWORK_CELL).control
+    position = control.position
     assert position.k_p[0] == pytest.approx(found.pd**2, rel=0.01)
     assert position.k_d[0] == pytest.approx(1.4 * found.pd, rel=0.01)
-    assert position.learning.slope == pytest.approx(found.network, rel=0.01)
+    assert control.network.learning.slope == pytest.approx(found.network, rel=0.01)
     assert found.errors[Cell("no_wind", "pd")].value == pytest.approx(0.972, abs=0.001)
 
 
@@ -66,19 +67,19 @@ def gains(k_p, k_d):
             "measurement",
             [],
             (0.9, 1.6, gains(4.0, 2.8)),
-            (0.5, 2.5, ["control.position.learning.slope=2.0"]),
+            (0.5, 2.5, ["control.network.learning.slope=2.0"]),
         ),
         (
             "low_gain",
             ["control.position.derivative=tracking_error"],
             (0.35, 1.2, gains(4.0, 2.8)),
-            (0.03, 30.0, ["control.position.learning.slope=1.0", "control.position.learning.initial_covariance=2.0"]),
+            (0.03, 30.0, ["control.network.learning.slope=1.0", "control.network.learning.initial_covariance=2.0"]),
         ),
         (
             "bias",
             ["control.position.derivative=tracking_error", *gains(1.44, 1.68)],
             (0.0, 0.005, ["vehicle.centre_of_mass=[2.0, 2.0]"]),
-            (0.03, 30.0, ["control.position.learning.slope=1.0", "control.position.learning.initial_covariance=2.0"]),
+            (0.03, 30.0, ["control.network.learning.slope=1.0", "control.network.learning.initial_covariance=2.0"]),
         ),
     ],
 )

@@ -64,8 +64,8 @@ def test_settings_of_a_fleet_are_those_of_scenarios():
     noise, a1, a2 = (settings[name][1] for name in ("noise", "a1", "a2"))
     overrides = [
         f"laboratory.motion_capture.position_noise={noise}",
-        f"{POSITION}.network.a1={a1}",
-        f"{POSITION}.network.a2={a2}",
+        f"control.network.a1={a1}",
+        f"control.network.a2={a2}",
     ]
     alone = simulate(scenario("no_wind_pd_t2fnn", *overrides), sample=3).metrics
     assert found.rmse.shape == (2, 2)

@@ -23,7 +23,7 @@ from drake_quad.replication.sweeps import (
 )
 from drake_quad.scenario.numbers import number_at
 
-NETWORK = "control.position.network"
+NETWORK = "control.network"
 
 
 def test_exponents_are_those_of_the_table_and_of_triangles():
@@ -64,12 +64,12 @@ def test_numbers_go_where_they_belong_each_so_many_times():
     assert (len(batch), batch.samples) == (6, (4, 0, 7) * 2)
     for vehicle in range(6):
         varied = batch.scenario_of(vehicle)
-        position = varied.control.position
+        position, network = varied.control.position, varied.control.network
         found = {
             "noise": [varied.laboratory.motion_capture.position_noise],
-            **{name: [getattr(position.network, name)] for name in ("q", "a1", "a2")},
+            **{name: [getattr(network, name)] for name in ("q", "a1", "a2")},
             **{name: getattr(position, name)[:2] for name in ("k_p", "k_d")},
-            "slope": [position.learning.slope],
+            "slope": [network.learning.slope],
         }
         for name, values in settings.items():
             assert {*found[name]} == {values[vehicle // 3]}

@@ -8,7 +8,9 @@ from drake_quad import InputError, load_scenario
 
 ROOT = Path(__file__).parent.parent.parent
 PAPER = ROOT / "diagrams" / "controllers" / "paper.yaml"
-POSITION = "control.position"
+NETWORK = "control.network"
+# Nine sets.
+MANY = "{centres: [-4, -3, -2, -1, 0, 1, 2, 3, 4], widths: [1, 1, 1, 1, 1, 1, 1, 1, 1]}"
 
 
 def load(controller, *overrides):
@@ -18,18 +20,27 @@ def load(controller, *overrides):
 @pytest.mark.parametrize(
     ("field", "value", "words"),
     [
-        ("network.a1", "1.0", "is 1, but must be larger than 1|is 1.0, but must be larger than 1"),
-        ("network.a2", "1.0", "must be larger than 0 and smaller than 1"),
-        ("network.a2", "0", "must be larger than 0 and smaller than 1"),
-        ("network.q", "1.5", "must be at least 0 and at most 1"),
-        ("network.a1", "{uniform: {min: 0.9, max: 2.0}}", "must be larger than 1"),
-        ("network.error.centres", "[0, -1, 1]", r"centres is \[0, -1, 1\], but must rise from one to the next"),
-        ("network.error.centres", "[0]", "must have at least 2 items|at least 2"),
-        ("network.error.centres", "[-1, 0, 1, 2]", "widths .*must be as many as centres, 4"),
-        ("network.rate.widths", "[0.4, 0.4, 1]", r"must be wide enough that the sets at -1(\.0)? and 0(\.0)? overlap"),
-        ("network.rate.widths", "[0.5, 0.5, 1]", "must be wide enough"),
-        ("network.rate.widths", "[1, 0, 1]", "must be larger than 0"),
-        ("network.error.scale", "0", "must be larger than 0"),
+        ("a1", "1.0", "is 1, but must be larger than 1|is 1.0, but must be larger than 1"),
+        ("a2", "1.0", "must be larger than 0 and smaller than 1"),
+        ("a2", "0", "must be larger than 0 and smaller than 1"),
+        ("q", "1.5", "must be at least 0 and at most 1"),
+        ("a1", "{uniform: {min: 0.9, max: 2.0}}", "must be larger than 1"),
+        ("inputs.error.centres", "[0, -1, 1]", r"centres is \[0, -1, 1\], but must rise from one to the next"),
+        ("inputs.error.centres", "[0]", "must have at least 2 items|at least 2"),
+        ("inputs.error.centres", "[-1, 0, 1, 2]", "widths .*must be as many as centres, 4"),
+        (
+            "inputs.error_rate.widths",
+            "[0.4, 0.4, 1]",
+            r"be wide enough that the sets at -1(\.0)? and 0(\.0)? overlap",
+        ),
+        ("inputs.error_rate.widths", "[0.5, 0.5, 1]", "must be wide enough"),
+        ("inputs.error_rate.widths", "[1, 0, 1]", "must be larger than 0"),
+        ("inputs.error.scale", "0", "must be larger than 0"),
+        ("inputs.error", "null", "inputs is .*, but must be two to four of error, .*, disturbance$"),
+        ("inputs", "{x: {}, y: {}, z: {}}", "inputs is .*, but must be two to four of"),
+        ("inputs", f"{{x: {MANY}, y: {MANY}, error: {MANY}}}", "must make at most 256 rules, not 2187"),
+        ("inputs.disturbance", "{}", "disturbance .*must be left out: a position controller of kind pd estimates none"),
+        ("learning.signal", "error", "must be 'surface' or 'feedback'"),
         ("learning.slope", "0", "must be larger than 0"),
         ("learning.gain", "-1", "must be larger than 0"),
         ("learning.initial_covariance", "0", "must be larger than 0"),
@@ -38,25 +49,28 @@ def load(controller, *overrides):
         ("learning.kind", "newton", "must be one of 'covariance', 'gradient', 'sign'"),
         ("learning.rate", "1.0", "rate is unknown"),
         ("learning.deadzone", "-0.1", "must be at least 0"),
+        ("adaptive", "{}", "must have a rate of centres or widths or exponents, or be null"),
+        ("adaptive.widths", "0", "must be larger than 0"),
         ("axes", "[]", "axes"),
         ("axes", "[x, w]", "must be 'x', 'y' or 'z'"),
     ],
 )
 def test_wrong_numbers_are_named(field, value, words):
     with pytest.raises(InputError, match=words) as caught:
-        load("pd_t2fnn", f"{POSITION}.{field}={value}")
+        load("pd_t2fnn", f"{NETWORK}.{field}={value}")
     assert "\n" not in str(caught.value)
     assert field.split(".")[0] in str(caught.value)
 
 
 def test_a_type_1_network_has_no_ellipses():
-    with pytest.raises(InputError, match="a1 is unknown"):
-        load("pd_t1fnn", f"{POSITION}.network.a1=1.2")
+    for field in ("a1", "adaptive.exponents"):
+        with pytest.raises(InputError, match="(a1|exponents) is unknown"):
+            load("pd_t1fnn", f"{NETWORK}.{field}=1.2")
 
 
 def test_numbers_of_a_network_may_be_distributions():
-    overrides = ["network.a1={uniform: {min: 1.1, max: 2.0}}", "learning.gain={choice: [0.5, 1.0]}"]
-    load("pd_t2fnn", *(f"{POSITION}.{override}" for override in overrides))
+    overrides = ["a1={uniform: {min: 1.1, max: 2.0}}", "learning.gain={choice: [0.5, 1.0]}"]
+    load("pd_t2fnn", *(f"{NETWORK}.{override}" for override in overrides))
 
 
 def test_every_controller_of_the_file_loads_over_every_laboratory():

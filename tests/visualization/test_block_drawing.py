@@ -45,7 +45,7 @@ def test_a_drawing_shows_systems_connections_and_sizes():
         "reference",
         "control",
         "control/position",
-        "control/position/network",
+        "control/network",
         "laboratory",
     }
     systems = dict(re.findall(r'^ +(s\d+) \[label="(\w+)', current[""], re.MULTILINE))

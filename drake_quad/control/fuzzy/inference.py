@@ -3,15 +3,19 @@
     (11), (12) μ(x) = (1 - |u|^a)^(1/a) with u = (x - c) / d where |u| < 1, else 0: the upper membership for an exponent
                a = a1 > 1, the lower one for a = a2 < 1
     (13)       a1 = a2 = 1 is the triangle of type 1
-    (9)        IF x₁ is A_1i AND x₂ is A_2j THEN τ_f = f_ij
+    (9)        IF x₁ is A_1i AND x₂ is A_2j AND ... THEN τ_f = f_ij...
     (10)       τ_f = q Σ w̲_ij f_ij / Σ w̲_ij + (1 - q) Σ w̄_ij f_ij / Σ w̄_ij, with w_ij = μ_1i μ_2j
 
-A product of memberships is normalised input by input: Σ_ij w_ij = Σ_i μ_1i Σ_j μ_2j. So with μ̃ = μ / Σ μ the firing
-strengths are W_ij = q μ̲̃_1i μ̲̃_2j + (1 - q) μ̄̃_1i μ̄̃_2j, their sum is one, and τ_f = Fᵀ W.
+The paper has two inputs, e and ė; here there may be more, each with a number of sets of its own, and a rule for every
+choice of a set on each. A product of memberships is normalised input by input: Σ_ij w_ij = Σ_i μ_1i Σ_j μ_2j. So with
+μ̃ = μ / Σ μ the firing strengths are W_ij = q μ̲̃_1i μ̲̃_2j + (1 - q) μ̄̃_1i μ̄̃_2j, their sum is one, τ_f = Fᵀ W, and the
+cost of the memberships grows with the sum of the sets, not with their product.
 
 Outside all sets (10) is 0 / 0: inputs are clamped to the universe, from the first centre to the last.
 """
 
+import itertools
+import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
@@ -43,20 +47,18 @@ class Antecedents(NamedTuple):
         a1: exponent of the upper memberships.
         a2: exponent of the lower memberships.
         q: share of the lower memberships.
-        error: sets of e, I of them.
-        rate: sets of ė, J of them.
+        inputs: sets of each input, in the order in which the rules take them.
     """
 
     a1: Number = 1.2
     a2: Number = 0.8
     q: Number = 0.5
-    error: FuzzySets = FuzzySets()
-    rate: FuzzySets = FuzzySets()
+    inputs: tuple[FuzzySets, ...] = (FuzzySets(), FuzzySets())
 
     @property
     def num_rules(self) -> int:
-        """R = I J."""
-        return len(self.error.centres) * len(self.rate.centres)
+        """R, the product of the numbers of sets."""
+        return math.prod(len(sets.centres) for sets in self.inputs)
 
 
 def elliptic_membership(u: Row, exponent: Row) -> Row:
@@ -72,24 +74,18 @@ def elliptic_membership(u: Row, exponent: Row) -> Row:
     return where(distance < 1.0, arc, 0.0 * distance)
 
 
-def firing_strengths(error: Row, rate: Row, antecedents: Antecedents) -> tuple[Row, ...]:
-    """W: the R normalised firing strengths, rule ij in place i J + j.
+def firing_strengths(values: Sequence[Row], antecedents: Antecedents) -> tuple[Row, ...]:
+    """W: the R normalised firing strengths; the set of the last input changes first from rule to rule.
 
     Args:
-        error: e, m.
-        rate: ė, m/s.
+        values: of the inputs, each in its unit.
         antecedents: of the rules.
     """
-    a1, a2, q, error_sets, rate_sets = antecedents
-    upper_1, upper_2 = shares(error, error_sets, a1), shares(rate, rate_sets, a1)
-    lower_1, lower_2 = shares(error, error_sets, a2), shares(rate, rate_sets, a2)
-    return tuple(
-        [
-            (1.0 - q) * upper_i * upper_j + q * lower_i * lower_j
-            for upper_i, lower_i in zip(upper_1, lower_1, strict=True)
-            for upper_j, lower_j in zip(upper_2, lower_2, strict=True)
-        ]
-    )
+    a1, a2, q, inputs = antecedents
+    upper = [shares(value, sets, a1) for value, sets in zip(values, inputs, strict=True)]
+    lower = [shares(value, sets, a2) for value, sets in zip(values, inputs, strict=True)]
+    rules = zip(itertools.product(*upper), itertools.product(*lower), strict=True)
+    return tuple([math.prod(of_upper, start=1.0 - q) + math.prod(of_lower, start=q) for of_upper, of_lower in rules])
 
 
 def shares(value: Row, sets: FuzzySets, exponent: Row) -> list[Row]:

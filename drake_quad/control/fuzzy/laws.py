@@ -17,7 +17,7 @@ A law learns on one axis. What it remembers is its memory, a tuple of rows.
 
 import math
 from collections.abc import Iterator, Sequence
-from typing import Literal, NamedTuple, Protocol
+from typing import NamedTuple, Protocol
 
 from drake_quad.framework.elementary import log_of_1_plus, maximum, where
 from drake_quad.signals import Number, Row
@@ -26,15 +26,15 @@ Rows = tuple[Row, ...]
 
 
 class Law(Protocol):
-    """What all laws have in common; they are records of rows."""
+    """What all laws have in common; they are records of rows.
+
+    The signal that a law learns from is s_p of eq (15), m/s, or the feedback τ_c, m/s²; units of gains are those for
+    the former, but for the sign law, whose are for the latter.
+    """
 
     @property
     def memory_name(self) -> str:
         """Of the state group that holds the memory."""
-
-    @property
-    def learns_from(self) -> Literal["surface", "command"]:
-        """What the signal is: s_p of eq (15), m/s, or the PD's command τ_c, m/s²."""
 
     def memory(self, num_rules: int) -> Rows:
         """The memory at the beginning."""
@@ -75,11 +75,6 @@ class CovarianceLaw(NamedTuple):
         """See `Law`."""
         return "covariance"
 
-    @property
-    def learns_from(self) -> Literal["surface", "command"]:
-        """See `Law`."""
-        return "surface"
-
     def memory(self, num_rules: int) -> Rows:
         """See `Law`."""
         return tuple([self.initial_covariance if i == j else 0.0 for i, j in _upper_triangle(num_rules)])
@@ -115,11 +110,6 @@ class GradientLaw(NamedTuple):
         """See `Law`."""
         return "nothing"
 
-    @property
-    def learns_from(self) -> Literal["surface", "command"]:
-        """See `Law`."""
-        return "surface"
-
     def memory(self, num_rules: int) -> Rows:
         """See `Law`: none."""
         return ()
@@ -147,11 +137,6 @@ class SignLaw(NamedTuple):
     def memory_name(self) -> str:
         """See `Law`."""
         return "slope"
-
-    @property
-    def learns_from(self) -> Literal["surface", "command"]:
-        """See `Law`."""
-        return "command"
 
     def memory(self, num_rules: int) -> Rows:
         """See `Law`."""

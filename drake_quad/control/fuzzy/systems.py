@@ -2,12 +2,13 @@
 
 import math
 from collections.abc import Callable, Sequence
-from typing import Any, NamedTuple
+from typing import Any, Literal, NamedTuple
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.control.axes import Axis
 from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
+from drake_quad.control.fuzzy.inputs import InputName, input_values, signals_of
 from drake_quad.control.fuzzy.laws import CovarianceLaw, Limits, Rows, dot, trace
 from drake_quad.framework.elementary import exp, maximum, minimum, nearest, where
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
@@ -18,16 +19,46 @@ from drake_quad.signals import SIGNALS, Acceleration, PositionError, PositionErr
 PerNetworkAxis = tuple[Rows, ...]
 
 
-def _layout(num_axes: int, num_rows: int) -> Layout:
+def layout_on_axes(num_axes: int, num_rows: int) -> Layout:
     """The layout of so many rows on each axis of a network."""
     return layout_of(PerNetworkAxis, ((0.0,) * num_rows,) * num_axes)
 
 
+def layout_of_antecedents(antecedents: tuple[Antecedents, ...]) -> Layout:
+    """The layout of the antecedents of a network on each of its axes."""
+    return layout_of(tuple[Antecedents, ...], antecedents)
+
+
 def firing_on_axes(
-    error: PositionError, rate: PositionErrorRate, antecedents: Antecedents, axes: Sequence[Axis]
+    antecedents: tuple[Antecedents, ...],
+    axes: Sequence[Axis],
+    inputs: Sequence[InputName],
+    time: Row,
+    lap_times: Sequence[float],
+    *signals: Any,
 ) -> PerNetworkAxis:
-    """The firing strengths on each axis of a network."""
-    return tuple([firing_strengths(getattr(error, axis), getattr(rate, axis), antecedents) for axis in axes])
+    """The firing strengths on each axis of a network.
+
+    Args:
+        antecedents: of all axes, or of each.
+        axes: of the network.
+        inputs: of the rules.
+        time: s.
+        lap_times: when the laps of the route begin and the last one ends, s.
+        signals: from which the inputs follow, in the order of `signals_of`.
+    """
+    known = dict(zip(signals_of(inputs), signals, strict=True))
+    return tuple(
+        [
+            firing_strengths(input_values(axis, inputs, known, time, lap_times), sets)
+            for axis, sets in zip(axes, _for_each(axes, antecedents), strict=True)
+        ]
+    )
+
+
+def _for_each(axes: Sequence[Axis], antecedents: tuple[Antecedents, ...]) -> tuple[Antecedents, ...]:
+    """The antecedents on each axis; one for all of them stands for as many."""
+    return antecedents * len(axes) if len(antecedents) == 1 else antecedents
 
 
 @fleet_system(float, AutoDiffXd)
@@ -43,30 +74,49 @@ class FuzzyRules(FleetSystem):
         output_ports:
         - firing
 
-    `error` and `error_rate` are those of the position controller. `firing` has the normalised firing strengths, R rows
-    for each axis of the network, one axis after another.
+    The ports are the signals from which the inputs of the rules follow: `error`, `error_rate`, `measurement`,
+    `disturbance`. `firing` has the normalised firing strengths, R rows for each axis of the network, one axis after
+    another.
 
-    The only parameter of the context is `antecedents`.
+    The only parameter of the context is `antecedents`; where they learn, they are an input, from a `SetLearning`.
 
     Args:
         num_vehicles: N.
         axes: of the network, in the order of X, Y, Z.
-        numbers: antecedents of the rules.
+        inputs: of the rules, see `drake_quad.control.fuzzy.inputs`.
+        lap_times: when the laps of the route begin and the last one ends, s; needed for the phase only.
+        adaptive: whether the antecedents learn.
+        numbers: antecedents of the rules, for all axes or for each.
     """
 
-    def declare(self, *, axes: Sequence[Axis] = ("x", "y"), numbers: Antecedents = Antecedents()) -> None:
+    def declare(
+        self,
+        *,
+        axes: Sequence[Axis] = ("x", "y"),
+        inputs: Sequence[InputName] = ("error", "error_rate"),
+        lap_times: Sequence[float] = (),
+        adaptive: bool = False,
+        numbers: tuple[Antecedents, ...] = (Antecedents(),),
+    ) -> None:
         """Declares the system."""
-        error, rate = self.input("error"), self.input("error_rate")
-        antecedents = self.parameter("antecedents", lambda antecedents: antecedents)
-        layout = _layout(len(axes), numbers.num_rules)
-        self.output("firing", firing_on_axes, error, rate, antecedents, tuple(axes), layout=layout)
+        axes, inputs = tuple(axes), tuple(inputs)
+        signals = [self.input(name) for name in signals_of(inputs)]
+        antecedents: Any
+        if adaptive:
+            antecedents = self.input("antecedents", layout=layout_of_antecedents(_for_each(axes, numbers)))
+        else:
+            antecedents = self.parameter("antecedents", lambda antecedents: antecedents)
+        first, *_ = numbers
+        time, layout = TIME if "phase" in inputs else 0.0, layout_on_axes(len(axes), first.num_rules)
+        reads = antecedents, axes, inputs, time, tuple(lap_times), *signals
+        self.output("firing", firing_on_axes, *reads, layout=layout)
 
 
 class LearningNumbers(NamedTuple):
     """What a network learns by.
 
     Attributes:
-        slope: λ of eq (15), 1/s; of no meaning for a law that learns from the PD's command.
+        slope: λ of eq (15), 1/s; of no meaning where the feedback is learned from.
         law: a record of `drake_quad.control.fuzzy.laws`.
         limits: of learning.
         initial_weight: F₀ of all rules, m/s².
@@ -84,10 +134,20 @@ def surface(axis: Axis, numbers: LearningNumbers, error: PositionError, rate: Po
     return sliding
 
 
-def command(axis: Axis, numbers: LearningNumbers, pd: Acceleration) -> Row:
-    """The PD's command on an axis, m/s²."""
+def feedback(axis: Axis, numbers: LearningNumbers, pd: Acceleration) -> Row:
+    """What the controller's own feedback τ_c commands on an axis, m/s².
+
+    Like s_p it asks for more while the correction takes away too much: by τ = τ_c - τ_f the network has learned all
+    there is when τ_c is zero (feedback-error learning: M. Kawato, K. Furukawa and R. Suzuki, "A hierarchical
+    neural-network model for control and learning of voluntary movement", Biological Cybernetics 57, 1987).
+    """
     commanded: Row = getattr(pd, axis)
     return commanded
+
+
+def signal_and_ports(learns_from: Literal["surface", "feedback"]) -> tuple[Callable[..., Row], tuple[str, ...]]:
+    """The formula of what a network learns from, and the names of the signals that it is made of."""
+    return (surface, ("error", "error_rate")) if learns_from == "surface" else (feedback, ("pd",))
 
 
 def learned(
@@ -113,7 +173,7 @@ def learned(
         axes: of the network.
         period: h, s.
         reset_ticks: at which the law forgets all that it remembers.
-        signal_of: `surface` or `command`, from which the law learns.
+        signal_of: `surface` or `feedback`, from which the law learns.
         signals: that it is made of.
     """
     law, (limit, deadzone, leakage) = numbers.law, numbers.limits
@@ -122,11 +182,16 @@ def learned(
     for axis, f, remembered, w in zip(axes, weights, memory, firing, strict=True):
         signal = signal_of(axis, numbers, *signals)
         known = where(begins_anew, law.memory(len(f)), remembered)
-        counts = where(abs(signal) < deadzone, 0.0 * signal, signal)
+        counts = counted(signal, deadzone)
         f_after, memory_after = law.learned(tuple([kept * f_i for f_i in f]), known, w, counts, period)
         after.append((tuple([minimum(maximum(f_i, -limit), limit) for f_i in f_after]), memory_after))
     all_weights, all_memory = tuple([f for f, _ in after]), tuple([remembered for _, remembered in after])
     return (all_weights, all_memory) if any(all_memory) else all_weights
+
+
+def counted(signal: Row, deadzone: Row) -> Row:
+    """What counts of a signal, of which too little counts as zero."""
+    return where(abs(signal) < deadzone, 0.0 * signal, signal)
 
 
 def _is_one_of(time: Row, ticks: Sequence[int], period: float) -> bool:
@@ -167,9 +232,9 @@ class WeightLearning(FleetSystem):
         - covariance_trace
 
     `correction` is τ_f = Fᵀ W of the `firing` strengths from `FuzzyRules`, zero on axes that the network does not have.
-    The weights F learn at every tick from s_p = ė + λ e, eq (15), of `error` and `error_rate`. A law that learns from
-    the PD's command has the input `pd` in their place. `weights` shows F in the order of `firing`; `covariance_trace`,
-    with the law that has one, a row for each axis.
+    The weights F learn at every tick from s_p = ė + λ e, eq (15), of `error` and `error_rate`; or from the feedback,
+    with the input `pd` in their place. `weights` shows F in the order of `firing`; `covariance_trace`, with the law
+    that has one, a row for each axis.
 
     The states are `weights` and the memory of the law, under its name, if it has one. The only parameter of the context
     is `learning`.
@@ -179,7 +244,9 @@ class WeightLearning(FleetSystem):
         period: h of the ticks, s.
         axes: of the network, in the order of X, Y, Z.
         num_rules: R.
+        learns_from: "surface" or "feedback".
         reset_times: at which the memory of the law begins anew, s: at the first tick from then on.
+        initial_weights: F of the rules on each axis at the beginning, m/s², if they are not all the same.
         numbers: to learn by.
     """
 
@@ -189,17 +256,21 @@ class WeightLearning(FleetSystem):
         period: float = 0.02,
         axes: Sequence[Axis] = ("x", "y"),
         num_rules: int = 9,
+        learns_from: Literal["surface", "feedback"] = "surface",
         reset_times: Sequence[float] = (),
+        initial_weights: PerNetworkAxis = (),
         numbers: LearningNumbers = LearningNumbers(),
     ) -> None:
         """Declares the system."""
         law, axes = numbers.law, tuple(axes)
         ticks = tuple([math.ceil(time / period - 1e-9) for time in reset_times])
-        per_axis = _layout(len(axes), num_rules)
+        per_axis = layout_on_axes(len(axes), num_rules)
         firing = self.input("firing", layout=per_axis)
         learning = self.parameter("learning", lambda numbers: numbers)
         weights = self.state(
-            "weights", lambda numbers: ((numbers.initial_weight,) * num_rules,) * len(axes), layout=per_axis
+            "weights",
+            lambda numbers: initial_weights or ((numbers.initial_weight,) * num_rules,) * len(axes),
+            layout=per_axis,
         )
         rows = len(law.memory(num_rules))
         memory: Any = ((),) * len(axes)
@@ -208,13 +279,11 @@ class WeightLearning(FleetSystem):
             memory = self.state(
                 law.memory_name,
                 lambda numbers: (numbers.law.memory(num_rules),) * len(axes),
-                layout=_layout(len(axes), rows),
+                layout=layout_on_axes(len(axes), rows),
             )
             writes = [weights, memory]
-        if law.learns_from == "surface":
-            signals: tuple[Any, ...] = surface, self.input("error"), self.input("error_rate")
-        else:
-            signals = command, self.input("pd")
+        signal_of, ports = signal_and_ports(learns_from)
+        signals = signal_of, *(self.input(name) for name in ports)
         reads = weights, memory, firing, learning, TIME if ticks else 0.0, axes, period, ticks, *signals
         self.update(period, learned, *reads, writes=writes)
         self.output("correction", network_output, weights, firing, axes)
@@ -224,7 +293,7 @@ class WeightLearning(FleetSystem):
             self.output("covariance_trace", covariance_traces, memory, layout=trace_layout)
 
 
-def build_fuzzy_network(*, rules: Any, learning: Any) -> Diagram:
+def build_fuzzy_network(*, rules: Any, learning: Any, sets: Any = None) -> Diagram:
     """Builds the diagram `network`.
 
     .. pydrake_system::
@@ -238,26 +307,35 @@ def build_fuzzy_network(*, rules: Any, learning: Any) -> Diagram:
         - weights
         - covariance_trace
 
-    It is two systems so that Drake keeps the firing strengths between the output and the learning of a tick. Ports are
-    those of the two; a law that learns from the PD's command makes `pd` a third input.
+    It is several systems so that Drake keeps the firing strengths between the output and the learning of a tick. Ports
+    are those of its parts; there are others with other inputs of the rules, or where the feedback is learned from, and
+    `antecedents` where they learn.
 
     Args:
         rules: a `FuzzyRules`.
         learning: a `WeightLearning` on the same axes, for as many rules.
+        sets: a `SetLearning` likewise, if the rules are adaptive.
     """
     builder = DiagramBuilder()
-    builder.AddNamedSystem("rules", rules)
-    builder.AddNamedSystem("learning", learning)
-    builder.Connect(rules.GetOutputPort("firing"), learning.GetInputPort("firing"))
-    for name in ("error", "error_rate"):
-        builder.ExportInput(rules.GetInputPort(name), name)
-        if learning.HasInputPort(name):
-            builder.ConnectInput(name, learning.GetInputPort(name))
-    if learning.HasInputPort("pd"):
-        builder.ExportInput(learning.GetInputPort("pd"), "pd")
-    for name in ("correction", "weights", "covariance_trace"):
-        if learning.HasOutputPort(name):
-            builder.ExportOutput(learning.GetOutputPort(name), name)
+    parts = {"rules": rules, "learning": learning} | ({} if sets is None else {"sets": sets})
+    for name, system in parts.items():
+        builder.AddNamedSystem(name, system)
+    inside = {"firing": rules, "weights": learning, "antecedents": sets}
+    exported: set[str] = set()
+    for system in parts.values():
+        for port in map(system.get_input_port, range(system.num_input_ports())):
+            name = port.get_name()
+            if name in inside:
+                builder.Connect(inside[name].GetOutputPort(name), port)
+            elif name in exported:
+                builder.ConnectInput(name, port)
+            else:
+                builder.ExportInput(port, name)
+                exported.add(name)
+    shown = [(learning, name) for name in ("correction", "weights", "covariance_trace")] + [(sets, "antecedents")]
+    for system, name in shown:
+        if system is not None and system.HasOutputPort(name):
+            builder.ExportOutput(system.GetOutputPort(name), name)
     network = builder.Build()
     network.set_name("network")
     return network

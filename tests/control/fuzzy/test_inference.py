@@ -35,7 +35,7 @@ def oracle(antecedents, weights):
     q = antecedents.q
     network.algorithm = lambda intervals: (pyit2fls.BMM_algorithm(intervals, (q, 1.0 - q)),) * 2
     inputs = {}
-    for name, sets in (("error", antecedents.error), ("rate", antecedents.rate)):
+    for name, sets in zip(("error", "rate"), antecedents.inputs, strict=True):
         network.add_input_variable(name)
         inputs[name] = [
             pyit2fls.IT2FS_Elliptic(np.linspace(c - d, c + d, 3), [c, d, antecedents.a1, antecedents.a2, 1.0])
@@ -55,12 +55,12 @@ def oracle(antecedents, weights):
 def test_inference_is_that_of_pyit2fls(a1, a2, q, error, rate, seed):
     """At 50 places of each of many networks."""
     rng = np.random.default_rng(seed)
-    antecedents = Antecedents(a1, a2, q, error, rate)
+    antecedents = Antecedents(a1, a2, q, (error, rate))
     weights = rng.normal(size=antecedents.num_rules)
     network = oracle(antecedents, weights)
     for _ in range(50):
         x = [rng.uniform(sets.centres[0], sets.centres[-1]) for sets in (error, rate)]
-        firing = firing_strengths(x[0] / error.scale, x[1] / rate.scale, antecedents)
+        firing = firing_strengths((x[0] / error.scale, x[1] / rate.scale), antecedents)
         expected = network.evaluate({"error": x[0], "rate": x[1]})["u"]
         assert np.dot(firing, weights) == pytest.approx(expected, abs=1e-12)
 
@@ -87,24 +87,24 @@ def test_memberships_end_where_sets_do():
 @given(uppers, lowers, shares, fuzzy_sets(), fuzzy_sets(), st.floats(-50.0, 50.0), st.floats(-50.0, 50.0))
 def test_firing_strengths_are_shares(a1, a2, q, error_sets, rate_sets, error, rate):
     """They are not negative and their sum is one, wherever the inputs are; a fleet has those of its vehicles."""
-    antecedents = Antecedents(a1, a2, q, error_sets, rate_sets)
-    firing = firing_strengths(error, rate, antecedents)
+    antecedents = Antecedents(a1, a2, q, (error_sets, rate_sets))
+    firing = firing_strengths((error, rate), antecedents)
     assert min(firing) >= 0.0
     assert sum(firing) == pytest.approx(1.0, abs=1e-13)
     errors, rates = np.linspace(error - 1.0, error, 7), np.linspace(rate, rate + 1.0, 7)
-    fleet = np.array(firing_strengths(errors, rates, antecedents))
-    alone = [firing_strengths(float(e), float(r), antecedents) for e, r in zip(errors, rates, strict=True)]
+    fleet = np.array(firing_strengths((errors, rates), antecedents))
+    alone = [firing_strengths((float(e), float(r)), antecedents) for e, r in zip(errors, rates, strict=True)]
     np.testing.assert_allclose(fleet, np.transpose(alone), atol=1e-15, rtol=1e-12)
 
 
 def test_outside_the_universe_is_as_at_its_edge():
     error, rate = FuzzySets(2.0, (-1.0, -0.1, 0.8), (1.1, 0.9, 1.3)), FuzzySets(0.5, (-0.9, 0.3, 1.2), (1.4, 1.3, 1.5))
-    antecedents = Antecedents(1.3, 0.7, 0.4, error, rate)
+    antecedents = Antecedents(1.3, 0.7, 0.4, (error, rate))
     # In units of the inputs, the universe is from -0.5 to 0.4, and from -1.8 to 2.4.
     for beyond, edge in ((-0.51, -0.5), (-9.0, -0.5), (0.41, 0.4), (9.0, 0.4)):
-        assert firing_strengths(beyond, 0.2, antecedents) == firing_strengths(edge, 0.2, antecedents)
+        assert firing_strengths((beyond, 0.2), antecedents) == firing_strengths((edge, 0.2), antecedents)
     for beyond, edge in ((-1.81, -1.8), (-9.0, -1.8), (2.41, 2.4), (9.0, 2.4)):
-        assert firing_strengths(0.1, beyond, antecedents) == firing_strengths(0.1, edge, antecedents)
+        assert firing_strengths((0.1, beyond), antecedents) == firing_strengths((0.1, edge), antecedents)
 
 
 @settings(max_examples=100, deadline=None)
@@ -117,7 +117,7 @@ def test_type_1_interpolates_between_the_weights(weights, error, rate):
     expected = (1 - s) * ((1 - t) * table[i, j] + t * table[i, j + 1]) + s * (
         (1 - t) * table[i + 1, j] + t * table[i + 1, j + 1]
     )
-    assert np.dot(firing_strengths(error, rate, triangles), weights) == pytest.approx(expected, abs=1e-14)
+    assert np.dot(firing_strengths((error, rate), triangles), weights) == pytest.approx(expected, abs=1e-14)
 
 
 def test_each_vehicle_of_a_fleet_may_have_its_own_network():
@@ -126,8 +126,8 @@ def test_each_vehicle_of_a_fleet_may_have_its_own_network():
     a1, a2, q, scale, width = (rng.uniform(*limits, n) for limits in ((1.1, 2), (0.3, 0.9), (0, 1), (1, 4), (0.8, 1.4)))
     error, rate = rng.normal(size=(2, n)) * 0.4
     wide = FuzzySets(scale, (-1.0, 0.0, 1.0), (width, width, width))
-    fleet = np.array(firing_strengths(error, rate, Antecedents(a1, a2, q, wide, wide)))
+    fleet = np.array(firing_strengths((error, rate), Antecedents(a1, a2, q, (wide, wide))))
     for i in range(n):
         sets = FuzzySets(scale[i], (-1.0, 0.0, 1.0), (width[i],) * 3)
-        alone = firing_strengths(error[i], rate[i], Antecedents(a1[i], a2[i], q[i], sets, sets))
+        alone = firing_strengths((error[i], rate[i]), Antecedents(a1[i], a2[i], q[i], (sets, sets)))
         np.testing.assert_allclose(fleet[:, i], alone, rtol=1e-12, atol=1e-15)

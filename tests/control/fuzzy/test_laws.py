@@ -20,13 +20,21 @@ class Learner:
     def __init__(self, law, num_rules=9, n=1, *, limits=Limits(), initial_weight=0.0, period=H):
         # Without a slope, s_p is the rate of the error.
         numbers = LearningNumbers(slope=0.0, law=law, limits=limits, initial_weight=initial_weight)
-        self.system = WeightLearning(num_vehicles=n, axes=("x",), num_rules=num_rules, period=period, numbers=numbers)
+        self.learns_from = "feedback" if isinstance(law, SignLaw) else "surface"
+        self.system = WeightLearning(
+            num_vehicles=n,
+            axes=("x",),
+            num_rules=num_rules,
+            learns_from=self.learns_from,
+            period=period,
+            numbers=numbers,
+        )
         self.law, self.n = law, n
         self.begin()
 
     def begin(self):
         self.context = self.system.CreateDefaultContext()
-        if self.law.learns_from == "surface":
+        if self.learns_from == "surface":
             self._fix("error", np.zeros((3, self.n)))
 
     def _fix(self, name, rows):
@@ -35,7 +43,7 @@ class Learner:
     def learn(self, firing, signal):
         """Learns for a period from firing strengths (R, n) and a signal (n,)."""
         self._fix("firing", firing)
-        self._fix("error_rate" if self.law.learns_from == "surface" else "pd", [signal, 0.0 * signal, 0.0 * signal])
+        self._fix("error_rate" if self.learns_from == "surface" else "pd", [signal, 0.0 * signal, 0.0 * signal])
         self.context.SetDiscreteState(self.system.EvalUniquePeriodicDiscreteUpdate(self.context))
 
     @property
@@ -77,7 +85,7 @@ def triangles(P):
 
 def strengths(rng, n):
     """(9, n) firing strengths somewhere."""
-    return np.array(firing_strengths(rng.uniform(-1.2, 1.2, n), rng.uniform(-1.2, 1.2, n), Antecedents()))
+    return np.array(firing_strengths(rng.uniform(-1.2, 1.2, (2, n)), Antecedents()))
 
 
 @pytest.mark.parametrize("n", [1, 3, 48, 200])
@@ -122,7 +130,7 @@ def test_the_covariance_stays_one(initial, n):
 
 def signals(t):
     """A firing strength, which moves through the sets, and s_p at a time."""
-    firing = np.array(firing_strengths(0.9 * math.sin(1.3 * t), 0.8 * math.cos(0.7 * t), Antecedents()))
+    firing = np.array(firing_strengths((0.9 * math.sin(1.3 * t), 0.8 * math.cos(0.7 * t)), Antecedents()))
     return firing, math.sin(0.9 * t) + 0.3
 
 

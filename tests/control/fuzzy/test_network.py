@@ -61,23 +61,25 @@ LAWS = [CovarianceLaw(0.8, 30.0), CovarianceLaw(0.8, 30.0, 0.99), GradientLaw(3.
 
 
 @pytest.mark.parametrize("law", LAWS)
-@pytest.mark.parametrize("axes", [("x", "y"), ("x", "z"), ("y",)])
-def test_the_diagram_is_the_mathematics(law, axes):
+@pytest.mark.parametrize(
+    ("axes", "learns_from"), [(("x", "y"), "surface"), (("x", "z"), "feedback"), (("y",), "surface")]
+)
+def test_the_diagram_is_the_mathematics(law, axes, learns_from):
     """Tick by tick, by the law as it is written: the correction of a tick is that of the weights before it."""
     rng = np.random.default_rng(3)
-    inputs, sets = waves(rng, 1), Antecedents(1.3, 0.7, 0.4, FuzzySets(1.5), FuzzySets(0.7))
+    inputs, sets = waves(rng, 1), Antecedents(1.3, 0.7, 0.4, (FuzzySets(1.5), FuzzySets(0.7)))
     numbers = LearningNumbers(slope=1.7, law=law, initial_weight=0.2)
-    learning = WeightLearning(axes=axes, numbers=numbers)
-    network = build_fuzzy_network(rules=FuzzyRules(axes=axes, numbers=sets), learning=learning)
+    learning = WeightLearning(axes=axes, learns_from=learns_from, numbers=numbers)
+    network = build_fuzzy_network(rules=FuzzyRules(axes=axes, numbers=(sets,)), learning=learning)
     _, found = driven(network, inputs, 80)
     for axis in axes:
         i = "xyz".index(axis)
         weights, memory = (0.2,) * 9, law.memory(9)
         for tick in range(80):
             e, rate, pd = (float(inputs[name].value(tick * H)[i, 0]) for name in ("error", "error_rate", "pd"))
-            firing = firing_strengths(e, rate, sets)
+            firing = firing_strengths((e, rate), sets)
             assert found[tick, i, 0] == pytest.approx(np.dot(firing, weights), abs=1e-12)
-            signal = rate + 1.7 * e if law.learns_from == "surface" else pd
+            signal = rate + 1.7 * e if learns_from == "surface" else pd
             weights, memory = law.learned(weights, memory, firing, signal, H)
     others = [i for i in range(3) if "xyz"[i] not in axes]
     np.testing.assert_array_equal(found[:, others], 0.0)
@@ -92,10 +94,10 @@ def test_a_fleet_learns_as_its_vehicles_do():
     slope, scale, q = rng.uniform(0.5, 2.0, n), rng.uniform(0.8, 2.0, n), rng.uniform(0.0, 1.0, n)
 
     def network(pick, count):
-        sets = Antecedents(pick(rows["a1"]), 0.7, pick(q), FuzzySets(pick(scale)), FuzzySets(0.7))
+        sets = Antecedents(pick(rows["a1"]), 0.7, pick(q), (FuzzySets(pick(scale)), FuzzySets(0.7)))
         law = CovarianceLaw(pick(rows["gain"]), 30.0)
         learning = WeightLearning(num_vehicles=count, numbers=LearningNumbers(slope=pick(slope), law=law))
-        return build_fuzzy_network(rules=FuzzyRules(num_vehicles=count, numbers=sets), learning=learning)
+        return build_fuzzy_network(rules=FuzzyRules(num_vehicles=count, numbers=(sets,)), learning=learning)
 
     _, fleet = driven(network(lambda row: row, n), inputs, 60, n)
     for i in (0, 7, 39):
@@ -124,9 +126,7 @@ def test_resets_begin_the_covariance_anew_at_the_first_tick_from_then_on(reset_t
     simulator.AdvancePendingEvents()
     for axis, found in zip((0, 2), port.Eval(context), strict=True):
         firing = np.array(
-            firing_strengths(
-                *(inputs[name].value(tick * H)[axis, 0] for name in ("error", "error_rate")), Antecedents()
-            )
+            firing_strengths([inputs[name].value(tick * H)[axis, 0] for name in ("error", "error_rate")], Antecedents())
         )
         fresh = 30.0 * np.eye(9)
         g = fresh @ firing
@@ -138,13 +138,13 @@ def test_with_the_other_sign_of_eq_14_the_loop_runs_away():
     """What the network adds reduces a steady error; the other way round it feeds it."""
     errors = {}
     for sign in (1.0, -1.0):
-        sets = Antecedents(1.2, 0.8, 0.5, FuzzySets(1.8), FuzzySets(0.55))
+        sets = Antecedents(1.2, 0.8, 0.5, (FuzzySets(1.8), FuzzySets(0.55)))
         law = CovarianceLaw(0.7, 6.0)
         weights, memory = (0.0,) * 9, law.memory(9)
         x = v = 0.0
         for _ in range(1500):
             e, rate = -x, -v
-            firing = firing_strengths(e, rate, sets)
+            firing = firing_strengths((e, rate), sets)
             u = 1.4 * e + 1.4 * rate - sign * float(np.dot(firing, weights))
             weights, memory = law.learned(weights, memory, firing, rate + 2.1 * e, H)
             x, v = x + H * v, v + H * (u + 0.5)
@@ -184,13 +184,13 @@ def test_a_sample_flies_the_same_alone(scenario_with, controller):
     ],
 )
 def test_every_law_helps_in_flight(scenario_with, learning):
-    own = [f"control.position.learning={learning}"]
+    own = [f"control.network.learning={learning}"]
     error = simulate(scenario_with("pd_t2fnn", *own), sample=0).metrics.rmse
     assert error < 0.9 * simulate(scenario_with("pd"), sample=0).metrics.rmse
 
 
 def test_on_which_axes_is_a_choice(scenario_with):
-    flight = simulate(scenario_with("pd_t2fnn", "control.position.axes=[z]", "duration=4"), sample=0)
+    flight = simulate(scenario_with("pd_t2fnn", "control.network.axes=[z]", "duration=4"), sample=0)
     assert flight["weights"].shape[1] == 9
     x, y, z = flight.record("correction")
     np.testing.assert_array_equal([x, y], 0.0)

@@ -1,0 +1,49 @@
+"""What a network has learned in a flight, to begin another one with."""
+
+from pathlib import Path
+
+import numpy as np
+from ruamel.yaml import YAML
+
+from drake_quad.errors import InputError
+from drake_quad.files import output_folder, write_whole
+from drake_quad.flight.flight import Flight
+from drake_quad.scenario.networks import LearnedAxis, LearnedNetwork
+
+
+def save_network(flight: Flight, path: Path | str) -> Path:
+    """Writes what the network of a flight had learned by its last tick: the weights, and the sets if they learn.
+
+    A scenario flies on from it with `control.network.learned: FILE`; a fleet does so with all of its vehicles.
+
+    Args:
+        flight: with a network.
+        path: of the file, which is YAML.
+
+    Returns:
+        The path.
+
+    Raises:
+        InputError: the flight has no network, what was learned is not finite, or the file cannot be written.
+    """
+    network = flight.scenario.control.network
+    if network is None or "weights" not in flight.signals:
+        raise InputError("the flight has no network that could be saved")
+    axes = sorted(network.axes)
+    weights = np.split(flight["weights"][-1], len(axes))
+    antecedents = [None] * len(axes)
+    if "antecedents" in flight.signals:
+        antecedents = np.split(flight["antecedents"][-1], len(axes))
+    if not np.isfinite(np.concatenate(weights)).all():
+        raise InputError("what the network has learned is not finite")
+    known = {
+        axis: LearnedAxis(weights=tuple(f.tolist()), antecedents=None if sets is None else tuple(sets.tolist()))
+        for axis, f, sets in zip(axes, weights, antecedents, strict=True)
+    }
+    given = network.inputs.given
+    learned = LearnedNetwork(
+        kind=network.kind, inputs=tuple(given), sets=tuple([len(sets.centres) for sets in given.values()]), **known
+    )
+    target = Path(path)
+    output_folder(target.parent)
+    return write_whole(target, lambda file: YAML().dump(learned.model_dump(mode="json", exclude_none=True), file))

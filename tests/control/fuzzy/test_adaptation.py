@@ -1,0 +1,170 @@
+"""Membership functions that learn: their gradient, their bounds, and their system."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drake_quad import simulate
+from drake_quad.control.fuzzy.adaptation import AdaptationRates, adapted, membership_slopes, output_gradient
+from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, elliptic_membership, firing_strengths
+from drake_quad.control.fuzzy.laws import GradientLaw, Limits
+from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
+from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning, build_fuzzy_network
+from drake_quad.framework.records import layout_of
+
+ALL = ("centres", "widths", "exponents")
+SETS = (
+    FuzzySets(1.8, (-1.0, -0.1, 0.5, 1.2), (1.1, 0.9, 1.3, 0.8)),
+    FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4)),
+    FuzzySets(1.3, (-0.7, 1.1), (1.5, 1.6)),
+)
+START = Antecedents(1.4, 0.6, 0.3, SETS)
+
+
+def varied(antecedents, place, change):
+    """The antecedents with one of their numbers changed."""
+    layout = layout_of(Antecedents, antecedents)
+    rows = layout.flatten(antecedents)
+    rows[place] += change
+    return layout.build(rows)
+
+
+@pytest.mark.parametrize("a1", [1.0, 1.4])
+def test_the_gradient_is_that_of_the_output(a1):
+    """Of every number but scales, and the outermost centres, which hold the input: by central differences."""
+    rng = np.random.default_rng(7)
+    start = START._replace(a1=a1)
+    layout = layout_of(Antecedents, start)
+    for values in rng.uniform(-0.4, 0.35, (6, 3)).tolist():
+        weights = rng.normal(size=start.num_rules)
+        gradient = layout.flatten(output_gradient(values, start, weights.tolist()))
+        for place, (name, found) in enumerate(zip(layout.names, gradient, strict=True)):
+            if "scale" in name:
+                assert found == 0.0
+                continue
+            up, down = (
+                np.dot(weights, firing_strengths(values, varied(start, place, side * 1e-6))) for side in (1.0, -1.0)
+            )
+            assert found == pytest.approx((up - down) / 2e-6, rel=1e-5, abs=1e-7), name
+
+
+def test_slopes_are_finite_at_the_centre_and_the_edge_and_zero_outside():
+    for exponent in (0.3, 0.8, 1.0, 1.4, 3.0):
+        slopes = np.array([membership_slopes(u, exponent) for u in (0.0, 1e-12, 0.999999, -0.999999)])
+        by_distance, by_exponent = slopes.T
+        assert (by_distance >= -10.0).all()
+        assert (by_distance <= 0.0).all()
+        assert (np.abs(by_exponent) < 1.0).all()
+        assert membership_slopes(1.2, exponent) == membership_slopes(-1.0, exponent) == (0.0, 0.0)
+    np.testing.assert_allclose([membership_slopes(u, 1.0)[0] for u in (0.0, 0.5, 0.9)], -1.0, rtol=1e-12)
+
+
+@settings(max_examples=100, deadline=None)
+@given(st.integers(0, 2**32), st.floats(0.01, 1e3))
+def test_sets_stay_valid_whatever_is_learned(seed, size):
+    rng, sets = np.random.default_rng(seed), START
+    for _ in range(5):
+        values, weights = rng.uniform(-1.0, 1.0, 3).tolist(), rng.normal(size=24).tolist()
+        gradient = output_gradient(values, sets, weights)
+        sets = adapted(sets, gradient, rng.normal() * size, AdaptationRates(1.0, 1.0, 1.0), initial=START, parts=ALL)
+        assert sets.a1 > 1.0 > sets.a2 > 0.0
+        assert 0.0 <= sets.q <= 1.0
+        for after, before in zip(sets.inputs, START.inputs, strict=True):
+            centres, widths = np.array(after.centres), np.array(after.widths)
+            assert (centres[[0, -1]] == np.array(before.centres)[[0, -1]]).all()
+            assert (np.diff(centres) >= 0.5 * np.diff(before.centres) - 1e-12).all()
+            # No place without a set, and so no division by zero.
+            assert (widths[:-1] + widths[1:] >= 1.02 * np.diff(centres) - 1e-12).all()
+            assert (widths <= np.maximum(before.widths, np.ptp(centres)) + 1e-12).all()
+            assert after.scale == before.scale
+        assert sum(firing_strengths(values, sets)) == pytest.approx(1.0, abs=1e-12)
+
+
+@pytest.mark.parametrize("part", ALL)
+def test_only_what_shall_learn_does(part):
+    gradient = output_gradient([0.2, 0.3, -0.1], START, np.arange(24.0).tolist())
+    after = adapted(START, gradient, 0.001, AdaptationRates(1.0, 1.0, 1.0), initial=START, parts=(part,))
+    changed = {
+        "exponents": after[:3] != START[:3],
+        "centres": any(new.centres != old.centres for new, old in zip(after.inputs, SETS, strict=True)),
+        "widths": any(new.widths != old.widths for new, old in zip(after.inputs, SETS, strict=True)),
+    }
+    assert [name for name, is_so in changed.items() if is_so] == [part]
+
+
+@pytest.mark.parametrize("learns_from", ["surface", "feedback"])
+def test_a_tick_of_the_system_is_a_step_down_the_gradient_on_each_axis(learns_from):
+    """Of the numbers of one vehicle of two; against the mathematics."""
+    sets = (START._replace(inputs=SETS[:2]), START._replace(a1=1.2, inputs=SETS[:2]))
+    learning = LearningNumbers(1.7, GradientLaw(0.4), Limits(deadzone=0.05))
+    numbers = AdaptationNumbers(sets, AdaptationRates(0.5, 0.3, 0.2), learning)
+    system = SetLearning(num_vehicles=2, axes=("x", "z"), learns_from=learns_from, numbers=numbers)
+    rng, context = np.random.default_rng(2), system.CreateDefaultContext()
+    rows = {"error": 3, "error_rate": 3, "pd": 3, "weights": 24}
+    given = {name: 0.4 * rng.normal(size=(count, 2)) for name, count in rows.items()}
+    given["pd"][2, 1] = 0.02
+    for name, values in given.items():
+        if system.HasInputPort(name):
+            system.GetInputPort(name).FixValue(context, values.ravel())
+    context.SetDiscreteState(system.EvalUniquePeriodicDiscreteUpdate(context))
+    layout = layout_of(tuple[Antecedents, ...], sets)
+    found = np.reshape(system.GetOutputPort("antecedents").Eval(context), (-1, 2))
+    for vehicle in range(2):
+        expected = []
+        for place, (axis, initial) in enumerate(zip((0, 2), sets, strict=True)):
+            e, rate, pd = (given[name][axis, vehicle] for name in ("error", "error_rate", "pd"))
+            signal = rate + 1.7 * e if learns_from == "surface" else pd
+            step = 0.02 * signal if abs(signal) >= 0.05 else 0.0
+            weights = given["weights"][12 * place : 12 * (place + 1), vehicle].tolist()
+            gradient = output_gradient((float(e), float(rate)), initial, weights)
+            expected.append(adapted(initial, gradient, step, numbers.rates, initial=initial, parts=ALL))
+        np.testing.assert_allclose(found[:, vehicle], layout.flatten(tuple(expected)), rtol=1e-12)
+
+
+def test_a_network_of_sets_that_do_not_move_is_the_plain_one():
+    """With rates of zero the rules fire as those with a parameter do."""
+    sets, numbers = START._replace(inputs=SETS[:2]), LearningNumbers(1.7, GradientLaw(0.4), initial_weight=0.3)
+
+    def command(**more):
+        network = build_fuzzy_network(
+            rules=FuzzyRules(adaptive=bool(more), numbers=(sets,)),
+            learning=WeightLearning(num_rules=12, numbers=numbers),
+            **more,
+        )
+        context = network.CreateDefaultContext()
+        for name, rows in (("error", (0.1, -0.2, 0.3)), ("error_rate", (0.4, 0.1, -0.3))):
+            network.GetInputPort(name).FixValue(context, rows)
+        learning = network.GetSubsystemByName("learning")
+        weights = tuple(tuple(np.linspace(-1.0, 1.0, 12) * side) for side in (1.0, -0.7))
+        learning.set_state(learning.GetMyMutableContextFromRoot(context), "weights", weights)
+        return network.GetOutputPort("correction").Eval(context)
+
+    adaptive = SetLearning(numbers=AdaptationNumbers((sets, sets), learning=numbers))
+    np.testing.assert_array_equal(command(sets=adaptive), command())
+
+
+@pytest.mark.slow
+def test_sets_that_learn_in_flight_stay_valid_and_help(asymmetric):
+    """A gradient law from few rules: with sets that may move the error of the figure eight is no larger."""
+    own = ["control.network.learning={kind: gradient, rate: 0.6}", "metrics.start=5", "crash.position_error=5"]
+    plain = simulate(asymmetric("pd_t2fnn", *own), sample=0, compiled=True)
+    rates = "control.network.adaptive={centres: 0.5, widths: 0.5, exponents: 0.5}"
+    adaptive = simulate(asymmetric("pd_t2fnn", *own, rates), sample=0, compiled=True)
+    numbers = adaptive["antecedents"]
+    assert numbers.shape[1] == 3 * 19
+    moved = np.ptp(numbers, axis=0) > 0.0
+    assert 20 < moved.sum() < 60
+    assert adaptive.metrics.rmse <= 1.02 * plain.metrics.rmse
+    assert "antecedents" not in plain.signals
+
+
+def test_memberships_of_the_tests_are_those_of_the_paper():
+    """`membership_slopes` is the derivative of `elliptic_membership` by its two arguments."""
+    for exponent in (0.7, 1.3):
+        for u in (0.1, 0.5, 0.9):
+            by_distance, by_exponent = membership_slopes(u, exponent)
+            difference = elliptic_membership(u + 1e-6, exponent) - elliptic_membership(u - 1e-6, exponent)
+            assert by_distance == pytest.approx(difference / 2e-6, rel=1e-6)
+            difference = elliptic_membership(u, exponent + 1e-6) - elliptic_membership(u, exponent - 1e-6)
+            assert by_exponent == pytest.approx(difference / 2e-6, rel=1e-6)

@@ -1,0 +1,65 @@
+"""What the rules of a network look at."""
+
+import itertools
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import InitializeAutoDiff
+
+from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
+from drake_quad.control.fuzzy.inputs import input_values, route_phase, signals_of
+from drake_quad.signals import Acceleration, PositionError, PositionErrorRate, State
+
+SIGNALS = {
+    "error": PositionError(0.1, 0.2, 0.3),
+    "error_rate": PositionErrorRate(0.4, 0.5, 0.6),
+    "measurement": State(*np.arange(1.0, 13.0).tolist()),
+    "disturbance": Acceleration(-0.7, -0.8, -0.9),
+}
+
+
+def test_inputs_are_those_of_the_axis_and_those_of_the_room():
+    inputs = ("error", "error_rate", "z", "v_x", "phase", "disturbance")
+    assert signals_of(inputs) == ("error", "error_rate", "measurement", "disturbance")
+    for axis, own in (("x", (0.1, 0.4, -0.7)), ("y", (0.2, 0.5, -0.8)), ("z", (0.3, 0.6, -0.9))):
+        e, rate, d = own
+        assert input_values(axis, inputs, SIGNALS, 2.0, (0.0, 8.0)) == [e, rate, 3.0, 7.0, 0.25, d]
+
+
+def test_only_what_is_looked_at_is_asked_for():
+    assert signals_of(("phase", "v_z", "x")) == ("measurement",)
+    assert signals_of(("phase", "error_rate")) == ("error_rate",)
+
+
+@pytest.mark.parametrize(
+    ("time", "phase"), [(-1.0, 0.0), (0.5, 0.0), (1.5, 0.25), (4.4999, 0.99998), (4.5, 1.0), (9.0, 1.0)]
+)
+def test_the_phase_of_a_route_goes_from_0_to_1_once(time, phase):
+    assert route_phase(time, (0.5, 4.5)) == pytest.approx(phase, abs=1e-5)
+
+
+def test_the_phase_of_laps_begins_anew_with_each():
+    """Also where they do not take equally long."""
+    laps = (1.0, 4.0, 6.0, 8.0, 13.0)
+    middles = [route_phase(0.5 * (start + end), laps) for start, end in itertools.pairwise(laps)]
+    assert middles == pytest.approx([0.5] * 4)
+    assert [route_phase(time, laps) for time in laps] == pytest.approx([0.0] * 5, abs=1e-12)
+    assert [route_phase(time - 1e-6, laps) for time in laps[1:]] == pytest.approx([1.0] * 4, abs=1e-5)
+    assert route_phase(0.3, laps) == 0.0
+
+
+def test_four_inputs_fire_by_the_products_of_their_memberships():
+    """Those of two pairs of inputs, multiplied; type 1, where what is normalised apart is normalised together."""
+    rng = np.random.default_rng(4)
+    sets = [FuzzySets(1.0 + 0.1 * n, tuple(np.linspace(-1.0, 1.0, n)), (1.3,) * n) for n in (2, 3, 4, 2)]
+    for values in rng.uniform(-1.0, 1.0, (20, 4)).tolist():
+        firing = firing_strengths(values, Antecedents(1.0, 1.0, 0.0, tuple(sets)))
+        first = firing_strengths(values[:2], Antecedents(1.0, 1.0, 0.0, tuple(sets[:2])))
+        last = firing_strengths(values[2:], Antecedents(1.0, 1.0, 0.0, tuple(sets[2:])))
+        np.testing.assert_allclose(firing, np.outer(first, last).ravel(), atol=1e-15)
+        assert sum(firing) == pytest.approx(1.0, abs=1e-14)
+
+
+def test_the_phase_has_the_derivative_of_time():
+    (time,) = InitializeAutoDiff(np.array([5.0])).ravel()
+    assert route_phase(time, (1.0, 4.0, 6.0)).derivatives() == pytest.approx([0.5])

@@ -1,0 +1,92 @@
+"""Networks that are saved after a flight, and flown again."""
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario, save_network, simulate
+from drake_quad.flight import simulate_samples
+from drake_quad.scenario import save_scenario
+
+ADAPTIVE = "control.network.adaptive={centres: 0.4, widths: 0.3, exponents: 0.2}"
+SHORT = ("duration=1.5", "metrics.start=0")
+
+
+def flown(asymmetric, *overrides):
+    return simulate(asymmetric("pd_t2fnn", *SHORT, *overrides), sample=0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("adaptive", [[], [ADAPTIVE]])
+def test_a_network_begins_with_what_another_flight_ended_with(asymmetric, tmp_path, adaptive):
+    """Axis by axis, to the bit, and with it every vehicle of a fleet; a saved scenario holds it."""
+    first = flown(asymmetric, *adaptive)
+    file = save_network(first, tmp_path / "deeper" / "learned.yaml")
+    again = asymmetric("pd_t2fnn", *SHORT, *adaptive, f"control.network.learned={file}")
+    for flight in simulate_samples(again, [0, 3]):
+        np.testing.assert_array_equal(flight["weights"][0], first["weights"][-1])
+        if adaptive:
+            np.testing.assert_array_equal(flight["antecedents"][0], first["antecedents"][-1])
+    file.rename(tmp_path / "elsewhere.yaml")
+    save_scenario(again, tmp_path / "again.yaml")
+    assert load_scenario(tmp_path / "again.yaml").control == again.control
+
+
+@pytest.mark.slow
+def test_sets_that_were_learned_fire_on_each_axis_where_they_learn_no_more(asymmetric, tmp_path):
+    """The correction at the first tick of a flight whose weights alone may learn is that of one whose sets may, too."""
+    file = save_network(flown(asymmetric, ADAPTIVE), tmp_path / "learned.yaml")
+    known = f"control.network.learned={file}"
+    fixed, free = (flown(asymmetric, known, *more) for more in ([], [ADAPTIVE]))
+    np.testing.assert_array_equal(fixed["correction"][:2], free["correction"][:2])
+    assert np.abs(fixed["correction"][1]).min() > 0.0
+    assert "antecedents" not in fixed.signals
+
+
+def learned_file(folder, text):
+    path = folder / "learned.yaml"
+    path.write_text(text)
+    return path
+
+
+FITTING = "kind: type_2\ninputs: [error, error_rate]\nsets: [3, 4]\n"
+ON_AXES = "".join(f"{axis}: {{weights: {[0.25] * 12}}}\n" for axis in "xyz")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        (FITTING.replace("4", "3") + ON_AXES, r"weights is .*, but must be 9 numbers"),
+        (FITTING.replace("type_2", "type_1") + ON_AXES, "same kind: this one's are type_2, those learned on type_1"),
+        (FITTING.replace("error, error_rate", "x, y") + ON_AXES, "those learned on x, y"),
+        (FITTING.replace("3, 4", "4, 3") + ON_AXES, "same sets: this one's are 3, 4, those learned on 4, 3"),
+        (FITTING + ON_AXES.replace("z:", "# z:"), "same axes: this one's are x, y, z, those learned on x, y"),
+        (FITTING + ON_AXES.replace("weights", "antecedents: [1.2], weights"), "antecedents is .*must be 19 numbers"),
+        ("[1, 2]", "must be a mapping of fields"),
+        (FITTING + ON_AXES + "colour: red", "colour is unknown"),
+    ],
+)
+def test_a_file_that_does_not_fit_gets_one_sentence(asymmetric, tmp_path, text, words):
+    with pytest.raises(InputError, match=words) as caught:
+        asymmetric("pd_t2fnn", f"control.network.learned={learned_file(tmp_path, text)}")
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_missing_is_named(asymmetric):
+    with pytest.raises(InputError, match=r"nowhere\.yaml.*cannot be read: no such file"):
+        asymmetric("pd_t2fnn", "control.network.learned=nowhere.yaml")
+
+
+def test_a_file_is_looked_for_beside_the_one_that_names_it(root, tmp_path):
+    learned_file(tmp_path, FITTING + ON_AXES)
+    path = tmp_path / "mine.yaml"
+    path.write_text(
+        f"mine: {{extends: '{root}/tests/asymmetric.yaml:pd_t2fnn', control: {{network: {{learned: learned.yaml}}}}}}"
+    )
+    assert load_scenario(path).control.network.learned.y.weights == (0.25,) * 12
+
+
+def test_a_flight_without_a_network_has_none_to_save(asymmetric, tmp_path):
+    flight = simulate(asymmetric("pid", "duration=0.1", "metrics.start=0"), sample=0)
+    with pytest.raises(InputError, match="has no network"):
+        save_network(flight, tmp_path / "learned.yaml")
+    assert not [*tmp_path.iterdir()]
