@@ -102,8 +102,8 @@ class ProportionalDerivative(FleetSystem):
         self.packed_output("error_and_command", PdOutput, pd_law, *reads)
 
 
-def build_position_controller(pd: Any, *, correction: Any = None) -> Diagram:
-    """Builds the diagram `position`, eq (14): command = `pd` - `correction` + feed-forward.
+def build_position_controller(pd: Any, *, correction: Any = None, disturbance: Any = None) -> Diagram:
+    """Builds the diagram `position`, eq (14): command = `pd` - `correction` + feed-forward - `disturbance`.
 
     .. pydrake_system::
 
@@ -120,13 +120,15 @@ def build_position_controller(pd: Any, *, correction: Any = None) -> Diagram:
 
     `error` is e = p_r - p in W; `error_rate` is ė = v_r - v with the derivative on the tracking error, and ė = -v with
     the derivative on the measurement, which makes the loop lag by about (k_D / k_P) v; `pd` is τ_c = k_P e + k_D ė.
-    `correction`, τ_f, is zero without a system that makes it; what else such a system shows is shown beside it.
+    `correction`, τ_f, is zero without a system that makes it; what else such a system shows is shown beside it. An
+    estimator's `disturbance` is taken away likewise, and shown if there is one.
 
     Any system with these two inputs and the first output can stand in its place.
 
     Args:
         pd: a `ProportionalDerivative`.
         correction: a system from any of `error`, `error_rate` and `pd` to `correction`, such as a network that learns.
+        disturbance: a `DisturbanceEstimator`.
     """
     builder = DiagramBuilder()
     parts = split_output(builder, "pd", pd)
@@ -142,18 +144,33 @@ def build_position_controller(pd: Any, *, correction: Any = None) -> Diagram:
                 builder.Connect(parts[signal], correction.GetInputPort(signal))
         outputs = [correction.get_output_port(i) for i in range(correction.num_output_ports())]
         shown = {port.get_name(): port for port in outputs}
-        minus = builder.AddNamedSystem("minus", Gain(-1.0, size))
-        builder.Connect(shown["correction"], minus.get_input_port())
-        summands.append(minus.get_output_port())
+        summands.append(_minus(builder, "minus", shown["correction"]))
+    if disturbance is not None:
+        builder.AddNamedSystem("estimator", disturbance)
+        shown["disturbance"] = disturbance.GetOutputPort("disturbance")
+        summands.append(_minus(builder, "minus_disturbance", shown["disturbance"]))
     command = builder.AddNamedSystem("acceleration_command", Adder(len(summands), size))
     for i, port in enumerate(summands):
         builder.Connect(port, command.get_input_port(i))
+    if disturbance is not None:
+        known = {"acceleration_command": command.get_output_port(), "feed_forward": parts["feed_forward"]}
+        for name, port in (known | {"correction": shown["correction"]}).items():
+            builder.Connect(port, disturbance.GetInputPort(name))
 
     builder.ExportInput(pd.GetInputPort("measurement"), "measurement")
     builder.ExportInput(pd.GetInputPort("reference"), "reference")
+    if disturbance is not None:
+        builder.ConnectInput("measurement", disturbance.GetInputPort("measurement"))
     builder.ExportOutput(command.get_output_port(), "acceleration_command")
     for name, port in ({name: parts[name] for name in ("error", "error_rate", "pd")} | shown).items():
         builder.ExportOutput(port, name)
     position = builder.Build()
     position.set_name("position")
     return position
+
+
+def _minus(builder: DiagramBuilder, name: str, port: Any) -> Any:
+    """A port that shows another with its sign turned."""
+    gain = builder.AddNamedSystem(name, Gain(-1.0, port.size()))
+    builder.Connect(port, gain.get_input_port())
+    return gain.get_output_port()
