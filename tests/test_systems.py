@@ -17,7 +17,10 @@ from pydrake.systems.framework import Diagram
 
 import drake_quad
 from drake_quad.control.attitude import AttitudeController
+from drake_quad.control.disturbance.estimator import DisturbanceEstimator
 from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning
+from drake_quad.control.geometric import GeometricAttitudeController
+from drake_quad.control.incremental_attitude import IncrementalAttitudeController
 from drake_quad.control.integral import IntegralCorrection
 from drake_quad.control.position import ProportionalDerivative
 from drake_quad.control.thrust_vectoring import ThrustVectoring
@@ -273,6 +276,7 @@ DEFAULTS = {
         "loses_packets": False,
         "numbers": (0.0, 0.0, (0.0, 0.0, 0.0, 0.0)),
     },
+    DisturbanceEstimator: {"period": 0.02, "delay_ticks": 0},
     DrydenTurbulence: {"period": 0.01},
     Fans: {"period": 0.01},
     FlightMonitor: {"period": 0.02, "limits": (math.radians(80.0), 5.0, -0.5), "window": (0.0, math.inf)},
@@ -280,7 +284,9 @@ DEFAULTS = {
         "axes": ("x", "y"),
         "numbers": (1.2, 0.8, 0.5, *[(1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0))] * 2),
     },
+    GeometricAttitudeController: {},
     Gust: {"period": 0.01},
+    IncrementalAttitudeController: {"period": 0.02, "delay_ticks": 0},
     SineWind: {"period": 0.01},
     IntegralCorrection: {"period": 0.02},
     MotionCapture: {
@@ -313,7 +319,7 @@ DEFAULTS = {
     SteadyWind: {},
     ThrottleAllocation: {"paired": False},
     ThrustAlone: {},
-    ThrustVectoring: {},
+    ThrustVectoring: {"projects": False},
     WeightLearning: {
         "period": 0.02,
         "axes": ("x", "y"),

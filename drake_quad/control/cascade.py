@@ -35,9 +35,9 @@ def build_cascade(*, position: Any, thrust_vectoring: Any, attitude: Any | None,
         - pd
         - correction
 
-    The last four are there if the position controller has them, and so are the `disturbance` of an estimator and
-    `weights` and `covariance_trace` of a network; `reference_jerk` and `reference_snap` if they are fed forward. Without
-    an attitude controller there is an `attitude_target` for the autopilot in place of the `wrench`.
+    The last four are there if the position controller has them, and so are the `disturbance` of an estimator, and
+    `weights` and `covariance_trace` of a network; `reference_jerk` and `reference_snap` if they are fed forward.
+    Without an attitude controller there is an `attitude_target` for the autopilot in place of the `wrench`.
 
     Args:
         position: from `measurement` and `reference` to `acceleration_command`.

@@ -130,7 +130,7 @@ def vectored_thrust(
         acceleration = angular_accelerations(tilt, rates, turned_jerk, turned_snap, reference.yaw_rate, snap.yaw)
     thrust = mass * tilt.thrust
     if projects:
-        thrust = maximum(thrust * _alignment(tilt, measurement, sin_yaw, cos_yaw), 0.0)
+        thrust = maximum(thrust * _alignment(tilt, measurement, sin_yaw, cos_yaw), limits.min_thrust)
     return Vectored(Thrust(thrust), Attitude(roll, pitch, reference.yaw), rates, acceleration)
 
 
@@ -162,9 +162,9 @@ class ThrustVectoring(FleetSystem):
     (`drake_quad.flatness`) under `reference_jerk` and `reference_snap`, with yaw and its rate as in `reference`.
     Without a jerk the thrust is taken to stay as it is; without a snap there is no angular acceleration.
 
-    As it stands in front of geometric control, where the vehicle may be upside down, eq (7) is taken at the commanded
-    yaw, and the thrust is the commanded force along the measured axis of thrust, F_d · R e₃ (T. Lee, M. Leok and N. H.
-    McClamroch, 2010, eq (15)), or none where that points away: rotors do not pull.
+    In front of geometric control, where the vehicle may be upside down, eq (7) is taken at the commanded yaw, and the
+    thrust is the commanded force along the measured axis of thrust, F_d · R e₃ (T. Lee, M. Leok and N. H. McClamroch,
+    2010, eq (15)), or the least thrust where that is less: rotors that do not pull cannot turn the vehicle either.
 
     The only parameter of the context is `numbers`.
 

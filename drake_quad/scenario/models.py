@@ -297,8 +297,8 @@ class Window(Model):
 class Crash(Model):
     """Limits beyond which a vehicle has crashed."""
 
-    tilt: Annotated[float, Field(gt=0.0, le=math.pi)] = Field(
-        default=math.radians(80.0), description="of roll or pitch (rad); with π a vehicle may be upside down"
+    tilt: Annotated[float, Field(gt=0.0, lt=math.pi / 2)] | None = Field(
+        default=math.radians(80.0), description="of roll or pitch (rad); null for a vehicle that may turn over"
     )
     position_error: PlainPositive = Field(default=5.0, description="Euclidean (m)")
     height: Real = Field(default=-0.5, description="least height (m)")

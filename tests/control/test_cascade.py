@@ -9,6 +9,9 @@ from pydrake.systems.framework import BasicVector, LeafSystem
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
 from drake_quad.control.axes import PerAngle, PerAxis
 from drake_quad.control.cascade import POSITION_SIGNALS, build_cascade
+from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
+from drake_quad.control.disturbance.laws import IncrementalLaw
+from drake_quad.control.disturbance.response import Command
 from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
@@ -97,7 +100,8 @@ def test_it_shows_what_its_position_controller_shows():
     pd = ProportionalDerivative(numbers=GAINS)
     assert ports(cascade("none")) == (["measurement", "reference"], always + of_the_pd)
     network = build_fuzzy_network(rules=FuzzyRules(), learning=WeightLearning())
-    learns = build_position_controller(pd, correction=network)
+    still = EstimatorNumbers((IncrementalLaw(3.0),) * 3, (Command(0.1, 0.1),) * 3, 1.0)
+    learns = build_position_controller(pd, correction=network, disturbance=DisturbanceEstimator(numbers=still))
     assert ports(cascade("snap", learns)) == ([*INPUTS], [*always, *POSITION_SIGNALS])
     integral = IntegralCorrection(numbers=IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6))
     integral.set_name("integral")

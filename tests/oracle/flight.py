@@ -57,7 +57,7 @@ def fly(scenario, trajectory, leg_times=()):
     wind = Wind(laboratory.wind, h, seed, sample)
     air = wind.sample(0, state[0:3])
 
-    controller, referee, rows = Controller(scenario, leg_times), Referee(scenario), []
+    controller, referee, rows = Controller(scenario, leg_times, state[0:3]), Referee(scenario), []
     for k in range(ticks * steps_a_tick + 1):
         heard = vehicle.target = link.out
         if k > 0:

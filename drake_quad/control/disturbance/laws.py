@@ -101,7 +101,7 @@ class KalmanLaw(NamedTuple):
         C, R = np.array([[1.0, 0.0, 0.0]]), position_noise**2
         P = R * scipy.linalg.solve_discrete_are(A.T, C.T, Q / R, np.eye(1))
         gain = P @ C.T / (C @ P @ C.T + R)
-        return cls(time_constant, KalmanMemory(*(float(row) for row in gain[:, 0])))
+        return cls(time_constant, KalmanMemory(*gain.ravel().tolist()))
 
     def at_rest(self, position: Row) -> KalmanMemory:
         """See `Law`."""
@@ -129,9 +129,10 @@ def _disturbed_motion(deviation: float, time_constant: float, period: float) -> 
     """Transition of (p, v, d) over a tick, and covariance of what noise adds in it (C. F. Van Loan, IEEE TAC, 1978)."""
     slope = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / time_constant]])
     density = np.diag([0.0, 0.0, 2.0 * deviation**2 / time_constant])
-    whole = scipy.linalg.expm(period * np.block([[-slope, density], [np.zeros((3, 3)), slope.T]]))
-    A = whole[3:, 3:].T
-    return A, A @ whole[:3, 3:]
+    upper, lower = np.vsplit(scipy.linalg.expm(period * np.block([[-slope, density], [np.zeros((3, 3)), slope.T]])), 2)
+    _, noise = np.hsplit(upper, 2)
+    _, transposed = np.hsplit(lower, 2)
+    return transposed.T, transposed.T @ noise
 
 
 class DifferencedMemory(NamedTuple):

@@ -49,9 +49,8 @@ def lagging(before: Row, target: Row, lag: Row, period: float) -> Moved:
     share = 1.0 - exp(-period / lag)
     off = before - target
     speed = lag * share * off
-    return Moved(
-        before - share * off, period * target + speed, 0.5 * period * period * target + lag * (period * off - speed)
-    )
+    distance = 0.5 * period * period * target + lag * (period * off - speed)
+    return Moved(before - share * off, period * target + speed, distance)
 
 
 def responded(before: Command, command: Command, lags: Command, period: float) -> tuple[Command, Row, Row]:
