@@ -265,7 +265,8 @@ class IndiAttitude(PdAttitude):
 
 
 def _attitude_kind(value: Any) -> Any:
-    return value.get("kind", "pd") if isinstance(value, dict) else getattr(value, "kind", None)
+    """The kind, of which a PD need not speak; what is no mapping at all is refused as a PD."""
+    return value.get("kind", "pd") if isinstance(value, dict) else getattr(value, "kind", "pd")
 
 
 AttitudeControl = Annotated[
