@@ -22,12 +22,13 @@ from drake_quad.analysis.cascade_design import (
     on_board_options,
     with_autopilot_gains,
     with_gains,
+    with_integrals,
 )
 from drake_quad.analysis.closed_loop import ClosedLoop, as_believed, closed_loop
 from drake_quad.analysis.gain_design import PolePair, Regulator
 from drake_quad.analysis.modes import modes
 from drake_quad.files import output_folder, write_whole
-from drake_quad.scenario import load_undesigned, save_scenario
+from drake_quad.scenario import Scenario, load_undesigned, save_scenario
 from drake_quad.visualization.design_plots import DESIGN_PLOTS, plot_steps
 from drake_quad.visualization.style import save_figures
 
@@ -38,6 +39,8 @@ _AXES = {"attitude": ("roll", "pitch"), "yaw": ("yaw",), "height": ("z",), "posi
 _RATE_TIMES = {"attitude": 0.2, "yaw": 0.2, "height": 0.2, "position": 1.0}
 # In which loops on the ground are printed.
 _ORDER = ("roll", "pitch", "yaw", "z", "x", "y")
+# The part of the phase margin that the integrals of a PID cost if nothing is said.
+_INTEGRAL = 0.15
 # The options of each loop: the method that they are for, and their range.
 _LIMITS = {"bandwidth": ("poles", 1e-3, 100.0), "damping": ("poles", 0.05, 0.999), "rate_time": ("lqr", 0.0, 10.0)}
 _MARGINS = {"phase_margin": 180.0, "gain_margin": 60.0, "delay_margin": 1000.0}
@@ -57,14 +60,20 @@ def main() -> None:
     period = scenario.laboratory.command_link.period
     if scenario.laboratory.autopilot.kind != "none":
         _check_position_alone(arguments, scenario.laboratory.autopilot.kind)
-    design = design_cascade(scenario, design_options(arguments, period), on_board=arguments.on_board)
+    if arguments.integral is not None:
+        scenario = with_integrals(scenario)
+    # A PID has its integral designed, too.
+    integral = arguments.integral
+    if integral is None and scenario.control.position.kind == "pid":
+        integral = _INTEGRAL
+    design = design_cascade(scenario, design_options(arguments, period), on_board=arguments.on_board, integral=integral)
     designed = with_gains(scenario, design.gains())
     if arguments.on_board:
         designed = with_autopilot_gains(designed, design.autopilot_gains())
     loop = closed_loop(as_believed(designed))
     folder = output_folder(folder_of(arguments, scenario.name))
     files = [
-        write_whole(folder / "gains.yaml", lambda path: write_gains(design, path)),
+        write_whole(folder / "gains.yaml", lambda path: write_gains(design, designed, path)),
         write_whole(folder / "scenario.yaml", lambda path: save_scenario(designed, path)),
     ]
     figures = {name: plot(design) for name, plot in DESIGN_PLOTS.items()} | {"steps": plot_steps(loop)}
@@ -84,6 +93,13 @@ def add_design_options(options: argparse.ArgumentParser) -> None:
     options.add_argument("--delay-margin", type=float, metavar="TICKS", help="of the attitude loops on the ground (2)")
     options.add_argument(
         "--on-board", action="store_true", help="design k_rate and k_attitude of an autopilot of kind attitude first"
+    )
+    options.add_argument(
+        "--integral",
+        type=float,
+        metavar="PART",
+        help="design a PID for the position, whose integral costs this part of the phase margin"
+        f" ({_INTEGRAL:g} for what is a PID already)",
     )
     for loop, rate_time in _RATE_TIMES.items():
         options.add_argument(
@@ -109,6 +125,7 @@ def design_options(arguments: argparse.Namespace, period: float) -> dict[str, Lo
     """
     for name, limit in _MARGINS.items():
         _check(name, getattr(arguments, name), 0.0, limit)
+    _check("integral", arguments.integral, 0.01, 0.9)
     for loop, (name, (method, least, most)) in itertools.product(_AXES, _LIMITS.items()):
         value = getattr(arguments, f"{loop}_{name}")
         _check(f"{loop}_{name}", value, least, most)
@@ -168,13 +185,21 @@ def _check(name: str, value: float | None, least: float, most: float) -> None:
         raise InputError(f"--{name.replace('_', '-')} is {value:g}, but must be between {least:g} and {most:g}")
 
 
-def write_gains(design: CascadeDesign, path: Path) -> None:
-    """Writes the gains as YAML that a scenario can extend, under the command that designed them."""
+def write_gains(design: CascadeDesign, designed: Scenario, path: Path) -> None:
+    """Writes the gains as YAML that a scenario can extend, under the command that designed them.
+
+    A PID replaces whatever controller it is laid over, and so says its kind and what it differentiates and feeds
+    forward.
+    """
     yaml = YAML()
     yaml.default_flow_style = None
     with path.open("w", encoding="utf-8") as file:
         file.write(f"# python scripts/design_gains.py {shlex.join(sys.argv[1:])}\n")
-        gains: dict[str, dict] = {"control": design.gains()}
+        gains: dict[str, dict[str, dict]] = {"control": {**design.gains()}}
+        position = designed.control.position
+        if position.kind == "pid":
+            kept = {name: getattr(position, name) for name in ("kind", "derivative", "feed_forward")}
+            gains["control"]["position"] = kept | gains["control"]["position"]
         if design.on_board:
             gains["laboratory"] = {"autopilot": design.autopilot_gains()}
         yaml.dump({"gains": gains}, file)
@@ -182,19 +207,18 @@ def write_gains(design: CascadeDesign, path: Path) -> None:
 
 def print_design(design: CascadeDesign) -> None:
     """Prints gains and margins, with a row for each axis."""
-    titles = "axis, k_P, k_D, phase, gain, delay, ticks, disk, crossover, bandwidth, max |S|, limit"
+    titles = "axis, k_P, k_D, k_I, phase, gain, delay, ticks, disk, crossover, bandwidth, max |S|, limit"
     if design.on_board:
         titles = titles.replace("k_P", "k_P or k", 1)
     rows = []
     for axis in [*design.on_board, *(axis for axis in _ORDER if axis in design.loops)]:
         loop = design.all_loops[axis]
         margins, cost = loop.margins, loop.cost_ratio
-        first, *second = (f"{gain:.4g}" for gain in loop.gains)
+        gains = [f"{gain:.4g}" for gain in loop.gains]
         rows.append(
             (
                 axis,
-                first,
-                *(second or ["–"]),
+                *(gains + ["–"] * (3 - len(gains))),
                 f"{margins.phase:.1f}°",
                 f"{margins.gain:.1f} dB",
                 f"{1e3 * margins.delay:.0f} ms",

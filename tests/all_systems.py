@@ -10,11 +10,16 @@ from pydrake.common import RandomDistribution
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
 from drake_quad.control.axes import PerAngle, PerAxis
 from drake_quad.control.cascade import build_cascade
+from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
+from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, KalmanLaw, KalmanMemory
+from drake_quad.control.disturbance.response import Command
 from drake_quad.control.fuzzy.adaptation import AdaptationRates
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
 from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning, build_fuzzy_network
+from drake_quad.control.geometric import GeometricAttitudeController
+from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
@@ -104,6 +109,21 @@ class Example(NamedTuple):
 
 GAINS = PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.2, 3.2))
 ATTITUDE = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), 0.0065, 0.0085, 0.0126)
+INCREMENTAL = IncrementalAttitudeNumbers(ATTITUDE, IncrementalLaw(6.1), 0.07, 41.0)
+LAGS = (Command(0.21, 0.06), Command(0.23, 0.07), Command(0.05, 0.04))
+START = PerAxis(0.3, -0.2, 1.1)
+KALMAN = EstimatorNumbers(
+    (
+        KalmanLaw(0.4, KalmanMemory(0.31, 2.2, 5.1)),
+        KalmanLaw(0.5, KalmanMemory(0.33, 2.4, 5.3)),
+        KalmanLaw(0.6, KalmanMemory(0.36, 2.7, 5.6)),
+    ),
+    LAGS,
+    4.1,
+    START,
+)
+ADAPTIVE = EstimatorNumbers((AdaptiveLaw(1.2, 2.1), AdaptiveLaw(1.3, 2.5), AdaptiveLaw(1.4, 3.7)), LAGS, 4.2, START)
+INVERTING = EstimatorNumbers((IncrementalLaw(4.1), IncrementalLaw(4.6), IncrementalLaw(5.3)), LAGS, 4.3, START)
 VECTORING = VectoringNumbers(0.68, 9.81, ThrustLimits(0.7, 2.0, 12.0))
 VEHICLE = QuadrotorNumbers(
     QuadrotorParameters(
@@ -193,13 +213,20 @@ FLEET_SYSTEMS = [
     Example(CommandLink, LINK, whole=False),
     Example(CommandLink, TARGETS, {"signal": "attitude_target", **LOSSY}, num_vehicles=2, whole=False),
     Example(CommandLink, LINK._replace(delay_ticks=np.array([3.0, 1.0])), LOSSY, num_vehicles=2, whole=False),
+    Example(DisturbanceEstimator, KALMAN, {"delay_ticks": 2}),
+    Example(DisturbanceEstimator, ADAPTIVE, {"delay_ticks": 1}, num_vehicles=2),
+    Example(DisturbanceEstimator, INVERTING, num_vehicles=2),
     Example(DrydenTurbulence, TURBULENCE, num_vehicles=2),
     Example(Fans, JETS, num_vehicles=2),
     Example(Fans, JETS),
     Example(FlightMonitor),
     Example(FlightMonitor, num_vehicles=3),
     Example(FuzzyRules, (SETS,), num_vehicles=2),
+    Example(GeometricAttitudeController, ATTITUDE),
+    Example(GeometricAttitudeController, ATTITUDE, num_vehicles=2),
     Example(Gust, GUST),
+    Example(IncrementalAttitudeController, INCREMENTAL, {"delay_ticks": 1}),
+    Example(IncrementalAttitudeController, INCREMENTAL, num_vehicles=2),
     Example(SineWind, SineNumbers(Wind(1.0, 2.0, 3.0), 1.1, 2.2)),
     Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), num_vehicles=2),
     Example(MotionCapture, CAMERAS, ALL_ERRORS, num_vehicles=2),
@@ -229,6 +256,7 @@ FLEET_SYSTEMS = [
     ),
     Example(ThrustAlone),
     Example(ThrustVectoring, VECTORING),
+    Example(ThrustVectoring, VECTORING, {"projects": True}, num_vehicles=2),
     Example(
         WeightLearning,
         LearningNumbers(1.4, CovarianceLaw(0.8, 5.0, 0.997), LIMITS, 0.05),

@@ -11,6 +11,9 @@ STRUCTURES = {
     "position": [
         "pd",
         "pid",
+        "disturbance_observer",
+        "l1",
+        "indi type_2 gradient",
         *(f"pd {kind} {law}" for kind in ("type_1", "type_2") for law in ("covariance", "gradient", "sign")),
         "pid type_2 covariance",
     ],
@@ -80,6 +83,7 @@ STRUCTURES = {
         "body_drag rotor_aerodynamics ground_effect reaction_torque rotor_time_constant_down motors payload battery",
     ],
     "autopilot": ["none", "attitude", "none", "response"],
+    "attitude": ["pd", "geometric", "indi"],
     "on_board": ["", "gyroscope", "attitude", "gyroscope attitude"],
 }
 
@@ -164,12 +168,7 @@ def _tree(structure, rng, duration):
         "control": {
             "position": _position(structure, draw),
             "network": _network(structure, draw),
-            "attitude": {
-                "k_p": [draw(8.0, 12.0), draw(8.0, 12.0), draw(4.0, 6.0)],
-                "k_d": [draw(5.0, 7.0), draw(5.0, 7.0), draw(2.5, 4.0)],
-            }
-            if on_the_ground
-            else None,
+            "attitude": _attitude(structure, draw) if on_the_ground else None,
             "thrust_vectoring": {"max_tilt": draw(0.15, 0.6)},
         },
         "metrics": {"start": 0.21, "end": 0.7 * duration} if structure["window"] else {},
@@ -250,6 +249,20 @@ def _autopilot(structure, draw, period):
     return {"kind": "none"}
 
 
+def _attitude(structure, draw):
+    gains = {
+        "k_p": [draw(8.0, 12.0), draw(8.0, 12.0), draw(4.0, 6.0)],
+        "k_d": [draw(5.0, 7.0), draw(5.0, 7.0), draw(2.5, 4.0)],
+    }
+    match structure["attitude"]:
+        case "geometric":
+            return {"kind": "geometric", **gains}
+        case "indi":
+            delay = len(structure["axes"]) - 1
+            return {"kind": "indi", **gains, "lag": draw(0.05, 0.1), "bandwidth": draw(2.0, 4.0), "delay_ticks": delay}
+    return gains
+
+
 def _position(structure, draw):
     kind, *_ = structure["position"].split()
     position = {
@@ -261,6 +274,14 @@ def _position(structure, draw):
     }
     if kind == "pid":
         position |= {"k_i": [draw(0.1, 1.0) for _ in range(3)], "integral_limit": draw(0.01, 0.1)}
+    if kind in ("disturbance_observer", "l1", "indi"):
+        lags = {name: [draw(0.04, 0.2) for _ in range(3)] for name in ("lag", "feed_forward_lag")}
+        position["response"] = {"delay_ticks": len(structure["axes"]) - 1, **lags}
+        position["disturbance_limit"] = draw(0.1, 2.0)
+    if kind == "disturbance_observer":
+        position |= {"position_noise": 0.002, "deviation": [0.2, 0.3, 0.4], "time_constant": [0.4, 0.5, 0.6]}
+    elif kind in ("l1", "indi"):
+        position["bandwidth"] = [draw(1.0, 4.0) for _ in range(3)]
     return position
 
 

@@ -283,6 +283,25 @@ def test_design_gains_states_margins_and_writes_what_a_scenario_extends(run, tmp
     assert (position.kind, position.k_p[0]) == ("pd", pytest.approx(0.15, abs=0.05))
 
 
+@pytest.mark.slow
+def test_design_gains_designs_a_pid_that_a_scenario_extends(run, tmp_path):
+    result = run("design_gains.py", "--integral", "0.2", "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(f"mine:\n  extends: [{ROOT}/diagrams/hover.yaml, gains.yaml]\n", encoding="utf-8")
+    position = load_scenario(mine).control.position
+    assert (position.kind, position.feed_forward) == ("pid", "snap")
+    assert re.search(rf"^z .* {position.k_i[2]:g} .* \d\d\.\d° ", result.stdout, re.MULTILINE)
+
+
+@pytest.mark.slow
+def test_design_gains_designs_the_integral_of_what_is_a_pid(run, tmp_path):
+    pid = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [0, 0, 0]}"
+    result = run("design_gains.py", "--set", pid, "--output", tmp_path)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert "k_i: [0.0" in (tmp_path / "gains.yaml").read_text(encoding="utf-8")
+
+
 ONBOARD = str(ROOT / "diagrams" / "onboard.yaml")
 RESPONDING = [
     *("--set", "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.1, 3.0], damping: [0.5, 0.5, 0.7]}"),

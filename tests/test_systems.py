@@ -17,8 +17,11 @@ from pydrake.systems.framework import Diagram
 
 import drake_quad
 from drake_quad.control.attitude import AttitudeController
+from drake_quad.control.disturbance.estimator import DisturbanceEstimator
 from drake_quad.control.fuzzy.set_learning import SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning
+from drake_quad.control.geometric import GeometricAttitudeController
+from drake_quad.control.incremental_attitude import IncrementalAttitudeController
 from drake_quad.control.integral import IntegralCorrection
 from drake_quad.control.position import ProportionalDerivative
 from drake_quad.control.thrust_vectoring import ThrustVectoring
@@ -274,6 +277,7 @@ DEFAULTS = {
         "loses_packets": False,
         "numbers": (0.0, 0.0, (0.0, 0.0, 0.0, 0.0)),
     },
+    DisturbanceEstimator: {"period": 0.02, "delay_ticks": 0},
     DrydenTurbulence: {"period": 0.01},
     Fans: {"period": 0.01},
     FlightMonitor: {"period": 0.02, "limits": (math.radians(80.0), 5.0, -0.5), "window": (0.0, math.inf)},
@@ -284,7 +288,9 @@ DEFAULTS = {
         "adaptive": False,
         "numbers": ((1.2, 0.8, 0.5, ((1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0)),) * 2),),
     },
+    GeometricAttitudeController: {},
     Gust: {"period": 0.01},
+    IncrementalAttitudeController: {"period": 0.02, "delay_ticks": 0},
     SineWind: {"period": 0.01},
     IntegralCorrection: {"period": 0.02},
     MotionCapture: {
@@ -317,7 +323,7 @@ DEFAULTS = {
     SteadyWind: {},
     ThrottleAllocation: {"paired": False},
     ThrustAlone: {},
-    ThrustVectoring: {},
+    ThrustVectoring: {"projects": False},
     SetLearning: {
         "period": 0.02,
         "axes": ("x", "y"),

@@ -15,12 +15,14 @@ from drake_quad.analysis.gain_design import (
     Proportional,
     ProportionalGain,
     Requirements,
+    add_integral,
     design_loop,
 )
 from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.errors import InputError
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.autopilots import AttitudeAutopilot, NoAutopilot
+from drake_quad.scenario.controllers import PdPosition, PidPosition
 
 # Which torque turns which angle at which rate; thrust lifts like a torque turns.
 _SIGNALS = {
@@ -30,6 +32,7 @@ _SIGNALS = {
     "z": ("thrust", "z", "v_z"),
 }
 _ANGLES = ("roll", "pitch", "yaw")
+_POSITION = ("x", "y", "z")
 # Which tilt moves the vehicle along which axis, and in which direction, eq (7).
 _TILTS = {"x": ("pitch", 1.0), "y": ("roll", -1.0)}
 
@@ -67,11 +70,15 @@ class CascadeDesign:
 
     def gains(self) -> dict[str, dict[str, list[float]]]:
         """The gains as the block `control` of a scenario has them."""
-        blocks = {"position": ("x", "y", "z"), "attitude": _ANGLES}
-        return {
-            block: {name: [getattr(self.loops[axis].gains, name) for axis in axes] for name in ("k_p", "k_d")}
+        blocks = {"position": _POSITION, "attitude": _ANGLES}
+        designed = {
+            block: [self.loops[axis].gains for axis in axes]
             for block, axes in blocks.items()
             if self.loops.keys() >= {*axes}
+        }
+        return {
+            block: {name: [getattr(gains, name) for gains in loops] for name in loops[0]._fields}
+            for block, loops in designed.items()
         }
 
     def autopilot_gains(self) -> dict[str, list[float]]:
@@ -89,6 +96,16 @@ def _rate_of(angle: str) -> str:
 def _proportional(loop: LoopDesign) -> float:
     assert isinstance(loop.gains, ProportionalGain)
     return loop.gains.k
+
+
+def with_integrals(scenario: Scenario) -> Scenario:
+    """The scenario with a PID in place of its position controller, if that is no PID yet: its k_I are still zero."""
+    position = scenario.control.position
+    if isinstance(position, PidPosition):
+        return scenario
+    kept = {name: getattr(position, name) for name in PdPosition.model_fields if name != "kind"}
+    pid = PidPosition(kind="pid", **kept, k_i=(0.0, 0.0, 0.0))
+    return scenario.model_copy(update={"control": scenario.control.model_copy(update={"position": pid})})
 
 
 def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[float]]]) -> Scenario:
@@ -132,7 +149,11 @@ def on_board_options() -> dict[str, LoopOptions]:
 
 
 def design_cascade(
-    scenario: Scenario, options: Mapping[str, LoopOptions] | None = None, *, on_board: bool = False
+    scenario: Scenario,
+    options: Mapping[str, LoopOptions] | None = None,
+    *,
+    on_board: bool = False,
+    integral: float | None = None,
 ) -> CascadeDesign:
     """Designs the gains of a scenario's cascade for its laboratory and the vehicle that it believes in.
 
@@ -142,6 +163,8 @@ def design_cascade(
         scenario: whose own gains in the loops that are designed do not matter.
         options: for each axis; `default_options`, and `on_board_options` for an autopilot, where not given.
         on_board: whether the loops of an autopilot of kind attitude are designed first.
+        integral: the part of their phase margin that integrals of the position loops may cost, between 0 and 1: the PD
+            is designed with so much more of it, and the margins are those with the integral. None for a PD.
 
     Raises:
         InputError: requirements cannot be met, the scenario holds distributions, or it has no loops on board that could
@@ -159,8 +182,11 @@ def design_cascade(
     def add(axis: str, plant: SampledSystem) -> None:
         """Designs a loop, unless there is already one like it: an even vehicle's axes are alike."""
         how = wanted[axis]
+        required = how.requirements
+        if integral is not None and axis in _POSITION:
+            how = how._replace(requirements=required._replace(phase=required.phase / (1.0 - integral)))
         for other in loops.values():
-            if wanted[other.axis] == how and _alike(other.plant, plant):
+            if wanted[other.axis] == wanted[axis] and _alike(other.plant, plant):
                 loops[axis] = replace(other, axis=axis)
                 return
         loops[axis] = _designed(plant, how, axis)
@@ -170,8 +196,11 @@ def design_cascade(
         add(axis, attitude_plant(laboratory, scenario, axis))
     for axis, (tilt, _) in _TILTS.items():
         attitude = loops[tilt].gains if on_the_ground else None
-        assert not isinstance(attitude, ProportionalGain)
+        assert attitude is None or isinstance(attitude, AxisGains)
         add(axis, position_plant(laboratory, scenario, axis, attitude))
+    if integral is not None:
+        for axis in _POSITION:
+            loops[axis] = add_integral(loops[axis], wanted[axis].requirements, cost=integral)
     return CascadeDesign(loops, inner)
 
 

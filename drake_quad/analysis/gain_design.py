@@ -32,6 +32,8 @@ from drake_quad.errors import InputError
 _SLOWEST, _FASTEST_SHARE, _TRIED = 0.05, 1.0 / 3.0, 120
 # How often the step to the effort that is too much is halved.
 _HALVINGS = 12
+# Of the integral's corner in the crossover of its PD: the reset time of four over it of usual rules for PIDs.
+_LARGEST_SHARE = 0.25
 # Where the search for a regulator's gains may start, rad/s: at the fastest of these that is stable.
 _STARTS = (0.2, 0.05, 0.0125, 0.003)
 
@@ -43,11 +45,21 @@ class AxisGains(NamedTuple):
     k_d: float
 
 
+class PidGains(NamedTuple):
+    """k_P (1/s²), k_D (1/s) and k_I (1/s³) of an axis."""
+
+    k_p: float
+    k_d: float
+    k_i: float
+
+
 class ProportionalGain(NamedTuple):
     """k (1/s) of a loop on board."""
 
     k: float
 
+
+Gains = AxisGains | PidGains | ProportionalGain
 
 _NONE = AxisGains(math.nan, math.nan)
 _SYMBOLS = {"k_p": "k_P", "k_d": "k_D", "k": "k"}
@@ -88,9 +100,9 @@ class LoopDesign:
 
     Attributes:
         axis: its name.
-        gains: of its PD, or of its proportional law.
-        plant: from the commanded acceleration to the measured value and rate; for a proportional law, from what it
-            commands to what it controls.
+        gains: of its PD or PID, or of its proportional law.
+        plant: from the commanded acceleration to the measured value and rate, and with a PID to the integral of the
+            value; for a proportional law, from what it commands to what it controls.
         margins: that were reached.
         bandwidth: of the pole pair, rad/s; None for other families.
         cost_ratio: of the PD to the full regulator; None for other families.
@@ -98,7 +110,7 @@ class LoopDesign:
     """
 
     axis: str
-    gains: AxisGains | ProportionalGain
+    gains: Gains
     plant: SampledSystem
     margins: Margins
     bandwidth: float | None = None
@@ -195,10 +207,11 @@ class Regulator(NamedTuple):
         return plant.C.T @ np.diag([1.0, self.rate_time**2]) @ plant.C
 
 
-def pd_loop(plant: SampledSystem, gains: AxisGains | ProportionalGain) -> SampledSystem:
+def pd_loop(plant: SampledSystem, gains: Gains) -> SampledSystem:
     """The loop transfer function k_P G_value + k_D G_rate of a PD around a plant with these two outputs.
 
-    Of a proportional law around a plant with one output it is k G.
+    Of a PID around a plant `with_integral` there is k_I G_integral besides; of a proportional law around a plant with
+    one output it is k G.
     """
     row = np.array([gains])
     return replace(plant, C=row @ plant.C, D=row @ plant.D, outputs=("loop",))
@@ -259,6 +272,57 @@ def design_loop(
         middle = trial(math.sqrt(best.effort * beyond.effort))
         best, beyond = (best, middle) if middle.flaws else (middle, beyond)
     return finished(best, beyond.flaws)
+
+
+def with_integral(plant: SampledSystem) -> SampledSystem:
+    """A plant with the integral of its value for a further output: i⁺ = i + h value at every tick, as a PID has it."""
+    n = len(plant.A)
+    value, *_ = plant.C
+    integral = np.eye(n + 1)[n:]
+    return replace(
+        plant,
+        A=np.block([[plant.A, np.zeros((n, 1))], [plant.period * value, np.ones((1, 1))]]),
+        B=np.vstack([plant.B, np.zeros((1, plant.B.shape[1]))]),
+        C=np.vstack([np.hstack([plant.C, np.zeros((len(plant.C), 1))]), integral]),
+        D=np.vstack([plant.D, np.zeros((1, plant.D.shape[1]))]),
+        states=(*plant.states, "integral"),
+        outputs=(*plant.outputs, "integral"),
+    )
+
+
+def add_integral(design: LoopDesign, requirements: Requirements, *, cost: float) -> LoopDesign:
+    """Adds an integral to a PD: the largest that costs no more than a part of its phase margin.
+
+    k_I is a share of k_P times the bandwidth at which the loop of the PD crosses over, and at most a quarter: with
+    more, what is left of an error swings away slowly, whatever the margins at the crossover.
+
+    Args:
+        design: of the PD.
+        requirements: that the PID must meet.
+        cost: the part, between 0 and 1.
+    """
+    pd, plant = design.gains, with_integral(design.plant)
+    assert isinstance(pd, AxisGains)
+    grid = frequencies(plant.period)
+    response = plant.response(np.exp(1j * grid * plant.period))[..., 0]
+    kept = requirements._replace(phase=max(requirements.phase, (1.0 - cost) * design.margins.phase))
+
+    def pid(share: float) -> PidGains:
+        return PidGains(*pd, float(f"{share * pd.k_p * design.margins.crossover:.4g}"))
+
+    def fits(share: float) -> bool:
+        gains = np.array(pid(share))
+        stable = np.abs(plant.with_feedback(gains[np.newaxis]).poles()).max() < 1.0
+        return bool(stable and not kept.broken_by(fast_margins(response @ gains, grid)))
+
+    low, high = 0.0, _LARGEST_SHARE
+    if fits(high):
+        low = high
+    for _ in range(_HALVINGS):
+        middle = 0.5 * (low + high)
+        low, high = (middle, high) if fits(middle) else (low, middle)
+    gains = pid(low)
+    return replace(design, gains=gains, plant=plant, margins=margins(pd_loop(plant, gains)))
 
 
 class _Trial(NamedTuple):

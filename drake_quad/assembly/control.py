@@ -1,6 +1,7 @@
 """The control of a scenario."""
 
 import math
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
@@ -11,11 +12,16 @@ from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
 from drake_quad.control.axes import PerAngle, PerAxis
 from drake_quad.control.cascade import build_cascade
+from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
+from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, KalmanLaw
+from drake_quad.control.disturbance.response import Command
 from drake_quad.control.fuzzy.adaptation import AdaptationRates
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
 from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning, build_fuzzy_network
+from drake_quad.control.geometric import GeometricAttitudeController
+from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
@@ -46,9 +52,14 @@ def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
             PdGains(PerAxis(*position.k_p), PerAxis(*position.k_d)),
         ),
         **_integral(position, scenario.laboratory.command_link.period),
+        **_estimator(scenario, position, plan),
         **_network(fleet.control.network, plan, scenario.laboratory.command_link.period),
-        "thrust_vectoring": Recipe(ThrustVectoring, {}, VectoringNumbers(believed.mass, believed.gravity, thrust)),
-        **_attitude(fleet.control.attitude, believed.inertia),
+        "thrust_vectoring": Recipe(
+            ThrustVectoring,
+            {"projects": scenario.control.attitude is not None and scenario.control.attitude.kind == "geometric"},
+            VectoringNumbers(believed.mass, believed.gravity, thrust),
+        ),
+        **_attitude(scenario, fleet.control.attitude, believed.inertia),
     }
 
 
@@ -72,6 +83,7 @@ def build_control(
         position_controller = build_position_controller(
             systems["position.pd"],
             integral=systems.get("position.integral"),
+            disturbance=systems.get("position.estimator"),
             takes_correction=network is not None,
         )
     return build_cascade(
@@ -83,16 +95,26 @@ def build_control(
     )
 
 
-def _attitude(gains: Any, inertia: Inertia) -> dict[str, Recipe]:
+def _attitude(scenario: Scenario, attitude: Any, inertia: Inertia) -> dict[str, Recipe]:
     """The attitude controller on the ground; none if attitude is controlled on board.
 
     Args:
-        gains: of a scenario or a `FleetScenario`; None with an autopilot.
+        scenario: it is of.
+        attitude: as a scenario or a `FleetScenario` has it; None with an autopilot.
         inertia: believed.
     """
-    if gains is None:
+    if attitude is None:
         return {}
-    numbers = AttitudeNumbers(PerAngle(*gains.k_p), PerAngle(*gains.k_d), *inertia)
+    numbers = AttitudeNumbers(PerAngle(*attitude.k_p), PerAngle(*attitude.k_d), *inertia)
+    match attitude.kind:
+        case "geometric":
+            return {"attitude": Recipe(GeometricAttitudeController, {}, numbers)}
+        case "indi":
+            period = scenario.laboratory.command_link.period
+            structure = {"period": period, "delay_ticks": attitude.delay_ticks}
+            law = IncrementalLaw(attitude.bandwidth)
+            incremental = IncrementalAttitudeNumbers(numbers, law, attitude.lag, attitude.disturbance_limit)
+            return {"attitude": Recipe(IncrementalAttitudeController, structure, incremental)}
     return {"attitude": Recipe(AttitudeController, {}, numbers)}
 
 
@@ -102,6 +124,46 @@ def _integral(position: Any, period: float) -> dict[str, Recipe]:
         return {}
     gains = IntegralGains(PerAxis(*position.k_i), position.integral_limit)
     return {"position.integral": Recipe(IntegralCorrection, {"period": period}, gains)}
+
+
+def _estimator(scenario: Scenario, position: Any, plan: Plan) -> dict[str, Recipe]:
+    """The estimator of the disturbance, if a position controller has one."""
+    if position.kind not in _LAWS:
+        return {}
+    period, response = scenario.laboratory.command_link.period, position.response
+    fed_forward = response.lag if response.feed_forward_lag is None else response.feed_forward_lag
+    numbers = EstimatorNumbers(
+        laws=tuple([_LAWS[position.kind](position, axis, period) for axis in range(3)]),
+        lags=tuple([Command(*lags) for lags in zip(response.lag, fed_forward, strict=True)]),
+        limit=position.disturbance_limit,
+        start=PerAxis(*map(float, plan.waypoints[0])),
+    )
+    structure = {"period": period, "delay_ticks": response.delay_ticks}
+    return {"position.estimator": Recipe(DisturbanceEstimator, structure, numbers)}
+
+
+def _kalman_law(position: Any, axis: int, period: float) -> KalmanLaw:
+    return KalmanLaw.of(
+        deviation=position.deviation[axis],
+        time_constant=position.time_constant[axis],
+        position_noise=position.position_noise,
+        period=period,
+    )
+
+
+def _adaptive_law(position: Any, axis: int, period: float) -> AdaptiveLaw:
+    return AdaptiveLaw(position.adaptation, position.bandwidth[axis])
+
+
+def _incremental_law(position: Any, axis: int, period: float) -> IncrementalLaw:
+    return IncrementalLaw(position.bandwidth[axis])
+
+
+_LAWS: dict[str, Callable[[Any, int, float], Any]] = {
+    "disturbance_observer": _kalman_law,
+    "l1": _adaptive_law,
+    "indi": _incremental_law,
+}
 
 
 def _network(network: Any, plan: Plan, period: float) -> dict[str, Recipe]:

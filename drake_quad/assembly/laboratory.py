@@ -98,7 +98,7 @@ def build_monitor(scenario: Scenario, num_vehicles: int) -> FlightMonitor:
     monitor: FlightMonitor = FlightMonitor(
         num_vehicles=num_vehicles,
         period=scenario.laboratory.command_link.period,
-        limits=CrashLimits(crash.tilt, crash.position_error, crash.height),
+        limits=CrashLimits(math.inf if crash.tilt is None else crash.tilt, crash.position_error, crash.height),
         window=Window(window.start, math.inf if window.end is None else window.end),
     )
     return monitor

@@ -28,6 +28,41 @@ class AttitudeNumbers(NamedTuple):
     i_zz: _Inertia
 
 
+def wanted_acceleration(
+    measurement: State,
+    attitude: Attitude,
+    rates: BodyRates,
+    acceleration: AngularAcceleration,
+    k_p: PerAngle,
+    k_d: PerAngle,
+) -> AngularAcceleration:
+    """k_P e + k_D ė + ω̇_r of an `AttitudeController`.
+
+    Args:
+        measurement: of the vehicle's state.
+        attitude: commanded.
+        rates: commanded.
+        acceleration: commanded.
+        k_p: 1/s².
+        k_d: 1/s.
+    """
+    p_r, q_r, r_r = rates
+    roll = k_p.roll * (attitude.roll - measurement.roll) + k_d.roll * (p_r - measurement.p)
+    pitch = k_p.pitch * (attitude.pitch - measurement.pitch) + k_d.pitch * (q_r - measurement.q)
+    yaw = k_p.yaw * wrapped(attitude.yaw - measurement.yaw) + k_d.yaw * (r_r - measurement.r)
+    return AngularAcceleration(roll + acceleration.p, pitch + acceleration.q, yaw + acceleration.r)
+
+
+def torque_of(acceleration: AngularAcceleration, rates: BodyRates, i_xx: Row, i_yy: Row, i_zz: Row) -> Torque:
+    """Euler's equation, τ = I ω̇ + ω × I ω, with principal moments of inertia (kg m²)."""
+    p, q, r = rates
+    return Torque(
+        i_xx * acceleration.p + (i_zz - i_yy) * q * r,
+        i_yy * acceleration.q + (i_xx - i_zz) * p * r,
+        i_zz * acceleration.r + (i_yy - i_xx) * p * q,
+    )
+
+
 def attitude_law(
     measurement: State,
     attitude: Attitude,
@@ -35,25 +70,10 @@ def attitude_law(
     acceleration: AngularAcceleration,
     numbers: AttitudeNumbers,
 ) -> Torque:
-    """The torque of an `AttitudeController`.
-
-    Args:
-        measurement: of the vehicle's state.
-        attitude: commanded.
-        rates: commanded.
-        acceleration: commanded.
-        numbers: gains and inertia.
-    """
-    k_p, k_d, i_xx, i_yy, i_zz = numbers
-    p_r, q_r, r_r = rates
-    roll = k_p.roll * (attitude.roll - measurement.roll) + k_d.roll * (p_r - measurement.p)
-    pitch = k_p.pitch * (attitude.pitch - measurement.pitch) + k_d.pitch * (q_r - measurement.q)
-    yaw = k_p.yaw * wrapped(attitude.yaw - measurement.yaw) + k_d.yaw * (r_r - measurement.r)
-    return Torque(
-        i_xx * (roll + acceleration.p) + (i_zz - i_yy) * q_r * r_r,
-        i_yy * (pitch + acceleration.q) + (i_xx - i_zz) * p_r * r_r,
-        i_zz * (yaw + acceleration.r) + (i_yy - i_xx) * p_r * q_r,
-    )
+    """The torque of an `AttitudeController`; arguments as for `wanted_acceleration`, and gains and inertia."""
+    k_p, k_d, *inertia = numbers
+    wanted = wanted_acceleration(measurement, attitude, rates, acceleration, k_p, k_d)
+    return torque_of(wanted, rates, *inertia)
 
 
 @fleet_system(float, AutoDiffXd)

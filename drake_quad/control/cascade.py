@@ -9,7 +9,10 @@ from drake_quad.control.position import FeedForward
 from drake_quad.framework.wiring import split_output
 
 # What a position controller, and then a network around it, may show beside what they command.
-POSITION_SIGNALS = ("error", "error_rate", "pd", "correction", "weights", "covariance_trace", "antecedents")
+POSITION_SIGNALS = (
+    *("error", "error_rate", "pd", "correction", "disturbance"),
+    *("weights", "covariance_trace", "antecedents"),
+)
 
 # The signals that make an attitude target, in its order.
 _TARGET = ("thrust", "attitude_command", "body_rate_command")
@@ -37,9 +40,9 @@ def build_cascade(
         - pd
         - correction
 
-    The last four are there if the position controller or the network has them, and so are `weights` and
-    `covariance_trace` of a network; `reference_jerk` and `reference_snap` if they are fed forward. Without an attitude
-    controller there is an `attitude_target` for the autopilot in place of the `wrench`.
+    The last four are there if the position controller or the network has them, and so are the `disturbance` of an
+    estimator, and `weights` and `covariance_trace` of a network; `reference_jerk` and `reference_snap` if they are fed
+    forward. Without an attitude controller there is an `attitude_target` for the autopilot in place of the `wrench`.
 
     Args:
         position: from `measurement` and `reference` to `acceleration_command`.

@@ -102,8 +102,10 @@ class ProportionalDerivative(FleetSystem):
         self.packed_output("error_and_command", PdOutput, pd_law, *reads)
 
 
-def build_position_controller(pd: Any, *, integral: Any = None, takes_correction: bool = False) -> Diagram:
-    """Builds the diagram `position`, eq (14): command = `pd` - `correction` + feed-forward.
+def build_position_controller(
+    pd: Any, *, integral: Any = None, disturbance: Any = None, takes_correction: bool = False
+) -> Diagram:
+    """Builds the diagram `position`, eq (14): command = `pd` - `correction` + feed-forward - `disturbance`.
 
     .. pydrake_system::
 
@@ -121,13 +123,15 @@ def build_position_controller(pd: Any, *, integral: Any = None, takes_correction
 
     `error` is e = p_r - p in W; `error_rate` is ė = v_r - v with the derivative on the tracking error, and ė = -v with
     it on the measurement. The input `correction` is there if it is taken, as from a network. The output shows all that
-    is subtracted; nothing but the input it does not show again.
+    is subtracted; nothing but the input it does not show again. An estimator's `disturbance` is taken away likewise,
+    and shown if there is one.
 
     Any system with the first two inputs and the first output can stand in its place.
 
     Args:
         pd: a `ProportionalDerivative`.
         integral: a system from `error` to `correction`, such as an `IntegralCorrection`.
+        disturbance: a `DisturbanceEstimator`.
         takes_correction: whether something is subtracted that comes from outside.
     """
     builder = DiagramBuilder()
@@ -156,9 +160,21 @@ def build_position_controller(pd: Any, *, integral: Any = None, takes_correction
             builder.ExportInput(minus.get_input_port(), "correction")
         if "correction" in shown:
             builder.Connect(shown["correction"], minus.get_input_port())
+    if disturbance is not None:
+        builder.AddNamedSystem("estimator", disturbance)
+        shown["disturbance"] = disturbance.GetOutputPort("disturbance")
+        minus_disturbance = builder.AddNamedSystem("minus_disturbance", Gain(-1.0, size))
+        builder.Connect(shown["disturbance"], minus_disturbance.get_input_port())
+        summands.append(minus_disturbance.get_output_port())
     command = builder.AddNamedSystem("acceleration_command", Adder(len(summands), size))
     for i, port in enumerate(summands):
         builder.Connect(port, command.get_input_port(i))
+    if disturbance is not None:
+        builder.ConnectInput("measurement", disturbance.GetInputPort("measurement"))
+        builder.Connect(command.get_output_port(), disturbance.GetInputPort("acceleration_command"))
+        builder.Connect(parts["feed_forward"], disturbance.GetInputPort("feed_forward"))
+        if takes_correction:
+            builder.ConnectInput("correction", disturbance.GetInputPort("correction"))
 
     builder.ExportOutput(command.get_output_port(), "acceleration_command")
     for name, port in shown.items():

@@ -2,7 +2,16 @@
 
 from typing import Annotated, NamedTuple
 
-from drake_quad.flatness import HeadingVector, angular_accelerations, attitude_of, body_rates, in_heading, tilt_of
+from drake_quad.axes import BodyAxes
+from drake_quad.flatness import (
+    HeadingVector,
+    Tilt,
+    angular_accelerations,
+    attitude_of,
+    body_rates,
+    in_heading,
+    tilt_of,
+)
 from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.signals import (
@@ -96,6 +105,7 @@ def vectored_thrust(
     jerk: Jerk,
     snap: Snap | None,
     numbers: VectoringNumbers,
+    projects: bool = False,
 ) -> Vectored:
     """Thrust, attitude, body rates and angular accelerations for a commanded acceleration.
 
@@ -106,9 +116,10 @@ def vectored_thrust(
         jerk: of the reference.
         snap: of the reference; None if there shall be no angular acceleration.
         numbers: what is believed of the vehicle, and limits.
+        projects: whether the commanded force is projected on the measured axis of thrust.
     """
     mass, gravity, limits = numbers
-    sin_yaw, cos_yaw = sin_cos(measurement.yaw)
+    sin_yaw, cos_yaw = sin_cos(reference.yaw if projects else measurement.yaw)
     tilt = tilt_of(specific_thrust(in_heading(command, sin_yaw, cos_yaw), mass, gravity, limits))
     turned_jerk = in_heading(jerk, sin_yaw, cos_yaw)
     rates = body_rates(tilt, turned_jerk, reference.yaw_rate)
@@ -117,7 +128,17 @@ def vectored_thrust(
     if snap is not None:
         turned_snap = in_heading(snap, sin_yaw, cos_yaw)
         acceleration = angular_accelerations(tilt, rates, turned_jerk, turned_snap, reference.yaw_rate, snap.yaw)
-    return Vectored(Thrust(mass * tilt.thrust), Attitude(roll, pitch, reference.yaw), rates, acceleration)
+    thrust = mass * tilt.thrust
+    if projects:
+        thrust = maximum(thrust * _alignment(tilt, measurement, sin_yaw, cos_yaw), limits.min_thrust)
+    return Vectored(Thrust(thrust), Attitude(roll, pitch, reference.yaw), rates, acceleration)
+
+
+def _alignment(tilt: Tilt, measurement: State, sin_yaw: Row, cos_yaw: Row) -> Row:
+    """Cosine of the angle between the commanded and the measured axis of thrust, given the commanded yaw."""
+    measured = BodyAxes.of(measurement.roll, measurement.pitch, measurement.yaw).z
+    forward, left, up = in_heading(measured, sin_yaw, cos_yaw)
+    return (forward * tilt.sin_pitch + up * tilt.cos_pitch) * tilt.cos_roll - left * tilt.sin_roll
 
 
 @fleet_system(float, AutoDiffXd)
@@ -141,18 +162,23 @@ class ThrustVectoring(FleetSystem):
     (`drake_quad.flatness`) under `reference_jerk` and `reference_snap`, with yaw and its rate as in `reference`.
     Without a jerk the thrust is taken to stay as it is; without a snap there is no angular acceleration.
 
+    In front of geometric control, where the vehicle may be upside down, eq (7) is taken at the commanded yaw, and the
+    thrust is the commanded force along the measured axis of thrust, F_d · R e₃ (T. Lee, M. Leok and N. H. McClamroch,
+    2010, eq (15)), or the least thrust where that is less: rotors that do not pull cannot turn the vehicle either.
+
     The only parameter of the context is `numbers`.
 
     Args:
         num_vehicles: N.
+        projects: whether the commanded force is projected on the measured axis of thrust.
         numbers: what is believed of the vehicle, and limits of thrust and tilt.
     """
 
-    def declare(self, *, numbers: VectoringNumbers) -> None:
+    def declare(self, *, projects: bool = False, numbers: VectoringNumbers) -> None:
         """Declares the system."""
         parameter = self.parameter("numbers", lambda numbers: numbers)
         command, measurement = self.input("acceleration_command"), self.input("measurement")
         reference = self.input("reference")
         jerk, snap = self.input("reference_jerk", absent=Jerk(0.0, 0.0, 0.0)), self.input("reference_snap")
-        reads = command, measurement, reference, jerk, snap, parameter
+        reads = command, measurement, reference, jerk, snap, parameter, projects
         self.packed_output("thrust_and_attitude", Vectored, vectored_thrust, *reads)

@@ -1,11 +1,20 @@
-"""Position controllers of the scenario language."""
+"""Position and attitude controllers of the scenario language."""
 
-from typing import Annotated, Literal
+from typing import Annotated, Any, Literal
 
-from pydantic import Field
+from pydantic import Discriminator, Field, Tag
 
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.quantities import Gains, Positive
+from drake_quad.scenario.quantities import (
+    Gains,
+    PlainPositive,
+    PlainPositives,
+    PlainSpans,
+    Positive,
+    Positives,
+    Span,
+    Spans,
+)
 
 
 class PdPosition(Model):
@@ -32,4 +41,102 @@ class PidPosition(PdPosition):
     )
 
 
-PositionController = Annotated[PdPosition | PidPosition, Field(discriminator="kind")]
+class BelievedResponse(Model):
+    """How an estimator believes that the vehicle follows commanded accelerations."""
+
+    delay_ticks: Annotated[int, Field(ge=0, le=50)] = Field(
+        default=1, description="whole ticks of the control from a command to what it does (1)"
+    )
+    lag: Spans = Field(description="time constant of what follows, cameras and their filters included, on X, Y, Z (s)")
+    feed_forward_lag: Spans | None = Field(
+        default=None,
+        description="the same for what is fed forward with its derivatives and so does not wait for the attitude (s);"
+        " as `lag` if not given",
+    )
+
+
+class _EstimatingPosition(PdPosition):
+    """PD with an estimate of the disturbance."""
+
+    response: BelievedResponse
+    disturbance_limit: Positive = Field(
+        default=5.0, description="largest acceleration on an axis that is held for a disturbance (m/s²)"
+    )
+
+
+class ObserverPosition(_EstimatingPosition):
+    """PD with a Kalman filter for the disturbing acceleration, from positions alone."""
+
+    kind: Literal["disturbance_observer"]  # type: ignore[assignment]
+    position_noise: PlainPositive = Field(description="standard deviation of the measured position (m)")
+    deviation: PlainPositives = Field(description="standard deviation of the disturbance on X, Y, Z (m/s²)")
+    time_constant: PlainSpans = Field(
+        description="after which the disturbance is another, on X, Y, Z (s); a long one makes a random walk"
+    )
+
+
+class L1Position(_EstimatingPosition):
+    """PD with L1 adaptive augmentation, piecewise-constant; the method is the subject of US patent 8,712,559."""
+
+    kind: Literal["l1"]  # type: ignore[assignment]
+    adaptation: Positive = Field(default=1.0, description="a_s, decay of the state predictor's error (1/s)")
+    bandwidth: Positives = Field(description="ω of the low-pass C(s) = ω / (s + ω) on X, Y, Z (rad/s)")
+
+
+class IndiPosition(_EstimatingPosition):
+    """PD with incremental nonlinear dynamic inversion of the acceleration."""
+
+    kind: Literal["indi"]  # type: ignore[assignment]
+    bandwidth: Positives = Field(
+        description="ω of the filter ω² / (s² + √2 ω s + ω²) of measured and modelled acceleration on X, Y, Z (rad/s)"
+    )
+
+
+PositionController = Annotated[
+    PdPosition | PidPosition | ObserverPosition | L1Position | IndiPosition, Field(discriminator="kind")
+]
+
+
+class PdAttitude(Model):
+    """PD on the error of roll, pitch and yaw."""
+
+    kind: Literal["pd"] = Field(default="pd", description="may be left out")
+    k_p: Gains = Field(description="on roll, pitch, yaw (1/s²)")
+    k_d: Gains = Field(description="on roll, pitch, yaw rate (1/s)")
+
+
+class GeometricAttitude(PdAttitude):
+    """PD on the error of the rotation, which has no singularity; thrust is projected on its measured axis."""
+
+    kind: Literal["geometric"]  # type: ignore[assignment]
+
+
+class IndiAttitude(PdAttitude):
+    """PD with incremental nonlinear dynamic inversion of the angular acceleration."""
+
+    kind: Literal["indi"]  # type: ignore[assignment]
+    delay_ticks: Annotated[int, Field(ge=0, le=50)] = Field(
+        default=1, description="whole ticks of the control from a torque to what it does, believed (1)"
+    )
+    lag: Span = Field(
+        description="time constant of the angular acceleration behind the torque: of rotors, cameras, filters (s)"
+    )
+    bandwidth: Positive = Field(
+        description="ω of the filter ω² / (s² + √2 ω s + ω²) of measured and modelled angular acceleration (rad/s)"
+    )
+    disturbance_limit: Positive = Field(
+        default=50.0, description="largest angular acceleration that is held for a disturbance (rad/s²)"
+    )
+
+
+def _attitude_kind(value: Any) -> Any:
+    """The kind, of which a PD need not speak; what is no mapping at all is refused as a PD."""
+    return value.get("kind", "pd") if isinstance(value, dict) else getattr(value, "kind", "pd")
+
+
+AttitudeControl = Annotated[
+    Annotated[PdAttitude, Tag("pd")]
+    | Annotated[GeometricAttitude, Tag("geometric")]
+    | Annotated[IndiAttitude, Tag("indi")],
+    Discriminator(_attitude_kind),
+]

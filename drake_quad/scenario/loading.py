@@ -16,7 +16,8 @@ from drake_quad.scenario.marked_tree import Mark, Tree
 from drake_quad.scenario.models import Mission, Scenario
 from drake_quad.scenario.paths import joined, steps_of
 
-_TAGS = ("number", *DISTRIBUTIONS)
+# Names of forms that stand in no file: an attitude controller without a kind is a PD.
+_TAGS = ("number", "pd", *DISTRIBUTIONS)
 # Characters of an override, or of the path of a field, that a message shows; the longest path has seventy.
 _MOST_OF_A_PATH = 80
 _Loaded = TypeVar("_Loaded", bound=Mission)

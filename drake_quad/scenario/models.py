@@ -18,7 +18,7 @@ from pydantic import (
 from pydantic_core import PydanticCustomError
 
 from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse, Autopilot, NoAutopilot
-from drake_quad.scenario.controllers import PositionController
+from drake_quad.scenario.controllers import AttitudeControl, PositionController
 from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.effects import (
     Battery,
@@ -36,7 +36,6 @@ from drake_quad.scenario.limits import MOST_SOURCES, MOST_TICKS
 from drake_quad.scenario.networks import Network
 from drake_quad.scenario.paths import distributions_in, steps_of
 from drake_quad.scenario.quantities import (
-    Gains,
     Moment,
     NonNegative,
     Number,
@@ -269,20 +268,13 @@ class ThrustVectoring(Model):
     )
 
 
-class AttitudePd(Model):
-    """PD on the attitude error."""
-
-    k_p: Gains = Field(description="on roll, pitch, yaw (1/s²)")
-    k_d: Gains = Field(description="on roll, pitch, yaw rate (1/s)")
-
-
 class Control(Model):
     """The cascade: position, thrust vectoring and, without an autopilot on board, attitude."""
 
     position: PositionController
     network: Network | None = Field(default=None, description="around the position controller, if any")
     thrust_vectoring: ThrustVectoring = ThrustVectoring()
-    attitude: AttitudePd | None = Field(
+    attitude: AttitudeControl | None = Field(
         default=None, description="on the ground; needed without an autopilot, and to be left out, or null, with one"
     )
 
@@ -317,8 +309,8 @@ class Window(Model):
 class Crash(Model):
     """Limits beyond which a vehicle has crashed."""
 
-    tilt: Annotated[float, Field(gt=0.0, lt=math.pi / 2)] = Field(
-        default=math.radians(80.0), description="of roll or pitch (rad)"
+    tilt: Annotated[float, Field(gt=0.0, lt=math.pi / 2)] | None = Field(
+        default=math.radians(80.0), description="of roll or pitch (rad); null for a vehicle that may turn over"
     )
     position_error: PlainPositive = Field(default=5.0, description="Euclidean (m)")
     height: Real = Field(default=-0.5, description="least height (m)")

@@ -95,12 +95,16 @@ Moment = Annotated[NumberOrDistribution, bounded(least=0.0, most=LONGEST)]
 Span = Annotated[NumberOrDistribution, bounded(above=0.0), bounded(least=SHORTEST, most=LONGEST)]
 Position = Annotated[tuple[Number, Number, Number], Field(strict=False)]
 Gains = Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)]
+Positives = Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
+Spans = Annotated[tuple[Span, Span, Span], Field(strict=False)]
 
 # The same without distributions.
 PlainPositive = Annotated[float, Field(ge=SMALLEST, le=LARGEST)]
 PlainNonNegative = Annotated[float, Field(ge=0.0, le=LARGEST)]
 PlainMoment = Annotated[float, Field(ge=0.0, le=LONGEST)]
 PlainSpan = Annotated[float, Field(ge=SHORTEST, le=LONGEST)]
+PlainPositives = Annotated[tuple[PlainPositive, PlainPositive, PlainPositive], Field(strict=False)]
+PlainSpans = Annotated[tuple[PlainSpan, PlainSpan, PlainSpan], Field(strict=False)]
 Point = Annotated[tuple[Real, Real, Real], Field(strict=False)]
 # Between ticks of cameras, control or integration, s; nothing flies with less than one a second.
 Period = Annotated[float, Field(ge=SHORTEST, le=1.0)]

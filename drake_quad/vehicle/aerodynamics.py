@@ -18,9 +18,9 @@ The turning of the body is not felt: body and rotors see the air of the centre o
 
 from typing import Annotated, NamedTuple
 
+from drake_quad.axes import Vector, cross, plus
 from drake_quad.framework.elementary import maximum
 from drake_quad.signals import Quantity, RotorSpeed, Row
-from drake_quad.vehicle.axes import Vector, cross, plus
 
 _LinearDrag = Annotated[Row, Quantity("N s/m", "B")]
 _QuadraticDrag = Annotated[Row, Quantity("N s²/m²", "B")]

@@ -11,9 +11,9 @@ most.
 
 from typing import Annotated, NamedTuple
 
+from drake_quad.axes import TINY
 from drake_quad.framework.elementary import maximum, sqrt
 from drake_quad.signals import Charge, Number, Quantity, RotorSpeed, Row
-from drake_quad.vehicle.axes import TINY
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 _SECONDS_PER_HOUR = 3600.0

@@ -24,9 +24,9 @@ rate of change is left out, as in the paper, unless it is switched on (`drake_qu
 from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
+from drake_quad.axes import TINY, Vector
 from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt
 from drake_quad.signals import Angle, AngleRate, BodyRateB, BodyRates, RotorSpeed, Row, State, VelocityW, Wind, Wrench
-from drake_quad.vehicle.axes import TINY, Vector
 from drake_quad.vehicle.faults import SpeedFactors
 from drake_quad.vehicle.mixer import mixer_of
 from drake_quad.vehicle.parameters import QuadrotorParameters

@@ -15,9 +15,9 @@ where F and τ_P are the force on the vehicle without its weight, and the torque
 import math
 from typing import Annotated, NamedTuple
 
+from drake_quad.axes import Vector, cross, dot, plus, times
 from drake_quad.framework.elementary import where
 from drake_quad.signals import Quantity, Row, Time
-from drake_quad.vehicle.axes import Vector, cross, dot, plus, times
 from drake_quad.vehicle.parameters import Inertia
 
 _Length = Annotated[Row, Quantity("m", "B")]

@@ -21,9 +21,9 @@ which is singular where the rod is horizontal along X.
 
 from typing import Annotated, NamedTuple
 
+from drake_quad.axes import Vector, dot, times
 from drake_quad.framework.elementary import sin_cos
 from drake_quad.signals import Quantity, Row, Swing
-from drake_quad.vehicle.axes import Vector, dot, times
 
 
 class SlungLoad(NamedTuple):

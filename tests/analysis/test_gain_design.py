@@ -22,16 +22,19 @@ from drake_quad.analysis.cascade_design import (
     design_cascade,
     position_plant,
     with_gains,
+    with_integrals,
 )
 from drake_quad.analysis.closed_loop import as_believed, at_rest, closed_loop, laboratory_plant
 from drake_quad.analysis.gain_design import (
     AxisGains,
     LoopDesign,
+    PidGains,
     PolePair,
     Regulator,
     Requirements,
     design_loop,
     pd_loop,
+    with_integral,
 )
 from drake_quad.analysis.margins import FastMargins, fast_margins, frequencies, margins
 from drake_quad.analysis.sampled_system import SampledSystem
@@ -554,3 +557,65 @@ def test_a_regulator_s_gains_are_found_to_a_thousandth():
     for effort in (0.5, 20.0):
         K, _ = DiscreteTimeLinearQuadraticRegulator(plant.A, plant.B, np.diag([1.0, 0.09]), np.eye(1) / effort**2)
         np.testing.assert_allclose(family.gains(plant, effort), K[0], rtol=1e-3)
+
+
+@pytest.fixture(scope="module")
+def pid_design():
+    scenario = load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", UNEVEN)
+    return with_integrals(scenario), design_cascade(scenario, integral=0.2)
+
+
+@pytest.mark.slow
+def test_a_pid_is_designed_as_it_flies(pid_design):
+    """The poles of its loops are multipliers of the whole diagram with these gains."""
+    scenario, design = pid_design
+    found = closed_loop(as_believed(with_gains(scenario, design.gains()))).system.poles()
+    for axis in ("x", "y", "z"):
+        loop = design.loops[axis]
+        poles = loop.plant.with_feedback(np.array([loop.gains])).poles()
+        for pole in poles[np.abs(poles) > 0.1]:
+            assert np.abs(found - pole).min() < 1e-6
+
+
+@pytest.mark.slow
+def test_an_integral_costs_no_more_than_was_said_and_the_margins_are_those_with_it(pid_design):
+    """The PD has 45° / 0.8, of which a fifth is for the integral; with more of it 45° are gone, or it is a quarter."""
+    _, design = pid_design
+    for axis in ("x", "y", "z"):
+        loop = design.loops[axis]
+        k_p, k_d, k_i = loop.gains
+        pd = margins(pd_loop(loop.plant, PidGains(k_p, k_d, 0.0)))
+        assert pd.phase >= 45.0 / 0.8
+        assert loop.margins == margins(pd_loop(loop.plant, loop.gains))
+        assert loop.margins.phase >= max(0.8 * pd.phase, 45.0) - 0.02
+        largest = k_i == pytest.approx(0.25 * k_p * pd.crossover, rel=1e-3)
+        more = margins(pd_loop(loop.plant, PidGains(k_p, k_d, 1.05 * k_i)))
+        assert k_i > 0.0
+        assert largest or more.phase < max(0.8 * pd.phase, 45.0)
+
+
+def test_the_integral_is_the_sum_of_the_values_before():
+    """h / (z - 1) times the value, and all else as it was."""
+    plant = SampledSystem(
+        np.array([[0.9, 0.1], [-0.2, 0.8]]),
+        np.array([[0.3], [0.5]]),
+        np.array([[1.0, 0.4], [0.2, 1.1]]),
+        np.zeros((2, 1)),
+        0.02,
+        ("a", "b"),
+        ("u",),
+        ("value", "rate"),
+    )
+    z = np.array([1.1 + 0.3j, -0.7 + 0.2j])
+    value, rate, integral = np.moveaxis(with_integral(plant).response(z)[..., 0], -1, 0)
+    np.testing.assert_allclose(np.stack([value, rate], axis=-1), plant.response(z)[..., 0])
+    np.testing.assert_allclose(integral, 0.02 / (z - 1.0) * value)
+
+
+def test_a_controller_is_made_a_pid_once():
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml")
+    pid = with_integrals(scenario)
+    assert (pid.control.position.kind, pid.control.position.k_i) == ("pid", (0.0, 0.0, 0.0))
+    assert pid.control.position.k_p == scenario.control.position.k_p
+    assert (pid.control.position.feed_forward, pid.control.position.derivative) == ("snap", "tracking_error")
+    assert with_integrals(pid) is pid

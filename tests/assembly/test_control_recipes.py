@@ -9,9 +9,13 @@ from drake_quad.assembly.control import control_recipes
 from drake_quad.assembly.planning import plan_route
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
 from drake_quad.control.axes import PerAngle, PerAxis
+from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, KalmanLaw
+from drake_quad.control.disturbance.response import Command
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
 from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning
+from drake_quad.control.geometric import GeometricAttitudeController
+from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative
 from drake_quad.control.thrust_vectoring import ThrustVectoring
@@ -49,6 +53,57 @@ def test_a_pd_without_feed_forward_may_differentiate_the_measurement(asymmetric)
     found, _ = recipes_of(asymmetric("pid", f"control.position={position}"))
     assert [*found] == ["position.pd", "thrust_vectoring", "attitude"]
     assert found["position.pd"].structure == {"derivative": "measurement", "feeds_forward": False}
+
+
+PD = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
+
+
+def test_an_estimator_has_the_law_and_the_response_of_the_scenario_and_begins_where_the_route_does(asymmetric):
+    response = "response: {delay_ticks: 3, lag: [0.2, 0.3, 0.1], feed_forward_lag: [0.06, 0.07, 0.05]}"
+    numbers = "adaptation: 2.0, bandwidth: [1.0, 2.0, 3.0], disturbance_limit: 0.8"
+    found, _ = recipes_of(asymmetric("pid", f"control.position={{kind: l1, {PD}, {response}, {numbers}}}"))
+    assert [*found] == ["position.pd", "position.estimator", "thrust_vectoring", "attitude"]
+    estimator = found["position.estimator"]
+    assert estimator.structure == {"period": 0.02, "delay_ticks": 3}
+    laws, lags, limit, start = estimator.numbers
+    assert laws == (AdaptiveLaw(2.0, 1.0), AdaptiveLaw(2.0, 2.0), AdaptiveLaw(2.0, 3.0))
+    assert lags == (Command(0.2, 0.06), Command(0.3, 0.07), Command(0.1, 0.05))
+    assert (limit, start) == (0.8, PerAxis(0.3, -0.2, 1.0))
+    # What is fed forward follows as all else does, unless it is said.
+    plain = "bandwidth: [1.0, 2.0, 3.0], response: {lag: [0.2, 0.3, 0.1]}"
+    found, _ = recipes_of(asymmetric("pid", f"control.position={{kind: indi, {PD}, {plain}}}"))
+    laws, lags, *_ = found["position.estimator"].numbers
+    assert laws == (IncrementalLaw(1.0), IncrementalLaw(2.0), IncrementalLaw(3.0))
+    assert lags == (Command(0.2, 0.2), Command(0.3, 0.3), Command(0.1, 0.1))
+
+
+def test_a_kalman_filter_has_a_gain_for_each_axis(asymmetric):
+    numbers = "position_noise: 0.002, deviation: [0.3, 0.4, 0.5], time_constant: [1.0, 2.0, 3.0]"
+    position = f"{{kind: disturbance_observer, {PD}, {numbers}, response: {{lag: [0.2, 0.3, 0.1]}}}}"
+    found, _ = recipes_of(asymmetric("pid", f"control.position={position}"))
+    expected = [
+        KalmanLaw.of(deviation=deviation, time_constant=T, position_noise=0.002, period=0.02)
+        for deviation, T in ((0.3, 1.0), (0.4, 2.0), (0.5, 3.0))
+    ]
+    assert found["position.estimator"].numbers.laws == tuple(expected)
+
+
+def test_attitude_control_is_of_the_kind_of_the_scenario_and_thrust_vectoring_with_it(asymmetric):
+    gains = "k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1]"
+    pd, _ = recipes_of(asymmetric("pid", f"control.attitude={{kind: pd, {gains}}}"))
+    assert pd == recipes_of(asymmetric("pid"))[0]
+    geometric, _ = recipes_of(asymmetric("pid", f"control.attitude={{kind: geometric, {gains}}}"))
+    assert geometric["attitude"].system is GeometricAttitudeController
+    assert geometric["attitude"].numbers == pd["attitude"].numbers
+    projects = [found["thrust_vectoring"].structure["projects"] for found in (pd, geometric)]
+    assert projects == [False, True]
+    numbers = "delay_ticks: 2, lag: 0.08, bandwidth: 6.0, disturbance_limit: 9.0"
+    found, _ = recipes_of(asymmetric("pid", f"control.attitude={{kind: indi, {gains}, {numbers}}}"))
+    attitude = found["attitude"]
+    assert attitude.system is IncrementalAttitudeController
+    assert attitude.structure == {"period": 0.02, "delay_ticks": 2}
+    assert attitude.numbers == IncrementalAttitudeNumbers(pd["attitude"].numbers, IncrementalLaw(6.0), 0.08, 9.0)
+    assert not found["thrust_vectoring"].structure["projects"]
 
 
 def test_a_network_has_the_sets_and_the_law_of_the_scenario(asymmetric):

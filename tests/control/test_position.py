@@ -1,6 +1,13 @@
+import math
+
 import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
 
 from drake_quad.control.axes import PerAxis
+from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
+from drake_quad.control.disturbance.laws import IncrementalLaw
+from drake_quad.control.disturbance.response import Command
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.signals import Acceleration, Reference, State
@@ -64,3 +71,31 @@ def test_fleet_and_single_vehicle_agree():
     one, fleet = signals(feeds_forward=True), signals(num_vehicles=3, feeds_forward=True)
     for name, rows in fleet.items():
         np.testing.assert_array_equal(rows, np.repeat(one[name], 3, axis=1))
+
+
+def test_correction_and_disturbance_are_taken_away_and_the_estimator_knows_what_was_commanded_and_corrected():
+    """What a correction takes away the estimator is not to find once more: it models the command with it put back."""
+    lags = (Command(0.2, 0.05), Command(0.3, 0.06), Command(0.4, 0.07))
+    estimator = DisturbanceEstimator(numbers=EstimatorNumbers((IncrementalLaw(5.0),) * 3, lags, 10.0))
+    pd = ProportionalDerivative(numbers=PdGains(PerAxis(*K_P), PerAxis(*K_D)), feeds_forward=True)
+    diagram = build_position_controller(pd, disturbance=estimator, takes_correction=True)
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    diagram.GetInputPort("measurement").FixValue(context, MEASUREMENT)
+    diagram.GetInputPort("reference").FixValue(context, REFERENCE)
+    corrected = np.array([0.7, -0.4, 0.2])
+    diagram.GetInputPort("correction").FixValue(context, corrected)
+
+    def output(name):
+        return diagram.GetOutputPort(name).Eval(context)
+
+    forward = np.array([REFERENCE.a_x, REFERENCE.a_y, REFERENCE.a_z])
+    disturbance, command = output("disturbance"), output("acceleration_command")
+    assert np.abs(disturbance).min() > 0.01
+    np.testing.assert_allclose(command, output("pd") + forward - corrected - disturbance)
+    simulator.AdvancePendingEvents()
+    following = estimator.get_state(estimator.GetMyContextFromRoot(context), "following")
+    for axis, (followed, lag) in enumerate(zip(following, lags, strict=True)):
+        feedback = command[axis] + corrected[axis] - forward[axis]
+        assert followed.feedback == pytest.approx(feedback * (1.0 - math.exp(-0.02 / lag.feedback)), rel=1e-12)
+        assert followed.feed_forward == pytest.approx(forward[axis] * (1.0 - math.exp(-0.02 / lag.feed_forward)))

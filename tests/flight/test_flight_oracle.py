@@ -21,6 +21,7 @@ RESPONDING = [
     "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.4, 3.1], damping: [0.5, 0.7, 1.1]}",
 ]
 # The two whole flights, and short ones for what they leave out.
+PD = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
 FLIGHTS = {
     "pid": ("pid", []),
     "pd_t2fnn": ("pd_t2fnn", []),
@@ -100,6 +101,45 @@ FLIGHTS = {
             "vehicle.min_rotor_speed=190",
             "vehicle.max_rotor_speed=225",
             "metrics.end=null",
+        ],
+    ),
+    "a disturbance observer and geometric attitude control": (
+        "pid",
+        [
+            "duration=5",
+            f"control.position={{kind: disturbance_observer, {PD}, feed_forward: snap, position_noise: 0.002,"
+            " deviation: [0.3, 0.4, 0.2], time_constant: [0.5, 0.6, 0.7], response: {delay_ticks: 2,"
+            " lag: [0.25, 0.27, 0.06], feed_forward_lag: [0.07, 0.08, 0.05]}}",
+            "control.attitude={kind: geometric, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1]}",
+        ],
+    ),
+    "L1 and INDI of the attitude, within limits": (
+        "pid",
+        [
+            "duration=5",
+            f"control.position={{kind: l1, {PD}, feed_forward: acceleration, adaptation: 2.5,"
+            " bandwidth: [1.7, 2.1, 3.3], disturbance_limit: 0.4, response: {delay_ticks: 0, lag: [0.25, 0.27, 0.06]}}",
+            "control.attitude={kind: indi, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1], lag: 0.08, bandwidth: 3.5,"
+            " delay_ticks: 2, disturbance_limit: 0.9}",
+        ],
+    ),
+    "INDI of position and attitude": (
+        "pid",
+        [
+            "duration=5",
+            f"control.position={{kind: indi, {PD}, feed_forward: jerk, bandwidth: [2.7, 3.1, 4.3],"
+            " response: {delay_ticks: 1, lag: [0.25, 0.27, 0.06], feed_forward_lag: [0.07, 0.08, 0.05]}}",
+            "control.attitude={kind: indi, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1], lag: 0.08, bandwidth: 3.5,"
+            " delay_ticks: 0}",
+        ],
+    ),
+    "an estimator in front of an autopilot": (
+        "pid",
+        [
+            *ON_BOARD,
+            "duration=4",
+            f"control.position={{kind: indi, {PD}, feed_forward: jerk, bandwidth: [2.7, 3.1, 4.3],"
+            " response: {delay_ticks: 1, lag: [0.25, 0.27, 0.06]}}",
         ],
     ),
     "an autopilot on board": ("pid", [*ON_BOARD, "duration=6", "control.position.feed_forward=jerk"]),

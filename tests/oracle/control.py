@@ -3,8 +3,145 @@
 import math
 
 import numpy as np
+import scipy
 
 from oracle.vehicle import euler_to_body, rotation
+
+
+class Lagged:
+    """A vector of accelerations that follow what is sent: ticks later, with a lag, and a share of it with another.
+
+    Args:
+        ticks: of delay.
+        lags: (2, axes) of the one part and of the other, s.
+        h: the period of the ticks, s.
+    """
+
+    def __init__(self, ticks, lags, h):
+        lags = np.array(lags, dtype=float)
+        self.line, self.a = [np.zeros_like(lags)] * ticks, np.zeros_like(lags)
+        # (p, v, a, u): p'' = a, T a' = u - a, and u is held.
+        self.flow = np.zeros((*lags.shape, 4, 4))
+        for place in np.ndindex(lags.shape):
+            slope = np.diag([1.0, 1.0, 0.0], 1)
+            slope[2, 2:] = [-1.0 / lags[place], 1.0 / lags[place]]
+            slope[3] = 0.0
+            self.flow[place] = scipy.linalg.expm(h * slope)
+
+    def follow(self, *sent):
+        """The velocity and the distance that are gained until the next tick."""
+        self.line.append(np.array(sent))
+        u = self.line.pop(0)
+        before = np.stack([np.zeros_like(u), np.zeros_like(u), self.a, u], axis=-1)
+        p, v, self.a, _ = np.moveaxis(np.einsum("...ij,...j", self.flow, before), -1, 0)
+        return v.sum(axis=0), p.sum(axis=0)
+
+
+class KalmanFilter:
+    """p' = v, v' = a + d, d' = -d / T + w, y = p + n on each axis, with the gain to which Riccati's iteration comes."""
+
+    def __init__(self, numbers, h, start):
+        self.h, self.models = h, []
+        for sigma, T in zip(numbers.deviation, numbers.time_constant, strict=True):
+            slope = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / T]])
+
+            def added(s, slope=slope, intensity=2.0 * sigma**2 / T):
+                column = scipy.linalg.expm(s * slope)[:, 2]
+                return intensity * np.outer(column, column)
+
+            A, Q, C = (
+                scipy.linalg.expm(h * slope),
+                scipy.integrate.quad_vec(added, 0.0, h)[0],
+                np.array([1.0, 0.0, 0.0]),
+            )
+            P = np.eye(3)
+            for _ in range(3000):
+                L = P @ C / (C @ P @ C + numbers.position_noise**2)
+                P = A @ (P - np.outer(L, C @ P)) @ A.T + Q
+            self.models.append((A, L))
+        self.x = np.array([[p, 0.0, 0.0] for p in start])
+
+    def estimate(self, measured):
+        for i, (_, L) in enumerate(self.models):
+            self.x[i] = self.x[i] + L * (measured[i] - self.x[i, 0])
+        return self.x[:, 2].copy()
+
+    def predict(self, speed, distance):
+        for i, (A, _) in enumerate(self.models):
+            self.x[i] = A @ self.x[i] + [distance[i], speed[i], 0.0]
+
+
+class Differences:
+    """What the velocity gained over a tick beyond what was expected, in acceleration, behind a filter.
+
+    Args:
+        filters: (A, B, c) of each axis: x' = A x + B r, d = c x.
+        h: s.
+        rows: of the measurement that are differentiated.
+    """
+
+    def __init__(self, filters, h, rows):
+        self.h, self.rows, self.v, self.expected = h, rows, np.zeros(3), np.zeros(3)
+        self.filters = []
+        for A, B, c in filters:
+            n = len(A)
+            flow = scipy.linalg.expm(h * np.block([[np.array(A), np.array(B)], [np.zeros((1, n + 1))]]))
+            self.filters.append((flow, np.array(c)))
+        self.x = [np.zeros(len(c)) for _, c in self.filters]
+
+    @classmethod
+    def adaptive(cls, numbers, h):
+        """L1: σ̂ is what was left of the last tick's r by the decay of the prediction error, behind ω / (s + ω)."""
+        left = math.exp(-numbers.adaptation * h)
+        return cls([([[-w]], [[w]], [left]) for w in numbers.bandwidth], h, slice(6, 9))
+
+    @classmethod
+    def incremental(cls, bandwidths, h, rows):
+        """INDI: ω² / (s² + √2 ω s + ω²)."""
+        return cls(
+            [([[0.0, 1.0], [-w * w, -math.sqrt(2.0) * w]], [[0.0], [w * w]], [1.0, 0.0]) for w in bandwidths], h, rows
+        )
+
+    def estimate(self, measured):
+        r = (measured[self.rows] - self.v - self.expected) / self.h
+        self.v = measured[self.rows]
+        self.x = [(flow @ [*x, r_i])[:-1] for (flow, _), x, r_i in zip(self.filters, self.x, r, strict=True)]
+        return np.array([c @ x for (_, c), x in zip(self.filters, self.x, strict=True)])
+
+    def predict(self, speed, distance):
+        self.expected = speed
+
+
+class Estimator:
+    """What is taken from the command for a disturbance."""
+
+    def __init__(self, numbers, h, start):
+        response, self.limit = numbers.response, numbers.disturbance_limit
+        self.model = Lagged(response.delay_ticks, [response.lag, response.feed_forward_lag or response.lag], h)
+        self.law = {
+            "disturbance_observer": lambda: KalmanFilter(numbers, h, start),
+            "l1": lambda: Differences.adaptive(numbers, h),
+            "indi": lambda: Differences.incremental(numbers.bandwidth, h, slice(6, 9)),
+        }[numbers.kind]()
+
+    def estimate(self, measured):
+        return np.clip(self.law.estimate(measured), -self.limit, self.limit)
+
+    def remember(self, command, feed_forward):
+        self.law.predict(*self.model.follow(command - feed_forward, feed_forward))
+
+
+class IncrementalTurning:
+    """What is taken from the angular acceleration that an attitude controller wants."""
+
+    def __init__(self, numbers, h):
+        self.model, self.limit = Lagged(numbers.delay_ticks, [[numbers.lag] * 3], h), numbers.disturbance_limit
+        self.law = Differences.incremental([numbers.bandwidth] * 3, h, slice(9, 12))
+
+    def act(self, wanted, measured):
+        found = wanted - np.clip(self.law.estimate(measured), -self.limit, self.limit)
+        self.law.predict(*self.model.follow(found))
+        return found
 
 
 class Integral:
@@ -132,17 +269,22 @@ class Controller:
         scenario: of numbers.
         leg_times: when the legs of the route begin.
         duration: of the route, from time zero on.
+        start: where the vehicle is at the beginning.
     """
 
-    def __init__(self, scenario, leg_times, duration):
+    def __init__(self, scenario, leg_times, duration, start):
         self.numbers, self.believed = scenario.control, scenario.nominal
         position, h = scenario.control.position, scenario.laboratory.command_link.period
-        self.law = None
+        self.law = self.estimator = self.turning = None
         self.duration, self.h = duration, h
         if position.kind == "pid":
             self.law = Integral(position, h)
         elif scenario.control.network is not None:
             self.law = Network(scenario.control.network, h, leg_times)
+        if position.kind in ("disturbance_observer", "l1", "indi"):
+            self.estimator = Estimator(position, h, start)
+        if self.numbers.attitude is not None and self.numbers.attitude.kind == "indi":
+            self.turning = IncrementalTurning(self.numbers.attitude, h)
 
     def phase(self, tick):
         """The share of the route that should be over."""
@@ -155,16 +297,22 @@ class Controller:
         on_error = position.derivative == "tracking_error"
         rate = on_error * reference["velocity"] - measured[6:9]
         pd = np.array(position.k_p) * error + np.array(position.k_d) * rate  # (8)
-        correction, shown = np.zeros(3), {}
+        correction, shown, disturbance = np.zeros(3), {}, np.zeros(3)
+        if self.estimator is not None:
+            disturbance = self.estimator.estimate(measured)
         if self.law is not None:
-            seen = {"error": error, "error_rate": rate, "pd": pd, "phase": self.phase(tick)}
+            seen = {"error": error, "error_rate": rate, "pd": pd, "phase": self.phase(tick), "disturbance": disturbance}
             seen |= dict(zip(("x", "y", "z"), measured[0:3], strict=True))
             seen |= dict(zip(("v_x", "v_y", "v_z"), measured[6:9], strict=True))
             correction, shown = self.law.correction(seen), self.law.shown()
             self.law.learn(tick, seen)
         u = pd - correction  # (14)
-        if position.feed_forward != "none":
-            u = u + reference["acceleration"]
+        fed_forward = (position.feed_forward != "none") * reference["acceleration"]
+        u = u + fed_forward
+        if self.estimator is not None:
+            shown["disturbance"] = disturbance
+            u = u - disturbance
+            self.estimator.remember(u + correction, fed_forward)
         thrust, attitude, rates, accelerations = self.vectored(u, measured, reference)
         if self.numbers.attitude is None:
             command = {"attitude_target": np.array([thrust, *attitude, *rates])}
@@ -184,7 +332,9 @@ class Controller:
     def vectored(self, u, measured, reference):
         """(7) at any yaw, within limits, and the body rates and angular accelerations that keep to the reference."""
         mass, gravity, limits = self.believed.mass, self.believed.gravity, self.numbers.thrust_vectoring
-        heading = rotation(0.0, 0.0, measured[5])
+        geometric = self.numbers.attitude is not None and self.numbers.attitude.kind == "geometric"
+        yaw = reference["yaw"] if geometric else measured[5]
+        heading = rotation(0.0, 0.0, yaw)
         forward, left, up = heading.T @ u + [0.0, 0.0, gravity]
         # The vertical part is limited first, then the horizontal one is shortened.
         up = min(max(up, limits.min_thrust * gravity), limits.max_thrust * gravity)
@@ -198,18 +348,35 @@ class Controller:
         psi_dot, psi_ddot = reference["yaw_rate"], reference["yaw_acceleration"]
         order = ("none", "acceleration", "jerk", "snap").index(self.numbers.position.feed_forward)
         jerk, snap = (jerk if order >= 2 else np.zeros(3)), (snap if order >= 3 else np.zeros(3))
-        rates, accelerations = flat(roll, pitch, measured[5], thrust, jerk, snap, psi_dot, psi_ddot)
+        rates, accelerations = flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot)
         if order < 3:
             accelerations = np.zeros(3)
+        if geometric:
+            force = heading @ [forward, left, up]
+            thrust = max(force @ rotation(*measured[3:6])[:, 2], limits.min_thrust * gravity)
         return mass * thrust, np.array([roll, pitch, reference["yaw"]]), rates, accelerations
 
     def torque(self, measured, attitude, rates, accelerations):
         """PD on the attitude, τ = I (k_P e + k_D ė + ω̇) + ω x I ω."""
         inertia, gains = np.diag(self.believed.inertia), self.numbers.attitude
+        k_p, k_d = np.array(gains.k_p), np.array(gains.k_d)
+        if gains.kind == "geometric":
+            return geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, inertia)
         error = attitude - measured[3:6]
         error[2] = math.remainder(error[2], math.tau)
-        wanted = np.array(gains.k_p) * error + np.array(gains.k_d) * (rates - measured[9:12]) + accelerations
+        wanted = k_p * error + k_d * (rates - measured[9:12]) + accelerations
+        if self.turning is not None:
+            wanted = self.turning.act(wanted, measured)
         return inertia @ wanted + np.cross(rates, inertia @ rates)
+
+
+def geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, J):
+    """Lee, Leok and McClamroch (2010), eqs (10), (11) and (16), with gains over the moments of inertia."""
+    R, R_d, Omega = rotation(*measured[3:6]), rotation(*attitude), measured[9:12]
+    skew = 0.5 * (R_d.T @ R - R.T @ R_d)
+    e_R, e_Omega = np.array([skew[2, 1], skew[0, 2], skew[1, 0]]), Omega - R.T @ R_d @ rates
+    follow = np.cross(Omega, R.T @ R_d @ rates) - R.T @ R_d @ accelerations
+    return -J @ (k_p * e_R) - J @ (k_d * e_Omega) + np.cross(Omega, J @ Omega) - J @ follow
 
 
 def flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):

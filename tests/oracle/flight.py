@@ -57,7 +57,8 @@ def fly(scenario, trajectory, leg_times=()):
     wind = Wind(laboratory.wind, h, seed, sample)
     air = wind.sample(0, state[0:3])
 
-    controller, referee, rows = Controller(scenario, leg_times, trajectory.end_time()), Referee(scenario), []
+    duration, start = trajectory.end_time(), state[0:3]
+    controller, referee, rows = Controller(scenario, leg_times, duration, start), Referee(scenario), []
     for k in range(ticks * steps_a_tick + 1):
         heard = vehicle.target = link.out
         if k > 0:

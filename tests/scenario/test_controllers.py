@@ -1,10 +1,13 @@
-"""What a person can write wrong about a learning controller."""
+"""What a person can write wrong about a controller that learns or estimates."""
 
+import math
 from pathlib import Path
 
 import pytest
 
 from drake_quad import InputError, load_scenario
+from drake_quad.assembly.laboratory import build_monitor
+from drake_quad.scenario import save_scenario
 
 ROOT = Path(__file__).parent.parent.parent
 PAPER = ROOT / "diagrams" / "controllers" / "paper.yaml"
@@ -80,3 +83,40 @@ def test_every_controller_of_the_file_loads_over_every_laboratory():
             scenario = load_scenario(spec, layers=[f"{PAPER}:{name}"])
             assert scenario.name == place
             assert scenario.control.attitude.k_p[0] == 20.0
+
+
+ESTIMATING = "k_p: [1, 1, 1], k_d: [1, 1, 1], bandwidth: [1, 1, 1]"
+
+
+@pytest.mark.parametrize(
+    ("override", "complaint"),
+    [
+        ("control.attitude=7", "control.attitude is 7, but must be a mapping of fields"),
+        ("control.attitude.k_q=1", "control.attitude.k_q is unknown; allowed are kind, k_p, k_d; did you mean k_p?"),
+        ("control.attitude.kind=lqr", "control.attitude.kind is 'lqr', but must be one of 'pd', 'geometric', 'indi'"),
+        ("control.attitude={kind: indi, lag: 0.1}", "control.attitude.bandwidth is missing"),
+        (f"control.position={{kind: l1, {ESTIMATING}}}", "control.position.response is missing"),
+        (
+            f"control.position={{kind: indi, {ESTIMATING}, response: {{lag: [0.1, 0, 0.1]}}}}",
+            "control.position.response.lag.1 is 0, but must be larger than 0",
+        ),
+        ("crash.tilt=2", "crash.tilt is 2, but must be less than 1.57"),
+    ],
+)
+def test_what_is_wrong_of_estimators_and_attitude_is_told(override, complaint):
+    with pytest.raises(InputError) as error:
+        load_scenario(ROOT / "diagrams" / "figure_eight.yaml", [override])
+    assert complaint in str(error.value)
+
+
+def test_an_attitude_controller_without_a_kind_is_a_pd_and_stays_one_when_it_is_saved(tmp_path):
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml")
+    assert scenario.control.attitude.kind == "pd"
+    save_scenario(scenario, tmp_path / "saved.yaml")
+    assert load_scenario(tmp_path / "saved.yaml") == scenario
+
+
+def test_a_vehicle_that_may_turn_over_has_no_limit_of_tilt():
+    scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["crash.tilt=null"])
+    monitor = build_monitor(scenario, 1)
+    assert monitor.structure["limits"].tilt == math.inf

@@ -1,0 +1,150 @@
+"""The inner loop by incremental nonlinear dynamic inversion: from the attitude error to torques."""
+
+from typing import Any, NamedTuple
+
+from drake_quad.control.attitude import AttitudeNumbers, torque_of, wanted_acceleration
+from drake_quad.control.disturbance.estimator import estimate, predict, waited
+from drake_quad.control.disturbance.laws import IncrementalLaw, Measured
+from drake_quad.control.disturbance.response import Command
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.records import layout_of
+from drake_quad.signals import AngularAcceleration, Attitude, BodyAccelerationB, BodyRates, Row, State, Time, Torque
+
+
+class IncrementalAttitudeNumbers(NamedTuple):
+    """Numbers of an `IncrementalAttitudeController`.
+
+    Attributes:
+        attitude: gains and inertia.
+        law: the filter of measured and modelled angular accelerations.
+        lag: of the angular acceleration behind the torque, believed.
+        limit: largest angular acceleration that is held for a disturbance.
+    """
+
+    attitude: AttitudeNumbers
+    law: IncrementalLaw
+    lag: Time
+    limit: BodyAccelerationB
+
+
+class Turning(NamedTuple):
+    """What an `IncrementalAttitudeController` makes of a tick.
+
+    Attributes:
+        known: memory of each axis after what was measured.
+        acceleration: commanded.
+    """
+
+    known: tuple[Any, ...]
+    acceleration: AngularAcceleration
+
+
+def _turning(
+    memory: tuple[Any, ...],
+    measurement: State,
+    attitude: Attitude,
+    rates: BodyRates,
+    acceleration: AngularAcceleration,
+    numbers: IncrementalAttitudeNumbers,
+    period: float,
+) -> Turning:
+    # The rates alone are differentiated; the law has no use for the angles.
+    measured = tuple([Measured(0.0, rate) for rate in (measurement.p, measurement.q, measurement.r)])
+    known, disturbance = estimate(memory, measured, (numbers.law,) * 3, numbers.limit, period)
+    gains = numbers.attitude
+    wanted = wanted_acceleration(measurement, attitude, rates, acceleration, gains.k_p, gains.k_d)
+    commanded = [whole - disturbing for whole, disturbing in zip(wanted, disturbance, strict=True)]
+    return Turning(known, AngularAcceleration(*commanded))
+
+
+def incremental_torque(
+    memory: tuple[Any, ...],
+    measurement: State,
+    attitude: Attitude,
+    rates: BodyRates,
+    acceleration: AngularAcceleration,
+    numbers: IncrementalAttitudeNumbers,
+    period: float,
+) -> Torque:
+    """The torque of an `IncrementalAttitudeController`.
+
+    Args:
+        memory: of each axis.
+        measurement: of the vehicle's state.
+        attitude: commanded.
+        rates: commanded.
+        acceleration: commanded.
+        numbers: gains, inertia and filter.
+        period: of the ticks, s.
+    """
+    _, commanded = _turning(memory, measurement, attitude, rates, acceleration, numbers, period)
+    _, _, *inertia = numbers.attitude
+    return torque_of(commanded, rates, *inertia)
+
+
+def next_incremental_memory(
+    memory: tuple[Any, ...],
+    following: tuple[Command, ...],
+    under_way: tuple[tuple[Row, ...], ...],
+    *arguments: Any,
+) -> Any:
+    """What the states hold a tick later: memory, how commands are followed and, if there is a delay, commands."""
+    *_, numbers, period = arguments
+    known, commanded = _turning(memory, *arguments)
+    arrived, on_the_way = waited(tuple(commanded), under_way)
+    commands = tuple([Command(each, 0.0) for each in arrived])
+    lags = (Command(numbers.lag, numbers.lag),) * 3
+    after, following = predict(known, following, commands, (numbers.law,) * 3, lags, period)
+    return (after, following, on_the_way) if on_the_way else (after, following)
+
+
+@fleet_system(float, AutoDiffXd)
+class IncrementalAttitudeController(FleetSystem):
+    """INDI of the attitude: τ = τ_f + I (α_c - ω̇_f) in B.
+
+    .. pydrake_system::
+
+        name: IncrementalAttitudeController
+        input_ports:
+        - measurement
+        - attitude_command
+        - body_rate_command
+        - angular_acceleration_command
+        output_ports:
+        - torque
+
+    α_c = k_P e + k_D ė + ω̇_r is what an `AttitudeController` wants of the same inputs. τ_f and ω̇_f are the modelled
+    torque and the measured angular acceleration behind the filter H of an `IncrementalLaw`, so that τ is
+    I (α_c - d) + ω_r × I ω_r with d = H (ω̇ - α), and α what is believed to follow the commanded angular acceleration,
+    after whole ticks of delay, with the lag of the rotors: their speeds are not seen from the ground (E. J. J. Smeur,
+    Q. P. Chu and G. C. H. E. de Croon, "Adaptive incremental nonlinear dynamic inversion for attitude control of micro
+    air vehicles", JGCD 39, 2016).
+
+    The states are `memory`, that of the law, `following`, how the command is followed, and `commands_under_way`, if
+    there is a delay; the only parameter of the context is `numbers`.
+
+    Args:
+        num_vehicles: N.
+        period: of the ticks, s.
+        delay_ticks: whole ticks from a torque to what it does, believed.
+        numbers: gains, inertia and filter.
+    """
+
+    def declare(self, *, period: float = 0.02, delay_ticks: int = 0, numbers: IncrementalAttitudeNumbers) -> None:
+        """Declares the system."""
+        parameter = self.parameter("numbers", lambda numbers: numbers)
+        measurement, attitude = self.input("measurement"), self.input("attitude_command")
+        rates = self.input("body_rate_command")
+        acceleration = self.input("angular_acceleration_command", absent=AngularAcceleration(0.0, 0.0, 0.0))
+        rest = (numbers.law.at_rest(0.0),) * 3
+        memory = self.state("memory", lambda _: rest, layout=layout_of(tuple, rest))
+        still = (Command(0.0, 0.0),) * 3
+        following = self.state("following", lambda _: still, layout=layout_of(tuple, still))
+        under_way: Any = ()
+        if delay_ticks:
+            waiting = ((0.0,) * 3,) * delay_ticks
+            under_way = self.state("commands_under_way", lambda _: waiting, layout=layout_of(tuple, waiting))
+        reads = measurement, attitude, rates, acceleration, parameter, period
+        writes = [memory, following, *([under_way] if delay_ticks else [])]
+        self.update(period, next_incremental_memory, memory, following, under_way, *reads, writes=writes)
+        self.output("torque", incremental_torque, memory, *reads)

@@ -1,0 +1,177 @@
+"""The laws of estimators: against other implementations, and what is published of them."""
+
+import math
+
+import control
+import numpy as np
+import pytest
+import scipy
+
+from drake_quad.control.disturbance.laws import (
+    AdaptiveLaw,
+    DifferencedMemory,
+    Gained,
+    IncrementalLaw,
+    KalmanLaw,
+    Measured,
+)
+from drake_quad.control.disturbance.response import Command, lagging, responded
+
+H = 0.02
+
+
+def test_a_lag_and_its_integrals_are_those_of_its_differential_equation():
+    lag, before, target = 0.07, 1.3, -0.4
+    slope = np.array([[0.0, 1.0, 0.0, 0.0], [0.0, 0.0, 1.0, 0.0], [0.0, 0.0, -1.0 / lag, 1.0 / lag], [0.0] * 4])
+    distance, speed, after, _ = scipy.linalg.expm(H * slope) @ [0.0, 0.0, before, target]
+    assert lagging(before, target, lag, H) == pytest.approx((after, speed, distance), rel=1e-12)
+
+
+def test_what_is_fed_forward_has_a_lag_of_its_own():
+    after, speed, distance = responded(Command(0.3, -0.2), Command(1.1, 0.7), Command(0.2, 0.05), H)
+    one, other = lagging(0.3, 1.1, 0.2, H), lagging(-0.2, 0.7, 0.05, H)
+    assert after == (one.after, other.after)
+    assert (speed, distance) == pytest.approx((one.speed + other.speed, one.distance + other.distance))
+
+
+@pytest.mark.parametrize(
+    ("deviation", "time_constant", "noise"), [(0.3, 0.5, 1e-3), (1.7, 60.0, 0.02), (0.01, 2.0, 0.1)]
+)
+def test_the_gain_is_python_control_s(deviation, time_constant, noise):
+    """`dlqe` has the gain of the prediction, A L, and wants the noise in discrete time, here by quadrature."""
+    law = KalmanLaw.of(deviation=deviation, time_constant=time_constant, position_noise=noise, period=H)
+    slope = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / time_constant]])
+    A = scipy.linalg.expm(H * slope)
+
+    def added(s):
+        column = scipy.linalg.expm(s * slope)[:, 2]
+        return 2.0 * deviation**2 / time_constant * np.outer(column, column)
+
+    Q, _ = scipy.integrate.quad_vec(added, 0.0, H)
+    AL, _, poles = control.dlqe(A, np.eye(3), np.array([[1.0, 0.0, 0.0]]), Q, [[noise**2]])
+    np.testing.assert_allclose(A @ law.gain, AL.ravel(), rtol=1e-6)
+    assert np.abs(poles).max() < 1.0
+
+
+def test_less_noise_and_more_disturbance_make_a_faster_filter():
+    numbers = {"deviation": 0.3, "time_constant": 0.5, "position_noise": 1e-3, "period": H}
+    gain = KalmanLaw.of(**numbers).gain.disturbance
+    assert KalmanLaw.of(**numbers | {"position_noise": 1e-2}).gain.disturbance < gain
+    assert KalmanLaw.of(**numbers | {"deviation": 1.0}).gain.disturbance > gain
+    # Only their ratio counts.
+    tenfold = KalmanLaw.of(**numbers | {"deviation": 3.0, "position_noise": 1e-2})
+    np.testing.assert_allclose(tenfold.gain, KalmanLaw.of(**numbers).gain, rtol=1e-9)
+
+
+def estimates(law, disturbances, accelerations, *, start=0.0):
+    """What a law shows at the end of each tick of a plant v' = a + d under held a and d, seen without noise."""
+    position, velocity, memory, shown = start, 0.0, law.at_rest(start), []
+    for a, d in zip(accelerations, disturbances, strict=True):
+        memory = law.corrected(memory, Measured(position, velocity), H)
+        memory = law.predicted(memory, Gained(H * a, 0.5 * H * H * a), H)
+        position += H * velocity + 0.5 * H * H * (a + d)
+        velocity += H * (a + d)
+        shown.append(law.disturbance(law.corrected(memory, Measured(position, velocity), H)))
+    return np.array(shown)
+
+
+RNG = np.random.default_rng(0)
+PUSHED = RNG.normal(size=60)
+
+
+def test_l1_is_the_published_law_in_continuous_time():
+    """State predictor and low-pass integrated by SciPy, with the adaptation at the ticks only, as in the papers."""
+    a_s, bandwidth, pushes = 7.0, 3.0, RNG.normal(size=60)
+    sigma, filtered, v, v_hat, expected = 0.0, 0.0, 0.0, 0.0, []
+    for a, d in zip(PUSHED, pushes, strict=True):
+
+        def slope(_, state, a=a, d=d, sigma=sigma):
+            v, v_hat = state
+            return [a + d, a + sigma - a_s * (v_hat - v)]
+
+        v, v_hat = scipy.integrate.solve_ivp(slope, (0.0, H), (v, v_hat), rtol=1e-10, atol=1e-12).y[:, -1]
+        # σ̂(kT) = -Φ⁻¹(T) μ(kT), Φ = A_s⁻¹ (exp(A_s T) - 1), μ = exp(A_s T) ṽ(kT), with A_s = -a_s
+        sigma = -math.exp(-a_s * H) * (v_hat - v) / ((math.exp(-a_s * H) - 1.0) / -a_s)
+        filtered += (1.0 - math.exp(-bandwidth * H)) * (sigma - filtered)
+        expected.append(filtered)
+    np.testing.assert_allclose(estimates(AdaptiveLaw(a_s, bandwidth), pushes, PUSHED), expected, atol=1e-8)
+
+
+def test_l1_with_slow_prediction_and_fast_filter_shows_the_disturbance_of_the_last_tick():
+    pushes = RNG.normal(size=60)
+    np.testing.assert_allclose(estimates(AdaptiveLaw(1e-9, 1e9), pushes, PUSHED), pushes, atol=1e-6)
+
+
+@pytest.mark.parametrize("frequency", [0.7, 2.0, 9.0])
+def test_l1_takes_away_what_passes_its_low_pass(frequency):
+    """U = -C(s) d for fast ticks and a slow state predictor: amplitude and phase of ω / (i Ω + ω) at Ω."""
+    bandwidth, h = 2.0, 1e-3
+    law, time = AdaptiveLaw(1e-6, bandwidth), h * np.arange(20_000)
+    memory, velocities, shown = law.at_rest(0.0), (1.0 - np.cos(frequency * time)) / frequency, []
+    for velocity in velocities:
+        memory = law.corrected(memory, Measured(0.0, velocity), h)
+        shown.append(law.disturbance(memory))
+    waves = np.column_stack([np.sin(frequency * time), np.cos(frequency * time)])[10_000:]
+    (in_phase, ahead), *_ = np.linalg.lstsq(waves, np.array(shown)[10_000:], rcond=None)
+    assert complex(in_phase, ahead) == pytest.approx(bandwidth / (1j * frequency + bandwidth), abs=0.01)
+
+
+def test_indi_filters_the_difference_of_accelerations_by_butterworth_s_low_pass():
+    bandwidth, pushes = 6.0, RNG.normal(size=60)
+    numerator, denominator = scipy.signal.butter(2, bandwidth, analog=True)
+    # In state space, since the numerator of the transfer function is small beside rounding.
+    model = scipy.signal.tf2ss(numerator, denominator)
+    _, expected, _ = scipy.signal.dlsim(scipy.signal.cont2discrete(model, H, method="zoh"), np.append(pushes, 0.0))
+    np.testing.assert_allclose(estimates(IncrementalLaw(bandwidth), pushes, PUSHED), expected.ravel()[1:], atol=1e-9)
+
+
+def test_indi_is_an_incremental_pi_on_a_linear_plant():
+    """With a fast filter and a plant that follows at once: Δu = K h e / h - Δv / h (P. Acquatella B., W. van Ekeren and
+    Q. P. Chu, "PI(D) tuning for flight control systems via INDI", IFAC 2017). The gains of the PI do not know d."""
+    K, wanted, pushes = 4.0, 1.0, 0.3 + RNG.normal(size=60)
+    law = IncrementalLaw(1e6)
+    memory, v, found = law.at_rest(0.0), 0.0, []
+    for d in pushes:
+        memory = law.corrected(memory, Measured(0.0, v), H)
+        u = K * (wanted - v) - law.disturbance(memory)
+        memory = law.predicted(memory, Gained(H * u, 0.5 * H * H * u), H)
+        v += H * (u + d)
+        found.append(v)
+    k_p, k_i, u, v, before, expected = 1.0 / H, K / H, 0.0, 0.0, 0.0, []
+    for d in pushes:
+        e = wanted - v
+        u += k_i * H * e + k_p * (e - (wanted - before))
+        before = v
+        v += H * (u + d)
+        expected.append(v)
+    np.testing.assert_allclose(found, expected, rtol=1e-9)
+
+
+@pytest.mark.parametrize(
+    "law",
+    [
+        KalmanLaw.of(deviation=1.0, time_constant=1e4, position_noise=1e-3, period=H),
+        AdaptiveLaw(1e-6, 5.0),
+        IncrementalLaw(5.0),
+    ],
+    ids=lambda law: type(law).__name__,
+)
+def test_a_constant_disturbance_is_found_whatever_is_commanded(law):
+    pushes = np.full(400, -0.7)
+    assert estimates(law, pushes, RNG.normal(size=400), start=3.0)[-1] == pytest.approx(-0.7, abs=1e-3)
+
+
+def test_a_disturbance_that_does_not_last_is_expected_to_decay():
+    law = KalmanLaw.of(deviation=1.0, time_constant=0.5, position_noise=1e-3, period=H)
+    memory = law.at_rest(0.0)._replace(disturbance=1.0)
+    for _ in range(25):
+        memory = law.predicted(memory, Gained(0.0, 0.0), H)
+    # d = exp(-t / T), v = T (1 - d), p = T (t - v) after t = T.
+    share = math.exp(-1.0)
+    assert memory == pytest.approx((0.5 * (0.5 - 0.5 * (1.0 - share)), 0.5 * (1.0 - share), share), rel=1e-12)
+
+
+def test_what_a_law_on_differences_remembers_of_a_vehicle_at_rest_is_nothing():
+    assert (
+        AdaptiveLaw(1.0, 2.0).at_rest(7.0) == IncrementalLaw(2.0).at_rest(7.0) == DifferencedMemory(0.0, 0.0, 0.0, 0.0)
+    )

@@ -1,0 +1,129 @@
+"""Geometric attitude control: against the PD nearby, and home from anywhere, as its paper proves."""
+
+import math
+
+import numpy as np
+import pytest
+import scipy
+from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
+from pydrake.systems.analysis import Simulator
+
+from drake_quad import load_scenario
+from drake_quad.assembly.planning import plan_route
+from drake_quad.assembly.tracking import build_fleet_diagram
+from drake_quad.control.attitude import AttitudeNumbers, attitude_law
+from drake_quad.control.axes import PerAngle
+from drake_quad.control.geometric import geometric_law
+from drake_quad.flight.fleet_simulation import fly
+from drake_quad.framework.wiring import subsystem
+from drake_quad.scenario import Batch
+from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, State
+
+INERTIA = np.array([0.0065, 0.0085, 0.0126])
+
+
+def test_near_the_commanded_attitude_it_is_the_pd():
+    """At level both have the same derivatives by attitude, rates, and all that is commanded."""
+    numbers = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
+
+    def derivatives(law):
+        rows = InitializeAutoDiff(np.zeros(15)).ravel().tolist()
+        rest = [rows[0] * 0.0] * 3
+        measurement = State(*rest, *rows[0:3], *rest, *rows[3:6])
+        commanded = Attitude(*rows[6:9]), BodyRates(*rows[9:12]), AngularAcceleration(*rows[12:15])
+        return ExtractGradient(np.array([*law(measurement, *commanded, numbers)]))
+
+    np.testing.assert_allclose(derivatives(geometric_law), derivatives(attitude_law), atol=1e-15)
+
+
+def angles_of(R):
+    """Roll, pitch and yaw of a rotation matrix, eq (1)."""
+    yaw, pitch, roll = scipy.spatial.transform.Rotation.from_matrix(R).as_euler("ZYX")
+    return Attitude(roll, pitch, yaw)
+
+
+@pytest.mark.slow
+def test_the_paper_s_lyapunov_function_falls_on_the_exact_dynamics():
+    """V = ½ e_Ω·J e_Ω + k_R Ψ + c e_R·e_Ω with Ψ = ½ tr(1 - R_dᵀ R) of its proof, for one k_R on all axes.
+
+    The command rests, and the body begins 178° away about an axis that is none of its own.
+    """
+    k_R, k_Omega, c = 0.12, 0.05, 0.004
+    numbers = AttitudeNumbers(PerAngle(*(k_R / INERTIA)), PerAngle(*(k_Omega / INERTIA)), *INERTIA)
+    desired, still = Attitude(0.2, -0.3, 0.7), (0.0, 0.0, 0.0)
+    R_d = scipy.spatial.transform.Rotation.from_euler("ZYX", [0.7, -0.3, 0.2]).as_matrix()
+    axis = np.array([0.6, -0.48, 0.64])
+    R_0 = R_d @ scipy.spatial.transform.Rotation.from_rotvec(math.radians(178.0) * axis).as_matrix()
+
+    def slope(_, state):
+        R, w = state[:9].reshape(3, 3), state[9:]
+        measurement = State(0.0, 0.0, 0.0, *angles_of(R), 0.0, 0.0, 0.0, *w)
+        torque = geometric_law(measurement, desired, BodyRates(*still), AngularAcceleration(*still), numbers)
+        hat = np.array([[0.0, -w[2], w[1]], [w[2], 0.0, -w[0]], [-w[1], w[0], 0.0]])
+        return np.concatenate([(R @ hat).ravel(), (np.array(torque) - np.cross(w, INERTIA * w)) / INERTIA])
+
+    start = np.concatenate([R_0.ravel(), [0.3, -0.2, 0.1]])
+    found = scipy.integrate.solve_ivp(
+        slope, (0.0, 8.0), start, rtol=1e-8, atol=1e-10, t_eval=np.linspace(0.0, 8.0, 200)
+    ).y.T
+
+    def lyapunov(state):
+        R, w = state[:9].reshape(3, 3), state[9:]
+        skew = 0.5 * (R_d.T @ R - R.T @ R_d)
+        e_R = np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
+        return 0.5 * w @ (INERTIA * w) + 0.5 * k_R * np.trace(np.eye(3) - R_d.T @ R) + c * e_R @ w
+
+    values = np.array([lyapunov(state) for state in found])
+    assert values[0] > 1.9 * k_R  # nearly as far as can be
+    assert (np.diff(values) < 1e-9).all()
+    assert values[-1] < 1e-5 * values[0]
+    np.testing.assert_allclose(found[-1][:9].reshape(3, 3), R_d, atol=2e-3)
+
+
+def test_whole_turns_do_not_count():
+    """A vehicle that has rolled over goes the short way, where a PD on the angle winds it back."""
+    numbers = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
+    rest = (0.0, 0.0, 0.0)
+
+    def roll_torque(law, roll):
+        measurement = State(*rest, roll, 0.0, 0.0, *rest, *rest)
+        return law(measurement, Attitude(*rest), BodyRates(*rest), AngularAcceleration(*rest), numbers).tau_x
+
+    assert roll_torque(geometric_law, 2.0 * math.pi - 0.3) == pytest.approx(roll_torque(geometric_law, -0.3), rel=1e-12)
+    assert roll_torque(geometric_law, 2.0 * math.pi - 0.3) > 0.0 > roll_torque(attitude_law, 2.0 * math.pi - 0.3)
+
+
+HOME = (0.3, -0.2, 30.0)
+RECOVERY = """
+recovery:
+  route: {kind: hover, position: [0.3, -0.2, 30.0], duration: 30.0}
+  crash: {tilt: null, position_error: 1000.0, height: -1000.0}
+  control:
+    position: {kind: pd, k_p: [2.0, 2.0, 4.0], k_d: [2.5, 2.5, 3.5]}
+    attitude: {kind: geometric, k_p: [30.0, 30.0, 5.0], k_d: [8.0, 8.0, 3.5]}
+"""
+
+
+@pytest.mark.slow
+def test_vehicles_come_home_from_any_attitude_under_the_paper_s_rates_and_delay(tmp_path):
+    """From upside down, 178° about some axes, and from a hundred attitudes at random, all at rest."""
+    path = tmp_path / "recovery.yaml"
+    path.write_text(RECOVERY)
+    over = math.radians(178.0) * np.array([[1.0, 0.0, 0.0], [0.48, 0.8, 0.36], [-0.8, 0.6, 0.0]])
+    turned = scipy.spatial.transform.Rotation.from_rotvec(over).as_matrix()
+    at_random = scipy.spatial.transform.Rotation.random(100, random_state=1).as_matrix()
+    attitudes = [angles_of(R) for R in (*turned, *at_random)]
+
+    scenario = load_scenario(path)
+    diagram = build_fleet_diagram(Batch.draw(scenario, range(len(attitudes))), plan_route(scenario))
+    simulator = Simulator(diagram)
+    vehicle = subsystem(diagram, ["laboratory", "vehicle"])
+    context = vehicle.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+    begin = vehicle.get_state(context, "state")
+    roll, pitch, yaw = np.transpose(attitudes)
+    vehicle.set_state(context, "state", begin._replace(roll=roll, pitch=pitch, yaw=yaw))
+    fly(simulator, 30.0)
+    end = vehicle.get_state(context, "state")
+    np.testing.assert_allclose(np.transpose([end.x, end.y, end.z]), [HOME] * len(attitudes), atol=0.05)
+    np.testing.assert_allclose([end.v_x, end.v_y, end.v_z], 0.0, atol=0.05)
+    np.testing.assert_allclose([np.cos(end.roll) * np.cos(end.pitch), np.cos(end.yaw)], 1.0, atol=1e-4)

@@ -1,0 +1,64 @@
+"""INDI of the attitude on the motion that it believes in, with a torque that nobody knows of."""
+
+import numpy as np
+import pytest
+
+from drake_quad.control.attitude import AttitudeNumbers, attitude_law
+from drake_quad.control.axes import PerAngle
+from drake_quad.control.disturbance.laws import IncrementalLaw
+from drake_quad.control.disturbance.response import Command
+from drake_quad.control.incremental_attitude import (
+    IncrementalAttitudeNumbers,
+    incremental_torque,
+    next_incremental_memory,
+)
+from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, State
+
+H, LAG = 0.02, 0.05
+INERTIA = np.array([0.0065, 0.0085, 0.0126])
+GAINS = AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA)
+NUMBERS = IncrementalAttitudeNumbers(GAINS, IncrementalLaw(5.0), LAG, 20.0)
+NOTHING = Attitude(0.0, 0.0, 0.0), BodyRates(0.0, 0.0, 0.0), AngularAcceleration(0.0, 0.0, 0.0)
+PUSH = np.array([0.9, -0.7, 0.4])
+
+
+def settled(law_of):
+    """Angles and rates after eight seconds of small turns under a constant angular acceleration beside the commanded
+    one, which has the lag that is believed."""
+    angles, rates, following = np.zeros(3), np.zeros(3), np.zeros(3)
+    for _ in range(400):
+        measurement = State(0.0, 0.0, 0.0, *angles, 0.0, 0.0, 0.0, *rates)
+        command = np.array(law_of(measurement)) / INERTIA
+        for _ in range(100):
+            following += H / 100 / LAG * (command - following)
+            rates += H / 100 * (following + PUSH)
+            angles += H / 100 * rates
+    return angles, rates
+
+
+def test_a_constant_torque_turns_a_pd_aside_and_indi_not():
+    angles, rates = settled(lambda measurement: attitude_law(measurement, *NOTHING, GAINS))
+    np.testing.assert_allclose(angles, PUSH / np.array(GAINS.k_p), rtol=1e-3)
+    still = ((NUMBERS.law.at_rest(0.0),) * 3, (Command(0.0, 0.0),) * 3)
+    states = [still]
+
+    def incremental(measurement):
+        memory, following = states.pop()
+        arguments = measurement, *NOTHING, NUMBERS, H
+        states.append(next_incremental_memory(memory, following, (), *arguments))
+        return incremental_torque(memory, *arguments)
+
+    angles, rates = settled(incremental)
+    np.testing.assert_allclose([angles, rates], 0.0, atol=1e-3)
+    # What is measured beyond the model is the push.
+    (memory, _) = states.pop()
+    assert [each.filtered for each in memory] == pytest.approx(PUSH, rel=1e-2)
+
+
+def test_without_a_disturbance_it_is_the_pd():
+    """At a first tick with rates of zero nothing is known yet."""
+    measurement = State(0.0, 0.0, 0.0, 0.1, -0.2, 0.3, 0.0, 0.0, 0.0, 0.0, 0.0, 0.0)
+    wanted = Attitude(0.2, 0.1, -0.3), BodyRates(0.5, -0.4, 0.3), AngularAcceleration(1.0, 2.0, -3.0)
+    memory = (NUMBERS.law.at_rest(0.0),) * 3
+    expected = attitude_law(measurement, *wanted, GAINS)
+    assert incremental_torque(memory, measurement, *wanted, NUMBERS, H) == expected

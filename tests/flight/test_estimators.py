@@ -1,0 +1,77 @@
+"""Estimators of the disturbance in the whole loop: what is left of steady wind, by closed forms."""
+
+import math
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario
+from drake_quad.analysis.closed_loop import closed_loop
+from drake_quad.signals import Acceleration, Reference, State
+
+PD = "k_p: [4.0, 3.5, 6.0], k_d: [3.5, 3.2, 4.0], feed_forward: snap"
+RESPONSE = "response: {lag: [0.25, 0.26, 0.07]}"
+AWAY = [
+    "vehicle.mass=0.71",
+    "laboratory.wind=[{kind: steady, velocity: [2.5, -1.6, 0.4]}]",
+    "control.attitude={k_p: [25.0, 25.0, 5.4], k_d: [9.0, 9.0, 3.5]}",
+]
+
+
+@pytest.fixture(scope="module")
+def settled(diagrams):
+    """Where the laboratory's loop comes to rest in wind with a heavier vehicle: error, disturbance and command."""
+
+    def settle(position):
+        scenario = load_scenario(diagrams / "laboratory.yaml:nominal", [*AWAY, f"control.position={position}"])
+        loop = closed_loop(scenario)
+
+        def signal(name):
+            return loop.diagram.GetOutputPort(name).Eval(loop.context)
+
+        state, reference = State(*signal("state")), Reference(*signal("reference"))
+        error = np.array([reference.x - state.x, reference.y - state.y, reference.z - state.z])
+        found = signal("disturbance") if loop.diagram.HasOutputPort("disturbance") else None
+        return error, found, Acceleration(*signal("acceleration_command"))
+
+    return settle
+
+
+@pytest.mark.slow
+def test_indi_leaves_no_error_in_steady_wind_and_l1_what_its_decay_leaves(settled):
+    """A disturbance is at rest what the command makes up for. A PD asks for its error: u = k_P e."""
+    aside, none, command = settled(f"{{kind: pd, {PD}}}")
+    assert none is None
+    assert np.abs(aside).min() > 0.01
+    np.testing.assert_allclose(np.array([4.0, 3.5, 6.0]) * aside, command, atol=1e-8)
+    error, disturbance, pushed = settled(f"{{kind: indi, {PD}, {RESPONSE}, bandwidth: [2.0, 2.2, 3.0]}}")
+    np.testing.assert_allclose(error, 0.0, atol=1e-7)
+    np.testing.assert_allclose(disturbance, -np.array(pushed), atol=1e-7)
+    np.testing.assert_allclose(pushed, command, rtol=1e-6)
+    left, _, _ = settled(f"{{kind: l1, {PD}, {RESPONSE}, bandwidth: [1.5, 1.7, 2.0], adaptation: 5.0}}")
+    np.testing.assert_allclose(left, (1.0 - math.exp(-5.0 * 0.02)) * aside, rtol=1e-5)
+
+
+@pytest.mark.slow
+def test_a_kalman_filter_leaves_less_the_longer_it_expects_a_disturbance_to_last(settled):
+    numbers = "position_noise: 0.001, deviation: [0.3, 0.3, 0.3]"
+
+    def left(T):
+        return settled(f"{{kind: disturbance_observer, {PD}, {RESPONSE}, {numbers}, time_constant: [{T}, {T}, {T}]}}")[
+            0
+        ]
+
+    aside, _, _ = settled(f"{{kind: pd, {PD}}}")
+    shares = [np.abs(left(T) / aside).max() for T in (0.5, 5.0, 5000.0)]
+    assert shares[0] < 0.5
+    assert shares[1] < 0.2 * shares[0]
+    assert shares[2] < 1e-3
+
+
+@pytest.mark.slow
+def test_no_more_is_taken_away_than_the_limit(settled):
+    """What is beyond it is left to the PD."""
+    numbers = f"{PD}, {RESPONSE}, bandwidth: [2.0, 2.2, 3.0], disturbance_limit: 0.05"
+    error, disturbance, command = settled(f"{{kind: indi, {numbers}}}")
+    np.testing.assert_allclose(np.abs(disturbance), 0.05)
+    np.testing.assert_allclose(np.array([4.0, 3.5, 6.0]) * error - disturbance, command, atol=1e-8)
