@@ -333,8 +333,8 @@ def _route(kind, rng):
         case "figure_eight":
             return {"kind": kind, "heading": "along_path"}
         case "laps":
-            points = [[0.0, 0.0, 1.0], [0.3, 0.1, 1.1], [0.1, 0.3, 0.9], [0.0, 0.0, 1.0]]
-            given = {"waypoints": points, "times": [0.0, 0.2, 0.45, 0.7], "laps": 3}
+            points = [[0.0, 0.0, 1.0], [0.02, 0.01, 1.01], [0.01, 0.02, 0.99], [0.0, 0.0, 1.0]]
+            given = {"waypoints": points, "times": [0.0, 0.4, 0.75, 1.1], "laps": 3}
             return {"kind": "waypoints", "top_speed": None, "top_acceleration": None, **given}
         case "hover":
             return {"kind": kind, "position": [0.3, -0.2, 1.0], "yaw": yaw, "duration": 2.0}
