@@ -55,11 +55,11 @@ def test_at_a_stop_there_is_rest_and_what_is_given_stays():
 @pytest.mark.parametrize("laps", [2, 5])
 def test_laps_begin_and_end_at_rest_and_are_alike_in_between(laps):
     lead = np.array([[0.2, -0.1, 0.0]])
-    durations = LapDurations(np.array([1.5, 1.8, 1.6, 2.0, 1.3]), DURATIONS, DURATIONS[::-1])
+    durations = LapDurations(np.array([1.5, 1.8, 1.6, 2.0, 1.3]), DURATIONS, 1.2 * DURATIONS[::-1])
     path, starts = flown_in_laps(np.vstack([lead, POINTS]), durations, laps, lead=1)
     assert starts[0] == 1.5
     assert len(starts) == laps + 1
-    np.testing.assert_allclose(np.diff(starts), [6.7] + [6.0] * (laps - 1))
+    np.testing.assert_allclose(np.diff(starts), [6.7] + [6.0] * (laps - 2) + [7.2])
     inside = path.times[1:-1]
     for order in range(4):
         before, after = (evaluate(path, inside + side * 1e-9, order) for side in (-1.0, 1.0))
@@ -95,6 +95,7 @@ def test_routes_that_close_are_flown_on_and_on_within_their_limits(diagrams, tex
     plan = plan_route(route(diagrams, text))
     first, *between, last = np.diff(plan.lap_times)
     assert between == pytest.approx([between[0]] * 2)
+    assert plan.lap_times[0] == plan.path.times[plan.legs[-4 if "waypoints" in text else 1].first]
     speed, acceleration = peak_norm(plan.path, 1), peak_norm(plan.path, 2)
     assert speed <= 2.0 * (1.0 + 1e-9)
     assert acceleration <= 0.7 * (1.0 + 1e-9)
@@ -112,6 +113,33 @@ def test_with_a_stop_at_the_end_there_is_rest_between_laps(diagrams):
         np.testing.assert_allclose(evaluate(plan.path, plan.lap_times, order), 0.0, atol=1e-9)
     once = plan_route(route(diagrams, f"kind: waypoints, {SQUARE}"))
     np.testing.assert_allclose(np.diff(plan.lap_times), once.duration, rtol=1e-3)
+
+
+def test_where_times_are_given_a_waypoint_that_is_repeated_is_stayed_at(diagrams):
+    """Also that at which laps begin; the flight begins when it is said to."""
+    staying = "waypoints: [[0, 0, 1], [0, 0, 1], [1, 0, 1], [1, 0, 1], [0, 1, 1], [0, 0, 1]]"
+    given = "times: [2, 3, 7, 8, 13, 17], top_speed: null, top_acceleration: null"
+    plan = plan_route(route(diagrams, f"kind: waypoints, laps: 2, {given}, {staying}"))
+    assert plan.lap_times == (2.0, 17.0, 32.0)
+    for start in plan.lap_times[:-1]:
+        for since, until in ((0.0, 1.0), (5.0, 6.0)):
+            stayed = np.linspace(start + since, start + until, 9)
+            np.testing.assert_allclose(evaluate(plan.path, stayed, 1), 0.0, atol=1e-9)
+        assert np.linalg.norm(evaluate(plan.path, [start + 11.0], 1)) > 0.01
+
+
+def test_legs_and_yaws_come_again_in_every_lap(diagrams):
+    eight = plan_route(route(diagrams, "kind: figure_eight, laps: 3"))
+    climbs = [leg.first for leg in eight.legs if leg.name == "climb"]
+    np.testing.assert_allclose(eight.path.times[climbs], eight.lap_times[:-1])
+    assert len(eight.legs) == 1 + 3 * 7
+    turning = SQUARE.replace("[1, 0, 1.2]", "{point: [1, 0, 1.2], yaw: 0.7}").replace(
+        "[0, 0, 1]]", "{point: [0, 0, 1], yaw: -0.2}]"
+    )
+    plan = plan_route(route(diagrams, f"kind: waypoints, laps: 3, heading: waypoints, {turning}"))
+    np.testing.assert_allclose(evaluate(plan.yaw, plan.lap_times[1:])[0], -0.2, atol=1e-9)
+    passed = plan.path.times[[leg.first + 1 for leg in plan.legs]]
+    np.testing.assert_allclose(evaluate(plan.yaw, passed)[0], 0.7, atol=1e-9)
 
 
 def test_circles_and_lissajous_figures_have_laps_and_other_routes_are_one(diagrams):
