@@ -34,7 +34,7 @@ def main() -> None:
     plan = plan_route(mission)
     folder = output_folder(folder_of(arguments, mission.name))
     route = mission.route
-    problem = route.problem() if isinstance(route, WaypointRoute) else None
+    problem = route.problem(route.laps) if isinstance(route, WaypointRoute) else None
     limits = route.limits() if isinstance(route, WaypointRoute | FigureEightRoute | CircleRoute) else Limits()
     figure = plot_plan(
         plan,

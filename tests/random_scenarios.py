@@ -70,7 +70,7 @@ STRUCTURES = {
         (0.01, 0.02, 0.01),
         (0.008, 0.016, 0.032),
     ],
-    "route": ["figure_eight", "hover", "circle", "waypoints", "trajectory"],
+    "route": ["figure_eight", "hover", "circle", "waypoints", "trajectory", "laps"],
     "window": [False, True],
     "crash": [5.0, 0.3, 5.0, 0.1],
     "effects": [
@@ -353,6 +353,10 @@ def _route(kind, rng):
     match kind:
         case "figure_eight":
             return {"kind": kind, "heading": "along_path"}
+        case "laps":
+            points = [[0.0, 0.0, 1.0], [0.02, 0.01, 1.01], [0.01, 0.02, 0.99], [0.0, 0.0, 1.0]]
+            given = {"waypoints": points, "times": [0.0, 0.4, 0.75, 1.1], "laps": 3}
+            return {"kind": "waypoints", "top_speed": None, "top_acceleration": None, **given}
         case "hover":
             return {"kind": kind, "position": [0.3, -0.2, 1.0], "yaw": yaw, "duration": 2.0}
         case "circle":

@@ -157,6 +157,18 @@ def test_simulate_refuses_a_broken_layout_in_one_sentence(run, tmp_path, layout,
     assert not (tmp_path / "out").exists()
 
 
+def test_simulate_saves_what_a_network_has_learned_to_be_flown_again(run, tmp_path):
+    file, short = tmp_path / "learned.yaml", ["--set", "duration=1", "--set", "metrics.start=0", "--output", tmp_path]
+    study = ["diagrams/paper.yaml:no_wind_pd_t2fnn", "--sample", 0, *short]
+    result = run("simulate.py", *study, "--save-network", file)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert str(file) in result.stdout
+    assert run("simulate.py", *study, "--set", f"control.network.learned={file}").returncode == 0
+    refused = run("simulate.py", "diagrams/figure_eight.yaml", *short, "--save-network", file)
+    assert refused.returncode == 2
+    assert "--save-network needs a network" in refused.stderr
+
+
 @pytest.mark.slow
 def test_simulate_flies_one_sample_of_a_study_in_the_wind(run, tmp_path):
     study = ["diagrams/laboratory.yaml:low_wind", "--set", "vehicle.mass={choice: [0.6, 0.7]}", "--set", "duration=2"]

@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 
 from drake_quad.assembly.effects import steepest_load, swing_frequency, thrust_curve, vehicle_effects
-from drake_quad.assembly.planning import airframe_parameters, nominal_parameters
+from drake_quad.assembly.planning import airframe_parameters, nominal_parameters, window_start
 from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.errors import InputError
 from drake_quad.framework.elementary import sin_cos, where
@@ -92,14 +92,14 @@ def wind_period(scenario: Scenario) -> float:
     return scenario.vehicle.time_step or scenario.laboratory.motion_capture.period
 
 
-def build_monitor(scenario: Scenario, num_vehicles: int) -> FlightMonitor:
-    """Builds the monitor of a scenario's flight."""
+def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMonitor:
+    """Builds the monitor of a scenario's flight of a plan."""
     window, crash = scenario.metrics, scenario.crash
     monitor: FlightMonitor = FlightMonitor(
         num_vehicles=num_vehicles,
         period=scenario.laboratory.command_link.period,
         limits=CrashLimits(math.inf if crash.tilt is None else crash.tilt, crash.position_error, crash.height),
-        window=Window(window.start, math.inf if window.end is None else window.end),
+        window=Window(window_start(scenario, plan), math.inf if window.end is None else window.end),
     )
     return monitor
 

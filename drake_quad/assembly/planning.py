@@ -1,5 +1,6 @@
 """From a scenario's route to a plan that its vehicle can fly."""
 
+import dataclasses
 import math
 from collections.abc import Iterable
 from typing import Any
@@ -9,12 +10,22 @@ import numpy as np
 from drake_quad.assembly.effects import thrust_curve
 from drake_quad.errors import InputError
 from drake_quad.reference.feasibility import first_violation, sample_times
+from drake_quad.reference.laps import LapDurations, flown_in_laps
 from drake_quad.reference.lissajous import lissajous
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.plan import Plan
-from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, Timing, passing_times, plan_path
+from drake_quad.reference.planner import (
+    GivenTimes,
+    Heuristic,
+    LeastSnap,
+    Shortest,
+    Timing,
+    merged,
+    passing_times,
+    plan_path,
+)
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path
-from drake_quad.reference.routes import Route, circle, figure_eight
+from drake_quad.reference.routes import Leg, Route, circle, figure_eight
 from drake_quad.reference.time_allocation import stretch_factor, trapezoid_times
 from drake_quad.reference.yaw import constant_yaw, yaw_along, yaw_through
 from drake_quad.scenario import Mission, Scenario, distributions_in, routes
@@ -81,17 +92,19 @@ def plan_route(mission: Mission) -> Plan:
             plan = Plan.hover(route.position, duration=route.duration, yaw=route.yaw)
         case LissajousRoute():
             names = ("centre", "amplitude", "turns", "phase", "period", "laps")
-            plan = Plan.facing(lissajous(**{name: getattr(route, name) for name in names}), route.yaw)
+            laps = tuple(np.linspace(0.0, route.laps * route.period, route.laps + 1).tolist())
+            plan = Plan.facing(lissajous(**{name: getattr(route, name) for name in names}), route.yaw, laps=laps)
         case TrajectoryRoute():
             plan = _trajectory(route)
         case WaypointRoute():
-            problem = route.problem()
-            path = plan_path(problem, _timing(route))
+            path, laps = _through_waypoints(route)
             if route.heading == "waypoints":
                 yaws = [math.nan if waypoint.yaw is None else waypoint.yaw for waypoint in route.waypoints]
-                plan = Plan(path, yaw_through(passing_times(problem, path), yaws))
+                times = passing_times(route.problem(route.laps), path)
+                yaw = yaw_through(times, [*yaws, *yaws[1:] * (route.laps - 1)])
             else:
-                plan = Plan(path, _yaw(route, path))
+                yaw = _yaw(route, path)
+            plan = Plan(path, yaw, _laps_as_legs(path, laps), laps)
         case FigureEightRoute():
             eight = figure_eight(
                 lower_height=route.lower_height,
@@ -99,10 +112,14 @@ def plan_route(mission: Mission) -> Plan:
                 radius=route.radius,
                 offset=route.offset,
             )
-            plan = _within_limits(route, eight, cruise_speed=route.cruise_speed)
+            if route.laps == 1:
+                plan = _within_limits(route, eight, cruise_speed=route.cruise_speed)
+            else:
+                plan = _eight_in_laps(route, eight)
         case CircleRoute():
-            laps = circle(radius=route.radius, height=route.height, laps=route.laps)
-            plan = _within_limits(route, laps, cruise_speed=math.sqrt(route.top_acceleration * route.radius))
+            turns = circle(radius=route.radius, height=route.height, laps=route.laps)
+            plan = _within_limits(route, turns, cruise_speed=math.sqrt(route.top_acceleration * route.radius))
+            plan = dataclasses.replace(plan, laps=(*plan.leg_times, plan.duration))
     if not plan.duration <= LONGEST:
         raise InputError(f"within its limits the route would take {plan.duration:g} s, more than {LONGEST:g} s")
     _check_rotors(plan, mission)
@@ -123,6 +140,65 @@ def _within_limits(route: FigureEightRoute | CircleRoute, geometry: Route, *, cr
     path = minimum_snap(geometry.waypoints, times)
     path = path.stretched(stretch_factor(path, route.limits()))
     return Plan(path, _yaw(route, path), geometry.legs)
+
+
+def _eight_in_laps(route: FigureEightRoute, eight: Route) -> Plan:
+    """Laps of the figure eight after the rise from the ground; the times are those of a ride through three."""
+    lap = eight.waypoints[1:]
+    ride = np.vstack([eight.waypoints, lap[1:], lap[1:]])
+    times = trapezoid_times(ride, speed=route.cruise_speed, acceleration=route.top_acceleration)
+    path, laps = flown_in_laps(eight.waypoints, _of_three(np.diff(times), len(lap) - 1), route.laps, lead=1)
+    factor = stretch_factor(path, route.limits())
+    path, laps = path.stretched(factor), tuple([factor * time for time in laps])
+    rise, *others = eight.legs
+    legs = [leg._replace(first=leg.first + i * (len(lap) - 1)) for i in range(route.laps) for leg in others]
+    return Plan(path, _yaw(route, path), (rise, *legs), laps)
+
+
+def _of_three(durations: np.ndarray, segments: int) -> LapDurations:
+    """The durations of three laps of so many segments, the first one with what leads to it."""
+    first, between, last = np.split(durations, [len(durations) - 2 * segments, len(durations) - segments])
+    return LapDurations(first, between, last)
+
+
+def _through_waypoints(route: WaypointRoute) -> tuple[PolynomialPath, tuple[float, ...]]:
+    """The path of a route through waypoints, and the times of its laps, s, if there are several.
+
+    Where times are chosen they are chosen for three laps, and the middle one is repeated.
+
+    Raises:
+        InputError: there is no such path, or none is found.
+    """
+    if route.laps == 1:
+        return plan_path(route.problem(), _timing(route)), ()
+    given = isinstance(route.times, routes.Given)
+    problem = route.problem() if given else merged(route.problem(3))
+    path = plan_path(problem.without_limits() if given else problem, _timing(route))
+    if given:
+        durations, points = LapDurations(*[path.durations] * 3), path.waypoints
+    else:
+        segments = (len(path.times) - 1) // 3
+        durations, points = _of_three(path.durations, segments), path.waypoints[segments : 2 * segments + 1]
+    stops = (problem.derivatives[: len(points)] == 0.0).all(axis=(1, 2))
+    stops[[0, -1]] = route.waypoints[-1].stop
+    # Where times are given, a waypoint that repeats the one before is a place to stay at.
+    staying = (np.diff(points, axis=0) == 0.0).all(axis=1)
+    stops[:-1] |= staying
+    stops[1:] |= staying
+    stops[[0, -1]] = stops[0] or stops[-1]
+    flown, laps = flown_in_laps(points, durations, route.laps, stops=stops)
+    factor = stretch_factor(flown, problem.limits) if problem.limits.by_order else 0.0
+    if given:
+        if factor > 1.0 + 1e-9:
+            raise InputError(f"in laps the times must be {factor:.3g} times as long to keep to the limits")
+        start = float(path.times[0])
+        return flown._replace(times=flown.times + start), tuple([start + time for time in laps])
+    return flown.stretched(factor), tuple([factor * time for time in laps])
+
+
+def _laps_as_legs(path: PolynomialPath, laps: tuple[float, ...]) -> tuple[Leg, ...]:
+    firsts = np.searchsorted(path.times, laps[:-1])
+    return tuple([Leg(f"lap {i + 1}", int(first)) for i, first in enumerate(firsts)])
 
 
 def _timing(route: WaypointRoute) -> Timing:
@@ -168,11 +244,25 @@ def flight_duration(scenario: Scenario, plan: Plan) -> float:
             f"the flight would take {duration:g} s, but must take at most {MOST_TICKS * shortest:g} s, {MOST_TICKS:,}"
             " times the shortest period"
         )
-    if scenario.metrics.start >= duration:
-        raise InputError(
-            f"metrics.start is {scenario.metrics.start:g}, but must be before the end of the flight at {duration:g} s"
-        )
+    start = window_start(scenario, plan)
+    if start >= duration:
+        raise InputError(f"metrics.start is {start:g}, but must be before the end of the flight at {duration:g} s")
     return duration
+
+
+def window_start(scenario: Scenario, plan: Plan) -> float:
+    """The first time of a flight that counts for its metrics, s.
+
+    Raises:
+        InputError: it is that of a lap which the plan does not have.
+    """
+    window = scenario.metrics
+    if window.first_lap is None:
+        return window.start
+    starts = plan.lap_times[:-1]
+    if window.first_lap > len(starts):
+        raise InputError(f"metrics.first_lap is {window.first_lap}, but the number of laps is {len(starts)}")
+    return starts[window.first_lap - 1]
 
 
 def plan_demand(plan: Plan, parameters: QuadrotorParameters, times: np.ndarray) -> RotorDemand:

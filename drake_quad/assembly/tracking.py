@@ -112,7 +112,7 @@ def build_fleet_diagram(
     own_wind = _sampled(own.wind, scenario)
     laboratory = build_laboratory_of(recipes, num_vehicles, samples, own_wind=own_wind)
     builder.AddNamedSystem("laboratory", laboratory)
-    monitor = builder.AddNamedSystem("monitor", build_monitor(scenario, num_vehicles))
+    monitor = builder.AddNamedSystem("monitor", build_monitor(scenario, plan, num_vehicles))
 
     def connect(source: Any, signal: str, target: Any) -> None:
         """Connects ports of one name, if the target takes the signal and the source has it."""

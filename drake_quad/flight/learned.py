@@ -30,10 +30,11 @@ def save_network(flight: Flight, path: Path | str) -> Path:
     if network is None or "weights" not in flight.signals:
         raise InputError("the flight has no network that could be saved")
     axes = sorted(network.axes)
-    weights = np.split(flight["weights"][-1], len(axes))
-    antecedents = [None] * len(axes)
+    *_, last = flight["weights"]
+    weights, antecedents = np.split(last, len(axes)), [None] * len(axes)
     if "antecedents" in flight.signals:
-        antecedents = np.split(flight["antecedents"][-1], len(axes))
+        *_, last = flight["antecedents"]
+        antecedents = np.split(last, len(axes))
     if not np.isfinite(np.concatenate(weights)).all():
         raise InputError("what the network has learned is not finite")
     known = {

@@ -28,16 +28,20 @@ class Plan:
         path: the position in W.
         yaw: the yaw over the same time, a path of one axis, rad.
         legs: named parts of the route, for people to read.
+        laps: when the laps begin and the last one ends, s; none of a route without laps.
     """
 
     path: PolynomialPath
     yaw: PolynomialPath
     legs: tuple[Leg, ...] = ()
+    laps: tuple[float, ...] = ()
 
     @classmethod
-    def facing(cls, path: PolynomialPath, yaw: float = 0.0, legs: tuple[Leg, ...] = ()) -> "Plan":
+    def facing(
+        cls, path: PolynomialPath, yaw: float = 0.0, legs: tuple[Leg, ...] = (), laps: tuple[float, ...] = ()
+    ) -> "Plan":
         """Returns the plan to fly a path with a constant yaw in rad."""
-        return cls(path, constant_yaw(path.times[0], path.times[-1], yaw), legs)
+        return cls(path, constant_yaw(path.times[0], path.times[-1], yaw), legs, laps)
 
     @classmethod
     def hover(cls, position: ArrayLike, *, duration: float, yaw: float = 0.0) -> "Plan":
@@ -54,7 +58,7 @@ class Plan:
     @property
     def lap_times(self) -> tuple[float, ...]:
         """When the laps begin and the last one ends, s; a route without laps is one."""
-        return float(self.path.times[0]), float(self.path.times[-1])
+        return self.laps or (float(self.path.times[0]), float(self.path.times[-1]))
 
     @property
     def leg_times(self) -> list[float]:

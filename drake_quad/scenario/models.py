@@ -293,9 +293,20 @@ class Window(Model):
     """The part of a flight that counts for the metrics."""
 
     start: PlainMoment = Field(default=0.0, description="first time that counts (s)")
+    first_lap: Annotated[int, Field(ge=1)] | None = Field(
+        default=None, description="first lap that counts, in place of `start`; a route without laps has one"
+    )
     end: PlainMoment | None = Field(
         default=None, description="last time that counts (s); the end of the flight if not given"
     )
+
+    @field_validator("first_lap")
+    @classmethod
+    def _alone(cls, first_lap: int | None, info: ValidationInfo) -> int | None:
+        start = info.data.get("start")
+        if first_lap is not None and start:
+            raise PydanticCustomError("window", "must not stand beside a start, {start}", {"start": start})
+        return first_lap
 
     @field_validator("end")
     @classmethod

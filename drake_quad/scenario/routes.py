@@ -14,6 +14,7 @@ from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.limits import LONGEST, MOST_WAYPOINTS, SHORTEST
 from drake_quad.scenario.quantities import Number, PlainMoment, PlainPositive, PlainSpan, Point, Position, Positive
 
+_Laps = Annotated[int, Field(ge=1, le=100)]
 # Of a sine in a lap.
 _Turns = Annotated[int, Field(ge=0, le=20)]
 # Path of a field, and its number.
@@ -52,6 +53,9 @@ class FigureEightRoute(_Moving):
     cruise_speed: Positive = Field(
         default=1.2, description="speed by which the times are first shared out among the waypoints (m/s)"
     )
+    laps: _Laps = Field(
+        default=1, description="number of laps; the first begins, the last ends at rest, those in between are alike"
+    )
 
     @field_validator("offset")
     @classmethod
@@ -68,7 +72,7 @@ class CircleRoute(_Moving):
     kind: Literal["circle"]
     radius: Positive = Field(default=1.5, description="radius (m)")
     height: Number = Field(default=1.0, description="height (m)")
-    laps: Annotated[int, Field(ge=1, le=100)] = Field(default=2, description="number of turns")
+    laps: _Laps = Field(default=2, description="number of turns")
 
 
 class LissajousRoute(Model):
@@ -85,7 +89,7 @@ class LissajousRoute(Model):
     )
     phase: Point = Field(default=(0.0, 0.0, 0.0), description="of each sine (rad)")
     period: PlainSpan = Field(description="time for a lap (s)")
-    laps: Annotated[int, Field(ge=1, le=100)] = Field(default=2, description="number of laps")
+    laps: _Laps = Field(default=2, description="number of laps")
     yaw: Real = Field(default=0.0, description="constant yaw of the reference (rad)")
 
     def known_end(self) -> _End:
@@ -226,6 +230,11 @@ class WaypointRoute(_Moving):
         default=None, description="for each segment a box that the path must not leave, or null"
     )
     space: BoxRegion | None = Field(default=None, description="a box that the whole path must not leave")
+    laps: _Laps = Field(
+        default=1,
+        description="number of laps, if the route ends where it begins; the first begins, the last ends at rest, those"
+        " in between are alike; there is rest between them only if the last waypoint is a stop",
+    )
     # Mypy does not allow to widen what a base class has fixed.
     heading: Literal["constant", "along_path", "waypoints"] = Field(  # type: ignore[assignment]
         default="constant", description="what the yaw follows; waypoints turns through the yaws given at them"
@@ -270,6 +279,31 @@ class WaypointRoute(_Moving):
         return self
 
     @model_validator(mode="after")
+    def _closed(self) -> "WaypointRoute":
+        """What is flown in laps ends where it begins, in a way that can be repeated."""
+        if self.laps == 1:
+            return self
+        first, last = self.waypoints[0].point, self.waypoints[-1].point
+        if first is None or first != last:
+            demand = "must be 1, since the route does not end at the point where it begins"
+            raise self.wrong("laps", kind="laps", demand=demand)
+        if self.laps * len(self.waypoints) > MOST_WAYPOINTS:
+            demand = "must be fewer: in all laps there may be {most} waypoints"
+            raise self.wrong("laps", kind="laps", demand=demand, most=MOST_WAYPOINTS)
+        for i, waypoint in enumerate(self.waypoints):
+            for name in ("velocity", "acceleration", "jerk"):
+                if getattr(waypoint, name) is not None:
+                    demand = "must be left out: with laps only stops can be given at a waypoint"
+                    raise self.wrong("waypoints", i, name, kind="laps", demand=demand)
+        for name in ("corridors", "space"):
+            if getattr(self, name) is not None:
+                raise self.wrong(name, kind="laps", demand="must be left out: laps keep to none")
+        if isinstance(self.times, LeastSnap):
+            demand = "must be given, heuristic or shortest, since there are laps"
+            raise self.wrong("times", "kind", kind="laps", demand=demand)
+        return self
+
+    @model_validator(mode="after")
     def _flyable(self) -> "WaypointRoute":
         quantities = [
             self.top_speed,
@@ -292,28 +326,29 @@ class WaypointRoute(_Moving):
         """As for the others."""
         match self.times:
             case Given(times=times):
-                return ("route", "times"), times[-1]
+                return ("route", "times"), times[0] + self.laps * (times[-1] - times[0])
             case LeastSnap(duration=duration):
                 return ("route", "times", "duration"), duration
         return super().known_end()
 
-    def problem(self) -> PathProblem:
-        """What the path must keep to; the route holds no distributions.
+    def problem(self, laps: int = 1) -> PathProblem:
+        """What the path of so many laps must keep to; the route holds no distributions.
 
         Raises:
             InputError: no path can, whatever its times.
         """
-        derivatives = rest_at_ends(len(self.waypoints), 3)
-        for i, waypoint in enumerate(self.waypoints):
+        waypoints = [*self.waypoints, *self.waypoints[1:] * (laps - 1)]
+        derivatives = rest_at_ends(len(waypoints), 3)
+        for i, waypoint in enumerate(waypoints):
             if waypoint.stop:
                 derivatives[i] = 0.0
             for row, value in enumerate((waypoint.velocity, waypoint.acceleration, waypoint.jerk)):
                 if value is not None:
                     derivatives[i, row] = value
         return PathProblem(
-            [waypoint.place() for waypoint in self.waypoints],
+            [waypoint.place() for waypoint in waypoints],
             derivatives=derivatives,
-            corridors=self._corridors(),
+            corridors=self._corridors() * laps,
             limits=self.limits(),
         )
 

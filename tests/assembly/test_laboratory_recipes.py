@@ -250,6 +250,10 @@ def test_the_referee_has_the_limits_and_the_window_of_the_scenario(asymmetric):
         return limits, window, update.period
 
     scenario = asymmetric("pid", "crash={tilt: 1.1, position_error: 3.0, height: -0.2}")
-    assert read_by(build_monitor(scenario, 1)) == (CrashLimits(1.1, 3.0, -0.2), Window(1.0, 13.0), 0.02)
+    assert read_by(build_monitor(scenario, plan_route(scenario), 1)) == (
+        CrashLimits(1.1, 3.0, -0.2),
+        Window(1.0, 13.0),
+        0.02,
+    )
     endless = asymmetric("pid", "metrics.end=null", "laboratory.command_link.period=0.04")
-    assert read_by(build_monitor(endless, 1))[1:] == (Window(1.0, math.inf), 0.04)
+    assert read_by(build_monitor(endless, plan_route(endless), 1))[1:] == (Window(1.0, math.inf), 0.04)

@@ -12,6 +12,8 @@ from drake_quad.control.cascade import POSITION_SIGNALS, build_cascade
 from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
 from drake_quad.control.disturbance.laws import IncrementalLaw
 from drake_quad.control.disturbance.response import Command
+from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
+from drake_quad.control.fuzzy.set_learning import SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
@@ -103,7 +105,7 @@ def test_it_shows_what_its_position_controller_shows():
     of_the_pd = ["error", "error_rate", "pd", "correction"]
     pd = ProportionalDerivative(numbers=GAINS)
     assert ports(cascade("none")) == (["measurement", "reference"], always + of_the_pd)
-    network = build_fuzzy_network(rules=FuzzyRules(), learning=WeightLearning())
+    network = build_fuzzy_network(rules=FuzzyRules(adaptive=True), learning=WeightLearning(), sets=SetLearning())
     still = EstimatorNumbers((IncrementalLaw(3.0),) * 3, (Command(0.1, 0.1),) * 3, 1.0)
     corrected = build_position_controller(pd, disturbance=DisturbanceEstimator(numbers=still), takes_correction=True)
     assert ports(cascade("snap", corrected, network)) == ([*INPUTS], [*always, *POSITION_SIGNALS])
@@ -122,6 +124,43 @@ class Constant(LeafSystem):
         self.DeclareVectorOutputPort(
             "acceleration_command", BasicVector(3), lambda context, output: output.SetFromVector(command)
         )
+
+
+class Estimator(LeafSystem):
+    """A controller that shows all that a network can look at, and takes its correction."""
+
+    def __init__(self):
+        super().__init__()
+        self.DeclareVectorInputPort("measurement", BasicVector(12))
+        self.DeclareVectorInputPort("reference", BasicVector(11))
+        correction = self.DeclareVectorInputPort("correction", BasicVector(3))
+        for place, name in enumerate(("error", "error_rate", "pd", "disturbance")):
+            rows = 0.1 * (place + 1.0) * np.array([1.0, -2.0, 3.0])
+            show = lambda context, output, rows=rows: output.SetFromVector(rows)  # noqa: E731
+            self.DeclareVectorOutputPort(name, BasicVector(3), show, {self.nothing_ticket()})
+        self.DeclareVectorOutputPort(
+            "acceleration_command",
+            BasicVector(3),
+            lambda context, output: output.SetFromVector(-correction.Eval(context)),
+            {self.input_port_ticket(correction.get_index())},
+        )
+
+
+def test_a_network_stands_around_any_controller_and_looks_at_what_it_estimates():
+    """The disturbance on its own axis, the measured height; what it makes of them is what the controller subtracts."""
+    inputs, sets = ("z", "disturbance"), Antecedents(1.3, 0.7, 0.4, (FuzzySets(0.6), FuzzySets(1.1)))
+    learning = WeightLearning(learns_from="feedback")
+    network = build_fuzzy_network(rules=FuzzyRules(inputs=inputs, numbers=(sets,)), learning=learning)
+    control = cascade("none", Estimator(), network)
+    assert ports(control)[0] == ["measurement", "reference"]
+    context, weights = control.CreateDefaultContext(), np.linspace(-1.0, 1.0, 9)
+    learning.set_state(learning.GetMyMutableContextFromRoot(context), "weights", (tuple(weights),) * 2)
+    for name in ("measurement", "reference"):
+        control.GetInputPort(name).FixValue(context, INPUTS[name])
+    expected = [weights @ firing_strengths((1.1, disturbance), sets) for disturbance in (0.4, -0.8)]
+    np.testing.assert_allclose(control.GetOutputPort("correction").Eval(context), [*expected, 0.0], rtol=1e-14)
+    command = control.GetOutputPort("acceleration_command").Eval(context)
+    np.testing.assert_allclose(command, [-expected[0], -expected[1], 0.0], rtol=1e-14)
 
 
 def test_any_position_controller_will_do():

@@ -15,6 +15,7 @@ from drake_quad.signals import Row
 
 InputName = Literal["error", "error_rate", "x", "y", "z", "v_x", "v_y", "v_z", "phase", "disturbance"]
 
+_ROUNDING = 1e-9
 _ON_OWN_AXIS = ("error", "error_rate", "disturbance")
 
 
@@ -62,4 +63,5 @@ def route_phase(time: Row, lap_times: Sequence[float]) -> Row:
     if not others:
         return flown
     past = flown - nearest(flown)
-    return where(past < 0.0, past + 1.0, past)
+    # What is before the end of a lap by rounding only is at the beginning of the next.
+    return where(past < -_ROUNDING, past + 1.0, maximum(past, 0.0))

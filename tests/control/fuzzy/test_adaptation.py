@@ -84,13 +84,19 @@ def test_sets_stay_valid_whatever_is_learned(seed, size):
 @pytest.mark.parametrize("part", ALL)
 def test_only_what_shall_learn_does(part):
     gradient = output_gradient([0.2, 0.3, -0.1], START, np.arange(24.0).tolist())
-    after = adapted(START, gradient, 0.001, AdaptationRates(1.0, 1.0, 1.0), initial=START, parts=(part,))
+    rates = AdaptationRates(0.5, 0.3, 0.2)
+    after = adapted(START, gradient, 0.001, rates, initial=START, parts=(part,))
     changed = {
         "exponents": after[:3] != START[:3],
         "centres": any(new.centres != old.centres for new, old in zip(after.inputs, SETS, strict=True)),
         "widths": any(new.widths != old.widths for new, old in zip(after.inputs, SETS, strict=True)),
     }
     assert [name for name, is_so in changed.items() if is_so] == [part]
+    # Each at its rate, where nothing is held: so small a step is far from all bounds but those of the outermost.
+    layout = layout_of(Antecedents, START)
+    before, slopes, found = (np.array(layout.flatten(record)) for record in (START, gradient, after))
+    moved = found != before
+    np.testing.assert_allclose((found - before)[moved], -0.001 * getattr(rates, part) * slopes[moved], rtol=1e-9)
 
 
 @pytest.mark.parametrize("learns_from", ["surface", "feedback"])

@@ -4,10 +4,13 @@ import itertools
 
 import numpy as np
 import pytest
+from both_ways import assert_flown_alike
 from pydrake.autodiffutils import InitializeAutoDiff
 
+from drake_quad import load_scenario
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
 from drake_quad.control.fuzzy.inputs import input_values, route_phase, signals_of
+from drake_quad.scenario import Batch
 from drake_quad.signals import Acceleration, PositionError, PositionErrorRate, State
 
 SIGNALS = {
@@ -63,3 +66,26 @@ def test_four_inputs_fire_by_the_products_of_their_memberships():
 def test_the_phase_has_the_derivative_of_time():
     (time,) = InitializeAutoDiff(np.array([5.0])).ravel()
     assert route_phase(time, (1.0, 4.0, 6.0)).derivatives() == pytest.approx([0.5])
+
+
+@pytest.mark.slow
+def test_a_schedule_over_the_phase_is_flown_alike_compiled_and_as_it_is_wired(diagrams):
+    """Through laps of a third of a second; in the third the weights at one phase are those of no other."""
+    scenario = load_scenario(
+        diagrams / "laboratory.yaml:nominal",
+        [
+            "route={kind: lissajous, amplitude: [0.0001, 0.0, 0.0], period: 0.32, laps: 4}",
+            "metrics={first_lap: 2}",
+            "control.network={kind: type_1, inputs: {phase: {centres: [0, 0.5, 1], widths: [0.5, 0.5, 0.5]}, v_x: {}},"
+            " learning: {kind: gradient, signal: feedback, rate: 20.0}}",
+        ],
+    )
+    flight, _ = assert_flown_alike(Batch.draw(scenario, [3, 0]))
+    on_x, _ = np.split(flight["weights"], 2, axis=1)
+    # Rules take v_x before the phase.
+    change = np.abs(np.diff(on_x, axis=0)).reshape(-1, 3, 3).sum(axis=1)
+    # Ticks are 20 ms, so that 16 are a lap: early in it the last set learns nothing, late in it the first.
+    phase = (np.arange(len(change)) % 16) / 16.0
+    assert change[phase < 0.5, 2].max() == 0.0 < change[phase > 0.5, 2].max()
+    assert change[phase >= 0.5, 0].max() == 0.0 < change[phase < 0.5, 0].max()
+    assert len(change) > 48

@@ -1,0 +1,191 @@
+"""Routes flown in laps."""
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.assembly.planning import plan_route
+from drake_quad.reference.laps import LapDurations, flown_in_laps, periodic_motion
+from drake_quad.reference.minimum_snap import MinimumSnap, rest_at_ends, snap_cost
+from drake_quad.reference.polynomial_path import evaluate, peak_norm
+
+POINTS = np.array([[0.0, 0.0, 1.0], [1.0, 0.2, 1.2], [1.1, 1.5, 1.0], [-0.3, 0.9, 0.8], [0.0, 0.0, 1.0]])
+DURATIONS = np.array([1.1, 1.6, 2.0, 1.3])
+FREE = np.full((5, 3, 3), np.nan)
+
+
+def closed(seam, derivatives=FREE):
+    given = derivatives.copy()
+    given[[0, -1]] = seam
+    return MinimumSnap(POINTS, DURATIONS, given).path()
+
+
+def test_the_motion_at_the_seam_is_that_of_the_middle_of_many_laps():
+    """Of 24 laps from rest to rest, whose ends are felt no more after a dozen."""
+    points, durations = np.vstack([POINTS, *[POINTS[1:]] * 23]), np.tile(DURATIONS, 24)
+    path = MinimumSnap(points, durations, rest_at_ends(len(points), 3)).path()
+    middle = [12 * DURATIONS.sum()]
+    expected = np.array([evaluate(path, middle, order)[:, 0] for order in (1, 2, 3)])
+    np.testing.assert_allclose(periodic_motion(POINTS, DURATIONS, FREE), expected, atol=1e-6)
+
+
+def test_no_other_motion_at_the_seam_costs_less_snap():
+    seam = periodic_motion(POINTS, DURATIONS, FREE)
+    least = snap_cost(closed(seam))
+    for change in 1e-2 * np.eye(3):
+        for side in (1.0, -1.0):
+            assert (snap_cost(closed(seam + side * change[:, np.newaxis])) > least).all()
+
+
+def test_at_a_stop_there_is_rest_and_what_is_given_stays():
+    stop = FREE.copy()
+    stop[[0, -1]] = 0.0
+    np.testing.assert_array_equal(periodic_motion(POINTS, DURATIONS, stop), 0.0)
+    still = FREE.copy()
+    still[-1, 0] = 0.25
+    seam = periodic_motion(POINTS, DURATIONS, still)
+    np.testing.assert_array_equal(seam[0], 0.25)
+    path = closed(seam)
+    for order in (4, 5):
+        np.testing.assert_allclose(
+            evaluate(path, [0.0], order), evaluate(path, [DURATIONS.sum() - 1e-9], order), atol=1e-4
+        )
+
+
+@pytest.mark.parametrize("laps", [2, 5])
+def test_laps_begin_and_end_at_rest_and_are_alike_in_between(laps):
+    lead = np.array([[0.2, -0.1, 0.0]])
+    durations = LapDurations(np.array([1.5, 1.8, 1.6, 2.0, 1.3]), DURATIONS, 1.2 * DURATIONS[::-1])
+    path, starts = flown_in_laps(np.vstack([lead, POINTS]), durations, laps, lead=1)
+    assert starts[0] == 1.5
+    assert len(starts) == laps + 1
+    np.testing.assert_allclose(np.diff(starts), [6.7] + [6.0] * (laps - 2) + [7.2])
+    inside = path.times[1:-1]
+    for order in range(4):
+        before, after = (evaluate(path, inside + side * 1e-9, order) for side in (-1.0, 1.0))
+        np.testing.assert_allclose(before, after, atol=1e-5)
+        if order:
+            np.testing.assert_allclose(evaluate(path, path.times[[0, -1]], order), 0.0, atol=1e-9)
+        elapsed = np.linspace(0.0, 6.0, 50)
+        for start in starts[2:-2]:
+            np.testing.assert_allclose(
+                evaluate(path, start + elapsed, order), evaluate(path, starts[1] + elapsed, order), atol=1e-9
+            )
+    assert np.linalg.norm(evaluate(path, [starts[1]], 1)) > 0.2
+    np.testing.assert_allclose(evaluate(path, starts, 0), np.repeat(POINTS[:1], laps + 1, axis=0).T, atol=1e-12)
+
+
+SQUARE = "waypoints: [[0, 0, 1], [1, 0, 1.2], [1, 1.5, 1], [0, 0, 1]]"
+
+
+def route(diagrams, text, *more):
+    return load_scenario(diagrams / "figure_eight.yaml", [f"route={{{text}}}", *more])
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "kind: figure_eight, laps: 4",
+        f"kind: waypoints, laps: 4, {SQUARE}",
+        f"kind: waypoints, laps: 4, times: heuristic, heading: along_path, {SQUARE}",
+        f"kind: waypoints, laps: 4, times: [1, 5, 8, 13], {SQUARE}",
+    ],
+)
+def test_routes_that_close_are_flown_on_and_on_within_their_limits(diagrams, text):
+    plan = plan_route(route(diagrams, text))
+    first, *between, last = np.diff(plan.lap_times)
+    assert between == pytest.approx([between[0]] * 2)
+    assert plan.lap_times[0] == plan.path.times[plan.legs[-4 if "waypoints" in text else 1].first]
+    speed, acceleration = peak_norm(plan.path, 1), peak_norm(plan.path, 2)
+    assert speed <= 2.0 * (1.0 + 1e-9)
+    assert acceleration <= 0.7 * (1.0 + 1e-9)
+    if "times: [" not in text:
+        # To fly on takes no more time than to stop.
+        assert between[0] <= min(first, last) * (1.0 + 1e-12)
+        assert max(speed / 2.0, acceleration / 0.7) == pytest.approx(1.0)
+    assert np.linalg.norm(evaluate(plan.path, plan.lap_times[1:-1], 1), axis=0).min() > 0.1
+
+
+def test_with_a_stop_at_the_end_there_is_rest_between_laps(diagrams):
+    stopping = SQUARE.replace("[0, 0, 1]]", "{point: [0, 0, 1], stop: true}]")
+    plan = plan_route(route(diagrams, f"kind: waypoints, laps: 3, {stopping}"))
+    for order in (1, 2, 3):
+        np.testing.assert_allclose(evaluate(plan.path, plan.lap_times, order), 0.0, atol=1e-9)
+    once = plan_route(route(diagrams, f"kind: waypoints, {SQUARE}"))
+    np.testing.assert_allclose(np.diff(plan.lap_times), once.duration, rtol=1e-3)
+
+
+def test_where_times_are_given_a_waypoint_that_is_repeated_is_stayed_at(diagrams):
+    """Also that at which laps begin; the flight begins when it is said to."""
+    staying = "waypoints: [[0, 0, 1], [0, 0, 1], [1, 0, 1], [1, 0, 1], [0, 1, 1], [0, 0, 1]]"
+    given = "times: [2, 3, 7, 8, 13, 17], top_speed: null, top_acceleration: null"
+    plan = plan_route(route(diagrams, f"kind: waypoints, laps: 2, {given}, {staying}"))
+    assert plan.lap_times == (2.0, 17.0, 32.0)
+    for start in plan.lap_times[:-1]:
+        for since, until in ((0.0, 1.0), (5.0, 6.0)):
+            stayed = np.linspace(start + since, start + until, 9)
+            np.testing.assert_allclose(evaluate(plan.path, stayed, 1), 0.0, atol=1e-9)
+        assert np.linalg.norm(evaluate(plan.path, [start + 11.0], 1)) > 0.01
+
+
+def test_legs_and_yaws_come_again_in_every_lap(diagrams):
+    eight = plan_route(route(diagrams, "kind: figure_eight, laps: 3"))
+    climbs = [leg.first for leg in eight.legs if leg.name == "climb"]
+    np.testing.assert_allclose(eight.path.times[climbs], eight.lap_times[:-1])
+    assert len(eight.legs) == 1 + 3 * 7
+    turning = SQUARE.replace("[1, 0, 1.2]", "{point: [1, 0, 1.2], yaw: 0.7}").replace(
+        "[0, 0, 1]]", "{point: [0, 0, 1], yaw: -0.2}]"
+    )
+    plan = plan_route(route(diagrams, f"kind: waypoints, laps: 3, heading: waypoints, {turning}"))
+    np.testing.assert_allclose(evaluate(plan.yaw, plan.lap_times[1:])[0], -0.2, atol=1e-9)
+    passed = plan.path.times[[leg.first + 1 for leg in plan.legs]]
+    np.testing.assert_allclose(evaluate(plan.yaw, passed)[0], 0.7, atol=1e-9)
+
+
+def test_circles_and_lissajous_figures_have_laps_and_other_routes_are_one(diagrams):
+    circle = plan_route(route(diagrams, "kind: circle, laps: 3"))
+    np.testing.assert_allclose(circle.path.waypoints[[0, 8, 16, 24]], np.tile([1.5, 0.0, 1.0], (4, 1)), atol=1e-12)
+    np.testing.assert_allclose(circle.lap_times, circle.path.times[[0, 8, 16, 24]])
+    waves = plan_route(route(diagrams, "kind: lissajous, amplitude: [0.1, 0.1, 0], period: 5, laps: 3"))
+    assert waves.lap_times == pytest.approx((0.0, 5.0, 10.0, 15.0))
+    hover = plan_route(route(diagrams, "kind: hover, duration: 4"))
+    assert hover.lap_times == (0.0, 4.0)
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("laps: 2, waypoints: [[0, 0, 1], [1, 0, 1]]", "laps is 2, but must be 1, since the route does not end"),
+        (f"laps: 2, space: {{min: [-9, -9, 0], max: [9, 9, 9]}}, {SQUARE}", "space .*must be left out: laps keep to"),
+        (f"laps: 2, times: {{kind: least_snap, duration: 9}}, {SQUARE}", "must be given, heuristic or shortest"),
+        (f"laps: 2, {SQUARE.replace('[1, 0, 1.2]', '{point: [1, 0, 1], velocity: [1, 0, 0]}')}", "velocity .*left out"),
+        (f"laps: 2, times: [0, 1, 2, 3], {SQUARE}", "the (path|segment|times|limits)|too"),
+        (f"laps: 0, {SQUARE}", "laps is 0"),
+    ],
+)
+def test_what_cannot_be_flown_in_laps_is_said_in_a_sentence(diagrams, text, words):
+    with pytest.raises(InputError, match=words) as caught:
+        plan_route(route(diagrams, f"kind: waypoints, {text}"))
+    assert "\n" not in str(caught.value)
+
+
+def test_metrics_of_later_laps(diagrams):
+    """They are those of the time from then on."""
+    lap = "kind: lissajous, amplitude: [0.4, 0.3, 0.0], period: 4, laps: 2"
+    later, since, whole = (
+        simulate(route(diagrams, lap, *window)).metrics.rmse
+        for window in (["metrics.first_lap=2"], ["metrics.start=4"], [])
+    )
+    assert later == since < whole
+
+
+@pytest.mark.parametrize(
+    ("window", "words"),
+    [
+        ("{first_lap: 3}", "metrics.first_lap is 3, but the number of laps is 2"),
+        ("{first_lap: 2, start: 1.0}", "must not stand beside a start, 1"),
+    ],
+)
+def test_laps_that_there_are_not_cannot_count(diagrams, window, words):
+    with pytest.raises(InputError, match=words):
+        simulate(route(diagrams, "kind: circle", f"metrics={window}"))
