@@ -128,7 +128,7 @@ def build_position_controller(pd: Any, *, correction: Any = None, disturbance: A
     Args:
         pd: a `ProportionalDerivative`.
         correction: a system from any of `error`, `error_rate` and `pd` to `correction`, such as a network that learns.
-        disturbance: a `DisturbanceEstimator`.
+        disturbance: a `DisturbanceEstimator` or a `TiltDisturbanceEstimator`.
     """
     builder = DiagramBuilder()
     parts = split_output(builder, "pd", pd)
@@ -155,7 +155,8 @@ def build_position_controller(pd: Any, *, correction: Any = None, disturbance: A
     if disturbance is not None:
         known = {"acceleration_command": command.get_output_port(), "feed_forward": parts["feed_forward"]}
         for name, port in (known | {"correction": shown["correction"]}).items():
-            builder.Connect(port, disturbance.GetInputPort(name))
+            if disturbance.HasInputPort(name):
+                builder.Connect(port, disturbance.GetInputPort(name))
 
     builder.ExportInput(pd.GetInputPort("measurement"), "measurement")
     builder.ExportInput(pd.GetInputPort("reference"), "reference")

@@ -83,7 +83,7 @@ ESTIMATING = "k_p: [1, 1, 1], k_d: [1, 1, 1], bandwidth: [1, 1, 1]"
         ("control.attitude={kind: indi, lag: 0.1}", "control.attitude.bandwidth is missing"),
         (f"control.position={{kind: l1, {ESTIMATING}}}", "control.position.response is missing"),
         (
-            f"control.position={{kind: indi, {ESTIMATING}, response: {{lag: [0.1, 0, 0.1]}}}}",
+            f"control.position={{kind: indi, {ESTIMATING}, response: {{kind: commanded, lag: [0.1, 0, 0.1]}}}}",
             "control.position.response.lag.1 is 0, but must be larger than 0",
         ),
         ("crash.tilt=2", "crash.tilt is 2, but must be less than 1.57"),
