@@ -5,7 +5,7 @@ import math
 import numpy as np
 import pytest
 
-from drake_quad.control.disturbance.laws import IncrementalLaw
+from drake_quad.control.disturbance.laws import IncrementalLaw, KalmanLaw
 from drake_quad.control.disturbance.tilt import (
     Pushed,
     SpecificThrust,
@@ -63,6 +63,26 @@ def test_what_a_correction_takes_away_is_no_longer_its_disturbance():
         memory, Pushed(NOTHING, NOTHING), SpecificThrust(G), (), at(), NOTHING, corrected, NUMBERS, H
     )
     assert before.corrected == corrected
+
+
+def test_the_way_that_accelerations_take_the_vehicle_is_known():
+    """Under a straight line from one to the other, and a correction that makes up for a push."""
+    first, last = (
+        np.array([0.4, -0.3, 0.2]),
+        np.array(tilted_acceleration(at((0.1, 0.2, 0.3)), SpecificThrust(10.5), G)),
+    )
+    pushed = np.array([0.6, -0.4, 0.5])
+    way = H**2 * (first / 3.0 + last / 6.0 + pushed / 2.0)
+    law = KalmanLaw.of(deviation=1.0, time_constant=5.0, position_noise=1e-3, period=H)
+    numbers = NUMBERS._replace(laws=(law,) * 3)
+    memory, before = (law.at_rest(0.0),) * 3, Pushed(Acceleration(*first), Acceleration(*pushed))
+
+    def disturbance(x, y, z):
+        measurement = at((0.1, 0.2, 0.3))._replace(x=x, y=y, z=z)
+        return known_by_tilt(memory, before, SpecificThrust(10.5), measurement, numbers, H)[1]
+
+    np.testing.assert_allclose(disturbance(*way), 0.0, atol=1e-12)
+    np.testing.assert_allclose(disturbance(*(way + 0.01)), 0.01 * law.gain.disturbance, rtol=1e-9)
 
 
 def test_the_thrust_follows_the_length_of_the_command_after_its_delay():
