@@ -75,3 +75,22 @@ def test_the_delay_margin_is_when_the_loop_becomes_unstable(loaded):
 def test_what_does_not_go_over_the_link_has_no_loop(loaded):
     with pytest.raises(InputError, match="pitch does not go over the link, but thrust, tau_x, tau_y, tau_z"):
         link_loop(loaded(), "pitch")
+
+
+LIMITS = dict.fromkeys(("pd", "pid", "disturbance_observer", "l1", "indi"), (2.205, 0.05))
+LIMITS["indi_fast"] = 3.005, 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LIMITS)
+def test_the_designed_controllers_keep_to_their_limit(diagrams, name):
+    """What their file says of the peak of sensitivity and the delay margin, on a lateral and on the vertical axis."""
+    layers = [diagrams / "controllers" / f"designed.yaml:{name}"]
+    scenario = load_scenario(diagrams / "laboratory.yaml:nominal", layers=layers)
+    sensitivity, delay = LIMITS[name]
+    for row in ("tau_y", "thrust"):
+        loop = link_loop(scenario, row)
+        found = margins(loop)
+        assert np.abs(loop.with_feedback(np.eye(1)).poles()).max() < 1.0
+        assert found.sensitivity < sensitivity
+        assert found.delay > delay
