@@ -13,6 +13,7 @@ from drake_quad.control.cascade import build_cascade
 from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
 from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, KalmanLaw, KalmanMemory
 from drake_quad.control.disturbance.response import Command
+from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEstimatorNumbers
 from drake_quad.control.fuzzy.adaptation import AdaptationRates
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
@@ -124,6 +125,7 @@ KALMAN = EstimatorNumbers(
 )
 ADAPTIVE = EstimatorNumbers((AdaptiveLaw(1.2, 2.1), AdaptiveLaw(1.3, 2.5), AdaptiveLaw(1.4, 3.7)), LAGS, 4.2, START)
 INVERTING = EstimatorNumbers((IncrementalLaw(4.1), IncrementalLaw(4.6), IncrementalLaw(5.3)), LAGS, 4.3, START)
+BY_TILT = TiltEstimatorNumbers(ADAPTIVE.laws, 0.06, 9.79, 4.4, START)
 VECTORING = VectoringNumbers(0.68, 9.81, ThrustLimits(0.7, 2.0, 12.0))
 VEHICLE = QuadrotorNumbers(
     QuadrotorParameters(
@@ -257,6 +259,8 @@ FLEET_SYSTEMS = [
     Example(ThrustAlone),
     Example(ThrustVectoring, VECTORING),
     Example(ThrustVectoring, VECTORING, {"projects": True}, num_vehicles=2),
+    Example(TiltDisturbanceEstimator, BY_TILT, {"delay_ticks": 2}),
+    Example(TiltDisturbanceEstimator, BY_TILT, num_vehicles=2),
     Example(
         WeightLearning,
         LearningNumbers(1.4, CovarianceLaw(0.8, 5.0, 0.997), LIMITS, 0.05),

@@ -84,6 +84,7 @@ STRUCTURES = {
     ],
     "autopilot": ["none", "attitude", "none", "response"],
     "attitude": ["pd", "geometric", "indi"],
+    "response": ["commanded", "tilt"],
     "on_board": ["", "gyroscope", "attitude", "gyroscope attitude"],
 }
 
@@ -275,8 +276,11 @@ def _position(structure, draw):
     if kind == "pid":
         position |= {"k_i": [draw(0.1, 1.0) for _ in range(3)], "integral_limit": draw(0.01, 0.1)}
     if kind in ("disturbance_observer", "l1", "indi"):
-        lags = {name: [draw(0.04, 0.2) for _ in range(3)] for name in ("lag", "feed_forward_lag")}
-        position["response"] = {"delay_ticks": len(structure["axes"]) - 1, **lags}
+        lags = {"lag": draw(0.04, 0.1)}
+        if structure["response"] == "commanded":
+            lags = {name: [draw(0.04, 0.2) for _ in range(3)] for name in ("lag", "feed_forward_lag")}
+        delay = len(structure["axes"]) - 1
+        position["response"] = {"kind": structure["response"], "delay_ticks": delay, **lags}
         position["disturbance_limit"] = draw(0.1, 2.0)
     if kind == "disturbance_observer":
         position |= {"position_noise": 0.002, "deviation": [0.2, 0.3, 0.4], "time_constant": [0.4, 0.5, 0.6]}

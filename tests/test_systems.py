@@ -18,6 +18,7 @@ from pydrake.systems.framework import Diagram
 import drake_quad
 from drake_quad.control.attitude import AttitudeController
 from drake_quad.control.disturbance.estimator import DisturbanceEstimator
+from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator
 from drake_quad.control.fuzzy.set_learning import SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning
 from drake_quad.control.geometric import GeometricAttitudeController
@@ -337,6 +338,7 @@ DEFAULTS = {
             (1.0, (1.0, 1.0, 1.0), (math.inf, 0.0, 0.0), 0.0),
         ),
     },
+    TiltDisturbanceEstimator: {"period": 0.02, "delay_ticks": 0},
     WeightLearning: {
         "period": 0.02,
         "axes": ("x", "y"),

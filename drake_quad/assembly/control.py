@@ -15,6 +15,7 @@ from drake_quad.control.cascade import build_cascade
 from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
 from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, KalmanLaw
 from drake_quad.control.disturbance.response import Command
+from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEstimatorNumbers
 from drake_quad.control.fuzzy.adaptation import AdaptationRates
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
@@ -131,15 +132,15 @@ def _estimator(scenario: Scenario, position: Any, plan: Plan) -> dict[str, Recip
     if position.kind not in _LAWS:
         return {}
     period, response = scenario.laboratory.command_link.period, position.response
-    fed_forward = response.lag if response.feed_forward_lag is None else response.feed_forward_lag
-    numbers = EstimatorNumbers(
-        laws=tuple([_LAWS[position.kind](position, axis, period) for axis in range(3)]),
-        lags=tuple([Command(*lags) for lags in zip(response.lag, fed_forward, strict=True)]),
-        limit=position.disturbance_limit,
-        start=PerAxis(*map(float, plan.waypoints[0])),
-    )
+    laws = tuple([_LAWS[position.kind](position, axis, period) for axis in range(3)])
+    limit, start = position.disturbance_limit, PerAxis(*map(float, plan.waypoints[0]))
     structure = {"period": period, "delay_ticks": response.delay_ticks}
-    return {"position.estimator": Recipe(DisturbanceEstimator, structure, numbers)}
+    if response.kind == "tilt":
+        by_tilt = TiltEstimatorNumbers(laws, response.lag, scenario.nominal.gravity, limit, start)
+        return {"position.estimator": Recipe(TiltDisturbanceEstimator, structure, by_tilt)}
+    fed_forward = response.lag if response.feed_forward_lag is None else response.feed_forward_lag
+    lags = tuple([Command(*lags) for lags in zip(response.lag, fed_forward, strict=True)])
+    return {"position.estimator": Recipe(DisturbanceEstimator, structure, EstimatorNumbers(laws, lags, limit, start))}
 
 
 def _kalman_law(position: Any, axis: int, period: float) -> KalmanLaw:

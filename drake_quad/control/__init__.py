@@ -5,6 +5,7 @@ from drake_quad.control.axes import PerAngle, PerAxis
 from drake_quad.control.cascade import build_cascade
 from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
 from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, KalmanLaw
+from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEstimatorNumbers
 from drake_quad.control.fuzzy.adaptation import AdaptationRates
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
@@ -46,6 +47,8 @@ __all__ = [
     "SignLaw",
     "ThrustLimits",
     "ThrustVectoring",
+    "TiltDisturbanceEstimator",
+    "TiltEstimatorNumbers",
     "VectoringNumbers",
     "WeightLearning",
     "build_cascade",

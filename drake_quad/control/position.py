@@ -131,7 +131,7 @@ def build_position_controller(
     Args:
         pd: a `ProportionalDerivative`.
         integral: a system from `error` to `correction`, such as an `IntegralCorrection`.
-        disturbance: a `DisturbanceEstimator`.
+        disturbance: a `DisturbanceEstimator` or a `TiltDisturbanceEstimator`.
         takes_correction: whether something is subtracted that comes from outside.
     """
     builder = DiagramBuilder()
@@ -172,7 +172,8 @@ def build_position_controller(
     if disturbance is not None:
         builder.ConnectInput("measurement", disturbance.GetInputPort("measurement"))
         builder.Connect(command.get_output_port(), disturbance.GetInputPort("acceleration_command"))
-        builder.Connect(parts["feed_forward"], disturbance.GetInputPort("feed_forward"))
+        if disturbance.HasInputPort("feed_forward"):
+            builder.Connect(parts["feed_forward"], disturbance.GetInputPort("feed_forward"))
         if takes_correction:
             builder.ConnectInput("correction", disturbance.GetInputPort("correction"))
 

@@ -41,9 +41,10 @@ class PidPosition(PdPosition):
     )
 
 
-class BelievedResponse(Model):
-    """How an estimator believes that the vehicle follows commanded accelerations."""
+class CommandedResponse(Model):
+    """The vehicle is believed to follow commanded accelerations."""
 
+    kind: Literal["commanded"]
     delay_ticks: Annotated[int, Field(ge=0, le=50)] = Field(
         default=1, description="whole ticks of the control from a command to what it does (1)"
     )
@@ -55,10 +56,20 @@ class BelievedResponse(Model):
     )
 
 
+class TiltResponse(Model):
+    """The thrust is believed to follow its command, and to point where the measured attitude says."""
+
+    kind: Literal["tilt"]
+    delay_ticks: Annotated[int, Field(ge=0, le=50)] = Field(
+        default=1, description="whole ticks of the control from a commanded thrust to what it does (1)"
+    )
+    lag: Span = Field(description="time constant of the thrust (s)")
+
+
 class _EstimatingPosition(PdPosition):
     """PD with an estimate of the disturbance."""
 
-    response: BelievedResponse
+    response: Annotated[CommandedResponse | TiltResponse, Field(discriminator="kind")]
     disturbance_limit: Positive = Field(
         default=5.0, description="largest acceleration on an axis that is held for a disturbance (m/s²)"
     )

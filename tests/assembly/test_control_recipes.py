@@ -59,7 +59,7 @@ PD = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
 
 
 def test_an_estimator_has_the_law_and_the_response_of_the_scenario_and_begins_where_the_route_does(asymmetric):
-    response = "response: {delay_ticks: 3, lag: [0.2, 0.3, 0.1], feed_forward_lag: [0.06, 0.07, 0.05]}"
+    response = "response: {kind: commanded, delay_ticks: 3, lag: [0.2, 0.3, 0.1], feed_forward_lag: [0.06, 0.07, 0.05]}"
     numbers = "adaptation: 2.0, bandwidth: [1.0, 2.0, 3.0], disturbance_limit: 0.8"
     found, _ = recipes_of(asymmetric("pid", f"control.position={{kind: l1, {PD}, {response}, {numbers}}}"))
     assert [*found] == ["position.pd", "position.estimator", "thrust_vectoring", "attitude"]
@@ -70,7 +70,7 @@ def test_an_estimator_has_the_law_and_the_response_of_the_scenario_and_begins_wh
     assert lags == (Command(0.2, 0.06), Command(0.3, 0.07), Command(0.1, 0.05))
     assert (limit, start) == (0.8, PerAxis(0.3, -0.2, 1.0))
     # What is fed forward follows as all else does, unless it is said.
-    plain = "bandwidth: [1.0, 2.0, 3.0], response: {lag: [0.2, 0.3, 0.1]}"
+    plain = "bandwidth: [1.0, 2.0, 3.0], response: {kind: commanded, lag: [0.2, 0.3, 0.1]}"
     found, _ = recipes_of(asymmetric("pid", f"control.position={{kind: indi, {PD}, {plain}}}"))
     laws, lags, *_ = found["position.estimator"].numbers
     assert laws == (IncrementalLaw(1.0), IncrementalLaw(2.0), IncrementalLaw(3.0))
@@ -79,7 +79,7 @@ def test_an_estimator_has_the_law_and_the_response_of_the_scenario_and_begins_wh
 
 def test_a_kalman_filter_has_a_gain_for_each_axis(asymmetric):
     numbers = "position_noise: 0.002, deviation: [0.3, 0.4, 0.5], time_constant: [1.0, 2.0, 3.0]"
-    position = f"{{kind: disturbance_observer, {PD}, {numbers}, response: {{lag: [0.2, 0.3, 0.1]}}}}"
+    position = f"{{kind: disturbance_observer, {PD}, {numbers}, response: {{kind: commanded, lag: [0.2, 0.3, 0.1]}}}}"
     found, _ = recipes_of(asymmetric("pid", f"control.position={position}"))
     expected = [
         KalmanLaw.of(deviation=deviation, time_constant=T, position_noise=0.002, period=0.02)

@@ -29,10 +29,10 @@ def settled(law_of):
     for _ in range(400):
         measurement = State(0.0, 0.0, 0.0, *angles, 0.0, 0.0, 0.0, *rates)
         command = np.array(law_of(measurement)) / INERTIA
-        for _ in range(100):
-            following += H / 100 / LAG * (command - following)
-            rates += H / 100 * (following + PUSH)
-            angles += H / 100 * rates
+        for _ in range(25):
+            following += H / 25 / LAG * (command - following)
+            rates += H / 25 * (following + PUSH)
+            angles += H / 25 * rates
     return angles, rates
 
 

@@ -10,7 +10,7 @@ from drake_quad.analysis.closed_loop import closed_loop
 from drake_quad.signals import Acceleration, Reference, State
 
 PD = "k_p: [4.0, 3.5, 6.0], k_d: [3.5, 3.2, 4.0], feed_forward: snap"
-RESPONSE = "response: {lag: [0.25, 0.26, 0.07]}"
+RESPONSE = "response: {kind: commanded, lag: [0.25, 0.26, 0.07]}"
 AWAY = [
     "vehicle.mass=0.71",
     "laboratory.wind=[{kind: steady, velocity: [2.5, -1.6, 0.4]}]",

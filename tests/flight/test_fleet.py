@@ -47,11 +47,31 @@ NETWORK = [
     "control.network.learning.initial_weight={uniform: {min: -0.1, max: 0.1}}",
     "vehicle.rotor_failure={rotor: {choice: [1, 2]}, time: 0.2, speed_factor: {uniform: {min: 0.8, max: 0.9}}}",
 ]
+PD = "k_p: [1.5, 1.6, 5.0], k_d: [2.0, 2.1, 3.2], feed_forward: snap"
+SEEN = "response: {kind: tilt, lag: {uniform: {min: 0.05, max: 0.09}}}"
+BELIEVED = "response: {kind: commanded, lag: [{uniform: {min: 0.2, max: 0.3}}, 0.25, 0.07]}"
+ESTIMATORS = [
+    [
+        f"control.position={{kind: indi, {PD}, {SEEN}, bandwidth: [2.0, {{uniform: {{min: 1.0, max: 3.0}}}}, 4.0]}}",
+        "control.attitude={kind: indi, k_p: [15.0, 15.0, 5.0], k_d: [6.5, 6.5, 3.4],"
+        " lag: {uniform: {min: 0.05, max: 0.09}}, bandwidth: 1.0}",
+    ],
+    [
+        f"control.position={{kind: l1, {PD}, {BELIEVED}, bandwidth: [1.0, 1.1, 1.2],"
+        " adaptation: {uniform: {min: 0.5, max: 2.0}}}",
+        "control.attitude={kind: geometric, k_p: [15.0, 15.0, 5.0], k_d: [6.5, 6.5, 3.4]}",
+    ],
+]
 
 
 @pytest.mark.parametrize(
     ("overrides", "controller"),
-    [*(([], name) for name in CONTROLLERS), (NETWORK, "pd_t2fnn"), (SIGN, "pd_t1fnn")],
+    [
+        *(([], name) for name in CONTROLLERS),
+        (NETWORK, "pd_t2fnn"),
+        (SIGN, "pd_t1fnn"),
+        *((overrides, None) for overrides in ESTIMATORS),
+    ],
 )
 def test_other_samples_fly_as_in_a_fleet_of_their_own(scenario, overrides, controller):
     """With every kind of system and every number that may differ, also when they come second.

@@ -108,7 +108,7 @@ FLIGHTS = {
         [
             "duration=5",
             f"control.position={{kind: disturbance_observer, {PD}, feed_forward: snap, position_noise: 0.002,"
-            " deviation: [0.3, 0.4, 0.2], time_constant: [0.5, 0.6, 0.7], response: {delay_ticks: 2,"
+            " deviation: [0.3, 0.4, 0.2], time_constant: [0.5, 0.6, 0.7], response: {kind: commanded, delay_ticks: 2,"
             " lag: [0.25, 0.27, 0.06], feed_forward_lag: [0.07, 0.08, 0.05]}}",
             "control.attitude={kind: geometric, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1]}",
         ],
@@ -118,7 +118,8 @@ FLIGHTS = {
         [
             "duration=5",
             f"control.position={{kind: l1, {PD}, feed_forward: acceleration, adaptation: 2.5,"
-            " bandwidth: [1.7, 2.1, 3.3], disturbance_limit: 0.4, response: {delay_ticks: 0, lag: [0.25, 0.27, 0.06]}}",
+            " bandwidth: [1.7, 2.1, 3.3], disturbance_limit: 0.4,"
+            " response: {kind: commanded, delay_ticks: 0, lag: [0.25, 0.27, 0.06]}}",
             "control.attitude={kind: indi, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1], lag: 0.08, bandwidth: 3.5,"
             " delay_ticks: 2, disturbance_limit: 0.9}",
         ],
@@ -128,9 +129,27 @@ FLIGHTS = {
         [
             "duration=5",
             f"control.position={{kind: indi, {PD}, feed_forward: jerk, bandwidth: [2.7, 3.1, 4.3],"
-            " response: {delay_ticks: 1, lag: [0.25, 0.27, 0.06], feed_forward_lag: [0.07, 0.08, 0.05]}}",
+            " response: {kind: commanded, lag: [0.25, 0.27, 0.06], feed_forward_lag: [0.07, 0.08, 0.05]}}",
             "control.attitude={kind: indi, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1], lag: 0.08, bandwidth: 3.5,"
             " delay_ticks: 0}",
+        ],
+    ),
+    "INDI that sees where the thrust points": (
+        "pid",
+        [
+            "duration=5",
+            f"control.position={{kind: indi, {PD}, feed_forward: snap, bandwidth: [2.7, 3.1, 4.3],"
+            " response: {kind: tilt, delay_ticks: 2, lag: 0.07}}",
+        ],
+    ),
+    "a disturbance observer that sees where the thrust points, in front of an autopilot": (
+        "pid",
+        [
+            *ON_BOARD,
+            "duration=4",
+            f"control.position={{kind: disturbance_observer, {PD}, feed_forward: jerk, position_noise: 0.002,"
+            " deviation: [0.3, 0.4, 0.2], time_constant: [0.5, 0.6, 0.7],"
+            " response: {kind: tilt, delay_ticks: 0, lag: 0.07}}",
         ],
     ),
     "an estimator in front of an autopilot": (
@@ -139,7 +158,7 @@ FLIGHTS = {
             *ON_BOARD,
             "duration=4",
             f"control.position={{kind: indi, {PD}, feed_forward: jerk, bandwidth: [2.7, 3.1, 4.3],"
-            " response: {delay_ticks: 1, lag: [0.25, 0.27, 0.06]}}",
+            " response: {kind: commanded, delay_ticks: 1, lag: [0.25, 0.27, 0.06]}}",
         ],
     ),
     "an autopilot on board": ("pid", [*ON_BOARD, "duration=6", "control.position.feed_forward=jerk"]),

@@ -113,22 +113,51 @@ class Differences:
 
 
 class Estimator:
-    """What is taken from the command for a disturbance."""
+    """What is taken from the command for a disturbance, by how the vehicle is believed to follow commands."""
 
     def __init__(self, numbers, h, start):
         response, self.limit = numbers.response, numbers.disturbance_limit
         self.model = Lagged(response.delay_ticks, [response.lag, response.feed_forward_lag or response.lag], h)
-        self.law = {
-            "disturbance_observer": lambda: KalmanFilter(numbers, h, start),
-            "l1": lambda: Differences.adaptive(numbers, h),
-            "indi": lambda: Differences.incremental(numbers.bandwidth, h, slice(6, 9)),
-        }[numbers.kind]()
+        self.law = law_of(numbers, h, start)
 
     def estimate(self, measured):
         return np.clip(self.law.estimate(measured), -self.limit, self.limit)
 
-    def remember(self, command, feed_forward):
-        self.law.predict(*self.model.follow(command - feed_forward, feed_forward))
+    def remember(self, command, correction, feed_forward):
+        self.law.predict(*self.model.follow(command + correction - feed_forward, feed_forward))
+
+
+class TiltEstimator:
+    """The same, by where the thrust is seen to point; between ticks the acceleration is a straight line."""
+
+    def __init__(self, numbers, h, start, gravity):
+        self.h, self.limit, self.g = h, numbers.disturbance_limit, gravity
+        self.line, self.lag = [gravity] * numbers.response.delay_ticks, numbers.response.lag
+        self.thrust, self.before, self.pushed = gravity, np.zeros(3), np.zeros(3)
+        self.law = law_of(numbers, h, start)
+
+    def estimate(self, measured):
+        now = self.thrust * rotation(*measured[3:6])[:, 2] - [0.0, 0.0, self.g]
+        # ∫ and ∫∫ of the line from `before` to `now`, and of what a correction takes away.
+        slope = (now - self.before) / self.h
+        speed = self.h * (self.before + self.pushed) + self.h**2 / 2.0 * slope
+        distance = self.h**2 / 2.0 * (self.before + self.pushed) + self.h**3 / 6.0 * slope
+        self.law.predict(speed, distance)
+        self.before = now
+        return np.clip(self.law.estimate(measured), -self.limit, self.limit)
+
+    def remember(self, command, correction, feed_forward):
+        self.pushed = correction
+        self.line.append(np.linalg.norm(np.add(command, [0.0, 0.0, self.g])))
+        self.thrust += (1.0 - math.exp(-self.h / self.lag)) * (self.line.pop(0) - self.thrust)
+
+
+def law_of(numbers, h, start):
+    return {
+        "disturbance_observer": lambda: KalmanFilter(numbers, h, start),
+        "l1": lambda: Differences.adaptive(numbers, h),
+        "indi": lambda: Differences.incremental(numbers.bandwidth, h, slice(6, 9)),
+    }[numbers.kind]()
 
 
 class IncrementalTurning:
@@ -282,7 +311,10 @@ class Controller:
         elif scenario.control.network is not None:
             self.law = Network(scenario.control.network, h, leg_times)
         if position.kind in ("disturbance_observer", "l1", "indi"):
-            self.estimator = Estimator(position, h, start)
+            if position.response.kind == "tilt":
+                self.estimator = TiltEstimator(position, h, start, scenario.nominal.gravity)
+            else:
+                self.estimator = Estimator(position, h, start)
         if self.numbers.attitude is not None and self.numbers.attitude.kind == "indi":
             self.turning = IncrementalTurning(self.numbers.attitude, h)
 
@@ -312,7 +344,7 @@ class Controller:
         if self.estimator is not None:
             shown["disturbance"] = disturbance
             u = u - disturbance
-            self.estimator.remember(u + correction, fed_forward)
+            self.estimator.remember(u, correction, fed_forward)
         thrust, attitude, rates, accelerations = self.vectored(u, measured, reference)
         if self.numbers.attitude is None:
             command = {"attitude_target": np.array([thrust, *attitude, *rates])}

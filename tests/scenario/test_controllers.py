@@ -7,6 +7,7 @@ import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.assembly.laboratory import build_monitor
+from drake_quad.assembly.planning import plan_route
 from drake_quad.scenario import save_scenario
 
 ROOT = Path(__file__).parent.parent.parent
@@ -83,6 +84,9 @@ def test_every_controller_of_the_file_loads_over_every_laboratory():
             scenario = load_scenario(spec, layers=[f"{PAPER}:{name}"])
             assert scenario.name == place
             assert scenario.control.attitude.k_p[0] == 20.0
+        for name in ("pd", "pid", "disturbance_observer", "l1", "indi"):
+            scenario = load_scenario(spec, layers=[f"{PAPER.with_name('designed.yaml')}:{name}"])
+            assert (scenario.name, scenario.control.position.kind) == (place, name)
 
 
 ESTIMATING = "k_p: [1, 1, 1], k_d: [1, 1, 1], bandwidth: [1, 1, 1]"
@@ -97,7 +101,7 @@ ESTIMATING = "k_p: [1, 1, 1], k_d: [1, 1, 1], bandwidth: [1, 1, 1]"
         ("control.attitude={kind: indi, lag: 0.1}", "control.attitude.bandwidth is missing"),
         (f"control.position={{kind: l1, {ESTIMATING}}}", "control.position.response is missing"),
         (
-            f"control.position={{kind: indi, {ESTIMATING}, response: {{lag: [0.1, 0, 0.1]}}}}",
+            f"control.position={{kind: indi, {ESTIMATING}, response: {{kind: commanded, lag: [0.1, 0, 0.1]}}}}",
             "control.position.response.lag.1 is 0, but must be larger than 0",
         ),
         ("crash.tilt=2", "crash.tilt is 2, but must be less than 1.57"),
@@ -118,5 +122,5 @@ def test_an_attitude_controller_without_a_kind_is_a_pd_and_stays_one_when_it_is_
 
 def test_a_vehicle_that_may_turn_over_has_no_limit_of_tilt():
     scenario = load_scenario(ROOT / "diagrams" / "figure_eight.yaml", ["crash.tilt=null"])
-    monitor = build_monitor(scenario, 1)
+    monitor = build_monitor(scenario, plan_route(scenario), 1)
     assert monitor.structure["limits"].tilt == math.inf

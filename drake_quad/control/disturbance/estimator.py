@@ -27,6 +27,11 @@ class EstimatorNumbers(NamedTuple):
     start: PerAxis = PerAxis(0.0, 0.0, 0.0)
 
 
+def memory_at_rest(numbers: Any) -> tuple[Any, ...]:
+    """The memory of each axis of an estimator with these numbers, for a vehicle that rests where it begins."""
+    return tuple([law.at_rest(start) for law, start in zip(numbers.laws, numbers.start, strict=True)])
+
+
 def measured_on_axes(state: State) -> tuple[Measured, ...]:
     """Position and velocity on X, Y and Z."""
     return Measured(state.x, state.v_x), Measured(state.y, state.v_y), Measured(state.z, state.v_z)
@@ -145,7 +150,7 @@ class DisturbanceEstimator(FleetSystem):
         correction = self.input("correction", absent=nothing)
         feed_forward = self.input("feed_forward", absent=nothing)
         parameter = self.parameter("numbers", lambda numbers: numbers)
-        memory = self.state("memory", _at_rest, layout=layout_of(tuple, _at_rest(numbers)))
+        memory = self.state("memory", memory_at_rest, layout=layout_of(tuple, memory_at_rest(numbers)))
         still = (Command(0.0, 0.0),) * 3
         following = self.state("following", lambda _: still, layout=layout_of(tuple, still))
         under_way: Any = ()
@@ -156,7 +161,3 @@ class DisturbanceEstimator(FleetSystem):
         reads = measurement, command, correction, feed_forward, parameter, period
         self.update(period, next_memory, memory, following, under_way, *reads, writes=writes)
         self.output("disturbance", shown_disturbance, memory, measurement, parameter, period)
-
-
-def _at_rest(numbers: EstimatorNumbers) -> tuple[Any, ...]:
-    return tuple([law.at_rest(start) for law, start in zip(numbers.laws, numbers.start, strict=True)])

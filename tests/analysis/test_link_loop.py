@@ -1,0 +1,96 @@
+"""The loop at the link against those of the design, and against a flight with more delay."""
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario
+from drake_quad.analysis.cascade_design import attitude_plant, attitude_plant_in_flight
+from drake_quad.analysis.closed_loop import as_believed, closed_loop, laboratory_plant
+from drake_quad.analysis.gain_design import AxisGains, pd_loop
+from drake_quad.analysis.link_loop import link_loop
+from drake_quad.analysis.margins import frequencies, margins
+
+UNEVEN = [
+    "nominal.mass=0.75",
+    "nominal.inertia=[0.0065, 0.0085, 0.0126]",
+    "control.position={k_p: [2.2, 2.6, 6.0], k_d: [1.6, 1.8, 3.7]}",
+    "control.attitude={k_p: [12.5, 13.5, 5.2], k_d: [5.1, 5.6, 3.4]}",
+]
+OBSERVER = (
+    "control.position={kind: disturbance_observer, k_p: [1.8, 2.0, 5.0], k_d: [1.9, 2.1, 3.7], feed_forward: snap,"
+    " position_noise: 0.001, deviation: [0.05, 0.06, 0.04], time_constant: [1.0, 1.2, 1.4],"
+    " response: {kind: tilt, lag: 0.06}}"
+)
+
+
+@pytest.fixture(scope="module")
+def loaded(diagrams):
+    return lambda *overrides: load_scenario(diagrams / "laboratory.yaml:nominal", overrides)
+
+
+def responses(loop):
+    return loop.response(np.exp(1j * frequencies(loop.period, points=50) * loop.period)).ravel()
+
+
+@pytest.mark.slow
+def test_the_loop_of_a_torque_is_that_of_the_attitude_in_flight_and_of_thrust_that_of_the_height(loaded):
+    scenario = loaded(*UNEVEN)
+    laboratory = laboratory_plant(scenario)
+    position, attitude = scenario.control.position, scenario.control.attitude
+    for row, axis, i, tilt in (("tau_y", "x", 0, 1), ("tau_x", "y", 1, 0)):
+        outer = AxisGains(position.k_p[i], position.k_d[i])
+        plant = attitude_plant_in_flight(laboratory, scenario, axis, outer)
+        expected = pd_loop(plant, AxisGains(attitude.k_p[tilt], attitude.k_d[tilt]))
+        np.testing.assert_allclose(responses(link_loop(scenario, row)), responses(expected), rtol=1e-6)
+    expected = pd_loop(attitude_plant(laboratory, scenario, "z"), AxisGains(6.0, 3.7))
+    np.testing.assert_allclose(responses(link_loop(scenario, "thrust")), responses(expected), rtol=1e-6)
+
+
+@pytest.mark.slow
+def test_closed_it_has_the_poles_of_the_diagram_with_an_estimator(loaded):
+    scenario = loaded(*UNEVEN, OBSERVER)
+    found = closed_loop(as_believed(scenario)).system.poles()
+    loop = link_loop(scenario, "tau_y")
+    poles = loop.with_feedback(np.eye(1)).poles()
+    for pole in poles[np.abs(poles) > 0.1]:
+        assert np.abs(found - pole).min() < 1e-6
+
+
+@pytest.mark.slow
+def test_the_delay_margin_is_when_the_loop_becomes_unstable(loaded):
+    """With ticks of delay on the link below the margin it is stable, with one more it is not."""
+    scenario = loaded(*UNEVEN, OBSERVER)
+    loop = link_loop(scenario, "tau_x")
+    ticks = int(margins(loop).delay / loop.period)
+    assert ticks >= 3
+
+    def largest(later):
+        """The largest pole with so many more ticks of delay."""
+        late = loaded(*UNEVEN, OBSERVER, f"laboratory.command_link.delay_ticks={1 + later}")
+        return np.abs(link_loop(late, "tau_x").with_feedback(np.eye(1)).poles()).max()
+
+    assert largest(ticks) < 1.0 < largest(ticks + 1)
+
+
+def test_what_does_not_go_over_the_link_has_no_loop(loaded):
+    with pytest.raises(InputError, match="pitch does not go over the link, but thrust, tau_x, tau_y, tau_z"):
+        link_loop(loaded(), "pitch")
+
+
+LIMITS = dict.fromkeys(("pd", "pid", "disturbance_observer", "l1", "indi"), (2.205, 0.05))
+LIMITS["indi_fast"] = 3.005, 0.05
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("name", LIMITS)
+def test_the_designed_controllers_keep_to_their_limit(diagrams, name):
+    """What their file says of the peak of sensitivity and the delay margin, on a lateral and on the vertical axis."""
+    layers = [diagrams / "controllers" / f"designed.yaml:{name}"]
+    scenario = load_scenario(diagrams / "laboratory.yaml:nominal", layers=layers)
+    sensitivity, delay = LIMITS[name]
+    for row in ("tau_y", "thrust"):
+        loop = link_loop(scenario, row)
+        found = margins(loop)
+        assert np.abs(loop.with_feedback(np.eye(1)).poles()).max() < 1.0
+        assert found.sensitivity < sensitivity
+        assert found.delay > delay
