@@ -250,6 +250,7 @@ SIGNALS: dict[str, Any] = {
     "pd": Acceleration,
     "feed_forward": Acceleration,
     "correction": Acceleration,
+    "disturbance": Acceleration,
     "acceleration_command": Acceleration,
     "thrust": Thrust,
     "torque": Torque,

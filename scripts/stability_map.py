@@ -62,7 +62,7 @@ def main() -> None:
     folder = output_folder(folder_of(arguments, scenario.name))
     compiled = not arguments.wired
     panels = [panel(title, case, arguments.loop, k_p, k_d, compiled=compiled) for title, case in cases.items()]
-    block = getattr(scenario.control, arguments.loop)
+    block = getattr(scenario.cascade, arguments.loop)
     index = 0 if arguments.loop == "position" else 1
     marked = AxisGains(block.k_p[index], block.k_d[index])
     figure = plot_map(panels, k_p, k_d, marked=marked, loop=arguments.loop)

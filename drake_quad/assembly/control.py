@@ -6,6 +6,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram
 
+from drake_quad.assembly.lqg import build_lqg_control, lqg_recipes
 from drake_quad.assembly.planning import nominal_parameters
 from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
@@ -23,13 +24,15 @@ from drake_quad.vehicle.parameters import Inertia
 
 
 def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
-    """Recipes for what the cascade of a scenario is made of, by the path in its diagram; it believes the nominal.
+    """Recipes for what the control of a scenario is made of, by the path in its diagram; it believes the nominal.
 
     Args:
         batch: that is flown.
         plan: that is flown.
     """
     scenario, fleet = batch.scenario, FleetScenario(batch)
+    if scenario.control.kind == "lqg":
+        return lqg_recipes(batch)
     position = fleet.control.position
     believed = nominal_parameters(scenario)
     limits = fleet.control.thrust_vectoring
@@ -51,7 +54,7 @@ def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
 def build_control(
     scenario: Scenario, recipes: dict[str, Recipe], num_vehicles: int, position_controller: Any = None
 ) -> Diagram:
-    """Builds the cascade of a scenario.
+    """Builds the control of a scenario.
 
     Args:
         scenario: it is of.
@@ -59,6 +62,8 @@ def build_control(
         num_vehicles: N.
         position_controller: takes the place of the scenario's, for which there are no recipes then.
     """
+    if scenario.control.kind == "lqg":
+        return build_lqg_control(recipes, num_vehicles)
     systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}
     if position_controller is None:
         correction = None
@@ -74,7 +79,7 @@ def build_control(
         position=position_controller,
         thrust_vectoring=systems["thrust_vectoring"],
         attitude=systems.get("attitude"),
-        feed_forward=scenario.control.position.feed_forward,
+        feed_forward=scenario.cascade.position.feed_forward,
     )
 
 

@@ -9,7 +9,7 @@ from drake_quad.control.position import FeedForward
 from drake_quad.framework.wiring import split_output
 
 # What a position controller may show of its inside, beside its `acceleration_command`.
-POSITION_SIGNALS = ("error", "error_rate", "pd", "correction", "weights", "covariance_trace")
+POSITION_SIGNALS = ("error", "error_rate", "pd", "correction", "disturbance", "weights", "covariance_trace")
 
 # The signals that make an attitude target, in its order.
 _TARGET = ("thrust", "attitude_command", "body_rate_command")

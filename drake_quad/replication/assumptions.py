@@ -116,7 +116,7 @@ def _of_laboratory(scenario: Scenario) -> list[Assumption]:
 
 
 def _of_control(scenario: Scenario) -> list[Assumption]:
-    position, attitude = scenario.control.position, scenario.control.attitude
+    position, attitude = scenario.cascade.position, scenario.cascade.attitude
     assert isinstance(position, Type2Position)
     network, learning = position.network, position.learning
     assert isinstance(learning, CovarianceLearning)

@@ -169,7 +169,7 @@ def _weights(flight: Flight) -> dict[str, np.ndarray]:
 
 
 def _controller(flight: Flight) -> Type1Position | Type2Position:
-    position = flight.scenario.control.position
+    position = getattr(flight.scenario.control, "position", flight.scenario.control)
     if not isinstance(position, Type1Position | Type2Position):
         raise ValueError(f"a {position.kind} has no network")
     return position

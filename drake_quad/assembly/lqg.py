@@ -1,0 +1,116 @@
+"""Linear-quadratic-Gaussian control of a scenario."""
+
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from drake_quad.assembly.planning import nominal_parameters
+from drake_quad.assembly.recipe import FleetScenario, Recipe
+from drake_quad.control.lqg.chains import (
+    Answer,
+    ContinuousModel,
+    Disturbances,
+    Noise,
+    attitude_model,
+    torque_model,
+    vertical_model,
+)
+from drake_quad.control.lqg.design import AxisLoop, Timing, axis_loop
+from drake_quad.control.lqg.laws import LqgNumbers, TargetNumbers, ThrustNumbers, TorqueNumbers
+from drake_quad.control.lqg.system import LinearQuadraticGaussian
+from drake_quad.scenario import Batch, Scenario
+from drake_quad.scenario.lqg import Axis, LateralAxis, LqgControl, VerticalAxis
+from drake_quad.scenario.quantities import can_differ_from_zero
+
+
+def lqg_recipes(batch: Batch) -> dict[str, Recipe]:
+    """The recipe for the linear-quadratic-Gaussian controller of a scenario, by its path in the diagram.
+
+    Args:
+        batch: that is flown.
+    """
+    scenario, own = batch.scenario, FleetScenario(batch).control
+    control: Any = scenario.control
+    times = lqg_timing(scenario)
+    believed = nominal_parameters(scenario)
+    # A command acts for a tick, in whose middle what is fed forward shall be right.
+    lead = (times.delay_ticks + 0.5) * times.tick
+    weight = believed.mass * believed.gravity
+    thrust = ThrustNumbers(
+        believed.mass,
+        believed.gravity,
+        np.tan(own.max_tilt),
+        own.min_thrust * weight,
+        own.max_thrust * weight,
+        lead + control.vertical.lag,
+    )
+    torques = target = None
+    if own.yaw is not None:
+        yaw = own.yaw.k_p, own.yaw.k_d
+        torques = TorqueNumbers(*believed.inertia, *yaw, control.max_snap, lead + control.lateral.lag)
+    else:
+        omega, zeta = control.lateral.natural_frequency, control.lateral.damping
+        slower = 2.0 * zeta / omega
+        target = TargetNumbers(lead + slower, 0.5 * lead**2 + lead * slower + 1.0 / omega**2)
+    lateral = lateral_loop(control.lateral, times, believed.gravity)
+    numbers = LqgNumbers(lateral, vertical_loop(control.vertical, times), thrust, torques, target)
+    structure = {
+        "signal": scenario.laboratory.autopilot.command,
+        "period": times.frame,
+        "tick": times.tick,
+        "loses_frames": can_differ_from_zero(scenario.laboratory.motion_capture.dropout_rate),
+    }
+    return {"regulator": Recipe(LinearQuadraticGaussian, structure, numbers)}
+
+
+def build_lqg_control(recipes: dict[str, Recipe], num_vehicles: int) -> Diagram:
+    """Builds the diagram `control` with the controller in it.
+
+    Args:
+        recipes: of `lqg_recipes`.
+        num_vehicles: N.
+    """
+    builder = DiagramBuilder()
+    regulator = builder.AddNamedSystem("regulator", recipes["regulator"].build(num_vehicles))
+    for i in range(regulator.num_input_ports()):
+        builder.ExportInput(regulator.get_input_port(i), regulator.get_input_port(i).get_name())
+    for i in range(regulator.num_output_ports()):
+        builder.ExportOutput(regulator.get_output_port(i), regulator.get_output_port(i).get_name())
+    control = builder.Build()
+    control.set_name("control")
+    return control
+
+
+def lqg_timing(scenario: Scenario) -> Timing:
+    """When frames and ticks of a scenario with such a controller are, and what it believes of the delay."""
+    laboratory, control = scenario.laboratory, scenario.control
+    assert isinstance(control, LqgControl)
+    return Timing(laboratory.motion_capture.period, laboratory.command_link.period, control.delay_ticks)
+
+
+def lateral_model(axis: LateralAxis) -> ContinuousModel:
+    """What is believed of x and of y."""
+    disturbances = _disturbances(axis, Noise(axis.bias.deviation, axis.bias.time))
+    if axis.lag is not None:
+        return torque_model(axis.lag, disturbances)
+    assert axis.natural_frequency is not None
+    assert axis.damping is not None
+    return attitude_model(Answer(axis.natural_frequency, axis.damping), disturbances)
+
+
+def lateral_loop(axis: LateralAxis, times: Timing, gravity: float) -> AxisLoop:
+    """Filter and regulator of x and of y."""
+    noise = np.array([axis.position_noise, axis.attitude_noise * gravity])
+    return axis_loop(lateral_model(axis), times, noise=noise, command_weight=axis.command_weight)
+
+
+def vertical_loop(axis: VerticalAxis, times: Timing) -> AxisLoop:
+    """Filter and regulator of the height."""
+    model = vertical_model(axis.lag, _disturbances(axis, None))
+    return axis_loop(model, times, noise=np.array([axis.position_noise]), command_weight=axis.command_weight)
+
+
+def _disturbances(axis: Axis, bias: Noise | None) -> Disturbances:
+    first, second = (Noise(noise.deviation, noise.time) for noise in (axis.first, axis.second))
+    return Disturbances(first, second, bias, axis.command_noise)
