@@ -1,7 +1,7 @@
 """Designs linear-quadratic-Gaussian control for a scenario, and states the margins that it keeps.
 
-The wind is that of the scenario along its plan, the plants are those of its distributions, or what its numbers may be off
-by.
+The wind is that of the scenario along its plan, the plants are those of its distributions, or what its numbers may be
+off by.
 """
 
 import argparse

@@ -5,7 +5,7 @@ need them, is accelerated otherwise than planned by wind, drag, and whatever of 
 difference is the disturbing acceleration, and a controller that shall stay on the plan must make up for it.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
@@ -72,8 +72,10 @@ def disturbances_along(batch: Batch, plan: Plan) -> Disturbed:
     position, velocity, acceleration = (np.array(evaluate(plan.path, times, order)) for order in range(3))
     wind = _wind_along(batch, plan, times, position, velocity)
     demand = plan_demand(plan, nominal_parameters(scenario), times)
-    columns = [np.asarray(row)[:, np.newaxis] for row in (*demand.attitude, *velocity, *demand.body_rates)]
-    rotors = RotorSpeed(*(np.asarray(row)[:, np.newaxis] for row in demand.rotor_speed))
+    # Rows of (times, 1), so that numbers of the vehicles, of (N,), make them (times, N).
+    columns: list[Any] = [np.asarray(row)[:, np.newaxis] for row in (*demand.attitude, *velocity, *demand.body_rates)]
+    speeds: list[Any] = [np.asarray(row)[:, np.newaxis] for row in demand.rotor_speed]
+    rotors = RotorSpeed(*speeds)
     parameters = vehicle_parameters(fleet.vehicle)
     # What stands before the rotors' speeds, and what swings, is no disturbance of the path.
     effects = vehicle_effects(fleet.vehicle)._replace(thrust_curve=None, battery=None, slung_load=None)

@@ -14,10 +14,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
+from threadpoolctl import ThreadpoolController
 
 from drake_quad.analysis.cascade_design import design_cascade
+from drake_quad.analysis.closed_loop import laboratory_plant
 from drake_quad.analysis.disturbances import Spectrum, disturbances_along, spectrum
-from drake_quad.analysis.margins import fast_margins, frequencies
+from drake_quad.analysis.margins import fast_margins
 from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.assembly.lqg import lateral_loop, vertical_loop
 from drake_quad.assembly.planning import plan_route
@@ -27,6 +29,7 @@ from drake_quad.control.lqg.chains import (
     Disturbances,
     Noise,
     attitude_model,
+    lagging_attitude_model,
     sampled,
     sampled_noise,
     torque_model,
@@ -37,17 +40,19 @@ from drake_quad.errors import InputError
 from drake_quad.scenario import Batch, Scenario, distributions_in
 from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse
 from drake_quad.scenario.lqg import ColouredNoise, LateralAxis, LqgControl, VerticalAxis, YawPd
+from drake_quad.scenario.models import Control
 
 # Samples in whose wind the spectra are taken, and times of correlation of what lasts for a flight and of the bias, s:
 # so long that the filter takes them for constants, as an integral does.
 _SAMPLES, _LASTING, _BIAS = 32, 50.0, 20.0
-# Least deviations, so that a calm and ideal laboratory has a design, too: of disturbances (m/s²), of the bias (m/s⁴) and
-# of the noise of position (m) and attitude (rad), half of what laboratory.yaml has.
+# Least deviations, so that a calm and ideal laboratory has a design, too: of disturbances (m/s²), of the bias (m/s⁴)
+# and of the noise of position (m) and attitude (rad), half of what laboratory.yaml has.
 _CALM, _UNBIASED, _SHARP, _LEVEL = 0.05, 0.5, 5e-4, 2e-3
 # By how much a plant that is written as one number may be off: the lag or its inverse as a factor, frames and ticks.
 _LAG_SPREAD, _ANSWER_SPREAD, _LATER = 1.6, 1.15, 1
-# Points at which margins are looked at, largest weight of what breaks a limit, and evaluations of a search.
-_POINTS, _PENALTY, _EVALUATIONS = 120, 9.0, 220
+# Points at which margins are looked at and the lowest frequency, rad/s; weight of what breaks a limit, of the logarithm
+# of the error; evaluations of a search.
+_POINTS, _SLOWEST, _PENALTY, _EVALUATIONS = 120, 0.3, 9.0, 600
 
 
 class Limits(NamedTuple):
@@ -70,16 +75,20 @@ class Plant(NamedTuple):
     """What may lie between the command and the vehicle.
 
     Attributes:
+        lags: whether the attitude lags behind the rotors, too; not if its answer is known as a whole.
         lag: of the rotors, s.
         answer: of the attitude with an autopilot; None without one.
         latency_frames: after which a frame can be read, beside the one that it always takes.
         delay_ticks: of the link.
+        thrust_gain: change of the thrust over that of its command near hover.
     """
 
+    lags: bool
     lag: float
     answer: Answer | None
     latency_frames: int
     delay_ticks: int
+    thrust_gain: float = 1.0
 
 
 class Conditions(NamedTuple):
@@ -100,6 +109,35 @@ class Conditions(NamedTuple):
     position_noise: float
     attitude_noise: float
     loss_rate: float
+
+
+class Truth(NamedTuple):
+    """A plant as it is, sampled at the frames, with what acts on it.
+
+    Attributes:
+        A: (n, n).
+        B: (n, 1).
+        C: (p, n).
+        Q: (n, n) covariance of what disturbs it for a frame.
+        R: (p, p) covariance of what is measured.
+        plant: whose frames and commands are late.
+        loss_rate: share of the commands that are lost.
+    """
+
+    A: np.ndarray
+    B: np.ndarray
+    C: np.ndarray
+    Q: np.ndarray
+    R: np.ndarray
+    plant: Plant
+    loss_rate: float
+
+    @classmethod
+    def of(cls, model: ContinuousModel, plant: Plant, found: Conditions, timing: Timing, gravity: float) -> "Truth":
+        """The plant of a model, in conditions that are found."""
+        noise = np.array([found.position_noise, gravity * found.attitude_noise])[: len(model.C)]
+        Q = sampled_noise(model.A, model.Q, timing.frame)
+        return cls(*sampled(model.A, model.B, timing.frame), model.C, Q, np.diag(noise**2), plant, found.loss_rate)
 
 
 class Predicted(NamedTuple):
@@ -156,11 +194,11 @@ def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
     def lateral_axis(weight: float, noise: float, first: float, second: float, bias: float, seen: float) -> LateralAxis:
         answer = nominal.answer
         return LateralAxis(
-            lag=None if answer else nominal.lag,
+            lag=nominal.lag if nominal.lags else None,
             natural_frequency=answer.natural_frequency if answer else None,
             damping=answer.damping if answer else None,
             bias=ColouredNoise(deviation=bias, time=_BIAS),
-            attitude_noise=seen * found.attitude_noise,
+            attitude_noise=float(f"{seen * found.attitude_noise:.4g}"),
             **_common(weight, noise, first, second, found.lateral.time, found.position_noise),
         )
 
@@ -168,9 +206,10 @@ def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
         common = _common(weight, noise, first, second, found.vertical.time, found.position_noise)
         return VerticalAxis(lag=nominal.lag, **common)
 
-    noises = np.array([found.position_noise, gravity * found.attitude_noise])
-    along_x = [_Truth(_lateral_truth(plant, found), plant, noises, found.loss_rate) for plant in plants]
-    along_z = [_Truth(_vertical_truth(plant, found), plant, noises[:1], found.loss_rate) for plant in plants]
+    along_x, along_z = (
+        [Truth.of(model(plant, found), plant, found, timing, gravity) for plant in plants]
+        for model in (lateral_truth, vertical_truth)
+    )
     # Where the search begins: the numbers of controllers/lqg.yaml, or as much for a command that is an acceleration.
     weight, noise = (1e-2, 0.3) if on_board else (1e-5, 3.3)
     lateral, of_lateral = _searched(
@@ -197,6 +236,7 @@ def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
         lateral=lateral,
         vertical=vertical,
         yaw=None if on_board else _yaw(scenario),
+        **_limits_of(scenario.control),
     )
     return LqgDesign(control, plants, found, of_lateral, of_vertical)
 
@@ -223,14 +263,15 @@ def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
         int(_latency(high)) if late[0] else frames + _LATER,
         int(_delay(high)) if late[1] else ticks + _LATER,
     )
-    answer = _answer(middle)
+    gain = _thrust_gain(middle)
+    answer, lags_too = _answer(middle), not isinstance(scenario.laboratory.autopilot, AttitudeResponse)
     corners = [
-        Plant(lag, answer and _faster(answer, factor), *when)
+        Plant(lags_too, lag, answer and _faster(answer, factor), *when, gain)
         for (lag, factor), when in itertools.product(
             zip(lags, (_ANSWER_SPREAD, 1.0 / _ANSWER_SPREAD), strict=True), (early, after)
         )
     ]
-    return Plant(_lag(middle), answer, frames, ticks), *corners
+    return Plant(lags_too, _lag(middle), answer, frames, ticks, gain), *corners
 
 
 def conditions_of(scenario: Scenario) -> Conditions:
@@ -258,23 +299,14 @@ def conditions_of(scenario: Scenario) -> Conditions:
     )
 
 
-def predicted(loop: AxisLoop, truth: "_Truth", timing: Timing) -> Predicted:
+def predicted(loop: AxisLoop, truth: Truth, timing: Timing) -> Predicted:
     """What the linear model of an axis predicts for a plant that may be another than the loop believes."""
     return _Lifted.of(loop, truth, timing).predicted(truth)
 
 
-def loop_transfer(loop: AxisLoop, truth: "_Truth", timing: Timing) -> SampledSystem:
+def loop_transfer(loop: AxisLoop, truth: Truth, timing: Timing) -> SampledSystem:
     """L of an axis, broken where commands go over the link."""
     return _Lifted.of(loop, truth, timing).opened
-
-
-class _Truth(NamedTuple):
-    """A plant as it is, with what acts on it."""
-
-    model: ContinuousModel
-    plant: Plant
-    noises: np.ndarray
-    loss_rate: float
 
 
 @dataclass(frozen=True)
@@ -298,11 +330,10 @@ class _Lifted:
     opened: SampledSystem
 
     @classmethod
-    def of(cls, loop: AxisLoop, truth: _Truth, timing: Timing) -> "_Lifted":
+    def of(cls, loop: AxisLoop, truth: Truth, timing: Timing) -> "_Lifted":
         """The loop of a filter and a regulator around a plant."""
-        model, plant, noises, _ = truth
-        A, B = sampled(model.A, model.B, timing.frame)
-        n, p, m, believed = len(A), len(model.C), len(loop.K), len(loop.K_pending)
+        A, B, plant = truth.A, truth.B, truth.plant
+        n, p, m, believed = len(A), len(truth.C), len(loop.K), len(loop.K_pending)
         sizes = n, p * (plant.latency_frames + 1), m, believed + 1, plant.delay_ticks + 1
         ends = np.cumsum((0, *sizes))
         chain, line, filtered, told, sent = (slice(*pair) for pair in itertools.pairwise(ends))
@@ -316,7 +347,7 @@ class _Lifted:
         update[filtered, told.stop - 1] = H
         camera = np.eye(size)
         camera[line, line] = np.eye(line.stop - line.start, k=-p)
-        camera[line.start : line.start + p, chain] = model.C
+        camera[line.start : line.start + p, chain] = truth.C
         moved = np.eye(size)
         moved[chain, chain], moved[chain, sent.stop - 1] = A, B.ravel()
         # What is told to the filter and what is sent, the newest first, move up at a tick.
@@ -330,12 +361,17 @@ class _Lifted:
         into = np.zeros((size, 1))
         into[sent.start] = 1.0
         noise = np.zeros((size, size))
-        noise[chain, chain] = sampled_noise(model.A, model.Q, timing.frame)
-        noise[line.start : line.start + p, line.start : line.start + p] = np.diag(noises**2)
+        noise[chain, chain] = truth.Q
+        noise[line.start : line.start + p, line.start : line.start + p] = truth.R
         frame = moved @ camera @ update
         first = moved @ camera @ shifted @ update
         asked = row @ update
-        closed, Q, opened, column = first + moved @ camera @ into @ asked[np.newaxis], noise, first, moved @ camera @ into
+        closed, Q, opened, column = (
+            first + moved @ camera @ into @ asked[np.newaxis],
+            noise,
+            first,
+            moved @ camera @ into,
+        )
         for _ in range(round(timing.tick / timing.frame) - 1):
             closed, opened, column = frame @ closed, frame @ opened, frame @ column
             Q = frame @ Q @ frame.T + noise
@@ -347,7 +383,7 @@ class _Lifted:
         )
         return cls(closed, Q, asked, asked - before, column, loop_model)
 
-    def predicted(self, truth: _Truth) -> Predicted:
+    def predicted(self, truth: Truth) -> Predicted:
         """See the function of that name; the plant hears the last command once more where one is lost."""
         pole = float(np.abs(np.linalg.eigvals(self.A)).max())
         if pole >= 1.0 - 1e-9:
@@ -368,15 +404,14 @@ class _Lifted:
 def _searched(
     axis_of: Callable[..., Any],
     loop_of: Callable[[Any], AxisLoop],
-    truths: Sequence[_Truth],
+    truths: Sequence[Truth],
     start: Sequence[float],
     limits: Limits,
     most: float,
     timing: Timing,
 ) -> tuple[Any, tuple[Predicted, ...]]:
     """The axis of the least cost, and what is predicted of it for each plant."""
-    nominal, *_ = truths
-    grid = frequencies(timing.tick, points=_POINTS * 4)[-_POINTS:]
+    grid = np.geomspace(_SLOWEST, 0.999 * math.pi / timing.tick, _POINTS)
     z = np.exp(1j * grid * timing.tick)
 
     def cost(logs: np.ndarray) -> float:
@@ -399,12 +434,14 @@ def _searched(
         return 0.5 * math.log(np.mean([answer.error**2 for answer in stable])) + _PENALTY * broken
 
     logs = np.log(start)
-    # The weight of the command decides most: its best decade first.
-    tried = [logs + np.eye(len(logs))[0] * shift for shift in np.arange(-7.0, 7.1, 1.75)]
-    begin = min(tried, key=cost)
-    simplex = np.vstack([begin, *(begin + 0.8 * sign * row for row, sign in zip(np.eye(len(logs)), itertools.cycle((-1, 1))))])
-    options = {"maxfev": _EVALUATIONS, "initial_simplex": simplex}
-    best = scipy.optimize.minimize(cost, begin, method="Nelder-Mead", options=options)
+    first, *_ = steps = np.eye(len(logs))
+    # Handing small matrices round takes longer than multiplying them.
+    with ThreadpoolController().limit(limits=1, user_api="blas"):
+        # The weight of the command decides most: its best decade first.
+        begin = min((logs + shift * first for shift in np.arange(-7.0, 7.1, 1.75)), key=cost)
+        signed = (begin + sign * step for step, sign in zip(0.8 * steps, itertools.cycle((-1.0, 1.0)), strict=False))
+        options = {"maxfev": _EVALUATIONS, "initial_simplex": np.vstack([begin, *signed])}
+        best = scipy.optimize.minimize(cost, begin, method="Nelder-Mead", options=options)
     axis = axis_of(*(float(f"{number:.4g}") for number in np.exp(best.x)))
     loop = loop_of(axis)
     answers = tuple(predicted(loop, truth, timing) for truth in truths)
@@ -426,13 +463,20 @@ def _common(
     }
 
 
-def _lateral_truth(plant: Plant, found: Conditions) -> ContinuousModel:
+def lateral_truth(plant: Plant, found: Conditions) -> ContinuousModel:
+    """The chain along x, or y, of a plant and what disturbs it."""
     disturbances = _disturbing(found.lateral, Noise(found.bias, _BIAS))
-    return torque_model(plant.lag, disturbances) if plant.answer is None else attitude_model(plant.answer, disturbances)
+    if plant.answer is None:
+        return torque_model(plant.lag, disturbances)
+    if plant.lags:
+        return lagging_attitude_model(plant.answer, plant.lag, disturbances)
+    return attitude_model(plant.answer, disturbances)
 
 
-def _vertical_truth(plant: Plant, found: Conditions) -> ContinuousModel:
-    return vertical_model(plant.lag, _disturbing(found.vertical, None))
+def vertical_truth(plant: Plant, found: Conditions) -> ContinuousModel:
+    """The chain along z of a plant and what disturbs it."""
+    model = vertical_model(plant.lag, _disturbing(found.vertical, None))
+    return model._replace(B=plant.thrust_gain * model.B)
 
 
 def _disturbing(found: Spectrum, bias: Noise | None) -> Disturbances:
@@ -443,6 +487,12 @@ def _yaw(scenario: Scenario) -> YawPd:
     """The yaw's PD, as a cascade has it."""
     gains: Any = design_cascade(middle_of(scenario)).loops["yaw"].gains
     return YawPd(k_p=gains.k_p, k_d=gains.k_d)
+
+
+def _limits_of(control: Control | LqgControl) -> dict[str, float]:
+    """The limits of tilt and thrust that a scenario has."""
+    limits = control.thrust_vectoring if isinstance(control, Control) else control
+    return {name: getattr(limits, name) for name in ("max_tilt", "min_thrust", "max_thrust")}
 
 
 def middle_of(scenario: Scenario) -> Scenario:
@@ -457,7 +507,18 @@ def _drawn(scenario: Scenario, share: float) -> Scenario:
 
 
 def _lag(scenario: Scenario) -> float:
-    return float(scenario.vehicle.rotor_time_constant)
+    """The lag of the rotors; the geometric mean of those upwards and downwards if they differ, s."""
+    up, down = scenario.vehicle.rotor_time_constant, scenario.vehicle.rotor_time_constant_down
+    return float(f"{up if down is None else math.sqrt(up * down):.4g}")
+
+
+def _thrust_gain(scenario: Scenario) -> float:
+    """By how much more the thrust changes than is believed, from the answer of the height to a slow command."""
+    period, mass, slow = scenario.laboratory.command_link.period, scenario.nominal.mass, 2.0
+    plant = laboratory_plant(scenario, vehicle="as it is").system
+    command = f"{scenario.laboratory.autopilot.command}.thrust"
+    answer = plant.between([command], ["measurement.z"]).response(np.exp([1j * slow * period])).item()
+    return float(f"{abs(answer) * mass * slow**2 * math.hypot(1.0, slow * _lag(scenario)):.3g}")
 
 
 def _latency(scenario: Scenario) -> float:
@@ -469,15 +530,16 @@ def _delay(scenario: Scenario) -> float:
 
 
 def _answer(scenario: Scenario) -> Answer | None:
-    """How the attitude answers an autopilot: as it is written, or the slow pair of its loops behind the rotors' lag."""
+    """How the attitude answers an autopilot: as it is written, or as its loops ask for, which rotors follow."""
     autopilot = scenario.laboratory.autopilot
     if isinstance(autopilot, AttitudeResponse):
-        (omega, _), (zeta, _) = ((float(row) for row in rows[:2]) for rows in (autopilot.natural_frequency, autopilot.damping))
-        return Answer(omega, zeta)
+        omega, *_ = autopilot.natural_frequency
+        zeta, *_ = autopilot.damping
+        return Answer(float(omega), float(zeta))
     if isinstance(autopilot, AttitudeAutopilot):
         k_attitude, k_rate = (float(rows[0]) for rows in (autopilot.k_attitude, autopilot.k_rate))
-        slow, *_ = sorted(np.roots([_lag(scenario), 1.0, k_rate, k_rate * k_attitude]), key=lambda pole: abs(pole))
-        return Answer(float(f"{abs(slow):.4g}"), float(f"{-slow.real / abs(slow):.4g}"))
+        omega = math.sqrt(k_attitude * k_rate)
+        return Answer(float(f"{omega:.4g}"), float(f"{0.5 * k_rate / omega:.4g}"))
     return None
 
 

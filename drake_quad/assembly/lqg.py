@@ -13,6 +13,7 @@ from drake_quad.control.lqg.chains import (
     Disturbances,
     Noise,
     attitude_model,
+    lagging_attitude_model,
     torque_model,
     vertical_model,
 )
@@ -52,6 +53,7 @@ def lqg_recipes(batch: Batch) -> dict[str, Recipe]:
     else:
         omega, zeta = control.lateral.natural_frequency, control.lateral.damping
         slower = 2.0 * zeta / omega
+        lead += control.lateral.lag or 0.0
         target = TargetNumbers(lead + slower, 0.5 * lead**2 + lead * slower + 1.0 / omega**2)
     lateral = lateral_loop(control.lateral, times, believed.gravity)
     numbers = LqgNumbers(lateral, vertical_loop(control.vertical, times), thrust, torques, target)
@@ -92,11 +94,13 @@ def lqg_timing(scenario: Scenario) -> Timing:
 def lateral_model(axis: LateralAxis) -> ContinuousModel:
     """What is believed of x and of y."""
     disturbances = _disturbances(axis, Noise(axis.bias.deviation, axis.bias.time))
-    if axis.lag is not None:
+    if axis.natural_frequency is None or axis.damping is None:
+        assert axis.lag is not None
         return torque_model(axis.lag, disturbances)
-    assert axis.natural_frequency is not None
-    assert axis.damping is not None
-    return attitude_model(Answer(axis.natural_frequency, axis.damping), disturbances)
+    answer = Answer(axis.natural_frequency, axis.damping)
+    if axis.lag is None:
+        return attitude_model(answer, disturbances)
+    return lagging_attitude_model(answer, axis.lag, disturbances)
 
 
 def lateral_loop(axis: LateralAxis, times: Timing, gravity: float) -> AxisLoop:

@@ -42,7 +42,10 @@ class VerticalAxis(Axis):
 class LateralAxis(Axis):
     """What the controller believes of the way from its command to x and to y, and what it weighs."""
 
-    lag: PlainSpan | None = Field(default=None, description="of the rotors (s); needed without an autopilot")
+    lag: PlainSpan | None = Field(
+        default=None,
+        description="of the rotors (s); needed without an autopilot, with one none if its answer has it already",
+    )
     natural_frequency: PlainPositive | None = Field(
         default=None, description="ω of the attitude's answer (rad/s); needed with an autopilot"
     )

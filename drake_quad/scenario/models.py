@@ -428,10 +428,10 @@ class Scenario(Mission):
         if frame > tick:
             demand = "must not be longer than the period of the command link, {tick} s, with control.kind lqg"
             raise self.wrong("laboratory", "motion_capture", "period", kind="period", demand=demand, tick=tick)
-        on_the_ground = ("lateral", "lag"), ("yaw",)
+        on_the_ground: tuple[tuple[str, ...], ...] = (("yaw",),)
         on_board = ("lateral", "natural_frequency"), ("lateral", "damping")
         wrench = isinstance(autopilot, NoAutopilot)
-        for path in on_the_ground if wrench else on_board:
+        for path in (("lateral", "lag"), *on_the_ground) if wrench else on_board:
             if reduce(getattr, path, control) is None:
                 raise PydanticCustomError("missing", "is missing", {"path": ("control", *path)})
         for path in on_board if wrench else on_the_ground:

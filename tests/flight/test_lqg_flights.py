@@ -14,11 +14,10 @@ from drake_quad.flight.simulation import simulate_batch
 from drake_quad.scenario import Batch
 
 DIAGRAMS = Path(__file__).parents[2] / "diagrams"
-LQG = f"{DIAGRAMS}/controllers/lqg.yaml:lqg"
 
 
-def scenario_of(spec, *overrides):
-    return load_scenario(f"{DIAGRAMS}/{spec}", overrides, layers=[LQG])
+def scenario_of(spec, *overrides, controller="lqg"):
+    return load_scenario(f"{DIAGRAMS}/{spec}", overrides, layers=[f"{DIAGRAMS}/controllers/lqg.yaml:{controller}"])
 
 
 def flown(scenario, num_samples):
@@ -39,6 +38,20 @@ def test_the_shipped_controller_is_as_good_as_it_was_when_it_was_found(spec, cen
     """Mean RMSE of the prototype over 32 samples, whose standard error was 0.02 cm; here of eight."""
     errors = [100.0 * metrics.rmse for metrics in flown(scenario_of(spec, *overrides), 8)]
     assert np.mean(errors) == pytest.approx(centimetres, abs=0.08)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    ("controller", "spec", "centimetres"),
+    [
+        ("lqg_low_wind", "laboratory.yaml:high_wind", 1.27),
+        ("lqg_onboard", "onboard.yaml", 0.35),
+        ("lqg_neural_fly", "vehicles/neural_fly.yaml:wind_12", 2.98),
+    ],
+)
+def test_shipped_designs_are_as_good_as_when_they_were_made(controller, spec, centimetres):
+    errors = [100.0 * metrics.rmse for metrics in flown(scenario_of(spec, controller=controller), 4)]
+    assert np.mean(errors) == pytest.approx(centimetres, rel=0.1)
 
 
 def test_a_network_around_it_closes_no_algebraic_loop():

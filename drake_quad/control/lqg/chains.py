@@ -2,10 +2,12 @@
 
 Along X and Y the specific thrust s, a horizontal acceleration, moves the vehicle, and the attitude moves s. Without an
 autopilot the command u is a snap, which torques give after the lag T of the rotors; with one it is an acceleration,
-that is an angle times g, which the attitude follows as a lag of second order:
+that is an angle times g, which the attitude follows as a lag of second order, or does once the rotors do what the loops
+on board ask for:
 
     p' = v    v' = s + d₁ + d₂    s' = j    without: j' = a + δ,  a' = (u - a) / T
-                                            with:    j' = ω² (u - s) - 2 ζ ω j + δ
+                                            with:    j' = b + δ,  b = ω² (u - s) - 2 ζ ω j
+                                            or:      j' = a + δ,  a' = (b - a) / T
 
 Along Z it is the thrust itself: p' = v, v' = s + d₁ + d₂, s' = (u - s) / T with an acceleration s beside gravity.
 
@@ -56,6 +58,20 @@ class AttitudeChain(NamedTuple):
     bias: Row
 
 
+class LaggingAttitudeChain(NamedTuple):
+    """Along X or Y, with the loops of an autopilot on board behind the lag of the rotors."""
+
+    position: Row
+    velocity: Row
+    thrust: Row
+    jerk: Row
+    snap: Row
+    first: Row
+    second: Row
+    second_rate: Row
+    bias: Row
+
+
 class VerticalChain(NamedTuple):
     """Along Z."""
 
@@ -65,9 +81,6 @@ class VerticalChain(NamedTuple):
     first: Row
     second: Row
     second_rate: Row
-
-
-Chain = TorqueChain | AttitudeChain | VerticalChain
 
 
 class Noise(NamedTuple):
@@ -140,6 +153,15 @@ def attitude_model(answer: Answer, disturbances: Disturbances) -> ContinuousMode
     friction = 2.0 * answer.damping * answer.natural_frequency
     turning = {("jerk", "thrust"): -stiffness, ("jerk", "jerk"): -friction, ("jerk", "bias"): 1.0}
     return _model(AttitudeChain, {("thrust", "jerk"): 1.0, **turning}, {"jerk": stiffness}, disturbances)
+
+
+def lagging_attitude_model(answer: Answer, lag: float, disturbances: Disturbances) -> ContinuousModel:
+    """The model of a `LaggingAttitudeChain`, given the lag of the rotors (s)."""
+    stiffness = answer.natural_frequency**2 / lag
+    friction = 2.0 * answer.damping * answer.natural_frequency / lag
+    turning = {("jerk", "snap"): 1.0, ("jerk", "bias"): 1.0, ("snap", "snap"): -1.0 / lag}
+    moving = {("thrust", "jerk"): 1.0, ("snap", "thrust"): -stiffness, ("snap", "jerk"): -friction, **turning}
+    return _model(LaggingAttitudeChain, moving, {"snap": stiffness}, disturbances)
 
 
 def vertical_model(lag: float, disturbances: Disturbances) -> ContinuousModel:

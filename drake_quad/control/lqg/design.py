@@ -5,7 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.control.lqg.chains import ContinuousModel, sampled, sampled_noise
+from drake_quad.control.lqg.chains import ContinuousModel, TorqueChain, sampled, sampled_noise
 from drake_quad.signals import Row
 
 
@@ -88,7 +88,7 @@ def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, comm
     (K,) = regulator_gain(*over_tick, np.outer(position, position), np.eye(1) * command_weight)
     record = model.kind
     on_state, pending = record(*K[:n].tolist()), tuple(K[n:].tolist())
-    answers = 0.0 if "snap" in record._fields else 1.0 + sum(pending)
+    answers = 0.0 if record is TorqueChain else 1.0 + sum(pending)
     return AxisLoop(
         A=tuple(record(*row) for row in A.tolist()),
         B=record(*B.ravel().tolist()),
