@@ -18,6 +18,7 @@ from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, Weight
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
+from drake_quad.errors import InputError
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario
 from drake_quad.vehicle.parameters import Inertia
@@ -61,8 +62,13 @@ def build_control(
         recipes: of its parts.
         num_vehicles: N.
         position_controller: takes the place of the scenario's, for which there are no recipes then.
+
+    Raises:
+        InputError: there is a position controller, but no cascade.
     """
     if scenario.control.kind == "lqg":
+        if position_controller is not None:
+            raise InputError(f"control of {scenario.name} is of kind lqg: it has no place for a position_controller")
         return build_lqg_control(recipes, num_vehicles)
     systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}
     if position_controller is None:

@@ -7,9 +7,11 @@ import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Gain
 
-from drake_quad import load_scenario
+from drake_quad import InputError, build_tracking_diagram, load_scenario
 from drake_quad.assembly.lqg import lqg_recipes
+from drake_quad.control.axes import PerAxis
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
+from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.flight.simulation import simulate_batch
 from drake_quad.scenario import Batch
 
@@ -67,3 +69,12 @@ def test_a_network_around_it_closes_no_algebraic_loop():
     builder.Connect(network.get_output_port(), regulator.GetInputPort("correction"))
     builder.ExportOutput(regulator.GetOutputPort("wrench"), "wrench")
     assert builder.Build().num_output_ports() == 1
+
+
+def test_it_has_no_place_for_a_position_controller():
+    gains = PdGains(PerAxis(1.0, 1.0, 1.0), PerAxis(1.0, 1.0, 1.0))
+    own = build_position_controller(ProportionalDerivative(numbers=gains))
+    with pytest.raises(
+        InputError, match="control of nominal is of kind lqg: it has no place for a position_controller"
+    ):
+        build_tracking_diagram(scenario_of("laboratory.yaml:nominal"), position_controller=own)
