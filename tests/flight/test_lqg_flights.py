@@ -5,9 +5,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder
-from pydrake.systems.primitives import Gain
+from pydrake.systems.primitives import ConstantVectorSource, Gain
 
-from drake_quad import InputError, build_tracking_diagram, load_scenario
+from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
 from drake_quad.assembly.lqg import lqg_recipes
 from drake_quad.control.axes import PerAxis
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
@@ -69,6 +69,36 @@ def test_a_network_around_it_closes_no_algebraic_loop():
     builder.Connect(network.get_output_port(), regulator.GetInputPort("correction"))
     builder.ExportOutput(regulator.GetOutputPort("wrench"), "wrench")
     assert builder.Build().num_output_ports() == 1
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("share", [0.0, 0.6, 1.0])
+def test_of_a_disturbance_that_a_network_takes_away_the_filter_finds_the_rest(share):
+    """A steady wind along x and y pushes by c / m of itself; what a correction says of it is no disturbance."""
+    wind = np.array([1.5, -2.5, 0.0])
+    scenario = scenario_of(
+        "laboratory.yaml:nominal",
+        *("route={kind: hover, position: [0, 0, 1], duration: 12}", "vehicle.quadratic_drag=0"),
+        *("laboratory.motion_capture={position_noise: 0, attitude_noise: 0}", "laboratory.command_link.loss_rate=0"),
+        f"laboratory.wind=[{{kind: steady, velocity: {wind.tolist()}}}]",
+        controller="lqg_low_wind",
+    )
+    push = 0.1 / 0.68 * wind
+    recipe = lqg_recipes(Batch.draw(scenario, [0]))["regulator"]
+    system = LinearQuadraticGaussian(**recipe.structure, takes_correction=True, numbers=recipe.numbers)
+    builder = DiagramBuilder()
+    regulator = builder.AddNamedSystem("regulator", system)
+    known = builder.AddNamedSystem("known", ConstantVectorSource(share * push))
+    builder.Connect(known.get_output_port(), regulator.GetInputPort("correction"))
+    for name in ("measurement", "reference", "reference_jerk", "reference_snap"):
+        builder.ExportInput(regulator.GetInputPort(name), name)
+    for name in ("wrench", "acceleration_command", "error", "disturbance"):
+        builder.ExportOutput(regulator.GetOutputPort(name), name)
+    flight = simulate(scenario, control=builder.Build())
+    np.testing.assert_allclose(flight["disturbance"][-1], (1.0 - share) * push, atol=0.03)
+    np.testing.assert_allclose(flight["state"][-1, :3], [0.0, 0.0, 1.0], atol=0.006)
+    # To stand still takes the same command, whoever says so.
+    np.testing.assert_allclose(flight["acceleration_command"][-1], -push, atol=0.03)
 
 
 def test_it_has_no_place_for_a_position_controller():
