@@ -98,7 +98,9 @@ def test_it_shows_what_its_position_controller_shows():
     assert ports(cascade("none")) == (["measurement", "reference"], always + of_the_pd)
     network = build_fuzzy_network(rules=FuzzyRules(), learning=WeightLearning())
     learns = build_position_controller(pd, correction=network)
-    assert ports(cascade("snap", learns)) == ([*INPUTS], [*always, *POSITION_SIGNALS])
+    # Only an observer shows a disturbance.
+    shown = [name for name in POSITION_SIGNALS if name != "disturbance"]
+    assert ports(cascade("snap", learns)) == ([*INPUTS], [*always, *shown])
     integral = IntegralCorrection(numbers=IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6))
     integral.set_name("integral")
     pid = build_position_controller(ProportionalDerivative(numbers=GAINS), correction=integral)
