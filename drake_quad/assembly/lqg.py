@@ -1,5 +1,6 @@
 """Linear-quadratic-Gaussian control of a scenario."""
 
+import warnings
 from typing import Any
 
 import numpy as np
@@ -20,6 +21,7 @@ from drake_quad.control.lqg.chains import (
 from drake_quad.control.lqg.design import AxisLoop, Timing, axis_loop
 from drake_quad.control.lqg.laws import LqgNumbers, TargetNumbers, ThrustNumbers, TorqueNumbers
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
+from drake_quad.errors import InputError
 from drake_quad.scenario import Batch, Scenario
 from drake_quad.scenario.lqg import Axis, LateralAxis, LqgControl, VerticalAxis
 from drake_quad.scenario.quantities import can_differ_from_zero
@@ -104,15 +106,35 @@ def lateral_model(axis: LateralAxis) -> ContinuousModel:
 
 
 def lateral_loop(axis: LateralAxis, times: Timing, gravity: float) -> AxisLoop:
-    """Filter and regulator of x and of y."""
+    """Filter and regulator of x and of y.
+
+    Raises:
+        InputError: there are none.
+    """
     noise = np.array([axis.position_noise, axis.attitude_noise * gravity])
-    return axis_loop(lateral_model(axis), times, noise=noise, command_weight=axis.command_weight)
+    return _designed("control.lateral", lateral_model(axis), times, noise, axis.command_weight)
 
 
 def vertical_loop(axis: VerticalAxis, times: Timing) -> AxisLoop:
-    """Filter and regulator of the height."""
+    """Filter and regulator of the height.
+
+    Raises:
+        InputError: there are none.
+    """
     model = vertical_model(axis.lag, _disturbances(axis, None))
-    return axis_loop(model, times, noise=np.array([axis.position_noise]), command_weight=axis.command_weight)
+    return _designed("control.vertical", model, times, np.array([axis.position_noise]), axis.command_weight)
+
+
+def _designed(field: str, model: ContinuousModel, times: Timing, noise: np.ndarray, weight: float) -> AxisLoop:
+    """The loop of an axis; floating point has none where times or sizes are too far apart."""
+    try:
+        # What SciPy warns of ends in an error, or does not matter.
+        with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
+            return axis_loop(model, times, noise=noise, command_weight=weight)
+    except (np.linalg.LinAlgError, ValueError) as error:
+        raise InputError(
+            f"{field} has no filter or no regulator: its times, deviations or weights are too far apart"
+        ) from error
 
 
 def _disturbances(axis: Axis, bias: Noise | None) -> Disturbances:

@@ -5,7 +5,7 @@ from pathlib import Path
 
 import pytest
 
-from drake_quad import InputError, load_scenario
+from drake_quad import InputError, build_tracking_diagram, load_scenario
 from drake_quad.analysis.cascade_design import with_gains
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.saving import save_scenario
@@ -90,3 +90,9 @@ def test_a_cascade_s_own_mistakes_are_told_as_before():
 def test_who_designs_cascades_says_that_this_is_none():
     with pytest.raises(InputError, match=r"control of high_wind is of kind lqg, but must be a cascade for this"):
         with_gains(load(), {"position": {"k_p": [1.0, 1.0, 1.0]}})
+
+
+def test_numbers_that_are_too_far_apart_are_told_when_it_is_assembled():
+    slow = "control.lateral={lag: 80000, position_noise: 1.0e+9, attitude_noise: 1.0e+9, command_weight: 1.0e+9}"
+    with pytest.raises(InputError, match=r"control\.lateral has no filter or no regulator: its times, deviations or"):
+        build_tracking_diagram(load(slow))

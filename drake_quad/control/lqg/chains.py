@@ -21,6 +21,7 @@ the command acts (J. C. Doyle and G. Stein, "Robustness with observers", IEEE Tr
 1979).
 """
 
+import math
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -183,8 +184,13 @@ def sampled_noise(A: np.ndarray, Q: np.ndarray, period: float) -> np.ndarray:
     23(3), 1978.
     """
     n = len(A)
-    whole = scipy.linalg.expm(period * np.block([[-A, Q], [np.zeros((n, n)), A.T]]))
-    covariance: np.ndarray = whole[n:, n:].T @ whole[:n, n:]
+    # Over a short time, then twice that, and so on: what dies within a period would grow beyond all bounds backwards.
+    doublings = max(0, math.ceil(math.log2(max(float(np.linalg.norm(A, 1)) * period, 1.0))))
+    whole = scipy.linalg.expm(period / 2.0**doublings * np.block([[-A, Q], [np.zeros((n, n)), A.T]]))
+    over = whole[n:, n:].T
+    covariance: np.ndarray = over @ whole[:n, n:]
+    for _ in range(doublings):
+        covariance, over = covariance + over @ covariance @ over.T, over @ over
     return 0.5 * (covariance + covariance.T)
 
 

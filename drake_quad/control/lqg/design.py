@@ -79,10 +79,15 @@ def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, comm
         timing: of frames and ticks.
         noise: (p,) standard deviation of what is measured.
         command_weight: ρ.
+
+    Raises:
+        numpy.linalg.LinAlgError: floating point finds no stable filter, or no regulator.
     """
     n = len(model.A)
     A, B = sampled(model.A, model.B, timing.frame)
     L = kalman_gain(A, model.C, sampled_noise(model.A, model.Q, timing.frame), np.diag(noise**2))
+    if not np.abs(np.linalg.eigvals(A - A @ L @ model.C)).max() < 1.0:
+        raise np.linalg.LinAlgError("the filter is unstable")
     over_tick = with_commands_under_way(*sampled(model.A, model.B, timing.tick), timing.delay_ticks)
     position, *_ = np.pad(model.C, ((0, 0), (0, timing.delay_ticks)))
     (K,) = regulator_gain(*over_tick, np.outer(position, position), np.eye(1) * command_weight)

@@ -50,6 +50,14 @@ def test_sampled_noise_is_the_integral_of_what_white_noise_becomes(model):
     np.testing.assert_allclose(sampled_noise(model.A, model.Q, TICK), expected, rtol=1e-9, atol=1e-12)
 
 
+def test_noise_of_a_chain_much_faster_than_a_period_is_that_of_its_rest():
+    """Of what is forgotten within a period its stationary covariance is left."""
+    A, Q = np.array([[-2000.0, 500.0], [0.0, -1.0]]), np.diag([3.0, 0.5])
+    P = scipy.linalg.solve_continuous_lyapunov(A, -Q)
+    over, _ = sampled(A, np.zeros((2, 1)), 0.5)
+    np.testing.assert_allclose(sampled_noise(A, Q, 0.5), P - over @ P @ over.T, rtol=1e-9)
+
+
 @models
 def test_coloured_noises_have_their_deviation_and_their_time(model):
     """exp(-τ/T) and (1 + τ/T) exp(-τ/T) are the correlations of first and of second order."""
