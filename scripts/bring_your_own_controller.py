@@ -45,7 +45,7 @@ def main() -> None:
     ).parse_args()
     scenario = scenario_of(arguments)
     flights = {
-        f"RMSE, {scenario.control.position.kind} of the scenario": simulate(scenario),
+        f"RMSE, {scenario.cascade.position.kind} of the scenario": simulate(scenario),
         "RMSE, sliding mode": simulate(scenario, position_controller=SlidingMode()),
     }
     print_table([(name, f"{100.0 * flight.metrics.rmse:.2f}", "cm") for name, flight in flights.items()])

@@ -64,7 +64,7 @@ def main() -> None:
         scenario = with_integrals(scenario)
     # A PID has its integral designed, too.
     integral = arguments.integral
-    if integral is None and scenario.control.position.kind == "pid":
+    if integral is None and scenario.cascade.position.kind == "pid":
         integral = _INTEGRAL
     design = design_cascade(scenario, design_options(arguments, period), on_board=arguments.on_board, integral=integral)
     designed = with_gains(scenario, design.gains())
@@ -196,7 +196,7 @@ def write_gains(design: CascadeDesign, designed: Scenario, path: Path) -> None:
     with path.open("w", encoding="utf-8") as file:
         file.write(f"# python scripts/design_gains.py {shlex.join(sys.argv[1:])}\n")
         gains: dict[str, dict[str, dict]] = {"control": {**design.gains()}}
-        position = designed.control.position
+        position = designed.cascade.position
         if position.kind == "pid":
             kept = {name: getattr(position, name) for name in ("kind", "derivative", "feed_forward")}
             gains["control"]["position"] = kept | gains["control"]["position"]

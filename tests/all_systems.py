@@ -22,6 +22,10 @@ from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, Weight
 from drake_quad.control.geometric import GeometricAttitudeController
 from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
+from drake_quad.control.lqg.chains import AttitudeChain, TorqueChain, VerticalChain
+from drake_quad.control.lqg.design import AxisLoop
+from drake_quad.control.lqg.laws import LqgNumbers, TargetNumbers, ThrustNumbers, TorqueNumbers
+from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
 from drake_quad.framework.broadcast import Broadcast
@@ -203,6 +207,30 @@ STREAMS = (
 ALL_ERRORS = {"noisy": True, "loses_frames": True, "misaligned": True, "filtered": True, "longest_latency": 2}
 LOSSY = {"longest_delay": 3, "loses_packets": True}
 
+
+def _loop(kind, measured, delay, seed) -> AxisLoop:
+    """A loop of which no two numbers are alike."""
+    rng = np.random.default_rng(seed)
+
+    def rows() -> Any:
+        return kind(*rng.uniform(0.01, 0.2, len(kind._fields)).tolist())
+
+    A = tuple(rows() for _ in kind._fields)
+    L = tuple(rows() for _ in range(measured))
+    return AxisLoop(A, rows(), L, rows(), tuple(rng.uniform(0.1, 0.3, delay).tolist()), 1.7 + 0.1 * seed)
+
+
+BELIEVED = ThrustNumbers(0.68, 9.81, 0.7, 2.0, 12.0, 0.07)
+WITH_TORQUES = LqgNumbers(
+    _loop(TorqueChain, 2, 2, 1),
+    _loop(VerticalChain, 1, 2, 2),
+    BELIEVED,
+    TorqueNumbers(0.0065, 0.0085, 0.0126, 5.0, 3.1, 400.0, 0.09),
+    None,
+)
+WITH_TARGETS = LqgNumbers(
+    _loop(AttitudeChain, 2, 1, 3), _loop(VerticalChain, 1, 1, 4), BELIEVED, None, TargetNumbers(0.2, 0.03)
+)
 NEAR_GROUND = Effects(ground_effect=GroundEffect(0.11, 0.05))
 FLEET_SYSTEMS = [
     Example(Allocation, RotorModel.of(VEHICLE.parameters)),
@@ -231,6 +259,8 @@ FLEET_SYSTEMS = [
     Example(IncrementalAttitudeController, INCREMENTAL, num_vehicles=2),
     Example(SineWind, SineNumbers(Wind(1.0, 2.0, 3.0), 1.1, 2.2)),
     Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), num_vehicles=2),
+    Example(LinearQuadraticGaussian, WITH_TORQUES, {"takes_correction": True, "loses_frames": True}, num_vehicles=2),
+    Example(LinearQuadraticGaussian, WITH_TARGETS, {"signal": "attitude_target", "period": 0.005}, whole=False),
     Example(MotionCapture, CAMERAS, ALL_ERRORS, num_vehicles=2),
     Example(MotionCapture, CAMERAS, ALL_ERRORS),
     Example(MotionCapture, CAMERAS, whole=False),

@@ -322,6 +322,22 @@ RESPONDING = [
 
 
 @pytest.mark.slow
+def test_design_lqg_states_margins_and_writes_what_a_scenario_extends(run, tmp_path, monkeypatch):
+    monkeypatch.setattr("drake_quad.analysis.lqg_design._EVALUATIONS", 20)
+    result = run("design_lqg.py", ONBOARD, "--sensitivity", "2.5", "--output", tmp_path)
+    assert result.returncode == 0, result.stderr
+    rows = {line.split()[0]: line.split() for line in result.stdout.splitlines() if line}
+    assert {"thrust", "roll", "pitch"} <= rows.keys()
+    assert "yaw" not in rows
+    written = (tmp_path / "lqg.yaml").read_text()
+    assert written.startswith("# python scripts/design_lqg.py ")
+    mine = tmp_path / "mine.yaml"
+    mine.write_text(f"mine: {{extends: [{ROOT / ONBOARD}, lqg.yaml]}}\n")
+    assert load_scenario(mine).control == load_scenario(tmp_path / "scenario.yaml").control
+    assert load_scenario(mine).control.kind == "lqg"
+
+
+@pytest.mark.slow
 def test_design_gains_designs_loops_on_board_and_the_position_around_them(run, tmp_path):
     result = run("design_gains.py", ONBOARD, "--on-board", "--phase-margin", "65", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -475,6 +491,8 @@ def test_sensitivities_are_by_the_distances_that_the_layout_has(run, tmp_path):
 @pytest.mark.parametrize(
     ("script", "arguments", "words"),
     [
+        ("design_lqg.py", ["--sensitivity", "1"], "--sensitivity is 1, but must be between 1.2 and 10"),
+        ("design_lqg.py", ["--delay-margin", "-1"], "--delay-margin is -1, but must be between 0 and 10"),
         ("design_gains.py", ["--phase-margin", "85"], "no gains of this kind are good enough for roll; at best phase"),
         ("design_gains.py", ["--attitude-bandwidth", "5"], "roll cannot have a bandwidth of 5 rad/s: phase margin"),
         ("design_gains.py", ["--method", "lqr", "--yaw-bandwidth", "1"], "--yaw-bandwidth is for --method poles"),

@@ -24,6 +24,7 @@ from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning
 from drake_quad.control.geometric import GeometricAttitudeController
 from drake_quad.control.incremental_attitude import IncrementalAttitudeController
 from drake_quad.control.integral import IntegralCorrection
+from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.control.position import ProportionalDerivative
 from drake_quad.control.thrust_vectoring import ThrustVectoring
 from drake_quad.framework.broadcast import Broadcast
@@ -294,6 +295,13 @@ DEFAULTS = {
     IncrementalAttitudeController: {"period": 0.02, "delay_ticks": 0},
     SineWind: {"period": 0.01},
     IntegralCorrection: {"period": 0.02},
+    LinearQuadraticGaussian: {
+        "signal": "wrench",
+        "period": 0.01,
+        "tick": 0.02,
+        "loses_frames": False,
+        "takes_correction": False,
+    },
     MotionCapture: {
         "period": 0.01,
         "noisy": False,

@@ -100,7 +100,7 @@ def _proportional(loop: LoopDesign) -> float:
 
 def with_integrals(scenario: Scenario) -> Scenario:
     """The scenario with a PID in place of its position controller, if that is no PID yet: its k_I are still zero."""
-    position = scenario.control.position
+    position = scenario.cascade.position
     if isinstance(position, PidPosition):
         return scenario
     kept = {name: getattr(position, name) for name in PdPosition.model_fields if name != "kind"}
@@ -111,10 +111,10 @@ def with_integrals(scenario: Scenario) -> Scenario:
 def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[float]]]) -> Scenario:
     """The scenario with other gains, as `CascadeDesign.gains` has them."""
     blocks = {
-        name: getattr(scenario.control, name).model_copy(update={kind: tuple(rows) for kind, rows in block.items()})
+        name: getattr(scenario.cascade, name).model_copy(update={kind: tuple(rows) for kind, rows in block.items()})
         for name, block in gains.items()
     }
-    return scenario.model_copy(update={"control": scenario.control.model_copy(update=blocks)})
+    return scenario.model_copy(update={"control": scenario.cascade.model_copy(update=blocks)})
 
 
 def with_autopilot_gains(scenario: Scenario, gains: Mapping[str, Sequence[float]]) -> Scenario:

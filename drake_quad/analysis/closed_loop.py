@@ -1,5 +1,6 @@
 """The loop of a scenario at rest: its equilibrium, its linear model, and the plants that its controllers act on."""
 
+from collections.abc import Sequence
 from typing import Any, Literal, NamedTuple
 
 import numpy as np
@@ -10,7 +11,8 @@ from drake_quad.analysis.sampled_system import SampledSystem, at_tick, linearize
 from drake_quad.assembly.effects import thrust_curve, vehicle_effects
 from drake_quad.assembly.laboratory import build_laboratory_of, laboratory_recipes, vehicle_parameters
 from drake_quad.assembly.planning import nominal_parameters, plan_route
-from drake_quad.assembly.tracking import build_tracking_diagram
+from drake_quad.assembly.tracking import build_fleet_diagram, build_tracking_diagram
+from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
 from drake_quad.framework.wiring import split_output
 from drake_quad.randomness.noise import Samples
@@ -175,11 +177,44 @@ def closed_loop(scenario: Scenario, *, position_controller: Any = None, control:
     """
     resting = at_rest(scenario)
     diagram = build_tracking_diagram(resting, position_controller=position_controller, control=control)
-    period = max(_periods(resting).values())
-    context = at_tick(diagram, _TICKS * period)
+    return _settled(scenario.name, diagram, diagram.CreateDefaultContext(), max(_periods(resting).values()))
+
+
+def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, control: Any = None) -> ClosedLoop:
+    """The same, from what is added to the signals of the command link to what goes over it then.
+
+    The inputs of the system are `injection.0`, `injection.1`, ..., its outputs `injected.0` and so on, row by row of
+    what the link carries.
+
+    Args:
+        scenario: flown `at_rest`.
+        position_controller: stands in for the scenario's; see `build_tracking_diagram`.
+        control: stands in for the whole cascade; see `build_tracking_diagram`.
+
+    Raises:
+        InputError: as `closed_loop`, or something happens less often than the control ticks.
+    """
+    resting = at_rest(scenario)
+    period = resting.laboratory.command_link.period
+    for name, other in _periods(resting).items():
+        if other > period:
+            raise InputError(
+                f"{name} is {other:g} s, but what goes over the link is looked at every tick, {period:g} s"
+            )
+    own = UserSystems(position_controller, control)
+    diagram = build_fleet_diagram(Batch.draw(resting, [0]), plan_route(resting), own=own, injects=True)
+    context = diagram.CreateDefaultContext()
+    port = diagram.GetInputPort("injection")
+    port.FixValue(context, np.zeros(port.size()))
+    return _settled(scenario.name, diagram, context, period, inputs=["injection"], outputs=["injected"])
+
+
+def _settled(name: str, diagram: Diagram, context: Context, period: float, **ports: Sequence[str]) -> ClosedLoop:
+    """A diagram in its equilibrium near what it is in, and its linear system over a period (s)."""
+    at_tick(diagram, _TICKS * period, context)
     layout = ContextVector(diagram, without=WATCHERS)
     for _ in range(_STEPS):
-        system, moved = linearize(diagram, context, period=period, without=WATCHERS)
+        system, moved = linearize(diagram, context, period=period, without=WATCHERS, **ports)
         worst = int(np.argmax(np.abs(moved)))
         if np.abs(moved[worst]) < _STILL:
             return ClosedLoop(diagram, context, system)
@@ -188,7 +223,7 @@ def closed_loop(scenario: Scenario, *, position_controller: Any = None, control:
         step = np.linalg.lstsq(np.eye(len(moved)) - system.A, moved, rcond=None)[0]
         layout.write(diagram, context, layout.read(diagram, context) + step)
     raise InputError(
-        f"the loop of {scenario.name} has no equilibrium near hover: {layout.names[worst]} still moves by"
+        f"the loop of {name} has no equilibrium near hover: {layout.names[worst]} still moves by"
         f" {moved[worst]:.3g} a tick"
     )
 

@@ -9,6 +9,8 @@ from drake_quad.analysis.sampled_system import SampledSystem
 
 # Lowest frequency that is looked at, rad/s, and how many up to half the sampling rate.
 _LOWEST, _POINTS = 1e-4, 2000
+# Size of L at standstill that only integrators reach.
+_INTEGRATES = 1e6
 
 
 class Margins(NamedTuple):
@@ -114,7 +116,13 @@ def _gain_at_standstill(loop: SampledSystem) -> float:
     """The factor at which a pole leaves through z = 1; infinite if it cannot, as with an integrator in the loop."""
     if np.abs(loop.poles() - 1.0).min() < 1e-9:
         return math.inf
-    value = loop.response(np.array([1.0])).item()
+    # Rounding takes the poles of several integrators apart.
+    try:
+        value = loop.response(np.array([1.0])).item()
+    except np.linalg.LinAlgError:
+        return math.inf
+    if abs(value) > _INTEGRATES:
+        return math.inf
     return -1.0 / value if value < 0.0 else math.inf
 
 

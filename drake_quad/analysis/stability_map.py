@@ -155,7 +155,7 @@ def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
 
 
 def _gains(scenario: Scenario, loop: Loop, axis: int) -> AxisGains:
-    block = getattr(scenario.control, loop)
+    block = getattr(scenario.cascade, loop)
     return AxisGains(float(block.k_p[axis]), float(block.k_d[axis]))
 
 

@@ -7,6 +7,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import Diagram
 
+from drake_quad.assembly.lqg import build_lqg_control, lqg_recipes
 from drake_quad.assembly.planning import nominal_parameters
 from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
@@ -26,6 +27,7 @@ from drake_quad.control.incremental_attitude import IncrementalAttitudeControlle
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
+from drake_quad.errors import InputError
 from drake_quad.framework.records import layout_of
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario
@@ -33,13 +35,15 @@ from drake_quad.vehicle.parameters import Inertia
 
 
 def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
-    """Recipes for what the cascade of a scenario is made of, by the path in its diagram; it believes the nominal.
+    """Recipes for what the control of a scenario is made of, by the path in its diagram; it believes the nominal.
 
     Args:
         batch: that is flown.
         plan: that is flown.
     """
     scenario, fleet = batch.scenario, FleetScenario(batch)
+    if scenario.control.kind == "lqg":
+        return {**lqg_recipes(batch), **_network(fleet.control.network, plan, scenario.laboratory.command_link.period)}
     position = fleet.control.position
     believed = nominal_parameters(scenario)
     limits = fleet.control.thrust_vectoring
@@ -67,19 +71,26 @@ def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
 def build_control(
     scenario: Scenario, recipes: dict[str, Recipe], num_vehicles: int, position_controller: Any = None
 ) -> Diagram:
-    """Builds the cascade of a scenario.
+    """Builds the control of a scenario.
 
     Args:
         scenario: it is of.
         recipes: of its parts.
         num_vehicles: N.
         position_controller: takes the place of the scenario's, for which there are no recipes then.
+
+    Raises:
+        InputError: there is a position controller, but no cascade.
     """
+    if scenario.control.kind == "lqg" and position_controller is not None:
+        raise InputError(f"control of {scenario.name} is of kind lqg: it has no place for a position_controller")
     systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}
     network = None
     if "network.rules" in systems:
         parts = {name: systems.get(f"network.{name}") for name in ("rules", "learning", "sets")}
         network = build_fuzzy_network(**parts)
+    if scenario.control.kind == "lqg":
+        return build_lqg_control(systems["regulator"], network)
     if position_controller is None:
         position_controller = build_position_controller(
             systems["position.pd"],
@@ -92,7 +103,7 @@ def build_control(
         network=network,
         thrust_vectoring=systems["thrust_vectoring"],
         attitude=systems.get("attitude"),
-        feed_forward=scenario.control.position.feed_forward,
+        feed_forward=scenario.cascade.position.feed_forward,
     )
 
 

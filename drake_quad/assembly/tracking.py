@@ -9,6 +9,7 @@ reference ──▶ control ──▶ laboratory
 from typing import Any
 
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.primitives import Adder
 
 from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.assembly.laboratory import build_laboratory_of, build_monitor, laboratory_recipes, wind_period
@@ -85,7 +86,13 @@ def build_tracking_diagram(
 
 
 def build_fleet_diagram(
-    batch: Batch, plan: Plan, *, own: UserSystems = UserSystems(), record: bool = False, drake_random: bool = False
+    batch: Batch,
+    plan: Plan,
+    *,
+    own: UserSystems = UserSystems(),
+    record: bool = False,
+    drake_random: bool = False,
+    injects: bool = False,
 ) -> Diagram:
     """Builds the closed loop of a scenario for the samples of a batch, each flown by a vehicle.
 
@@ -95,6 +102,8 @@ def build_fleet_diagram(
         own: systems of the user's, for as many vehicles. The diagram takes them over.
         record: whether to add a recorder of all signals, sampled at every tick of the control.
         drake_random: whether wind and noise come from Drake's random sources in place of those of the samples.
+        injects: whether there is an input port `injection`, which is added to what goes over the link, and an output
+            port `injected` with the sum.
 
     Raises:
         InputError: a system of the user's does not fit, or the vehicle's time step is too long for its drag.
@@ -123,7 +132,15 @@ def build_fleet_diagram(
     connect(reference, "reference_jerk", control)
     connect(reference, "reference_snap", control)
     connect(laboratory, "measurement", control)
-    connect(control, scenario.laboratory.autopilot.command, laboratory)
+    command = scenario.laboratory.autopilot.command
+    if injects:
+        injected = builder.AddNamedSystem("injected", Adder(2, control.GetOutputPort(command).size()))
+        builder.Connect(control.GetOutputPort(command), injected.get_input_port(0))
+        builder.Connect(injected.get_output_port(), laboratory.GetInputPort(command))
+        builder.ExportInput(injected.get_input_port(1), "injection")
+        builder.ExportOutput(injected.get_output_port(), "injected")
+    else:
+        connect(control, command, laboratory)
     connect(monitor, "crashed", laboratory)
     connect(laboratory, "state", monitor)
     connect(reference, "reference", monitor)

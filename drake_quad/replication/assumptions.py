@@ -116,7 +116,8 @@ def _of_laboratory(scenario: Scenario) -> list[Assumption]:
 
 
 def _of_control(scenario: Scenario) -> list[Assumption]:
-    position, network, attitude = scenario.control.position, scenario.control.network, scenario.control.attitude
+    cascade = scenario.cascade
+    position, network, attitude = cascade.position, cascade.network, cascade.attitude
     assert isinstance(network, Type2Network)
     sets, rate_sets, learning = network.inputs.error, network.inputs.error_rate, network.learning
     assert sets is not None

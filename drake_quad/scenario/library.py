@@ -11,6 +11,8 @@ from drake_quad.scenario.marked_tree import Mark, Tree
 from drake_quad.scenario.reading import read_text
 from drake_quad.scenario.waypoint_table import parse_waypoint_table
 
+# The kind of a field that may leave it out.
+SILENT_KINDS = {"control": "cascade"}
 _SUFFIXES = (".yaml", ".yml", ".csv")
 
 
@@ -111,18 +113,25 @@ class Library:
         return own if result is None else merged(result, own)
 
 
-def merged(base: Tree, extension: Tree) -> Tree:
+def merged(base: Tree, extension: Tree, silent: str | None = None) -> Tree:
     """Returns a deep merge: mappings are joined, anything else in the extension replaces.
 
-    A mapping of another `kind`, or a distribution, replaces as a whole: its fields mean something else.
+    A mapping of another `kind`, or a distribution, replaces as a whole: its fields mean something else. A control in
+    the base that does not say its kind is a cascade; one in the extension is of whatever kind is there.
+
+    Args:
+        base: that is laid under.
+        extension: that is laid over it.
+        silent: kind of a base that does not say it.
     """
     old, new = base.value, extension.value
     if not (isinstance(old, dict) and isinstance(new, dict)):
         return extension
-    other_kind = "kind" in new and "kind" in old and new["kind"].value != old["kind"].value
+    before = old["kind"].value if "kind" in old else silent
+    other_kind = "kind" in new and before is not None and new["kind"].value != before
     if other_kind or any(name in old or name in new for name in DISTRIBUTIONS):
         return extension
-    joined = {key: merged(old[key], tree) if key in old else tree for key, tree in new.items()}
+    joined = {key: merged(old[key], tree, SILENT_KINDS.get(key)) if key in old else tree for key, tree in new.items()}
     return Tree({**old, **joined}, extension.mark)
 
 

@@ -4,13 +4,13 @@ import difflib
 import re
 from collections.abc import Sequence
 from pathlib import Path
-from typing import Any, NamedTuple, TypeVar
+from typing import Any, NamedTuple, TypeVar, get_args
 
 from pydantic import ValidationError
 
 from drake_quad.errors import InputError, shortened, shown
 from drake_quad.scenario.distributions import DISTRIBUTIONS
-from drake_quad.scenario.library import Library, merged
+from drake_quad.scenario.library import SILENT_KINDS, Library, merged
 from drake_quad.scenario.limits import MOST_LEVELS
 from drake_quad.scenario.marked_tree import Mark, Tree
 from drake_quad.scenario.models import Mission, Scenario
@@ -223,8 +223,12 @@ def _complaint(problem: Any, value: str, path: tuple[Any, ...]) -> str:
 
 def _further_in(name: str) -> list[str]:
     """The fields of that name in the mappings of a scenario."""
-    mappings = {field: getattr(info.annotation, "model_fields", {}) for field, info in Scenario.model_fields.items()}
-    return [f"{field}.{name}" for field, fields in mappings.items() if name in fields]
+    kinds = {field: (info.annotation, *get_args(info.annotation)) for field, info in Scenario.model_fields.items()}
+    return [
+        f"{field}.{name}"
+        for field, mappings in kinds.items()
+        if any(name in getattr(mapping, "model_fields", {}) for mapping in mappings)
+    ]
 
 
 def _real_path(location: tuple[Any, ...], data: Any) -> tuple[Any, ...]:
@@ -232,7 +236,8 @@ def _real_path(location: tuple[Any, ...], data: Any) -> tuple[Any, ...]:
     path: list[Any] = []
     tagged: Any = None
     for i, key in enumerate(location):
-        if isinstance(data, dict) and data.get("kind") == key and data is not tagged:
+        kinds = (data["kind"],) if isinstance(data, dict) and "kind" in data else SILENT_KINDS.values()
+        if isinstance(data, dict) and key in kinds and data is not tagged:
             tagged = data
         elif (isinstance(data, dict) and key in data) or (isinstance(data, list) and key in range(len(data))):
             path.append(key)

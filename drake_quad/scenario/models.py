@@ -5,9 +5,11 @@ structure of the diagram (periods, counts, choices), what the ground believes, a
 """
 
 import math
+from functools import reduce
 from typing import Annotated, Any, Generic, Literal, TypeVar, get_args, get_type_hints
 
 from pydantic import (
+    BeforeValidator,
     Field,
     SerializerFunctionWrapHandler,
     ValidationInfo,
@@ -17,6 +19,7 @@ from pydantic import (
 )
 from pydantic_core import PydanticCustomError
 
+from drake_quad.errors import InputError
 from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse, Autopilot, NoAutopilot
 from drake_quad.scenario.controllers import AttitudeControl, PositionController
 from drake_quad.scenario.distributions import Model, Real
@@ -33,6 +36,7 @@ from drake_quad.scenario.effects import (
 )
 from drake_quad.scenario.layouts import Layout, PlusLayout, has_distances, implied_arms, rotors_of
 from drake_quad.scenario.limits import MOST_SOURCES, MOST_TICKS
+from drake_quad.scenario.lqg import LqgControl
 from drake_quad.scenario.networks import Network
 from drake_quad.scenario.paths import distributions_in, steps_of
 from drake_quad.scenario.quantities import (
@@ -271,6 +275,7 @@ class ThrustVectoring(Model):
 class Control(Model):
     """The cascade: position, thrust vectoring and, without an autopilot on board, attitude."""
 
+    kind: Literal["cascade"] = Field(default="cascade", description="what a control is that does not say it")
     position: PositionController
     network: Network | None = Field(default=None, description="around the position controller, if any")
     thrust_vectoring: ThrustVectoring = ThrustVectoring()
@@ -287,6 +292,14 @@ class Control(Model):
             path = "network", "inputs", "disturbance"
             raise self.wrong(*path, kind="estimate", demand=demand, estimator=estimator)
         return self
+
+
+def _of_a_kind(control: Any) -> Any:
+    """What is written of a control that may leave out its kind."""
+    return {"kind": "cascade", **control} if isinstance(control, dict) else control
+
+
+AnyControl = Annotated[Annotated[Control | LqgControl, Field(discriminator="kind")], BeforeValidator(_of_a_kind)]
 
 
 class Window(Model):
@@ -345,7 +358,7 @@ class Scenario(Mission):
 
     vehicle: Vehicle = Vehicle()
     laboratory: Laboratory = Laboratory()
-    control: Control
+    control: AnyControl
     duration: PlainSpan | None = Field(default=None, description="of the flight (s); that of the route if not given")
     metrics: Window = Window()
     crash: Crash = Crash()
@@ -378,6 +391,17 @@ class Scenario(Mission):
         return whole_vehicle
 
     @property
+    def cascade(self) -> Control:
+        """The control, for those who look into a cascade.
+
+        Raises:
+            InputError: it is of another kind.
+        """
+        if not isinstance(self.control, Control):
+            raise InputError(f"control of {self.name} is of kind {self.control.kind}, but must be a cascade for this")
+        return self.control
+
+    @property
     def periods(self) -> dict[tuple[str, ...], float]:
         """The periods of integration, cameras, control and autopilot (s), by the path of their field."""
         periods = {
@@ -393,6 +417,8 @@ class Scenario(Mission):
     def _attitude_is_controlled_once(self) -> "Scenario":
         """Attitude is controlled on the ground or on board, and what is fed forward gets there."""
         autopilot, control = self.laboratory.autopilot, self.control
+        if isinstance(control, LqgControl):
+            return self
         if isinstance(autopilot, NoAutopilot):
             if control.attitude is None:
                 raise PydanticCustomError("missing", "is missing", {"path": ("control", "attitude")})
@@ -405,6 +431,28 @@ class Scenario(Mission):
             allowed = " or ".join(autopilot.feeds_forward)
             path = "control", "position", "feed_forward"
             raise self.wrong(*path, kind="on_board", demand=demand, allowed=allowed, autopilot=autopilot.kind)
+        return self
+
+    @model_validator(mode="after")
+    def _model_fits(self) -> "Scenario":
+        """A linear-quadratic-Gaussian controller believes in what there is between its command and the attitude."""
+        autopilot, control = self.laboratory.autopilot, self.control
+        if not isinstance(control, LqgControl):
+            return self
+        frame, tick = self.laboratory.motion_capture.period, self.laboratory.command_link.period
+        if frame > tick:
+            demand = "must not be longer than the period of the command link, {tick} s, with control.kind lqg"
+            raise self.wrong("laboratory", "motion_capture", "period", kind="period", demand=demand, tick=tick)
+        on_the_ground: tuple[tuple[str, ...], ...] = (("yaw",),)
+        on_board = ("lateral", "natural_frequency"), ("lateral", "damping")
+        wrench = isinstance(autopilot, NoAutopilot)
+        for path in (("lateral", "lag"), *on_the_ground) if wrench else on_board:
+            if reduce(getattr, path, control) is None:
+                raise PydanticCustomError("missing", "is missing", {"path": ("control", *path)})
+        for path in on_board if wrench else on_the_ground:
+            if reduce(getattr, path, control) is not None:
+                demand = "must be left out, or null, with laboratory.autopilot of kind {autopilot}"
+                raise self.wrong("control", *path, kind="on_board", demand=demand, autopilot=autopilot.kind)
         return self
 
     @model_validator(mode="after")

@@ -91,8 +91,8 @@ _INTRODUCTION = f"""# The scenario language
 
 A file holds scenarios by their names. A scenario is a mapping of the fields below. What it does not say it takes from
 what it `extends`: FILE, FILE:NAME, NAME of the same file, or a list of these, the last on top. Mappings are joined,
-anything else replaces, and so does a mapping of another `kind`. Where a distribution may stand, a study draws a number
-for each of its samples.
+anything else replaces, and so does a mapping of another `kind`. A `control` that does not say its kind is a cascade, or
+of the kind of what it is laid over. Where a distribution may stand, a study draws a number for each of its samples.
 
 A single field is named by the way to it: `vehicle.inertia.0`. Items of lists count from 0; only rotors have names, and
 count from 1, as everywhere: `vehicle.thrust_factor_error.rotor_1`.

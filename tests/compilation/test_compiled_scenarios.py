@@ -26,7 +26,9 @@ def specs():
     """Every scenario in `diagrams`, and those that show what symmetry hides."""
     for path in sorted((ROOT / "diagrams").glob("*.yaml")):
         yield from (f"{path}:{name}" for name in YAML(typ="safe").load(path))
-    yield from (f"{ROOT}/tests/asymmetric.yaml:{name}" for name in ("pid", "pd_t2fnn", "pd_t1fnn"))
+    yield from (
+        f"{ROOT}/tests/asymmetric.yaml:{name}" for name in ("pid", "pd_t2fnn", "pd_t1fnn", "lqg", "lqg_on_board")
+    )
 
 
 SPECS = list(specs())

@@ -80,8 +80,8 @@ WIND = [
 ]
 
 
-def dumped(spec):
-    return load_scenario(DIAGRAMS / spec).model_dump(mode="json")
+def dumped(spec, layers=()):
+    return load_scenario(DIAGRAMS / spec, layers=layers).model_dump(mode="json")
 
 
 def grown(spec, route):
@@ -111,6 +111,7 @@ SEEDS = [
     ),
     dumped("onboard.yaml"),
     responding(dumped("onboard.yaml")),
+    dumped("laboratory.yaml:low_wind", layers=[f"{DIAGRAMS}/controllers/lqg.yaml:lqg"]),
 ]
 SEEDS[2]["control"]["position"] |= {"kind": "pid", "k_i": [0.1, 0.1, 0.1]}
 SEEDS[3]["control"]["position"]["learning"] = {"kind": "gradient", "rate": 1.0}

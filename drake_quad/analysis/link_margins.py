@@ -1,0 +1,67 @@
+"""Margins of any control, broken where it goes over the link.
+
+Whatever makes the command of a vehicle, a cascade, an optimal controller or a user's own, what goes over the link is
+thrust and roll, pitch and yaw: torques, or the angles that an autopilot is told. With something added to one of these,
+
+    what goes over the link = S (what is added),    S = 1 / (1 + L)
+
+is exact from the linear model of the whole loop, all other signals as they are in flight, and L = 1/S - 1 is the
+transfer function of the loop broken there.
+"""
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+
+from drake_quad.analysis.closed_loop import loop_with_injection
+from drake_quad.analysis.margins import Margins, margins
+from drake_quad.analysis.sampled_system import SampledSystem
+from drake_quad.errors import InputError
+from drake_quad.scenario import Scenario
+from drake_quad.signals import AttitudeTarget, Wrench
+
+# What answers with less of itself than this has no loop around it.
+_NOTHING = 1e-9
+
+
+def link_margins(
+    scenario: Scenario, *, position_controller: Any = None, control: Any = None
+) -> dict[str, Margins | None]:
+    """The margins of thrust, roll, pitch and yaw as they go over the link, by the names of the signals.
+
+    These are `thrust`, `tau_x`, `tau_y` and `tau_z` of a `wrench` or `thrust`, `roll`, `pitch` and `yaw` of an
+    `attitude_target`. None where nothing comes back, as with a yaw that only an autopilot controls.
+
+    Args:
+        scenario: flown `at_rest`, so that its gusts and its noise do not matter.
+        position_controller: stands in for the scenario's; see `build_tracking_diagram`.
+        control: stands in for the whole control; see `build_tracking_diagram`.
+
+    Raises:
+        InputError: the loop is unstable, or has no equilibrium or no linear model.
+    """
+    loops = link_loops(scenario, position_controller=position_controller, control=control)
+    return {name: None if loop is None else margins(loop) for name, loop in loops.items()}
+
+
+def link_loops(
+    scenario: Scenario, *, position_controller: Any = None, control: Any = None
+) -> dict[str, SampledSystem | None]:
+    """The loop transfer functions L of `link_margins`; arguments and errors are as there."""
+    whole = loop_with_injection(scenario, position_controller=position_controller, control=control).system
+    size = float(np.abs(whole.poles()).max())
+    if not size < 1.0:
+        raise InputError(f"the loop of {scenario.name} is unstable in hover: a pole of size {size:.4f} has no margins")
+    signal = Wrench if scenario.laboratory.autopilot.command == "wrench" else AttitudeTarget
+    names = [name for name in signal._fields if name not in ("p", "q", "r")]
+    return {name: _opened(whole, row) for row, name in enumerate(names)}
+
+
+def _opened(whole: SampledSystem, row: int) -> SampledSystem | None:
+    """L of a row, from S = 1 + C (zI - A)⁻¹ B: -C (zI - A + B C)⁻¹ B; None if nothing comes back."""
+    answer = whole.between([f"injection.{row}"], [f"injected.{row}"]).connected()
+    if not len(answer.A) or np.abs(answer.response(np.exp(1j * np.geomspace(0.01, 3.0, 50))) - 1.0).max() < _NOTHING:
+        return None
+    opened = replace(answer, A=answer.A - answer.B @ answer.C, C=-answer.C, D=np.zeros((1, 1)))
+    return replace(opened, inputs=("u",), outputs=("loop",))

@@ -1,0 +1,165 @@
+"""Linear-quadratic-Gaussian control as a system."""
+
+from typing import Any, Literal
+
+from drake_quad.control.lqg import laws
+from drake_quad.control.lqg.laws import Estimate, Filter, LqgNumbers, Regulated, Sent
+from drake_quad.framework.elementary import where
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.signals import (
+    Acceleration,
+    AttitudeTarget,
+    Jerk,
+    PositionError,
+    PositionErrorRate,
+    Reference,
+    Snap,
+    Wrench,
+)
+
+Carried = Literal["wrench", "attitude_target"]
+
+
+def _asked(
+    reference: Reference, jerk: Jerk, snap: Snap, correction: Acceleration | None, tick: float, *remembered: Any
+) -> tuple[Estimate, Regulated]:
+    """The estimate of now, and what the regulator makes of it; before the first frame the snap has not changed."""
+    _, before, sent, _, numbers, *_ = remembered
+    estimate = laws.estimated(*remembered)
+    if sent.snap is not None:
+        sent = sent._replace(snap=where(before.begun != 0.0, sent.snap, snap))
+    return estimate, laws.regulated(estimate, reference, jerk, snap, sent, correction, numbers, tick)
+
+
+def _wrench(reference: Reference, jerk: Jerk, snap: Snap, *reads: Any) -> Wrench:
+    estimate, asked = _asked(reference, jerk, snap, *reads)
+    _, _, measurement, _, _, _, numbers, *_ = reads
+    return laws.wrench_for(asked.command, estimate, measurement, reference, jerk, snap, numbers)
+
+
+def _target(reference: Reference, jerk: Jerk, snap: Snap, *reads: Any) -> AttitudeTarget:
+    estimate, asked = _asked(reference, jerk, snap, *reads)
+    _, _, measurement, _, _, _, numbers, *_ = reads
+    return laws.target_for(asked.command, estimate, measurement, reference, numbers)
+
+
+def _acceleration(*reads: Any) -> Acceleration:
+    _, asked = _asked(*reads)
+    return asked.acceleration
+
+
+def _sent(reference: Reference, jerk: Jerk, snap: Snap, *reads: Any) -> Sent:
+    _, asked = _asked(reference, jerk, snap, *reads)
+    _, _, _, _, sent, *_ = reads
+    return laws.sent_after(asked, snap, sent)
+
+
+def _error(reference: Reference, *remembered: Any) -> PositionError:
+    return laws.error_of(laws.estimated(*remembered), reference)
+
+
+def _error_rate(reference: Reference, *remembered: Any) -> PositionErrorRate:
+    return laws.error_rate_of(laws.estimated(*remembered), reference)
+
+
+def _pd(reference: Reference, *remembered: Any) -> Acceleration:
+    _, _, _, _, numbers, *_ = remembered
+    estimate = laws.estimated(*remembered)
+    error, rate = laws.error_of(estimate, reference), laws.error_rate_of(estimate, reference)
+    return laws.outer_feedback(error, rate, numbers)
+
+
+def _disturbance(*remembered: Any) -> Acceleration:
+    return laws.disturbance_of(laws.estimated(*remembered))
+
+
+def _held(correction: Acceleration) -> Acceleration:
+    return correction
+
+
+def _none(numbers: LqgNumbers) -> Acceleration:
+    return Acceleration(0.0, 0.0, 0.0)
+
+
+def _first(numbers: LqgNumbers) -> Filter:
+    lateral, vertical = ([type(loop.K)(*[0.0] * len(loop.K))] for loop in (numbers.lateral, numbers.vertical))
+    return Filter(Estimate(*lateral, *lateral, *vertical), 0.0, 0.0)
+
+
+@fleet_system(float, AutoDiffXd)
+class LinearQuadraticGaussian(FleetSystem):
+    """A Kalman filter and a linear-quadratic regulator in place of the whole cascade.
+
+    .. pydrake_system::
+
+        name: LinearQuadraticGaussian
+        input_ports:
+        - measurement
+        - reference
+        - reference_jerk
+        - reference_snap
+        - correction
+        output_ports:
+        - wrench
+        - acceleration_command
+        - error
+        - error_rate
+        - pd
+        - disturbance
+
+    The filter is updated at every frame; what is commanded at a tick follows from it, see `drake_quad.control.lqg.laws`
+    for the equations and `drake_quad.control.lqg.chains` for the model. With an autopilot there is an `attitude_target`
+    in place of the `wrench`. `error` and `error_rate` are those of the estimate; `pd` is what the regulator makes of
+    them, as an outer loop would; `acceleration_command` is a_r + `pd` less what stands against disturbances, within
+    limits. `disturbance` is the estimate of the disturbing acceleration.
+
+    The port `correction` is there if a network is around the controller: an acceleration that is subtracted from what
+    is commanded. It is a known disturbance to the filter from the next frame on, so that `disturbance` is only the
+    rest, and the other outputs follow from it without an algebraic loop.
+
+    The states are `filter`, `sent` and, with the port, `known`. The only parameter of the context is `numbers`.
+
+    Args:
+        num_vehicles: N.
+        signal: that the link carries.
+        period: h of the frames, s.
+        tick: of the control, s; a whole number of frames.
+        loses_frames: whether a frame whose x is that of the one before to the bit is taken for a lost one.
+        takes_correction: whether there is the port `correction`.
+        numbers: of the controller.
+    """
+
+    def declare(
+        self,
+        *,
+        signal: Carried = "wrench",
+        period: float = 0.01,
+        tick: float = 0.02,
+        loses_frames: bool = False,
+        takes_correction: bool = False,
+        numbers: LqgNumbers,
+    ) -> None:
+        """Declares the system."""
+        measurement, reference = self.input("measurement"), self.input("reference")
+        jerk = self.input("reference_jerk", absent=Jerk(0.0, 0.0, 0.0))
+        snap = self.input("reference_snap", absent=Snap(0.0, 0.0, 0.0, 0.0))
+        parameter = self.parameter("numbers", lambda numbers: numbers)
+        before, sent = self.state("filter", _first), self.state("sent", Sent.hovering)
+        correction = known = None
+        if takes_correction:
+            correction = self.input("correction", absent=Acceleration(0.0, 0.0, 0.0))
+            known = self.state("known", _none)
+            self.update(period, _held, correction, writes=[known])
+        remembered = measurement, before, sent, known, parameter, period, loses_frames
+        wanted = reference, jerk, snap, correction, tick, *remembered
+        self.update(period, laws.filter_after, *remembered, writes=[before])
+        self.update(tick, _sent, *wanted, writes=[sent])
+        if signal == "wrench":
+            self.output("wrench", _wrench, *wanted)
+        else:
+            self.output("attitude_target", _target, *wanted)
+        self.output("acceleration_command", _acceleration, *wanted)
+        self.output("error", _error, reference, *remembered)
+        self.output("error_rate", _error_rate, reference, *remembered)
+        self.output("pd", _pd, reference, *remembered)
+        self.output("disturbance", _disturbance, *remembered)

@@ -1,0 +1,121 @@
+"""Designs linear-quadratic-Gaussian control for a scenario, and states the margins that it keeps.
+
+The wind is that of the scenario along its plan, the plants are those of its distributions, or what its numbers may be
+off by.
+"""
+
+import argparse
+import shlex
+import sys
+from pathlib import Path
+from typing import Any
+
+from command_line import all_overrides_of, folder_of, parser, print_columns, print_files, run
+
+from ruamel.yaml import YAML
+
+from drake_quad import InputError
+from drake_quad.analysis.link_margins import link_margins
+from drake_quad.analysis.lqg_design import Limits, LqgDesign, design_lqg, middle_of
+from drake_quad.analysis.margins import Margins
+from drake_quad.files import output_folder, write_whole
+from drake_quad.scenario import load_undesigned, save_scenario
+
+_RANGES = {"sensitivity": (1.2, 10.0), "delay": (0.0, 10.0)}
+
+
+def main() -> None:
+    options = parser(
+        description=__doc__,
+        example="python scripts/design_lqg.py diagrams/laboratory.yaml:low_wind --sensitivity 2.5",
+        output="out/lqg",
+        scenario="figure_eight.yaml",
+    )
+    default = Limits()
+    options.add_argument(
+        "--sensitivity", type=float, default=default.sensitivity, metavar="PEAK", help="at most (%(default)s)"
+    )
+    options.add_argument(
+        "--delay-margin",
+        type=float,
+        default=default.delay,
+        dest="delay",
+        metavar="SECONDS",
+        help="at least (%(default)s)",
+    )
+    arguments = options.parse_args()
+    scenario = load_undesigned(arguments.scenario, all_overrides_of(arguments))
+    design = design_lqg(scenario, limits_of(arguments))
+    designed = scenario.model_copy(update={"control": design.control})
+    folder = output_folder(folder_of(arguments, scenario.name))
+    files = [
+        write_whole(folder / "lqg.yaml", lambda path: write_control(design, path)),
+        write_whole(folder / "scenario.yaml", lambda path: save_scenario(designed, path)),
+    ]
+    print_plants(design)
+    print_margins(link_margins(middle_of(designed)))
+    print(f"\na scenario takes the control by `extends: [FILE:NAME, {files[0]}]`, in this order; or fly it as it is:")
+    print(f"  python scripts/monte_carlo.py {files[1]} --samples 32")
+    print_files(files)
+
+
+def limits_of(arguments: argparse.Namespace) -> Limits:
+    """The limits that the arguments ask for."""
+    for name, (least, most) in _RANGES.items():
+        value = getattr(arguments, name)
+        if not least <= value <= most:
+            option = "--delay-margin" if name == "delay" else f"--{name}"
+            raise InputError(f"{option} is {value:g}, but must be between {least:g} and {most:g}")
+    return Limits(sensitivity=arguments.sensitivity, delay=arguments.delay)
+
+
+def write_control(design: LqgDesign, path: Path) -> None:
+    """Writes the control as YAML that a scenario can extend, under the command that designed it."""
+    yaml = YAML()
+    yaml.default_flow_style = None
+    control: dict[str, Any] = design.control.model_dump(mode="json", exclude_none=True)
+    with path.open("w", encoding="utf-8") as file:
+        file.write(f"# python scripts/design_lqg.py {shlex.join(sys.argv[1:])}\n")
+        yaml.dump({"lqg": {"control": control}}, file)
+
+
+def print_plants(design: LqgDesign) -> None:
+    """Prints the plants and what is predicted of the error for each."""
+    rows = []
+    for plant, x, z in zip(design.plants, design.lateral, design.vertical, strict=True):
+        answer = "–" if plant.answer is None else f"{plant.answer.natural_frequency:.2f} rad/s"
+        rows.append(
+            (
+                f"{1e3 * plant.lag:.0f} ms",
+                answer,
+                f"{plant.latency_frames}",
+                f"{plant.delay_ticks}",
+                *(f"{100.0 * each.error:.2f} cm" for each in (x, z)),
+            )
+        )
+    print("root mean square of the error that the linear model predicts, in the scenario's wind and noise")
+    print_columns(("rotors' lag", "attitude", "frames late", "delay (ticks)", "x and y", "z"), rows)
+
+
+def print_margins(found: dict[str, Margins | None]) -> None:
+    """Prints margins, with a row for each signal of the link that there is a loop around."""
+    rows = [
+        (
+            name,
+            f"{margins.sensitivity:.2f}",
+            f"{1e3 * margins.delay:.0f} ms",
+            f"{margins.phase:.1f}°",
+            f"{margins.gain:.1f} dB",
+            f"{margins.gain_reduction:.1f} dB",
+            f"{margins.crossover:.2f} rad/s",
+            f"{margins.bandwidth:.2f} rad/s",
+        )
+        for name, margins in found.items()
+        if margins is not None
+    ]
+    print("\nmargins where commands go over the link, of the exact linear model of the whole loop")
+    print_columns(("signal", "max |S|", "delay", "phase", "gain", "less gain", "crossover", "bandwidth"), rows)
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,147 @@
+"""Chains and gains against python-control, SciPy and closed forms."""
+
+import control
+import numpy as np
+import pytest
+import scipy.signal
+
+from drake_quad.control.lqg.chains import (
+    Answer,
+    Disturbances,
+    Noise,
+    attitude_model,
+    sampled,
+    sampled_noise,
+    torque_model,
+    vertical_model,
+)
+from drake_quad.control.lqg.design import (
+    Timing,
+    axis_loop,
+    kalman_gain,
+    regulator_gain,
+    with_commands_under_way,
+)
+
+DISTURBANCES = Disturbances(Noise(0.3, 0.25), Noise(0.8, 0.6), Noise(12.0, 20.0), 2.0)
+VERTICAL = DISTURBANCES._replace(bias=None)
+MODELS = {
+    "torque": torque_model(0.04, DISTURBANCES),
+    "attitude": attitude_model(Answer(9.0, 0.6), DISTURBANCES),
+    "vertical": vertical_model(0.07, VERTICAL),
+}
+models = pytest.mark.parametrize("model", MODELS.values(), ids=MODELS)
+H, TICK = 0.01, 0.02
+
+
+@models
+def test_a_sampled_model_is_that_of_scipy(model):
+    A, B = sampled(model.A, model.B, TICK)
+    expected, forced, *_ = scipy.signal.cont2discrete((model.A, model.B, model.C, np.zeros((len(model.C), 1))), TICK)
+    np.testing.assert_allclose(A, expected, atol=1e-12)
+    np.testing.assert_allclose(B, forced, atol=1e-12)
+
+
+@models
+def test_sampled_noise_is_the_integral_of_what_white_noise_becomes(model):
+    nodes, weights = np.polynomial.legendre.leggauss(20)
+    parts = [sampled(model.A, model.B, 0.5 * TICK * (1.0 + node))[0] for node in nodes]
+    expected = sum(0.5 * TICK * w * part @ model.Q @ part.T for w, part in zip(weights, parts, strict=True))
+    np.testing.assert_allclose(sampled_noise(model.A, model.Q, TICK), expected, rtol=1e-9, atol=1e-12)
+
+
+def test_noise_of_a_chain_much_faster_than_a_period_is_that_of_its_rest():
+    """Of what is forgotten within a period its stationary covariance is left."""
+    A, Q = np.array([[-2000.0, 500.0], [0.0, -1.0]]), np.diag([3.0, 0.5])
+    P = scipy.linalg.solve_continuous_lyapunov(A, -Q)
+    over, _ = sampled(A, np.zeros((2, 1)), 0.5)
+    np.testing.assert_allclose(sampled_noise(A, Q, 0.5), P - over @ P @ over.T, rtol=1e-9)
+
+
+@models
+def test_coloured_noises_have_their_deviation_and_their_time(model):
+    """exp(-τ/T) and (1 + τ/T) exp(-τ/T) are the correlations of first and of second order."""
+    names = [*model.kind._fields]
+    noisy = [i for i, name in enumerate(names) if name in ("first", "second", "second_rate", "bias")]
+    A = model.A[np.ix_(noisy, noisy)]
+    Q = sampled_noise(A, np.diag(np.diag(model.Q)[noisy]), H)
+    P = scipy.linalg.solve_discrete_lyapunov(sampled(A, np.zeros((len(A), 1)), H)[0], Q)
+    later = sampled(A, np.zeros((len(A), 1)), 0.2)[0] @ P
+    decays = {"first": np.exp(-0.2 / 0.25), "second": (1.0 + 0.2 / 0.6) * np.exp(-0.2 / 0.6), "bias": np.exp(-0.01)}
+    deviations = {"first": 0.3, "second": 0.8, "bias": 12.0}
+    for place, i in enumerate(noisy):
+        if names[i] in decays:
+            assert P[place, place] == pytest.approx(deviations[names[i]] ** 2)
+            assert later[place, place] == pytest.approx(deviations[names[i]] ** 2 * decays[names[i]])
+
+
+@models
+def test_gains_are_those_of_python_control(model):
+    A, _ = sampled(model.A, model.B, H)
+    Q, R = sampled_noise(model.A, model.Q, H), np.diag([1e-6, 1e-3])[: len(model.C), : len(model.C)]
+    # dlqe has the gain of the prediction: A times that of the correction.
+    expected, *_ = control.dlqe(A, np.eye(len(A)), model.C, Q, R)
+    np.testing.assert_allclose(A @ kalman_gain(A, model.C, Q, R), expected, rtol=1e-6)
+    over_tick = with_commands_under_way(*sampled(model.A, model.B, TICK), 2)
+    weight = np.diag(np.arange(1.0, len(over_tick[0]) + 1.0))
+    expected, *_ = control.dlqr(*over_tick, weight, [[0.3]])
+    np.testing.assert_allclose(regulator_gain(*over_tick, weight, np.eye(1) * 0.3), expected, rtol=1e-6)
+
+
+def test_the_filter_has_the_least_variance_that_there_is():
+    """The error of any other gain is larger, here of one that is 5 % off."""
+    model = MODELS["torque"]
+    A, _ = sampled(model.A, model.B, H)
+    Q, R = sampled_noise(model.A, model.Q, H), np.diag([1e-6, 2e-3])
+    L = kalman_gain(A, model.C, Q, R)
+
+    def variance(gain):
+        corrected = np.eye(len(A)) - gain @ model.C
+        P = scipy.linalg.solve_discrete_lyapunov(corrected @ A, corrected @ Q @ corrected.T + gain @ R @ gain.T)
+        return P[0, 0]
+
+    assert all(variance(factor * L) > variance(L) * (1.0 + 1e-6) for factor in (0.95, 1.05))
+
+
+@pytest.mark.parametrize("delay", [0, 1, 3])
+def test_commands_under_way_act_ticks_later(delay):
+    model = MODELS["vertical"]
+    A, B = sampled(model.A, model.B, TICK)
+    whole = with_commands_under_way(A, B, delay)
+    commands = np.random.default_rng(0).normal(size=12)
+    x, z = np.zeros((len(A), 1)), np.zeros((len(A) + delay, 1))
+    for tick, u in enumerate(commands):
+        x = A @ x + B * (commands[tick - delay] if tick >= delay else 0.0)
+        z = whole[0] @ z + whole[1] * u
+        np.testing.assert_allclose(z[: len(A)], x, atol=1e-14)
+        np.testing.assert_array_equal(z[len(A) :].ravel(), np.r_[np.zeros(delay), commands[: tick + 1]][-delay or 99 :])
+
+
+def test_the_outer_gain_is_that_of_a_vehicle_that_stands_still():
+    """A held deviation of position is met by the specific thrust -K_p p / k, with the commands at rest, too."""
+    timing = Timing(H, TICK, 2)
+    for name, noise in (("torque", [1e-3, 0.02]), ("attitude", [1e-3, 0.02]), ("vertical", [1e-3])):
+        model = MODELS[name]
+        loop = axis_loop(model, timing, noise=np.array(noise), command_weight=1e-3)
+        # At rest K [x; u, u] + u = 0 and s is what u makes it: u of the attitude and of the thrust, any of torques.
+        s, p = 1.0, 0.7
+        u = 0.0 if name == "torque" else s
+        rest = loop.K.position * p + loop.K.thrust * s + sum(loop.K_pending) * u + u
+        if name == "torque":
+            assert loop.outer == loop.K.thrust
+        assert rest == pytest.approx(loop.K.position * p + loop.outer * s)
+        (slope,) = model.A[[model.kind._fields.index("thrust" if name == "vertical" else "jerk")]]
+        drive = model.B[model.kind._fields.index("thrust" if name == "vertical" else "jerk")].item()
+        assert slope[model.kind._fields.index("thrust")] * s + drive * u == pytest.approx(0.0, abs=1e-12)
+
+
+def test_the_shipped_numbers_make_the_gains_that_were_measured():
+    """To the four digits with which the gains of the search were written down."""
+    lateral = torque_model(0.05, Disturbances(Noise(0.01108, 0.25), Noise(0.8325, 0.6), Noise(16.6, 20.0), 3.296))
+    noise = np.array([1e-3, 0.001331 * 9.81])
+    loop = axis_loop(lateral, Timing(H, TICK, 2), noise=noise, command_weight=9.049e-6)
+    np.testing.assert_allclose(loop.K, [297.4, 210.8, 74.72, 16.23, 0.6492, 35.48, 70.04, 10.25, 2.112], rtol=1e-3)
+    np.testing.assert_allclose(loop.K_pending, [0.2470, 0.2225], rtol=1e-3)
+    position, _ = loop.L
+    expected = [0.2795, 4.573, 0.0105, -0.475, -5.77, 0.0439, 41.98, 151.5, -1.237]
+    np.testing.assert_allclose(position, expected, rtol=1e-2)

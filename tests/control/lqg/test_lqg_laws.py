@@ -1,0 +1,219 @@
+"""The formulas of linear-quadratic-Gaussian control, against matrices and against flatness."""
+
+import math
+
+import numpy as np
+import pytest
+from all_systems import BELIEVED, WITH_TARGETS, WITH_TORQUES
+
+from drake_quad.control.lqg.chains import AttitudeChain, TorqueChain, VerticalChain
+from drake_quad.control.lqg.laws import (
+    Command,
+    Estimate,
+    Filter,
+    Sent,
+    disturbance_of,
+    error_of,
+    error_rate_of,
+    estimated,
+    filter_after,
+    outer_feedback,
+    regulated,
+    sent_after,
+    target_for,
+    wrench_for,
+)
+from drake_quad.signals import Acceleration, Jerk, Reference, Snap, State
+from drake_quad.vehicle.inverse_dynamics import rotor_demand
+from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
+
+H, TICK = 0.01, 0.02
+RNG = np.random.default_rng(5)
+SEEN = State(0.31, -0.42, 1.13, 0.11, -0.17, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
+REFERENCE = Reference(0.35, -0.5, 1.2, 0.2, 0.3, -0.1, 0.4, -0.6, 0.5, 0.7, 0.2)
+JERK, SNAP = Jerk(0.3, -0.5, 0.7), Snap(1.1, -1.7, 0.9, 0.6)
+
+
+def chain(kind, scale=0.1):
+    return kind(*(scale * RNG.normal(size=len(kind._fields))).tolist())
+
+
+def begun(kind):
+    return Filter(Estimate(chain(kind), chain(kind), chain(VerticalChain)), 1.0, 0.3)
+
+
+def under_way(delay, snap):
+    commands = tuple(Command(*RNG.normal(size=3).tolist()) for _ in range(delay + 1))
+    return Sent(commands, tuple(Command(*RNG.normal(size=3).tolist()) for _ in range(delay)), snap)
+
+
+def rotation(state):
+    """Eq (1), as a product."""
+    (c_r, s_r), (c_p, s_p), (c_y, s_y) = ((math.cos(a), math.sin(a)) for a in (state.roll, state.pitch, state.yaw))
+    return (
+        np.array([[c_y, -s_y, 0], [s_y, c_y, 0], [0, 0, 1]])
+        @ np.array([[c_p, 0, s_p], [0, 1, 0], [-s_p, 0, c_p]])
+        @ np.array([[1, 0, 0], [0, c_r, -s_r], [0, s_r, c_r]])
+    )
+
+
+def test_the_filter_is_the_textbook_s_with_the_thrust_that_the_attitude_shows():
+    before, sent = begun(TorqueChain), under_way(2, SNAP)
+    found = estimated(SEEN, before, sent, None, WITH_TORQUES, H, True)
+    x_B, y_B, z_B = rotation(SEEN)[:, 2]
+    thrust = (BELIEVED.gravity + before.estimate.z.thrust) * np.array([x_B, y_B]) / z_B
+    for axis, seen, s, u in zip("xyz", (SEEN.x, SEEN.y, SEEN.z), [*thrust, None], sent.commands[0], strict=True):
+        loop = WITH_TORQUES.vertical if axis == "z" else WITH_TORQUES.lateral
+        chain_before = getattr(before.estimate, axis)
+        x, A, B, L = np.array(chain_before), np.array(loop.A), np.array(loop.B), np.array(loop.L).T
+        innovation = [seen - chain_before.position, *([] if s is None else [s - chain_before.thrust])]
+        np.testing.assert_allclose(getattr(found, axis), A @ (x + L @ innovation) + B * u, rtol=1e-12)
+
+
+def test_a_frame_that_is_the_last_once_more_tells_nothing():
+    before, sent = begun(TorqueChain), under_way(2, SNAP)
+    lost = before._replace(seen=SEEN.x)
+    found = estimated(SEEN, lost, sent, None, WITH_TORQUES, H, True)
+    x = np.array(WITH_TORQUES.lateral.A) @ before.estimate.x + np.array(WITH_TORQUES.lateral.B) * sent.commands[0].x
+    np.testing.assert_allclose(found.x, x, rtol=1e-12)
+    # Cameras that lose nothing may see the same twice.
+    assert estimated(SEEN, lost, sent, None, WITH_TORQUES, H, False) == estimated(
+        SEEN, before, sent, None, WITH_TORQUES, H, True
+    )
+
+
+def test_it_begins_at_rest_where_the_vehicle_is_seen():
+    first = begun(TorqueChain)._replace(begun=0.0)
+    after = filter_after(SEEN, first, under_way(2, SNAP), None, WITH_TORQUES, H, True)
+    assert (after.begun, after.seen) == (1.0, SEEN.x)
+    assert error_of(after.estimate, REFERENCE) == pytest.approx((0.04, -0.08, 0.07))
+    assert error_rate_of(after.estimate, REFERENCE) == pytest.approx((0.2, 0.3, -0.1))
+    assert disturbance_of(after.estimate) == (0.0, 0.0, 0.0)
+
+
+def test_a_known_acceleration_moves_the_chain_and_is_no_disturbance_of_its_own():
+    before, sent, known = begun(TorqueChain), under_way(2, SNAP), Acceleration(0.7, -1.1, 1.3)
+    plain, pushed = (estimated(SEEN, before, sent, each, WITH_TORQUES, H, True) for each in (None, known))
+    for axis in "xyz":
+        moved = np.subtract(getattr(pushed, axis), getattr(plain, axis))
+        expected = np.zeros_like(moved)
+        expected[:2] = 0.5 * H**2 * getattr(known, axis), H * getattr(known, axis)
+        np.testing.assert_allclose(moved, expected, atol=1e-13)
+
+
+def expected_deviation(chain_now, axis, subtracted=0.0):
+    """The chain less the reference's motion."""
+    r = REFERENCE
+    motion = {
+        "x": [r.x, r.v_x, r.a_x - subtracted, JERK.x, SNAP.x],
+        "y": [r.y, r.v_y, r.a_y - subtracted, JERK.y, SNAP.y],
+        "z": [r.z, r.v_z, r.a_z - subtracted],
+    }[axis]
+    count = {TorqueChain: 5, AttitudeChain: 4, VerticalChain: 3}[type(chain_now)]
+    e = np.array(chain_now)
+    e[:count] -= motion[:count]
+    return e
+
+
+FREE = BELIEVED._replace(slope=1e6, min_thrust=-1e6, max_thrust=1e6)
+
+
+def test_torques_are_told_a_snap_that_feeds_back_everything_and_leads():
+    numbers = WITH_TORQUES._replace(thrust=FREE, torques=WITH_TORQUES.torques._replace(max_snap=1e6))
+    estimate, sent = begun(TorqueChain).estimate, under_way(2, Snap(0.8, -1.0, 0.3, 0.0))
+    correction = Acceleration(0.2, -0.3, 0.1)
+    found = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, numbers, TICK)
+    for axis, forward in (
+        ("x", SNAP.x + 0.09 * (SNAP.x - 0.8) / TICK),
+        ("y", SNAP.y + 0.09 * (SNAP.y + 1.0) / TICK),
+        ("z", REFERENCE.a_z - 0.1 + 0.07 * JERK.z),
+    ):
+        loop = numbers.vertical if axis == "z" else numbers.lateral
+        e = expected_deviation(getattr(estimate, axis), axis, getattr(correction, axis))
+        pending = [getattr(each, axis) for each in sent.deviations]
+        feedback = np.dot(loop.K, e) + np.dot(loop.K_pending, pending)
+        assert getattr(found.command, axis) == pytest.approx(forward - feedback)
+        assert getattr(found.deviation, axis) == pytest.approx(-feedback)
+    # What an outer loop would ask for: the PD and what stands against the disturbance.
+    pd = outer_feedback(error_of(estimate, REFERENCE), error_rate_of(estimate, REFERENCE), numbers)
+    K = numbers.lateral.K
+    against = (K.first * estimate.x.first + K.second * estimate.x.second + K.second_rate * estimate.x.second_rate) / 1.8
+    assert found.acceleration.x == pytest.approx(REFERENCE.a_x - 0.2 + pd.x - against)
+    assert found.acceleration.z == found.command.z
+
+
+def test_an_autopilot_is_told_an_acceleration_that_leads():
+    numbers = WITH_TARGETS._replace(thrust=FREE)
+    estimate, sent = begun(AttitudeChain).estimate, under_way(1, None)
+    found = regulated(estimate, REFERENCE, JERK, SNAP, sent, None, numbers, TICK)
+    e = expected_deviation(estimate.y, "y")
+    feedback = np.dot(numbers.lateral.K, e) + numbers.lateral.K_pending[0] * sent.deviations[0].y
+    assert found.command.y == pytest.approx(REFERENCE.a_y + 0.2 * JERK.y + 0.03 * SNAP.y - feedback)
+    assert found.acceleration[:2] == found.command[:2]
+
+
+def test_commands_keep_to_tilt_thrust_and_snap():
+    """The horizontal part is shortened in its direction; a deviation tells what was sent, not what was wanted."""
+    far = REFERENCE._replace(x=40.0, y=-30.0, z=300.0)
+    attitude = regulated(begun(AttitudeChain).estimate, far, JERK, SNAP, under_way(1, None), None, WITH_TARGETS, TICK)
+    assert math.hypot(*attitude.command[:2]) == pytest.approx(0.7 * 9.81)
+    free = WITH_TARGETS._replace(thrust=FREE)
+    estimate, sent = begun(AttitudeChain).estimate, under_way(1, None)
+    limited, wanted = (
+        regulated(estimate, far, JERK, SNAP, sent, None, each, TICK).command for each in (WITH_TARGETS, free)
+    )
+    assert limited.x / limited.y == pytest.approx(wanted.x / wanted.y)
+    assert limited.z == pytest.approx(12.0 / 0.68 - 9.81)
+    low = regulated(estimate, far._replace(z=-300.0), JERK, SNAP, sent, None, WITH_TARGETS, TICK)
+    assert low.command.z == pytest.approx(2.0 / 0.68 - 9.81)
+    narrow = WITH_TORQUES._replace(torques=WITH_TORQUES.torques._replace(max_snap=3.0))
+    farther = far._replace(x=400.0, y=-300.0)
+    torques = regulated(begun(TorqueChain).estimate, farther, JERK, SNAP, under_way(2, SNAP), None, narrow, TICK)
+    assert [abs(u) for u in torques.command[:2]] == [3.0, 3.0]
+    assert math.hypot(*torques.acceleration[:2]) == pytest.approx(0.7 * 9.81)
+    assert torques.command.x - torques.deviation.x == pytest.approx(SNAP.x)
+
+
+def test_what_is_sent_moves_up():
+    sent = under_way(2, SNAP)
+    asked = regulated(begun(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, WITH_TORQUES, TICK)
+    after = sent_after(asked, SNAP, sent)
+    assert after.commands == (*sent.commands[1:], asked.command)
+    assert after.deviations == (*sent.deviations[1:], asked.deviation)
+    alone = under_way(0, None)
+    assert sent_after(asked, SNAP, alone) == Sent((asked.command,), (), None)
+
+
+def flown(kind):
+    """What filter and cameras know of a vehicle that is on its path, and what a path asks for, by flatness."""
+    parameters = QuadrotorParameters()._replace(mass=0.68, gravity=9.81, inertia=Inertia(0.01, 0.01, 0.01))
+    demand = rotor_demand(REFERENCE, JERK, SNAP, parameters)
+    seen = State(REFERENCE.x, REFERENCE.y, REFERENCE.z, *demand.attitude, 0.0, 0.0, 0.0, *demand.body_rates)
+    rows = {
+        axis: {"thrust": getattr(REFERENCE, f"a_{axis}"), "jerk": getattr(JERK, axis), "snap": getattr(SNAP, axis)}
+        for axis in "xyz"
+    }
+    kinds = {"x": kind, "y": kind, "z": VerticalChain}
+    chains = [kinds[axis](*(rows[axis].get(name, 0.0) for name in kinds[axis]._fields)) for axis in "xyz"]
+    return demand, seen, Estimate(*chains)
+
+
+def test_a_vehicle_on_its_path_gets_the_wrench_that_the_path_asks_for():
+    """With moments of inertia that are alike there is no gyroscopic torque, which the controller leaves out."""
+    demand, seen, estimate = flown(TorqueChain)
+    alike = WITH_TORQUES.torques._replace(i_xx=0.01, i_yy=0.01, i_zz=0.01)
+    numbers = WITH_TORQUES._replace(torques=alike, thrust=FREE)
+    command = Command(SNAP.x, SNAP.y, REFERENCE.a_z)
+    wrench = wrench_for(command, estimate, seen, REFERENCE, JERK, SNAP, numbers)
+    assert wrench[:3] == pytest.approx(demand.wrench[:3])
+    yaw = 3.1 * (REFERENCE.yaw_rate - seen.r) + SNAP.yaw
+    assert wrench.tau_z == pytest.approx(0.01 * yaw)
+    turned = wrench_for(command, estimate, seen._replace(yaw=seen.yaw - 2 * math.pi), REFERENCE, JERK, SNAP, numbers)
+    assert turned == pytest.approx(wrench)
+
+
+def test_a_vehicle_on_its_path_is_told_the_attitude_that_it_has():
+    demand, seen, estimate = flown(AttitudeChain)
+    command = Command(REFERENCE.a_x, REFERENCE.a_y, REFERENCE.a_z)
+    target = target_for(command, estimate, seen, REFERENCE, WITH_TARGETS._replace(thrust=FREE))
+    assert target == pytest.approx((demand.wrench.thrust, *demand.attitude, 0.0, 0.0, REFERENCE.yaw_rate))

@@ -1,0 +1,98 @@
+"""A control may be a cascade, which need not say so, or a whole controller in its place."""
+
+import re
+from pathlib import Path
+
+import pytest
+
+from drake_quad import InputError, build_tracking_diagram, load_scenario
+from drake_quad.analysis.cascade_design import with_gains
+from drake_quad.scenario import Scenario
+from drake_quad.scenario.saving import save_scenario
+
+DIAGRAMS = Path(__file__).parents[2] / "diagrams"
+LQG, PD = (f"{DIAGRAMS}/controllers/{name}" for name in ("lqg.yaml:lqg", "paper.yaml:pd"))
+HIGH_WIND = DIAGRAMS / "laboratory.yaml:high_wind"
+
+
+def load(*overrides, layers=(LQG,), spec=HIGH_WIND):
+    return load_scenario(spec, overrides, layers=layers)
+
+
+def test_a_controller_takes_the_place_of_a_cascade_that_does_not_say_what_it_is(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text(
+        f"mine: {{extends: [{HIGH_WIND}, {LQG}], control: {{max_tilt: 0.5, lateral: {{lag: 0.04}}}}}}\n"
+        f"back: {{extends: [mine, {PD}], control: {{position: {{k_p: [2, 2, 2]}}}}}}\n"
+    )
+    mine, back = (load_scenario(f"{path}:{name}") for name in ("mine", "back"))
+    # A layer that does not say its kind is laid over whatever is there.
+    assert (mine.control.kind, mine.control.max_tilt, mine.control.lateral.lag) == ("lqg", 0.5, 0.04)
+    assert mine.control.lateral.command_weight == load().control.lateral.command_weight
+    assert (back.control.kind, back.control.position.k_p[0]) == ("cascade", 2.0)
+
+
+def test_what_is_saved_says_its_kind_and_flies_again(tmp_path):
+    for scenario in (load(), load(layers=())):
+        save_scenario(scenario, tmp_path / "saved.yaml")
+        assert load_scenario(tmp_path / "saved.yaml") == scenario
+    written = load(layers=()).model_dump(mode="json")
+    del written["control"]["kind"]
+    assert Scenario.model_validate(written).control.kind == "cascade"
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (["control.kind=mpcc"], "control.kind is 'mpcc', but must be one of 'cascade', 'lqg'"),
+        (["control.lateral.lag=null"], "control.lateral.lag is missing"),
+        (["control.yaw=null"], "control.yaw is missing"),
+        (
+            ["control.lateral.damping=0.7"],
+            "control.lateral.damping is 0.7, but must be left out, or null, with laboratory.autopilot of kind none",
+        ),
+        (["control.lateral.lag=0"], "control.lateral.lag is 0, but must be greater than or equal to 0.0001"),
+        (["control.delay_ticks=1.5"], "control.delay_ticks is 1.5, but must be a valid integer"),
+        (["control.position={kind: pd}"], "control.position is unknown; allowed are kind, delay_ticks, lateral"),
+        (["control.vertical.weight=1"], "control.vertical.weight is unknown"),
+        (
+            ["laboratory.motion_capture.period=0.02", "laboratory.command_link.period=0.01"],
+            "motion_capture.period is 0.02, but must not be longer than the period of the command link, 0.01 s",
+        ),
+    ],
+)
+def test_what_is_wrong_is_told_with_its_field(overrides, words):
+    with pytest.raises(InputError, match=re.escape(words)):
+        load(*overrides)
+
+
+def test_with_an_autopilot_the_model_is_that_of_its_attitude():
+    onboard = DIAGRAMS / "onboard.yaml"
+    with pytest.raises(InputError, match=r"control\.lateral\.natural_frequency is missing"):
+        load(spec=onboard)
+    with pytest.raises(InputError, match=r"control\.yaw is .*, but must be left out"):
+        load("control.lateral={natural_frequency: 8.8, damping: 0.7}", spec=onboard)
+    # The rotors' lag is another part of the model, which a response as a whole has in it already.
+    for lag in (0.05, None):
+        answer = f"control.lateral={{natural_frequency: 8.8, damping: 0.7, lag: {'null' if lag is None else lag}}}"
+        assert load(answer, "control.yaw=null", spec=onboard).control.lateral.lag == lag
+
+
+def test_a_cascade_s_own_mistakes_are_told_as_before():
+    with pytest.raises(InputError, match=r"control\.thrust_vectoring\.max_tilt is 2, but must be"):
+        load("control.thrust_vectoring.max_tilt=2", layers=())
+    with pytest.raises(InputError, match=r"mass is unknown; .*did you mean nominal\.mass or vehicle\.mass"):
+        load("mass=2", layers=())
+    with pytest.raises(InputError, match=r"max_tilt is unknown; .*did you mean control\.max_tilt"):
+        load("max_tilt=2", layers=())
+
+
+def test_who_designs_cascades_says_that_this_is_none():
+    with pytest.raises(InputError, match=r"control of high_wind is of kind lqg, but must be a cascade for this"):
+        with_gains(load(), {"position": {"k_p": [1.0, 1.0, 1.0]}})
+
+
+def test_numbers_that_are_too_far_apart_are_told_when_it_is_assembled():
+    slow = "control.lateral={lag: 80000, position_noise: 1.0e+9, attitude_noise: 1.0e+9, command_weight: 1.0e+9}"
+    with pytest.raises(InputError, match=r"control\.lateral has no filter or no regulator: its times, deviations or"):
+        build_tracking_diagram(load(slow))
