@@ -3,11 +3,11 @@
 import numpy as np
 import pytest
 
-from drake_quad import InputError, load_scenario
+from drake_quad import load_scenario
 from drake_quad.analysis.cascade_design import attitude_plant, attitude_plant_in_flight
 from drake_quad.analysis.closed_loop import as_believed, closed_loop, laboratory_plant
 from drake_quad.analysis.gain_design import AxisGains, pd_loop
-from drake_quad.analysis.link_loop import link_loop
+from drake_quad.analysis.link_margins import link_loops
 from drake_quad.analysis.margins import frequencies, margins
 
 UNEVEN = [
@@ -28,6 +28,11 @@ def loaded(diagrams):
     return lambda *overrides: load_scenario(diagrams / "laboratory.yaml:nominal", overrides)
 
 
+def link_loop(scenario, row):
+    """The loop of a row, with the vehicle that is believed."""
+    return link_loops(as_believed(scenario))[row]
+
+
 def responses(loop):
     return loop.response(np.exp(1j * frequencies(loop.period, points=50) * loop.period)).ravel()
 
@@ -37,13 +42,14 @@ def test_the_loop_of_a_torque_is_that_of_the_attitude_in_flight_and_of_thrust_th
     scenario = loaded(*UNEVEN)
     laboratory = laboratory_plant(scenario)
     position, attitude = scenario.control.position, scenario.control.attitude
+    loops = link_loops(as_believed(scenario))
     for row, axis, i, tilt in (("tau_y", "x", 0, 1), ("tau_x", "y", 1, 0)):
         outer = AxisGains(position.k_p[i], position.k_d[i])
         plant = attitude_plant_in_flight(laboratory, scenario, axis, outer)
         expected = pd_loop(plant, AxisGains(attitude.k_p[tilt], attitude.k_d[tilt]))
-        np.testing.assert_allclose(responses(link_loop(scenario, row)), responses(expected), rtol=1e-6)
+        np.testing.assert_allclose(responses(loops[row]), responses(expected), rtol=1e-6)
     expected = pd_loop(attitude_plant(laboratory, scenario, "z"), AxisGains(6.0, 3.7))
-    np.testing.assert_allclose(responses(link_loop(scenario, "thrust")), responses(expected), rtol=1e-6)
+    np.testing.assert_allclose(responses(loops["thrust"]), responses(expected), rtol=1e-6)
 
 
 @pytest.mark.slow
@@ -67,14 +73,9 @@ def test_the_delay_margin_is_when_the_loop_becomes_unstable(loaded):
     def largest(later):
         """The largest pole with so many more ticks of delay."""
         late = loaded(*UNEVEN, OBSERVER, f"laboratory.command_link.delay_ticks={1 + later}")
-        return np.abs(link_loop(late, "tau_x").with_feedback(np.eye(1)).poles()).max()
+        return np.abs(closed_loop(as_believed(late)).system.poles()).max()
 
     assert largest(ticks) < 1.0 < largest(ticks + 1)
-
-
-def test_what_does_not_go_over_the_link_has_no_loop(loaded):
-    with pytest.raises(InputError, match="pitch does not go over the link, but thrust, tau_x, tau_y, tau_z"):
-        link_loop(loaded(), "pitch")
 
 
 LIMITS = dict.fromkeys(("pd", "pid", "disturbance_observer", "l1", "indi"), (2.205, 0.05))
@@ -88,8 +89,9 @@ def test_the_designed_controllers_keep_to_their_limit(diagrams, name):
     layers = [diagrams / "controllers" / f"designed.yaml:{name}"]
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", layers=layers)
     sensitivity, delay = LIMITS[name]
+    loops = link_loops(as_believed(scenario))
     for row in ("tau_y", "thrust"):
-        loop = link_loop(scenario, row)
+        loop = loops[row]
         found = margins(loop)
         assert np.abs(loop.with_feedback(np.eye(1)).poles()).max() < 1.0
         assert found.sensitivity < sensitivity
