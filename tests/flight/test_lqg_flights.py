@@ -59,7 +59,7 @@ def test_shipped_designs_are_as_good_as_when_they_were_made(controller, spec, ce
 def test_a_network_around_it_closes_no_algebraic_loop():
     """`error`, `error_rate` and `pd` are known before the correction that may follow from them."""
     recipe = lqg_recipes(Batch.draw(scenario_of("laboratory.yaml:nominal"), [0]))["regulator"]
-    system = LinearQuadraticGaussian(**recipe.structure, takes_correction=True, numbers=recipe.numbers)
+    system = LinearQuadraticGaussian(**recipe.structure | {"takes_correction": True}, numbers=recipe.numbers)
     builder = DiagramBuilder()
     regulator = builder.AddNamedSystem("regulator", system)
     for name in ("measurement", "reference", "reference_jerk", "reference_snap"):
@@ -85,7 +85,7 @@ def test_of_a_disturbance_that_a_network_takes_away_the_filter_finds_the_rest(sh
     )
     push = 0.1 / 0.68 * wind
     recipe = lqg_recipes(Batch.draw(scenario, [0]))["regulator"]
-    system = LinearQuadraticGaussian(**recipe.structure, takes_correction=True, numbers=recipe.numbers)
+    system = LinearQuadraticGaussian(**recipe.structure | {"takes_correction": True}, numbers=recipe.numbers)
     builder = DiagramBuilder()
     regulator = builder.AddNamedSystem("regulator", system)
     known = builder.AddNamedSystem("known", ConstantVectorSource(share * push))
@@ -99,6 +99,20 @@ def test_of_a_disturbance_that_a_network_takes_away_the_filter_finds_the_rest(sh
     np.testing.assert_allclose(flight["state"][-1, :3], [0.0, 0.0, 1.0], atol=0.006)
     # To stand still takes the same command, whoever says so.
     np.testing.assert_allclose(flight["acceleration_command"][-1], -push, atol=0.03)
+
+
+@pytest.mark.slow
+def test_a_network_of_the_language_stands_around_it():
+    """It looks at the estimate, learns from the feedback, and flies compiled as wired."""
+    network = (
+        "control.network={kind: type_2, axes: [x, y], inputs: {error: {scale: 20}, disturbance: {scale: 2}},"
+        " learning: {kind: gradient, signal: feedback, rate: 2}}"
+    )
+    scenario = scenario_of("laboratory.yaml:high_wind", network, "duration=4")
+    wired, compiled = (simulate(scenario, compiled=how) for how in (False, True))
+    assert np.abs(wired["correction"]).max() > 0.05
+    np.testing.assert_allclose(compiled["correction"], wired["correction"], atol=1e-9)
+    np.testing.assert_allclose(compiled["state"], wired["state"], atol=1e-9)
 
 
 def test_it_has_no_place_for_a_position_controller():
