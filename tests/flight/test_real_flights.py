@@ -5,6 +5,7 @@ import re
 import pytest
 
 from drake_quad import load_scenario, simulate
+from drake_quad.studies.comparison import fly_samples
 
 # RMS errors over six laps that were flown, cm (O'Connell et al., Science Robotics 7(66), eabm6597, 2022).
 FLOWN = {"still": 11.9, "wind_4": 10.7, "wind_8": 16.3, "wind_12": 23.9, "wind_8_sine": 31.2}
@@ -36,3 +37,12 @@ def test_with_drag_from_all_sides_and_the_thrust_that_is_believed_it_does_not(di
         "vehicle.motors={kind: throttle, curve: [0.0, 14.27, 0.0]}",
     ]
     assert predicted(diagrams, name, *isotropic) < 0.75 * FLOWN[name]
+
+
+@pytest.mark.slow
+def test_with_noise_and_turbulence_it_still_does(diagrams):
+    """The mean of 16 samples in the laboratory where controllers are compared; its standard error is below 2 %."""
+    for name, flown in FLOWN.items():
+        found = fly_samples(load_scenario(diagrams / f"neural_fly.yaml:{name}"), range(16))
+        assert not found.crashed.any()
+        assert 100.0 * found.rmse.mean() == pytest.approx(flown, rel=0.25), name

@@ -1,0 +1,43 @@
+"""The search finds what a plain look at every pair of gains finds, and keeps the limit."""
+
+import itertools
+
+import pytest
+
+from drake_quad import load_scenario
+from drake_quad.evaluation import Budget, Knob, tune
+from drake_quad.studies.comparison import fly_samples
+
+K_P = Knob(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
+K_D = Knob(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
+
+
+def stiffness(most):
+    """A limit on k_P."""
+    return lambda scenario: most / scenario.control.position.k_p[0]
+
+
+@pytest.fixture(scope="module")
+def laboratory(diagrams):
+    return load_scenario(diagrams / "laboratory.yaml:low_wind", ["duration=2", "control.position.k_p=[9, 9, 6.14]"])
+
+
+@pytest.mark.slow
+def test_the_best_that_keeps_the_limit_is_found(laboratory):
+    found = tune(laboratory, [K_P, K_D], stiffness(2.0), budget=Budget(rounds=3, candidates=32, samples=2))
+    assert found.share >= 1.0
+    flown = fly_samples(found.scenario, range(2))
+    assert found.error == pytest.approx(float(flown.rmse.mean()), rel=1e-9)
+    grid = itertools.product((1.0, 2.0), (1.5, 3.0))
+    gains = [f"control.position.{name}=[{{0}}, {{0}}, 6.14]" for name in ("k_p", "k_d")]
+    for pair in grid:
+        overrides = ["duration=2", *(text.format(gain) for text, gain in zip(gains, pair, strict=True))]
+        other = fly_samples(load_scenario("diagrams/laboratory.yaml:low_wind", overrides), range(2))
+        assert found.error < 1.02 * float(other.rmse.mean())
+
+
+@pytest.mark.slow
+def test_where_no_candidate_keeps_the_limit_the_one_nearest_to_it_is_taken(laboratory):
+    found = tune(laboratory, [K_P], stiffness(0.25), budget=Budget(rounds=2, candidates=16, samples=1))
+    assert found.numbers[0] == pytest.approx(0.5, rel=0.1)
+    assert found.share == pytest.approx(0.25 / found.numbers[0])
