@@ -14,8 +14,8 @@ PYTHON ?= $(firstword $(shell .ci/pythons))
 PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 # Scenarios whose diagrams are drawn in diagrams/drawings
-DRAWN = figure_eight.yaml hover.yaml slalom.yaml laboratory.yaml:low_wind onboard.yaml outdoor.yaml robustness.yaml \
-	paper.yaml:low_wind_pd_t2fnn
+DRAWN = figure_eight.yaml hover.yaml slalom.yaml laboratory.yaml:low_wind neural_fly.yaml:wind_8 onboard.yaml outdoor.yaml \
+	robustness.yaml paper.yaml:low_wind_pd_t2fnn
 
 # Drawn evenly over the lines
 MUTANTS ?= 500
