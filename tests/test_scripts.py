@@ -157,6 +157,7 @@ def test_simulate_refuses_a_broken_layout_in_one_sentence(run, tmp_path, layout,
     assert not (tmp_path / "out").exists()
 
 
+@pytest.mark.slow
 def test_simulate_saves_what_a_network_has_learned_to_be_flown_again(run, tmp_path):
     file, short = tmp_path / "learned.yaml", ["--set", "duration=1", "--set", "metrics.start=0", "--output", tmp_path]
     study = ["diagrams/paper.yaml:no_wind_pd_t2fnn", "--sample", 0, *short]
