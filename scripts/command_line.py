@@ -171,6 +171,26 @@ def print_columns(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
         print("  ".join([line[0].ljust(widths[0]), *cells[1:-1], line[-1]]).rstrip())
 
 
+def print_margins(found: dict[str, Any]) -> None:
+    """Prints margins of `link_margins`, with a row for each signal that there is a loop around."""
+    rows = [
+        (
+            name,
+            f"{margins.sensitivity:.2f}",
+            f"{1e3 * margins.delay:.0f} ms",
+            f"{margins.phase:.1f}°",
+            f"{margins.gain:.1f} dB",
+            f"{margins.gain_reduction:.1f} dB",
+            f"{margins.crossover:.2f} rad/s",
+            f"{margins.bandwidth:.2f} rad/s",
+        )
+        for name, margins in found.items()
+        if margins is not None
+    ]
+    print("margins where commands go over the link, of the exact linear model of the whole loop")
+    print_columns(("signal", "max |S|", "delay", "phase", "gain", "less gain", "crossover", "bandwidth"), rows)
+
+
 def remark(sentence: str) -> None:
     """Prints something that the user may not have meant, to the standard error."""
     print(f"remark: {sentence}", file=sys.stderr)

@@ -10,14 +10,13 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from command_line import all_overrides_of, folder_of, parser, print_columns, print_files, run
+from command_line import all_overrides_of, folder_of, parser, print_columns, print_files, print_margins, run
 
 from ruamel.yaml import YAML
 
 from drake_quad import InputError
 from drake_quad.analysis.link_margins import link_margins
 from drake_quad.analysis.lqg_design import Limits, LqgDesign, design_lqg, middle_of
-from drake_quad.analysis.margins import Margins
 from drake_quad.files import output_folder, write_whole
 from drake_quad.scenario import load_undesigned, save_scenario
 
@@ -53,6 +52,7 @@ def main() -> None:
         write_whole(folder / "scenario.yaml", lambda path: save_scenario(designed, path)),
     ]
     print_plants(design)
+    print()
     print_margins(link_margins(middle_of(designed)))
     print(f"\na scenario takes the control by `extends: [FILE:NAME, {files[0]}]`, in this order; or fly it as it is:")
     print(f"  python scripts/monte_carlo.py {files[1]} --samples 32")
@@ -95,26 +95,6 @@ def print_plants(design: LqgDesign) -> None:
         )
     print("root mean square of the error that the linear model predicts, in the scenario's wind and noise")
     print_columns(("rotors' lag", "attitude", "frames late", "delay (ticks)", "x and y", "z"), rows)
-
-
-def print_margins(found: dict[str, Margins | None]) -> None:
-    """Prints margins, with a row for each signal of the link that there is a loop around."""
-    rows = [
-        (
-            name,
-            f"{margins.sensitivity:.2f}",
-            f"{1e3 * margins.delay:.0f} ms",
-            f"{margins.phase:.1f}°",
-            f"{margins.gain:.1f} dB",
-            f"{margins.gain_reduction:.1f} dB",
-            f"{margins.crossover:.2f} rad/s",
-            f"{margins.bandwidth:.2f} rad/s",
-        )
-        for name, margins in found.items()
-        if margins is not None
-    ]
-    print("\nmargins where commands go over the link, of the exact linear model of the whole loop")
-    print_columns(("signal", "max |S|", "delay", "phase", "gain", "less gain", "crossover", "bandwidth"), rows)
 
 
 if __name__ == "__main__":

@@ -30,6 +30,7 @@ SHORT = {
     "replay.py": ["--samples", "3", "--set", "duration=1"],
     "stability_map.py": ["--quick", "--size", "4"],
     "compare_controllers.py": ["--quick", "--samples", "2"],
+    "tune_controller.py": ["--rounds", "1", "--samples", "1", "--set", "duration=1", "--sensitivity", "100"],
 }
 
 

@@ -339,6 +339,20 @@ def test_design_lqg_states_margins_and_writes_what_a_scenario_extends(run, tmp_p
 
 
 @pytest.mark.slow
+def test_tune_controller_finds_less_error_and_says_what_margins_are_left(run, tmp_path):
+    soft = ["diagrams/laboratory.yaml:low_wind", "--set", "duration=3", "--rounds", "1", "--samples", "1"]
+    loose = ["--sensitivity", "20", "--delay-margin", "0.002", "--output", tmp_path]
+    result = run("tune_controller.py", *soft, *loose)
+    assert (result.returncode, result.stderr) == (0, "")
+    before, after = re.search(r"^RMSE on 32 other samples +(\S+) cm +(\S+) cm$", result.stdout, re.MULTILINE).groups()
+    assert float(after) < 0.7 * float(before)
+    assert re.search(r"^tau_y +\d+\.\d\d +\d+ ms", result.stdout, re.MULTILINE)
+    gains = load_scenario(tmp_path / "scenario.yaml").control.position
+    assert gains.k_p[0] == gains.k_p[1] != gains.k_p[2]
+    assert gains.k_d[0] == gains.k_d[1] != gains.k_d[2]
+
+
+@pytest.mark.slow
 def test_design_gains_designs_loops_on_board_and_the_position_around_them(run, tmp_path):
     result = run("design_gains.py", ONBOARD, "--on-board", "--phase-margin", "65", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -492,6 +506,20 @@ def test_sensitivities_are_by_the_distances_that_the_layout_has(run, tmp_path):
 @pytest.mark.parametrize(
     ("script", "arguments", "words"),
     [
+        ("tune_controller.py", ["--rounds", "0"], "--rounds is 0, but must be between 1 and 20"),
+        (
+            "tune_controller.py",
+            ["--tune", "vehicle.mass"],
+            "--tune names vehicle.mass, which is no number larger than 0",
+        ),
+        ("tune_controller.py", ["--tune", "control.position.kind"], "which is no number larger than 0 of the control"),
+        ("tune_controller.py", ["--tune", "control.position.k_q"], "there is no field control.position.k_q"),
+        (
+            "tune_controller.py",
+            ["--tune", "control.position.k_p.0=3:1"],
+            "the range 3:1, which must rise, from above 0",
+        ),
+        ("tune_controller.py", ["--tune", "control.position.k_p.0=3"], "the range 3, but must have LOW:HIGH"),
         ("design_lqg.py", ["--sensitivity", "1"], "--sensitivity is 1, but must be between 1.2 and 10"),
         ("design_lqg.py", ["--delay-margin", "-1"], "--delay-margin is -1, but must be between 0 and 10"),
         ("design_gains.py", ["--phase-margin", "85"], "no gains of this kind are good enough for roll; at best phase"),

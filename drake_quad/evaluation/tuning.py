@@ -5,12 +5,15 @@ numbers, a fleet flies them all on the training samples, and the best that keeps
 smaller box. The limit is looked at from the best downwards, since a linear model takes longer than a flight.
 """
 
+import math
 from collections.abc import Callable, Iterable, Sequence
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 
+from drake_quad.analysis.link_margins import link_margins
+from drake_quad.errors import InputError
 from drake_quad.flight import StudyFleet
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario import Batch, Scenario
@@ -48,6 +51,28 @@ class Budget(NamedTuple):
     rounds: int = 4
     candidates: int = 128
     samples: int = 8
+
+
+class LoopLimit(NamedTuple):
+    """What the loops of a control must keep where its commands go over the link.
+
+    Attributes:
+        sensitivity: largest peak of |1 / (1 + L)|.
+        delay: least delay margin, s.
+    """
+
+    sensitivity: float = 2.2
+    delay: float = 0.05
+
+    def share_met(self, scenario: Scenario) -> float:
+        """The least share of the limit that a loop of a scenario meets; 1 or more if all keep it, 0 if unstable."""
+        try:
+            found = [margins for margins in link_margins(scenario).values() if margins is not None]
+        except InputError:
+            return 0.0
+        return min(
+            (min(self.sensitivity / each.sensitivity, each.delay / self.delay) for each in found), default=math.inf
+        )
 
 
 class Tuned(NamedTuple):

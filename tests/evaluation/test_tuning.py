@@ -5,7 +5,8 @@ import itertools
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.evaluation import Budget, Knob, tune
+from drake_quad.analysis.link_margins import link_margins
+from drake_quad.evaluation import Budget, Knob, LoopLimit, tune
 from drake_quad.studies.comparison import fly_samples
 
 K_P = Knob(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
@@ -41,3 +42,15 @@ def test_where_no_candidate_keeps_the_limit_the_one_nearest_to_it_is_taken(labor
     found = tune(laboratory, [K_P], stiffness(0.25), budget=Budget(rounds=2, candidates=16, samples=1))
     assert found.numbers[0] == pytest.approx(0.5, rel=0.1)
     assert found.share == pytest.approx(0.25 / found.numbers[0])
+
+
+@pytest.mark.slow
+def test_the_share_of_a_limit_is_that_of_the_worst_loop(laboratory, diagrams):
+    scenario = load_scenario(diagrams / "laboratory.yaml:nominal")
+    found = link_margins(scenario)
+    peak = max(margins.sensitivity for margins in found.values())
+    delay = min(margins.delay for margins in found.values())
+    assert LoopLimit(0.8 * peak, 1e-3).share_met(scenario) == pytest.approx(0.8)
+    assert LoopLimit(50.0, 1.6 * delay).share_met(scenario) == pytest.approx(1.0 / 1.6)
+    stiff = load_scenario(diagrams / "laboratory.yaml:nominal", ["control.attitude.k_p=[900, 900, 5]"])
+    assert LoopLimit().share_met(stiff) == 0.0

@@ -1,0 +1,112 @@
+"""Tunes numbers of a scenario's controller: least error on training samples, under a limit on its loops.
+
+A number may stand in several fields, as a gain does on x and y.
+"""
+
+import argparse
+
+from command_line import all_overrides_of, folder_of, parser, print_columns, print_files, print_margins, run
+
+from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.analysis.link_margins import link_margins
+from drake_quad.evaluation import Budget, Knob, LoopLimit, tune
+from drake_quad.files import output_folder, write_whole
+from drake_quad.scenario import save_scenario
+from drake_quad.scenario.paths import value_at
+from drake_quad.studies.comparison import fly_samples
+from drake_quad.studies.statistics import of_survivors
+
+# By which a number may be smaller or larger where no range is given.
+_REACH = 4.0
+# Samples on which the controller is judged, after those on which it was tuned.
+_JUDGED = 32
+_RANGES = {"sensitivity": (1.1, 100.0), "delay": (1e-3, 10.0), "samples": (1, 1000), "rounds": (1, 20)}
+
+
+def main() -> None:
+    options = parser(
+        description=__doc__,
+        example="python scripts/tune_controller.py diagrams/laboratory.yaml:low_wind --controller"
+        " diagrams/controllers/designed.yaml:pid --tune control.position.k_i.0,control.position.k_i.1=0.1:3",
+        output="out/tuned",
+        scenario="laboratory.yaml:low_wind",
+    )
+    options.add_argument("--controller", metavar="FILE:NAME", help="laid over the scenario")
+    options.add_argument(
+        "--tune",
+        metavar="FIELD[,FIELD...][=LOW:HIGH]",
+        action="append",
+        default=[],
+        help="a number to tune; by default within a factor of 4 of what it is (default: k_p and k_d of x and y)",
+    )
+    limit, budget = LoopLimit(), Budget()
+    options.add_argument("--sensitivity", type=float, default=limit.sensitivity, metavar="PEAK", help="(%(default)s)")
+    options.add_argument(
+        "--delay-margin", type=float, default=limit.delay, dest="delay", metavar="SECONDS", help="(%(default)s)"
+    )
+    options.add_argument("--samples", type=int, default=budget.samples, help="to train on (%(default)s)")
+    options.add_argument("--rounds", type=int, default=budget.rounds, help="of the search (%(default)s)")
+    arguments = options.parse_args()
+    check(arguments)
+    layers = [arguments.controller] if arguments.controller else []
+    scenario = load_scenario(arguments.scenario, all_overrides_of(arguments), layers=layers)
+    written = arguments.tune or [f"control.position.{gain}.0,control.position.{gain}.1" for gain in ("k_p", "k_d")]
+    knobs = [knob_of(text, scenario) for text in written]
+    limit = LoopLimit(arguments.sensitivity, arguments.delay)
+    folder = output_folder(folder_of(arguments, scenario.name))
+    budget = budget._replace(samples=arguments.samples, rounds=arguments.rounds)
+    found = tune(scenario, knobs, limit.share_met, budget=budget)
+    file = write_whole(folder / "scenario.yaml", lambda path: save_scenario(found.scenario, path))
+    rows = [
+        (", ".join(knob.paths), f"{value_at(scenario, knob.paths[0]):.4g}", f"{number:.4g}")
+        for knob, number in zip(knobs, found.numbers, strict=True)
+    ]
+    judged = range(budget.samples, budget.samples + _JUDGED)
+    rows.append((f"RMSE on {_JUDGED} other samples", judgement(scenario, judged), judgement(found.scenario, judged)))
+    print_columns(("", "before", "tuned"), rows)
+    print()
+    print_margins(link_margins(found.scenario))
+    if found.share < 1.0:
+        print(f"\nnone of what was tried keeps the limit; this meets {100.0 * found.share:.0f} % of it")
+    print_files([file])
+
+
+def check(arguments: argparse.Namespace) -> None:
+    """Raises an error if a number is out of its range."""
+    for name, (least, most) in _RANGES.items():
+        value = getattr(arguments, name)
+        if not least <= value <= most:
+            option = "--delay-margin" if name == "delay" else f"--{name}"
+            raise InputError(f"{option} is {value:g}, but must be between {least:g} and {most:g}")
+
+
+def knob_of(text: str, scenario: Scenario) -> Knob:
+    """What `--tune` says."""
+    fields, _, ends = text.partition("=")
+    paths = tuple(fields.split(","))
+    values = [value_at(scenario, path) for path in paths]
+    for path, value in zip(paths, values, strict=True):
+        if not path.startswith("control.") or not isinstance(value, float) or not value > 0.0:
+            raise InputError(f"--tune names {path}, which is no number larger than 0 of the control")
+    if not ends:
+        return Knob(paths, values[0] / _REACH, values[0] * _REACH)
+    low, _, high = ends.partition(":")
+    try:
+        knob = Knob(paths, float(low), float(high))
+    except ValueError:
+        raise InputError(f"--tune has the range {ends}, but must have LOW:HIGH") from None
+    if not 0.0 < knob.low < knob.high:
+        raise InputError(f"--tune has the range {ends}, which must rise, from above 0")
+    return knob
+
+
+def judgement(scenario: Scenario, samples: range) -> str:
+    """Mean RMSE of the samples that do not crash, and how many do."""
+    metrics = fly_samples(scenario, samples)
+    errors, crashed = of_survivors(metrics, "rmse"), int(metrics.crashed.sum())
+    mean = f"{100.0 * errors.mean():.2f} cm" if len(errors) else "–"
+    return f"{mean}, {crashed} crashed" if crashed else mean
+
+
+if __name__ == "__main__":
+    run(main)
