@@ -4,7 +4,7 @@ import argparse
 import os
 import re
 import sys
-from collections.abc import Callable, Iterable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
 from typing import Any, get_args
@@ -58,6 +58,14 @@ def folder_of(arguments: argparse.Namespace, name: str) -> Path:
 def add_vector(options: argparse.ArgumentParser) -> None:
     """Adds the option that writes figures for print."""
     options.add_argument("--vector", choices=get_args(Vector), help="write each figure also as a vector drawing")
+
+
+def check_ranges(arguments: argparse.Namespace, ranges: Mapping[str, tuple[float, float]]) -> None:
+    """Raises InputError if a number is out of its range, given by the option without its dashes."""
+    for option, (least, most) in ranges.items():
+        value = getattr(arguments, option.replace("-", "_"))
+        if not least <= value <= most:
+            raise InputError(f"--{option} is {value:g}, but must be between {least:g} and {most:g}")
 
 
 def add_wired(options: argparse.ArgumentParser) -> None:

@@ -4,23 +4,30 @@ The wind is that of the scenario along its plan, the plants are those of its dis
 off by.
 """
 
-import argparse
 import shlex
 import sys
 from pathlib import Path
 from typing import Any
 
-from command_line import all_overrides_of, folder_of, parser, print_columns, print_files, print_margins, run
+from command_line import (
+    all_overrides_of,
+    check_ranges,
+    folder_of,
+    parser,
+    print_columns,
+    print_files,
+    print_margins,
+    run,
+)
 
 from ruamel.yaml import YAML
 
-from drake_quad import InputError
 from drake_quad.analysis.link_margins import link_margins
 from drake_quad.analysis.lqg_design import Limits, LqgDesign, design_lqg, middle_of
 from drake_quad.files import output_folder, write_whole
 from drake_quad.scenario import load_undesigned, save_scenario
 
-_RANGES = {"sensitivity": (1.2, 10.0), "delay": (0.0, 10.0)}
+_RANGES = {"sensitivity": (1.2, 10.0), "delay-margin": (0.0, 10.0)}
 
 
 def main() -> None:
@@ -38,13 +45,13 @@ def main() -> None:
         "--delay-margin",
         type=float,
         default=default.delay,
-        dest="delay",
         metavar="SECONDS",
         help="at least (%(default)s)",
     )
     arguments = options.parse_args()
+    check_ranges(arguments, _RANGES)
     scenario = load_undesigned(arguments.scenario, all_overrides_of(arguments))
-    design = design_lqg(scenario, limits_of(arguments))
+    design = design_lqg(scenario, Limits(sensitivity=arguments.sensitivity, delay=arguments.delay_margin))
     designed = scenario.model_copy(update={"control": design.control})
     folder = output_folder(folder_of(arguments, scenario.name))
     files = [
@@ -57,16 +64,6 @@ def main() -> None:
     print(f"\na scenario takes the control by `extends: [FILE:NAME, {files[0]}]`, in this order; or fly it as it is:")
     print(f"  python scripts/monte_carlo.py {files[1]} --samples 32")
     print_files(files)
-
-
-def limits_of(arguments: argparse.Namespace) -> Limits:
-    """The limits that the arguments ask for."""
-    for name, (least, most) in _RANGES.items():
-        value = getattr(arguments, name)
-        if not least <= value <= most:
-            option = "--delay-margin" if name == "delay" else f"--{name}"
-            raise InputError(f"{option} is {value:g}, but must be between {least:g} and {most:g}")
-    return Limits(sensitivity=arguments.sensitivity, delay=arguments.delay)
 
 
 def write_control(design: LqgDesign, path: Path) -> None:

@@ -3,9 +3,16 @@
 A number may stand in several fields, as a gain does on x and y.
 """
 
-import argparse
-
-from command_line import all_overrides_of, folder_of, parser, print_columns, print_files, print_margins, run
+from command_line import (
+    all_overrides_of,
+    check_ranges,
+    folder_of,
+    parser,
+    print_columns,
+    print_files,
+    print_margins,
+    run,
+)
 
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.analysis.link_margins import link_margins
@@ -20,7 +27,7 @@ from drake_quad.studies.statistics import of_survivors
 _REACH = 4.0
 # Samples on which the controller is judged, after those on which it was tuned.
 _JUDGED = 32
-_RANGES = {"sensitivity": (1.1, 100.0), "delay": (1e-3, 10.0), "samples": (1, 1000), "rounds": (1, 20)}
+_RANGES = {"sensitivity": (1.1, 100.0), "delay-margin": (1e-3, 10.0), "samples": (1, 1000), "rounds": (1, 20)}
 
 
 def main() -> None:
@@ -41,18 +48,16 @@ def main() -> None:
     )
     limit, budget = LoopLimit(), Budget()
     options.add_argument("--sensitivity", type=float, default=limit.sensitivity, metavar="PEAK", help="(%(default)s)")
-    options.add_argument(
-        "--delay-margin", type=float, default=limit.delay, dest="delay", metavar="SECONDS", help="(%(default)s)"
-    )
+    options.add_argument("--delay-margin", type=float, default=limit.delay, metavar="SECONDS", help="(%(default)s)")
     options.add_argument("--samples", type=int, default=budget.samples, help="to train on (%(default)s)")
     options.add_argument("--rounds", type=int, default=budget.rounds, help="of the search (%(default)s)")
     arguments = options.parse_args()
-    check(arguments)
+    check_ranges(arguments, _RANGES)
     layers = [arguments.controller] if arguments.controller else []
     scenario = load_scenario(arguments.scenario, all_overrides_of(arguments), layers=layers)
     written = arguments.tune or [f"control.position.{gain}.0,control.position.{gain}.1" for gain in ("k_p", "k_d")]
     knobs = [knob_of(text, scenario) for text in written]
-    limit = LoopLimit(arguments.sensitivity, arguments.delay)
+    limit = LoopLimit(arguments.sensitivity, arguments.delay_margin)
     folder = output_folder(folder_of(arguments, scenario.name))
     budget = budget._replace(samples=arguments.samples, rounds=arguments.rounds)
     found = tune(scenario, knobs, limit.share_met, budget=budget)
@@ -69,15 +74,6 @@ def main() -> None:
     if found.share < 1.0:
         print(f"\nnone of what was tried keeps the limit; this meets {100.0 * found.share:.0f} % of it")
     print_files([file])
-
-
-def check(arguments: argparse.Namespace) -> None:
-    """Raises an error if a number is out of its range."""
-    for name, (least, most) in _RANGES.items():
-        value = getattr(arguments, name)
-        if not least <= value <= most:
-            option = "--delay-margin" if name == "delay" else f"--{name}"
-            raise InputError(f"{option} is {value:g}, but must be between {least:g} and {most:g}")
 
 
 def knob_of(text: str, scenario: Scenario) -> Knob:

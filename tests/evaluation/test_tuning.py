@@ -24,7 +24,7 @@ def laboratory(diagrams):
 
 
 @pytest.mark.slow
-def test_the_best_that_keeps_the_limit_is_found(laboratory):
+def test_the_best_that_keeps_the_limit_is_found(laboratory, diagrams):
     found = tune(laboratory, [K_P, K_D], stiffness(2.0), budget=Budget(rounds=3, candidates=32, samples=2))
     assert found.share >= 1.0
     flown = fly_samples(found.scenario, range(2))
@@ -33,7 +33,7 @@ def test_the_best_that_keeps_the_limit_is_found(laboratory):
     gains = [f"control.position.{name}=[{{0}}, {{0}}, 6.14]" for name in ("k_p", "k_d")]
     for pair in grid:
         overrides = ["duration=2", *(text.format(gain) for text, gain in zip(gains, pair, strict=True))]
-        other = fly_samples(load_scenario("diagrams/laboratory.yaml:low_wind", overrides), range(2))
+        other = fly_samples(load_scenario(diagrams / "laboratory.yaml:low_wind", overrides), range(2))
         assert found.error < 1.02 * float(other.rmse.mean())
 
 
