@@ -34,7 +34,7 @@ def main() -> None:
     options = parser(
         description=__doc__,
         example="python scripts/tune_controller.py diagrams/laboratory.yaml:low_wind --controller"
-        " diagrams/controllers/designed.yaml:pid --tune control.position.k_i.0,control.position.k_i.1=0.1:3",
+        " diagrams/controllers/designed/laboratory.yaml:pid --tune control.position.k_i.0,control.position.k_i.1=0.1:3",
         output="out/tuned",
         scenario="laboratory.yaml:low_wind",
     )

@@ -86,7 +86,7 @@ LIMITS["indi_fast"] = 3.005, 0.05
 @pytest.mark.parametrize("name", LIMITS)
 def test_the_designed_controllers_keep_to_their_limit(diagrams, name):
     """What their file says of the peak of sensitivity and the delay margin, on a lateral and on the vertical axis."""
-    layers = [diagrams / "controllers" / f"designed.yaml:{name}"]
+    layers = [diagrams / "controllers" / f"designed/laboratory.yaml:{name}"]
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", layers=layers)
     sensitivity, delay = LIMITS[name]
     loops = link_loops(as_believed(scenario))
