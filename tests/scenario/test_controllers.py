@@ -85,7 +85,7 @@ def test_every_controller_of_the_file_loads_over_every_laboratory():
             assert scenario.name == place
             assert scenario.control.attitude.k_p[0] == 20.0
         for name in ("pd", "pid", "disturbance_observer", "l1", "indi"):
-            scenario = load_scenario(spec, layers=[f"{PAPER.with_name('designed/laboratory.yaml')}:{name}"])
+            scenario = load_scenario(spec, layers=[f"{PAPER.parent / 'designed' / 'laboratory.yaml'}:{name}"])
             assert (scenario.name, scenario.control.position.kind) == (place, name)
 
 
