@@ -323,13 +323,17 @@ def _with_axes_apart(system: SampledSystem, hover: RotorSpeed, parameters: Quadr
     return system.transformed(rotors, pattern, names)
 
 
-def with_axes_apart(system: SampledSystem, scenario: Scenario) -> SampledSystem:
-    """A linear model of a scenario's whole loop, with thrust and torques in place of the speeds of the rotors.
+def loop_by_axes(scenario: Scenario) -> SampledSystem:
+    """The linear model of `closed_loop`, with thrust and torques in place of the speeds of the rotors.
 
     An even vehicle's axes then have no state in common.
+
+    Raises:
+        InputError: as `closed_loop`, or the rotors cannot hold the vehicle.
     """
     resting = at_rest(scenario)
-    return _with_axes_apart(system, _hover_speeds(resting), vehicle_parameters(resting.vehicle))
+    hover = _hover_speeds(resting)
+    return _with_axes_apart(closed_loop(scenario).system, hover, vehicle_parameters(resting.vehicle))
 
 
 def on_board_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it is"] = "believed") -> SampledSystem:

@@ -6,7 +6,7 @@ from typing import Literal, NamedTuple
 import numpy as np
 
 from drake_quad.analysis.cascade_design import turned_on_board
-from drake_quad.analysis.closed_loop import closed_loop, on_board_plant, with_axes_apart
+from drake_quad.analysis.closed_loop import loop_by_axes, on_board_plant
 from drake_quad.analysis.margins import fast_margins, frequencies
 from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.errors import InputError
@@ -159,8 +159,7 @@ def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
     def model(pair: Sequence[float]) -> SampledSystem:
         values = {f"{mapped.block}.{name}.{axis}": value for name, value in zip(mapped.fields, pair, strict=True)}
         with_gains = scenario.model_copy(update={"control": control})
-        loop = closed_loop(replaced(with_gains, lambda path, value: values.get(path, value)))
-        return with_axes_apart(loop.system, scenario)
+        return loop_by_axes(replaced(with_gains, lambda path, value: values.get(path, value)))
 
     own = model(gains)
     slopes = [(own.A - model(np.add(gains, step)).A) / _STEP for step in _STEP * np.eye(2)]
