@@ -4,6 +4,8 @@ A textbook design for one plant has hardly any margin. So the numbers are those 
 position error least over several plants, with other lags, later frames and longer delays of the link, in the wind and
 noise of the scenario, within limits on the peak sensitivity, the delay margin and the size of the commands. Each trial
 is two Riccati equations, and for each plant a Lyapunov equation of the closed loop, lifted over a tick: nothing flies.
+The chain of an axis is not quite the vehicle, which has drag and leans in the wind: where the whole loop breaks a limit
+that the chain keeps, the chain's is narrowed, and the search goes on.
 """
 
 import itertools
@@ -19,7 +21,8 @@ from threadpoolctl import ThreadpoolController
 from drake_quad.analysis.cascade_design import design_cascade
 from drake_quad.analysis.closed_loop import laboratory_plant
 from drake_quad.analysis.disturbances import Spectrum, disturbances_along, spectrum
-from drake_quad.analysis.margins import fast_margins
+from drake_quad.analysis.link_margins import link_margins
+from drake_quad.analysis.margins import Margins, fast_margins
 from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.assembly.lqg import lateral_loop, vertical_loop
 from drake_quad.assembly.planning import plan_route
@@ -53,14 +56,16 @@ _LAG_SPREAD, _ANSWER_SPREAD, _LATER = 1.6, 1.15, 1
 # Points at which margins are looked at and the lowest frequency, rad/s; weight of what breaks a limit, of the logarithm
 # of the error; evaluations of a search.
 _POINTS, _SLOWEST, _PENALTY, _EVALUATIONS = 120, 0.3, 9.0, 600
+# Searches until the whole loop keeps the limits, and the factor by which a broken one is narrowed besides.
+_ROUNDS, _NARROWER = 5, 0.998
 
 
 class Limits(NamedTuple):
     """What a design keeps to.
 
     Attributes:
-        sensitivity: peak of |1 / (1 + L)|, broken where commands go over the link.
-        delay: margin, s.
+        sensitivity: peak of |1 / (1 + L)|, broken where commands go over the link, of the middle plant's whole loop.
+        delay: margin there, s.
         snap: root mean square of the command along x and y with torques over the link, m/s⁴.
         acceleration: of that along z, and along x and y with an autopilot, m/s².
     """
@@ -186,9 +191,7 @@ def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
     on_board = scenario.laboratory.autopilot.command == "attitude_target"
     plants, found = plants_of(scenario), conditions_of(scenario)
     nominal, *_ = plants
-    cameras, link = scenario.laboratory.motion_capture, scenario.laboratory.command_link
-    delays = [plant.delay_ticks + plant.latency_frames * cameras.period / link.period for plant in plants]
-    timing = Timing(cameras.period, link.period, round(sum(delays) / len(delays)))
+    timing = believed_timing(scenario, plants)
     gravity = scenario.nominal.gravity
 
     def lateral_axis(weight: float, noise: float, first: float, second: float, bias: float, seen: float) -> LateralAxis:
@@ -212,33 +215,41 @@ def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
     )
     # Where the search begins: the numbers of controllers/lqg.yaml, or as much for a command that is an acceleration.
     weight, noise = (1e-2, 0.3) if on_board else (1e-5, 3.3)
-    lateral, of_lateral = _searched(
+    lateral = _Search(
         lateral_axis,
         lambda axis: lateral_loop(axis, timing, gravity),
         along_x,
-        [weight, noise, max(found.lateral.mean, _CALM), 0.8, max(found.bias, 5.0), 0.5],
-        limits,
         limits.acceleration if on_board else limits.snap,
         timing,
+        (weight, noise, max(found.lateral.mean, _CALM), 0.8, max(found.bias, 5.0), 0.5),
+        limits,
     )
-    vertical, of_vertical = _searched(
+    vertical = _Search(
         vertical_axis,
         lambda axis: vertical_loop(axis, timing),
         along_z,
-        [1e-3, 0.03, max(found.vertical.mean, _CALM), 0.7],
-        limits,
         limits.acceleration,
         timing,
+        (1e-3, 0.03, max(found.vertical.mean, _CALM), 0.7),
+        limits,
     )
-    control = LqgControl(
-        kind="lqg",
-        delay_ticks=timing.delay_ticks,
-        lateral=lateral,
-        vertical=vertical,
-        yaw=None if on_board else _yaw(scenario),
-        **_limits_of(scenario.control),
-    )
-    return LqgDesign(control, plants, found, of_lateral, of_vertical)
+    yaw = None if on_board else _yaw(scenario)
+    for _ in range(_ROUNDS):
+        (along, of_lateral), (up, of_vertical) = lateral.best(), vertical.best()
+        control = LqgControl(
+            kind="lqg",
+            delay_ticks=timing.delay_ticks,
+            lateral=along,
+            vertical=up,
+            yaw=yaw,
+            **_limits_of(scenario.control),
+        )
+        design = LqgDesign(control, plants, found, of_lateral, of_vertical)
+        thrust, roll, pitch, _ = link_margins(middle_of(scenario.model_copy(update={"control": control}))).values()
+        kept = lateral.keeps(limits, (roll, pitch)), vertical.keeps(limits, (thrust,))
+        if all(kept):
+            break
+    return design
 
 
 def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
@@ -272,6 +283,16 @@ def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
         )
     ]
     return Plant(lags_too, _lag(middle), answer, frames, ticks, gain), *corners
+
+
+def believed_timing(scenario: Scenario, plants: Sequence[Plant]) -> Timing:
+    """When things happen, and the delay that is believed: the mean of the plants', or the next later tick.
+
+    A filter that expects its commands too early takes them for a disturbance and overshoots; too late costs less.
+    """
+    cameras, link = scenario.laboratory.motion_capture, scenario.laboratory.command_link
+    delays = [plant.delay_ticks + plant.latency_frames * cameras.period / link.period for plant in plants]
+    return Timing(cameras.period, link.period, math.ceil(sum(delays) / len(delays)))
 
 
 def conditions_of(scenario: Scenario) -> Conditions:
@@ -401,53 +422,82 @@ class _Lifted:
         return Predicted(math.sqrt(error), math.sqrt(command), pole)
 
 
-def _searched(
-    axis_of: Callable[..., Any],
-    loop_of: Callable[[Any], AxisLoop],
-    truths: Sequence[Truth],
-    start: Sequence[float],
-    limits: Limits,
-    most: float,
-    timing: Timing,
-) -> tuple[Any, tuple[Predicted, ...]]:
-    """The axis of the least cost, and what is predicted of it for each plant."""
-    grid = np.geomspace(_SLOWEST, 0.999 * math.pi / timing.tick, _POINTS)
-    z = np.exp(1j * grid * timing.tick)
+@dataclass
+class _Search:
+    """The search for the numbers of an axis.
 
-    def cost(logs: np.ndarray) -> float:
-        try:
-            loop = loop_of(axis_of(*np.exp(logs).tolist()))
-        except (np.linalg.LinAlgError, ValueError):
-            return 1e3
-        lifted = [_Lifted.of(loop, truth, timing) for truth in truths]
-        answers = [each.predicted(truth) for each, truth in zip(lifted, truths, strict=True)]
-        stable = [answer for answer in answers if math.isfinite(answer.error)]
-        broken = sum(5.0 + 20.0 * max(answer.pole - 1.0, 0.0) for answer in answers if answer not in stable)
-        first, *_ = answers
-        if not math.isfinite(first.error):
-            return 50.0 + first.pole
-        response = lifted[0].opened.response(z)[:, 0, 0]
-        delay = float(fast_margins(response, grid).delay)
-        broken += max(0.0, np.abs(1.0 / (1.0 + response)).max() / limits.sensitivity - 1.0)
-        broken += max(0.0, 1.0 - delay / limits.delay)
-        broken += max(0.0, math.log(first.command / most))
-        return 0.5 * math.log(np.mean([answer.error**2 for answer in stable])) + _PENALTY * broken
+    Attributes:
+        axis_of: the axis that has some numbers.
+        loop_of: filter and regulator of an axis.
+        truths: of the plants, the nominal one first.
+        most: the root mean square of the command is to be at most this.
+        timing: of frames and ticks.
+        start: numbers where the search begins.
+        allowed: limits of the loop of the nominal chain.
+    """
 
-    logs = np.log(start)
-    first, *_ = steps = np.eye(len(logs))
-    # Handing small matrices round takes longer than multiplying them.
-    with ThreadpoolController().limit(limits=1, user_api="blas"):
-        # The weight of the command decides most: its best decade first.
-        begin = min((logs + shift * first for shift in np.arange(-7.0, 7.1, 1.75)), key=cost)
-        signed = (begin + sign * step for step, sign in zip(0.8 * steps, itertools.cycle((-1.0, 1.0)), strict=False))
-        options = {"maxfev": _EVALUATIONS, "initial_simplex": np.vstack([begin, *signed])}
-        best = scipy.optimize.minimize(cost, begin, method="Nelder-Mead", options=options)
-    axis = axis_of(*(float(f"{number:.4g}") for number in np.exp(best.x)))
-    loop = loop_of(axis)
-    answers = tuple(predicted(loop, truth, timing) for truth in truths)
-    if not math.isfinite(answers[0].error):
-        raise InputError(f"no design of this kind is stable: at best there is a pole of size {answers[0].pole:.4f}")
-    return axis, answers
+    axis_of: Callable[..., Any]
+    loop_of: Callable[[Any], AxisLoop]
+    truths: Sequence[Truth]
+    most: float
+    timing: Timing
+    start: Sequence[float]
+    allowed: Limits
+
+    def best(self) -> tuple[Any, tuple[Predicted, ...]]:
+        """The axis of the least cost, and what is predicted of it for each plant; the next search begins there."""
+        grid = np.geomspace(_SLOWEST, 0.999 * math.pi / self.timing.tick, _POINTS)
+        z = np.exp(1j * grid * self.timing.tick)
+
+        def cost(logs: np.ndarray) -> float:
+            try:
+                loop = self.loop_of(self.axis_of(*np.exp(logs).tolist()))
+            except (np.linalg.LinAlgError, ValueError):
+                return 1e3
+            lifted = [_Lifted.of(loop, truth, self.timing) for truth in self.truths]
+            answers = [each.predicted(truth) for each, truth in zip(lifted, self.truths, strict=True)]
+            stable = [answer for answer in answers if math.isfinite(answer.error)]
+            broken = sum(5.0 + 20.0 * max(answer.pole - 1.0, 0.0) for answer in answers if answer not in stable)
+            first, *_ = answers
+            if not math.isfinite(first.error):
+                return 50.0 + first.pole
+            response = lifted[0].opened.response(z)[:, 0, 0]
+            delay = float(fast_margins(response, grid).delay)
+            broken += max(0.0, np.abs(1.0 / (1.0 + response)).max() / self.allowed.sensitivity - 1.0)
+            broken += max(0.0, 1.0 - delay / self.allowed.delay)
+            broken += max(0.0, math.log(first.command / self.most))
+            return 0.5 * math.log(np.mean([answer.error**2 for answer in stable])) + _PENALTY * broken
+
+        logs = np.log(self.start)
+        first, *_ = steps = np.eye(len(logs))
+        # Handing small matrices round takes longer than multiplying them.
+        with ThreadpoolController().limit(limits=1, user_api="blas"):
+            # The weight of the command decides most: its best decade first.
+            begin = min((logs + shift * first for shift in np.arange(-7.0, 7.1, 1.75)), key=cost)
+            signed = (
+                begin + sign * step for step, sign in zip(0.8 * steps, itertools.cycle((-1.0, 1.0)), strict=False)
+            )
+            options = {"maxfev": _EVALUATIONS, "initial_simplex": np.vstack([begin, *signed])}
+            found = scipy.optimize.minimize(cost, begin, method="Nelder-Mead", options=options)
+        self.start = np.exp(found.x).tolist()
+        axis = self.axis_of(*(float(f"{number:.4g}") for number in self.start))
+        loop = self.loop_of(axis)
+        answers = tuple(predicted(loop, truth, self.timing) for truth in self.truths)
+        if not math.isfinite(answers[0].error):
+            raise InputError(f"no design of this kind is stable: at best there is a pole of size {answers[0].pole:.4f}")
+        return axis, answers
+
+    def keeps(self, limits: Limits, exact: Sequence[Margins | None]) -> bool:
+        """Whether the whole loop keeps the limits; if not, the chain's are narrowed by as much as they are broken."""
+        looped = [margins for margins in exact if margins is not None]
+        sensitivity = max((margins.sensitivity for margins in looped), default=0.0)
+        delay = min((margins.delay for margins in looped), default=math.inf)
+        if sensitivity > limits.sensitivity:
+            allowed = self.allowed.sensitivity * limits.sensitivity / sensitivity
+            self.allowed = self.allowed._replace(sensitivity=_NARROWER * allowed)
+        if delay < limits.delay:
+            self.allowed = self.allowed._replace(delay=self.allowed.delay * limits.delay / (_NARROWER * delay))
+        return sensitivity <= limits.sensitivity and delay >= limits.delay
 
 
 def _common(
