@@ -11,7 +11,7 @@ that the chain keeps, the chain's is narrowed, and the search goes on.
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -191,7 +191,7 @@ def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
     on_board = scenario.laboratory.autopilot.command == "attitude_target"
     plants, found = plants_of(scenario), conditions_of(scenario)
     nominal, *_ = plants
-    timing = believed_timing(scenario, plants)
+    timings = believed_timings(scenario, plants)
     gravity = scenario.nominal.gravity
 
     def lateral_axis(weight: float, noise: float, first: float, second: float, bias: float, seen: float) -> LateralAxis:
@@ -209,33 +209,34 @@ def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
         common = _common(weight, noise, first, second, found.vertical.time, found.position_noise)
         return VerticalAxis(lag=nominal.lag, **common)
 
-    along_x, along_z = (
-        [Truth.of(model(plant, found), plant, found, timing, gravity) for plant in plants]
-        for model in (lateral_truth, vertical_truth)
-    )
     # Where the search begins: the numbers of controllers/lqg.yaml, or as much for a command that is an acceleration.
     weight, noise = (1e-2, 0.3) if on_board else (1e-5, 3.3)
-    lateral = _Search(
-        lateral_axis,
-        lambda axis: lateral_loop(axis, timing, gravity),
-        along_x,
-        limits.acceleration if on_board else limits.snap,
-        timing,
-        (weight, noise, max(found.lateral.mean, _CALM), 0.8, max(found.bias, 5.0), 0.5),
-        limits,
-    )
+
+    def search_along_x(timing: Timing) -> _Search:
+        return _Search(
+            lateral_axis,
+            lambda axis: lateral_loop(axis, timing, gravity),
+            [Truth.of(lateral_truth(plant, found), plant, found, timing, gravity) for plant in plants],
+            limits.acceleration if on_board else limits.snap,
+            timing,
+            (weight, noise, max(found.lateral.mean, _CALM), 0.8, max(found.bias, 5.0), 0.5),
+            limits,
+        )
+
+    lateral = min((search_along_x(timing).advanced() for timing in timings), key=lambda search: search.cost)
+    timing = lateral.timing
     vertical = _Search(
         vertical_axis,
         lambda axis: vertical_loop(axis, timing),
-        along_z,
+        [Truth.of(vertical_truth(plant, found), plant, found, timing, gravity) for plant in plants],
         limits.acceleration,
         timing,
         (1e-3, 0.03, max(found.vertical.mean, _CALM), 0.7),
         limits,
-    )
+    ).advanced()
     yaw = None if on_board else _yaw(scenario)
     for _ in range(_ROUNDS):
-        (along, of_lateral), (up, of_vertical) = lateral.best(), vertical.best()
+        (along, of_lateral), (up, of_vertical) = lateral.found(), vertical.found()
         control = LqgControl(
             kind="lqg",
             delay_ticks=timing.delay_ticks,
@@ -246,9 +247,10 @@ def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
         )
         design = LqgDesign(control, plants, found, of_lateral, of_vertical)
         thrust, roll, pitch, _ = link_margins(middle_of(scenario.model_copy(update={"control": control}))).values()
-        kept = lateral.keeps(limits, (roll, pitch)), vertical.keeps(limits, (thrust,))
-        if all(kept):
+        searches = lateral.beyond(limits, (roll, pitch)), vertical.beyond(limits, (thrust,))
+        if searches == (lateral, vertical):
             break
+        lateral, vertical = searches
     return design
 
 
@@ -285,14 +287,15 @@ def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
     return Plant(lags_too, _lag(middle), answer, frames, ticks, gain), *corners
 
 
-def believed_timing(scenario: Scenario, plants: Sequence[Plant]) -> Timing:
-    """When things happen, and the delay that is believed: the mean of the plants', or the next later tick.
+def believed_timings(scenario: Scenario, plants: Sequence[Plant]) -> list[Timing]:
+    """When things happen, with the delays that may be believed: the mean of the plants', and the next later tick.
 
-    A filter that expects its commands too early takes them for a disturbance and overshoots; too late costs less.
+    Of a mean between two ticks the later one has more phase, the nearer one less to wait for.
     """
     cameras, link = scenario.laboratory.motion_capture, scenario.laboratory.command_link
     delays = [plant.delay_ticks + plant.latency_frames * cameras.period / link.period for plant in plants]
-    return Timing(cameras.period, link.period, math.ceil(sum(delays) / len(delays)))
+    mean = sum(delays) / len(delays)
+    return [Timing(cameras.period, link.period, ticks) for ticks in sorted({round(mean), math.ceil(mean)})]
 
 
 def conditions_of(scenario: Scenario) -> Conditions:
@@ -422,7 +425,7 @@ class _Lifted:
         return Predicted(math.sqrt(error), math.sqrt(command), pole)
 
 
-@dataclass
+@dataclass(frozen=True, eq=False)
 class _Search:
     """The search for the numbers of an axis.
 
@@ -432,8 +435,9 @@ class _Search:
         truths: of the plants, the nominal one first.
         most: the root mean square of the command is to be at most this.
         timing: of frames and ticks.
-        start: numbers where the search begins.
+        numbers: the best so far, or where to begin.
         allowed: limits of the loop of the nominal chain.
+        cost: of these numbers.
     """
 
     axis_of: Callable[..., Any]
@@ -441,63 +445,67 @@ class _Search:
     truths: Sequence[Truth]
     most: float
     timing: Timing
-    start: Sequence[float]
+    numbers: Sequence[float]
     allowed: Limits
+    cost: float = math.inf
 
-    def best(self) -> tuple[Any, tuple[Predicted, ...]]:
-        """The axis of the least cost, and what is predicted of it for each plant; the next search begins there."""
+    def cost_of(self, logs: np.ndarray) -> float:
+        """The logarithm of the error, and a penalty for what breaks a limit, of numbers by their logarithms."""
+        try:
+            loop = self.loop_of(self.axis_of(*np.exp(logs).tolist()))
+        except (np.linalg.LinAlgError, ValueError):
+            return 1e3
+        lifted = [_Lifted.of(loop, truth, self.timing) for truth in self.truths]
+        answers = [each.predicted(truth) for each, truth in zip(lifted, self.truths, strict=True)]
+        stable = [answer for answer in answers if math.isfinite(answer.error)]
+        broken = sum(5.0 + 20.0 * max(answer.pole - 1.0, 0.0) for answer in answers if answer not in stable)
+        first, *_ = answers
+        if not math.isfinite(first.error):
+            return 50.0 + first.pole
         grid = np.geomspace(_SLOWEST, 0.999 * math.pi / self.timing.tick, _POINTS)
-        z = np.exp(1j * grid * self.timing.tick)
+        response = lifted[0].opened.response(np.exp(1j * grid * self.timing.tick))[:, 0, 0]
+        delay = float(fast_margins(response, grid).delay)
+        broken += max(0.0, np.abs(1.0 / (1.0 + response)).max() / self.allowed.sensitivity - 1.0)
+        broken += max(0.0, 1.0 - delay / self.allowed.delay)
+        broken += max(0.0, math.log(first.command / self.most))
+        return float(0.5 * math.log(np.mean([answer.error**2 for answer in stable])) + _PENALTY * broken)
 
-        def cost(logs: np.ndarray) -> float:
-            try:
-                loop = self.loop_of(self.axis_of(*np.exp(logs).tolist()))
-            except (np.linalg.LinAlgError, ValueError):
-                return 1e3
-            lifted = [_Lifted.of(loop, truth, self.timing) for truth in self.truths]
-            answers = [each.predicted(truth) for each, truth in zip(lifted, self.truths, strict=True)]
-            stable = [answer for answer in answers if math.isfinite(answer.error)]
-            broken = sum(5.0 + 20.0 * max(answer.pole - 1.0, 0.0) for answer in answers if answer not in stable)
-            first, *_ = answers
-            if not math.isfinite(first.error):
-                return 50.0 + first.pole
-            response = lifted[0].opened.response(z)[:, 0, 0]
-            delay = float(fast_margins(response, grid).delay)
-            broken += max(0.0, np.abs(1.0 / (1.0 + response)).max() / self.allowed.sensitivity - 1.0)
-            broken += max(0.0, 1.0 - delay / self.allowed.delay)
-            broken += max(0.0, math.log(first.command / self.most))
-            return 0.5 * math.log(np.mean([answer.error**2 for answer in stable])) + _PENALTY * broken
-
-        logs = np.log(self.start)
+    def advanced(self) -> "_Search":
+        """The search with the numbers of the least cost that it finds from those that it has."""
+        logs = np.log(self.numbers)
         first, *_ = steps = np.eye(len(logs))
         # Handing small matrices round takes longer than multiplying them.
         with ThreadpoolController().limit(limits=1, user_api="blas"):
             # The weight of the command decides most: its best decade first.
-            begin = min((logs + shift * first for shift in np.arange(-7.0, 7.1, 1.75)), key=cost)
+            begin = min((logs + shift * first for shift in np.arange(-7.0, 7.1, 1.75)), key=self.cost_of)
             signed = (
                 begin + sign * step for step, sign in zip(0.8 * steps, itertools.cycle((-1.0, 1.0)), strict=False)
             )
             options = {"maxfev": _EVALUATIONS, "initial_simplex": np.vstack([begin, *signed])}
-            found = scipy.optimize.minimize(cost, begin, method="Nelder-Mead", options=options)
-        self.start = np.exp(found.x).tolist()
-        axis = self.axis_of(*(float(f"{number:.4g}") for number in self.start))
+            best = scipy.optimize.minimize(self.cost_of, begin, method="Nelder-Mead", options=options)
+        return replace(self, numbers=np.exp(best.x).tolist(), cost=float(best.fun))
+
+    def found(self) -> tuple[Any, tuple[Predicted, ...]]:
+        """The axis that has the numbers, and what is predicted of it for each plant."""
+        axis = self.axis_of(*(float(f"{number:.4g}") for number in self.numbers))
         loop = self.loop_of(axis)
         answers = tuple(predicted(loop, truth, self.timing) for truth in self.truths)
         if not math.isfinite(answers[0].error):
             raise InputError(f"no design of this kind is stable: at best there is a pole of size {answers[0].pole:.4f}")
         return axis, answers
 
-    def keeps(self, limits: Limits, exact: Sequence[Margins | None]) -> bool:
-        """Whether the whole loop keeps the limits; if not, the chain's are narrowed by as much as they are broken."""
+    def beyond(self, limits: Limits, exact: Sequence[Margins | None]) -> "_Search":
+        """This search if the whole loop keeps the limits; else one with limits that are narrower by what it breaks them."""
         looped = [margins for margins in exact if margins is not None]
         sensitivity = max((margins.sensitivity for margins in looped), default=0.0)
         delay = min((margins.delay for margins in looped), default=math.inf)
-        if sensitivity > limits.sensitivity:
-            allowed = self.allowed.sensitivity * limits.sensitivity / sensitivity
-            self.allowed = self.allowed._replace(sensitivity=_NARROWER * allowed)
-        if delay < limits.delay:
-            self.allowed = self.allowed._replace(delay=self.allowed.delay * limits.delay / (_NARROWER * delay))
-        return sensitivity <= limits.sensitivity and delay >= limits.delay
+        if sensitivity <= limits.sensitivity and delay >= limits.delay:
+            return self
+        narrower = self.allowed._replace(
+            sensitivity=self.allowed.sensitivity * min(1.0, _NARROWER * limits.sensitivity / sensitivity),
+            delay=self.allowed.delay * max(1.0, limits.delay / (_NARROWER * delay)),
+        )
+        return replace(self, allowed=narrower).advanced()
 
 
 def _common(

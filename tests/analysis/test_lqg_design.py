@@ -12,7 +12,7 @@ from drake_quad.analysis.lqg_design import (
     Limits,
     Plant,
     Truth,
-    believed_timing,
+    believed_timings,
     conditions_of,
     design_lqg,
     lateral_truth,
@@ -126,12 +126,12 @@ def test_conditions_are_the_scenario_s(diagrams):
     assert 5.0 < bad_day.bias < 14.0
 
 
-def test_the_delay_that_is_believed_is_the_mean_of_the_plants_or_the_tick_after(diagrams):
+def test_the_delays_that_may_be_believed_are_the_mean_of_the_plants_and_the_tick_after(diagrams):
     # Frames late by 10 ms at most, and 1 to 3 ticks of 20 ms: 2.3 ticks in the mean of the middle and the corners.
     bad_day = load_scenario(f"{diagrams}/robustness.yaml")
-    assert believed_timing(bad_day, plants_of(bad_day)) == Timing(0.01, 0.02, 3)
-    late = [Plant(True, 0.05, None, 1, ticks) for ticks in (1, 2)]
-    assert believed_timing(bad_day, late).delay_ticks == 2
+    assert believed_timings(bad_day, plants_of(bad_day)) == [Timing(0.01, 0.02, ticks) for ticks in (2, 3)]
+    late = [Plant(True, 0.05, None, 1, ticks) for ticks in (1, 1, 2)]
+    assert [each.delay_ticks for each in believed_timings(bad_day, late)] == [2]
 
 
 @pytest.mark.slow
