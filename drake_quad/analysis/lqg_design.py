@@ -247,10 +247,10 @@ def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
         )
         design = LqgDesign(control, plants, found, of_lateral, of_vertical)
         thrust, roll, pitch, _ = link_margins(middle_of(scenario.model_copy(update={"control": control}))).values()
-        searches = lateral.beyond(limits, (roll, pitch)), vertical.beyond(limits, (thrust,))
-        if searches == (lateral, vertical):
+        narrowed = lateral.narrowed(limits, (roll, pitch)), vertical.narrowed(limits, (thrust,))
+        if narrowed == (lateral, vertical):
             break
-        lateral, vertical = searches
+        lateral, vertical = (search.advanced() for search in narrowed)
     return design
 
 
@@ -494,18 +494,18 @@ class _Search:
             raise InputError(f"no design of this kind is stable: at best there is a pole of size {answers[0].pole:.4f}")
         return axis, answers
 
-    def beyond(self, limits: Limits, exact: Sequence[Margins | None]) -> "_Search":
-        """This search if the whole loop keeps the limits; else one with limits that are narrower by what it breaks them."""
+    def narrowed(self, limits: Limits, exact: Sequence[Margins | None]) -> "_Search":
+        """This search if the whole loop keeps the limits, else one with limits that much narrower."""
         looped = [margins for margins in exact if margins is not None]
         sensitivity = max((margins.sensitivity for margins in looped), default=0.0)
         delay = min((margins.delay for margins in looped), default=math.inf)
-        if sensitivity <= limits.sensitivity and delay >= limits.delay:
-            return self
-        narrower = self.allowed._replace(
-            sensitivity=self.allowed.sensitivity * min(1.0, _NARROWER * limits.sensitivity / sensitivity),
-            delay=self.allowed.delay * max(1.0, limits.delay / (_NARROWER * delay)),
-        )
-        return replace(self, allowed=narrower).advanced()
+        allowed = self.allowed
+        if sensitivity > limits.sensitivity:
+            narrower = _NARROWER * allowed.sensitivity * limits.sensitivity / sensitivity
+            allowed = allowed._replace(sensitivity=narrower)
+        if delay < limits.delay:
+            allowed = allowed._replace(delay=allowed.delay * limits.delay / (_NARROWER * delay))
+        return self if allowed == self.allowed else replace(self, allowed=allowed)
 
 
 def _common(
