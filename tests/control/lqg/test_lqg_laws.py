@@ -254,9 +254,18 @@ def test_a_thrust_that_changes_leaves_the_attitude_that_is_told_and_the_one_that
     told = target_for(calm, estimate, seen, REFERENCE, free)
     harder = target_for(other, shaken, seen, REFERENCE, free)
     assert harder[1:] == told[1:]
-    # A rotor's thrust points along the attitude: its vertical part is what is asked for.
+    # The thrust points along the attitude: its vertical part is what is asked for.
     up = rotation(seen)[2, 2]
     assert harder.thrust - told.thrust == pytest.approx(0.68 * change / up)
+    _, seen_too, turning = flown(TorqueChain)
+    shaken_too = turning._replace(z=turning.z._replace(thrust=turning.z.thrust + change))
+    torques = WITH_TORQUES._replace(thrust=FREE)
+    turned, turned_too = (
+        wrench_for(asked, estimate, seen_too, REFERENCE, JERK, SNAP, torques)
+        for asked, estimate in ((calm, turning), (other, shaken_too))
+    )
+    assert turned_too[1:] == turned[1:]
+    assert turned_too.thrust - turned.thrust == pytest.approx(0.68 * change / up)
     # What is seen of the attitude is no innovation, but the velocity follows the thrust.
     sent = under_way(1, None)._replace(upward=9.81 + REFERENCE.a_z)
     before = Filter(estimate, 1.0, 0.0), Filter(shaken, 1.0, 0.0)
