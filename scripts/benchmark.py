@@ -57,6 +57,21 @@ _EVERYTHING = [
     " {kind: fan, position: [-1.2, -5.5, 1.5], direction: [0, 1, 0], flow: 3.0, diameter: 0.75},"
     " {kind: fan, position: [1.2, -5.5, 1.5], direction: [0, 1, 0], flow: 3.0, diameter: 0.75}]",
 ]
+# What the rules of a network look at besides the error and its rate, each input with three sets or with two.
+_PLACES = ["control.network.inputs.x.scale=0.5", "control.network.inputs.y.scale=0.5"]
+_TWO_SETS = [
+    f"control.network.inputs.{name}.{numbers}"
+    for name in ("error", "error_rate", "x", "y")
+    for numbers in ("centres=[-1.0, 1.0]", "widths=[2.0, 2.0]")
+]
+# A covariance of 81 by 81 would be most of the time (docs/performance.md).
+_GRADIENT = "control.network.learning={kind: gradient, slope: 2.1, rate: 0.7}"
+_COSTLIER: dict[str, tuple[Path, list[str]]] = {
+    "the paper's network, 9 rules on two inputs": (_NETWORK, []),
+    "the same on four inputs, 16 rules": (_NETWORK, [*_PLACES, *_TWO_SETS]),
+    "on four inputs, 81 rules, gradient law": (_NETWORK, [*_PLACES, _GRADIENT]),
+    "linear-quadratic-Gaussian control": (_DIAGRAMS / "controllers" / "lqg.yaml:lqg", []),
+}
 
 
 def main() -> None:
@@ -80,6 +95,7 @@ def main() -> None:
     print(f"\nMedians (and best) of {repetitions} runs on one core, of studies {repetitions // 3}.\n")
     print_flights(repetitions, (1, 64, 1024) if quick else (1, 8, 64, 512, 1024, 4096, 16384))
     print_rules(repetitions)
+    print_controllers(repetitions)
     print_studies(repetitions // 3, 3_000 if quick else 10_000)
     print_planning(repetitions)
 
@@ -228,6 +244,26 @@ def with_rules(sets: int) -> Scenario:
         ],
         layers=[_NETWORK],
     )
+
+
+def print_controllers(repetitions: int) -> None:
+    """Prints how fast fleets of 1,024 fly with costlier controllers, compiled, and the share of the network's speed."""
+    size = 1024
+    laboratories: dict[str, tuple[str, list[str]]] = {"low_wind": ("low_wind", []), "all": ("nominal", _EVERYTHING)}
+    costs: dict[str, list[list[float]]] = {}
+    for laboratory, (name, overrides) in laboratories.items():
+        flown = [
+            load_scenario(_DIAGRAMS / f"laboratory.yaml:{name}", [*overrides, *inputs], layers=[controller])
+            for controller, inputs in _COSTLIER.values()
+        ]
+        costs[laboratory] = interleaved([Stepper(each, size, compiled=True) for each in flown], repetitions)
+    print(
+        "\n| fleet of 1,024, vehicle-seconds per second, and the share of the first | `low_wind` | every imperfection |"
+    )
+    print("|---|---|---|")
+    for row, what in enumerate(_COSTLIER):
+        cells = [f"{spread(found[row], size)}, {min(found[0]) / min(found[row]):.2f}" for found in costs.values()]
+        print(f"| {what} | {' | '.join(cells)} |", flush=True)
 
 
 def print_studies(repetitions: int, largest: int) -> None:

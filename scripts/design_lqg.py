@@ -27,7 +27,7 @@ from drake_quad.analysis.lqg_design import Limits, LqgDesign, design_lqg, middle
 from drake_quad.files import output_folder, write_whole
 from drake_quad.scenario import load_undesigned, save_scenario
 
-_RANGES = {"sensitivity": (1.2, 10.0), "delay-margin": (0.0, 10.0)}
+_RANGES = {"sensitivity": (1.2, 10.0), "delay-margin": (0.0, 10.0), "snap": (0.1, 1e4), "acceleration": (0.01, 1e3)}
 
 
 def main() -> None:
@@ -48,10 +48,25 @@ def main() -> None:
         metavar="SECONDS",
         help="at least (%(default)s)",
     )
+    options.add_argument(
+        "--snap",
+        type=float,
+        default=default.snap,
+        metavar="SIZE",
+        help="root mean square of the command along x and y with torques over the link, m/s⁴, at most (%(default)s)",
+    )
+    options.add_argument(
+        "--acceleration",
+        type=float,
+        default=default.acceleration,
+        metavar="SIZE",
+        help="of that along z, and along x and y with an autopilot, m/s² (%(default)s)",
+    )
     arguments = options.parse_args()
     check_ranges(arguments, _RANGES)
     scenario = load_undesigned(arguments.scenario, all_overrides_of(arguments))
-    design = design_lqg(scenario, Limits(sensitivity=arguments.sensitivity, delay=arguments.delay_margin))
+    limits = Limits(arguments.sensitivity, arguments.delay_margin, arguments.snap, arguments.acceleration)
+    design = design_lqg(scenario, limits)
     designed = scenario.model_copy(update={"control": design.control})
     folder = output_folder(folder_of(arguments, scenario.name))
     files = [

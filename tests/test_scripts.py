@@ -523,6 +523,8 @@ def test_sensitivities_are_by_the_distances_that_the_layout_has(run, tmp_path):
         ("tune_controller.py", ["--tune", "control.position.k_p.0=3"], "the range 3, but must have LOW:HIGH"),
         ("design_lqg.py", ["--sensitivity", "1"], "--sensitivity is 1, but must be between 1.2 and 10"),
         ("design_lqg.py", ["--delay-margin", "-1"], "--delay-margin is -1, but must be between 0 and 10"),
+        ("design_lqg.py", ["--snap", "0"], "--snap is 0, but must be between 0.1 and 10000"),
+        ("design_lqg.py", ["--acceleration", "0"], "--acceleration is 0, but must be between 0.01 and 1000"),
         ("design_gains.py", ["--phase-margin", "85"], "no gains of this kind are good enough for roll; at best phase"),
         ("design_gains.py", ["--attitude-bandwidth", "5"], "roll cannot have a bandwidth of 5 rad/s: phase margin"),
         ("design_gains.py", ["--method", "lqr", "--yaw-bandwidth", "1"], "--yaw-bandwidth is for --method poles"),

@@ -4,12 +4,14 @@ A textbook design for one plant has hardly any margin. So the numbers are those 
 position error least over several plants, with other lags, later frames and longer delays of the link, in the wind and
 noise of the scenario, within limits on the peak sensitivity, the delay margin and the size of the commands. Each trial
 is two Riccati equations, and for each plant a Lyapunov equation of the closed loop, lifted over a tick: nothing flies.
+The chain of an axis is not quite the vehicle, which has drag and leans in the wind: where the whole loop breaks a limit
+that the chain keeps, the chain's is narrowed, and the search goes on.
 """
 
 import itertools
 import math
 from collections.abc import Callable, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -19,7 +21,8 @@ from threadpoolctl import ThreadpoolController
 from drake_quad.analysis.cascade_design import design_cascade
 from drake_quad.analysis.closed_loop import laboratory_plant
 from drake_quad.analysis.disturbances import Spectrum, disturbances_along, spectrum
-from drake_quad.analysis.margins import fast_margins
+from drake_quad.analysis.link_margins import link_margins
+from drake_quad.analysis.margins import Margins, fast_margins
 from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.assembly.lqg import lateral_loop, vertical_loop
 from drake_quad.assembly.planning import plan_route
@@ -53,14 +56,16 @@ _LAG_SPREAD, _ANSWER_SPREAD, _LATER = 1.6, 1.15, 1
 # Points at which margins are looked at and the lowest frequency, rad/s; weight of what breaks a limit, of the logarithm
 # of the error; evaluations of a search.
 _POINTS, _SLOWEST, _PENALTY, _EVALUATIONS = 120, 0.3, 9.0, 600
+# Searches until the whole loop keeps the limits, and the factor by which a broken one is narrowed besides.
+_ROUNDS, _NARROWER = 5, 0.998
 
 
 class Limits(NamedTuple):
     """What a design keeps to.
 
     Attributes:
-        sensitivity: peak of |1 / (1 + L)|, broken where commands go over the link.
-        delay: margin, s.
+        sensitivity: peak of |1 / (1 + L)|, broken where commands go over the link, of the middle plant's whole loop.
+        delay: margin there, s.
         snap: root mean square of the command along x and y with torques over the link, m/s⁴.
         acceleration: of that along z, and along x and y with an autopilot, m/s².
     """
@@ -186,9 +191,7 @@ def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
     on_board = scenario.laboratory.autopilot.command == "attitude_target"
     plants, found = plants_of(scenario), conditions_of(scenario)
     nominal, *_ = plants
-    cameras, link = scenario.laboratory.motion_capture, scenario.laboratory.command_link
-    delays = [plant.delay_ticks + plant.latency_frames * cameras.period / link.period for plant in plants]
-    timing = Timing(cameras.period, link.period, round(sum(delays) / len(delays)))
+    timings = believed_timings(scenario, plants)
     gravity = scenario.nominal.gravity
 
     def lateral_axis(weight: float, noise: float, first: float, second: float, bias: float, seen: float) -> LateralAxis:
@@ -206,39 +209,49 @@ def design_lqg(scenario: Scenario, limits: Limits = Limits()) -> LqgDesign:
         common = _common(weight, noise, first, second, found.vertical.time, found.position_noise)
         return VerticalAxis(lag=nominal.lag, **common)
 
-    along_x, along_z = (
-        [Truth.of(model(plant, found), plant, found, timing, gravity) for plant in plants]
-        for model in (lateral_truth, vertical_truth)
-    )
     # Where the search begins: the numbers of controllers/lqg.yaml, or as much for a command that is an acceleration.
     weight, noise = (1e-2, 0.3) if on_board else (1e-5, 3.3)
-    lateral, of_lateral = _searched(
-        lateral_axis,
-        lambda axis: lateral_loop(axis, timing, gravity),
-        along_x,
-        [weight, noise, max(found.lateral.mean, _CALM), 0.8, max(found.bias, 5.0), 0.5],
-        limits,
-        limits.acceleration if on_board else limits.snap,
-        timing,
-    )
-    vertical, of_vertical = _searched(
+
+    def search_along_x(timing: Timing) -> _Search:
+        return _Search(
+            lateral_axis,
+            lambda axis: lateral_loop(axis, timing, gravity),
+            [Truth.of(lateral_truth(plant, found), plant, found, timing, gravity) for plant in plants],
+            limits.acceleration if on_board else limits.snap,
+            timing,
+            (weight, noise, max(found.lateral.mean, _CALM), 0.8, max(found.bias, 5.0), 0.5),
+            limits,
+        )
+
+    lateral = min((search_along_x(timing).advanced() for timing in timings), key=lambda search: search.cost)
+    timing = lateral.timing
+    vertical = _Search(
         vertical_axis,
         lambda axis: vertical_loop(axis, timing),
-        along_z,
-        [1e-3, 0.03, max(found.vertical.mean, _CALM), 0.7],
-        limits,
+        [Truth.of(vertical_truth(plant, found), plant, found, timing, gravity) for plant in plants],
         limits.acceleration,
         timing,
-    )
-    control = LqgControl(
-        kind="lqg",
-        delay_ticks=timing.delay_ticks,
-        lateral=lateral,
-        vertical=vertical,
-        yaw=None if on_board else _yaw(scenario),
-        **_limits_of(scenario.control),
-    )
-    return LqgDesign(control, plants, found, of_lateral, of_vertical)
+        (1e-3, 0.03, max(found.vertical.mean, _CALM), 0.7),
+        limits,
+    ).advanced()
+    yaw = None if on_board else _yaw(scenario)
+    for _ in range(_ROUNDS):
+        (along, of_lateral), (up, of_vertical) = lateral.found(), vertical.found()
+        control = LqgControl(
+            kind="lqg",
+            delay_ticks=timing.delay_ticks,
+            lateral=along,
+            vertical=up,
+            yaw=yaw,
+            **_limits_of(scenario.control),
+        )
+        design = LqgDesign(control, plants, found, of_lateral, of_vertical)
+        thrust, roll, pitch, _ = link_margins(middle_of(scenario.model_copy(update={"control": control}))).values()
+        narrowed = lateral.narrowed(limits, (roll, pitch)), vertical.narrowed(limits, (thrust,))
+        if narrowed == (lateral, vertical):
+            break
+        lateral, vertical = (search.advanced() for search in narrowed)
+    return design
 
 
 def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
@@ -272,6 +285,17 @@ def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
         )
     ]
     return Plant(lags_too, _lag(middle), answer, frames, ticks, gain), *corners
+
+
+def believed_timings(scenario: Scenario, plants: Sequence[Plant]) -> list[Timing]:
+    """When things happen, with the delays that may be believed: the mean of the plants', and the next later tick.
+
+    Of a mean between two ticks the later one has more phase, the nearer one less to wait for.
+    """
+    cameras, link = scenario.laboratory.motion_capture, scenario.laboratory.command_link
+    delays = [plant.delay_ticks + plant.latency_frames * cameras.period / link.period for plant in plants]
+    mean = sum(delays) / len(delays)
+    return [Timing(cameras.period, link.period, ticks) for ticks in sorted({round(mean), math.ceil(mean)})]
 
 
 def conditions_of(scenario: Scenario) -> Conditions:
@@ -401,53 +425,87 @@ class _Lifted:
         return Predicted(math.sqrt(error), math.sqrt(command), pole)
 
 
-def _searched(
-    axis_of: Callable[..., Any],
-    loop_of: Callable[[Any], AxisLoop],
-    truths: Sequence[Truth],
-    start: Sequence[float],
-    limits: Limits,
-    most: float,
-    timing: Timing,
-) -> tuple[Any, tuple[Predicted, ...]]:
-    """The axis of the least cost, and what is predicted of it for each plant."""
-    grid = np.geomspace(_SLOWEST, 0.999 * math.pi / timing.tick, _POINTS)
-    z = np.exp(1j * grid * timing.tick)
+@dataclass(frozen=True, eq=False)
+class _Search:
+    """The search for the numbers of an axis.
 
-    def cost(logs: np.ndarray) -> float:
+    Attributes:
+        axis_of: the axis that has some numbers.
+        loop_of: filter and regulator of an axis.
+        truths: of the plants, the nominal one first.
+        most: the root mean square of the command is to be at most this.
+        timing: of frames and ticks.
+        numbers: the best so far, or where to begin.
+        allowed: limits of the loop of the nominal chain.
+        cost: of these numbers.
+    """
+
+    axis_of: Callable[..., Any]
+    loop_of: Callable[[Any], AxisLoop]
+    truths: Sequence[Truth]
+    most: float
+    timing: Timing
+    numbers: Sequence[float]
+    allowed: Limits
+    cost: float = math.inf
+
+    def cost_of(self, logs: np.ndarray) -> float:
+        """The logarithm of the error, and a penalty for what breaks a limit, of numbers by their logarithms."""
         try:
-            loop = loop_of(axis_of(*np.exp(logs).tolist()))
+            loop = self.loop_of(self.axis_of(*np.exp(logs).tolist()))
         except (np.linalg.LinAlgError, ValueError):
             return 1e3
-        lifted = [_Lifted.of(loop, truth, timing) for truth in truths]
-        answers = [each.predicted(truth) for each, truth in zip(lifted, truths, strict=True)]
+        lifted = [_Lifted.of(loop, truth, self.timing) for truth in self.truths]
+        answers = [each.predicted(truth) for each, truth in zip(lifted, self.truths, strict=True)]
         stable = [answer for answer in answers if math.isfinite(answer.error)]
         broken = sum(5.0 + 20.0 * max(answer.pole - 1.0, 0.0) for answer in answers if answer not in stable)
         first, *_ = answers
         if not math.isfinite(first.error):
             return 50.0 + first.pole
-        response = lifted[0].opened.response(z)[:, 0, 0]
+        grid = np.geomspace(_SLOWEST, 0.999 * math.pi / self.timing.tick, _POINTS)
+        response = lifted[0].opened.response(np.exp(1j * grid * self.timing.tick))[:, 0, 0]
         delay = float(fast_margins(response, grid).delay)
-        broken += max(0.0, np.abs(1.0 / (1.0 + response)).max() / limits.sensitivity - 1.0)
-        broken += max(0.0, 1.0 - delay / limits.delay)
-        broken += max(0.0, math.log(first.command / most))
-        return 0.5 * math.log(np.mean([answer.error**2 for answer in stable])) + _PENALTY * broken
+        broken += max(0.0, np.abs(1.0 / (1.0 + response)).max() / self.allowed.sensitivity - 1.0)
+        broken += max(0.0, 1.0 - delay / self.allowed.delay)
+        broken += max(0.0, math.log(first.command / self.most))
+        return float(0.5 * math.log(np.mean([answer.error**2 for answer in stable])) + _PENALTY * broken)
 
-    logs = np.log(start)
-    first, *_ = steps = np.eye(len(logs))
-    # Handing small matrices round takes longer than multiplying them.
-    with ThreadpoolController().limit(limits=1, user_api="blas"):
-        # The weight of the command decides most: its best decade first.
-        begin = min((logs + shift * first for shift in np.arange(-7.0, 7.1, 1.75)), key=cost)
-        signed = (begin + sign * step for step, sign in zip(0.8 * steps, itertools.cycle((-1.0, 1.0)), strict=False))
-        options = {"maxfev": _EVALUATIONS, "initial_simplex": np.vstack([begin, *signed])}
-        best = scipy.optimize.minimize(cost, begin, method="Nelder-Mead", options=options)
-    axis = axis_of(*(float(f"{number:.4g}") for number in np.exp(best.x)))
-    loop = loop_of(axis)
-    answers = tuple(predicted(loop, truth, timing) for truth in truths)
-    if not math.isfinite(answers[0].error):
-        raise InputError(f"no design of this kind is stable: at best there is a pole of size {answers[0].pole:.4f}")
-    return axis, answers
+    def advanced(self) -> "_Search":
+        """The search with the numbers of the least cost that it finds from those that it has."""
+        logs = np.log(self.numbers)
+        first, *_ = steps = np.eye(len(logs))
+        # Handing small matrices round takes longer than multiplying them.
+        with ThreadpoolController().limit(limits=1, user_api="blas"):
+            # The weight of the command decides most: its best decade first.
+            begin = min((logs + shift * first for shift in np.arange(-7.0, 7.1, 1.75)), key=self.cost_of)
+            signed = (
+                begin + sign * step for step, sign in zip(0.8 * steps, itertools.cycle((-1.0, 1.0)), strict=False)
+            )
+            options = {"maxfev": _EVALUATIONS, "initial_simplex": np.vstack([begin, *signed])}
+            best = scipy.optimize.minimize(self.cost_of, begin, method="Nelder-Mead", options=options)
+        return replace(self, numbers=np.exp(best.x).tolist(), cost=float(best.fun))
+
+    def found(self) -> tuple[Any, tuple[Predicted, ...]]:
+        """The axis that has the numbers, and what is predicted of it for each plant."""
+        axis = self.axis_of(*(float(f"{number:.4g}") for number in self.numbers))
+        loop = self.loop_of(axis)
+        answers = tuple(predicted(loop, truth, self.timing) for truth in self.truths)
+        if not math.isfinite(answers[0].error):
+            raise InputError(f"no design of this kind is stable: at best there is a pole of size {answers[0].pole:.4f}")
+        return axis, answers
+
+    def narrowed(self, limits: Limits, exact: Sequence[Margins | None]) -> "_Search":
+        """This search if the whole loop keeps the limits, else one with limits that much narrower."""
+        looped = [margins for margins in exact if margins is not None]
+        sensitivity = max((margins.sensitivity for margins in looped), default=0.0)
+        delay = min((margins.delay for margins in looped), default=math.inf)
+        allowed = self.allowed
+        if sensitivity > limits.sensitivity:
+            narrower = _NARROWER * allowed.sensitivity * limits.sensitivity / sensitivity
+            allowed = allowed._replace(sensitivity=narrower)
+        if delay < limits.delay:
+            allowed = allowed._replace(delay=allowed.delay * limits.delay / (_NARROWER * delay))
+        return self if allowed == self.allowed else replace(self, allowed=allowed)
 
 
 def _common(

@@ -12,16 +12,19 @@ from drake_quad.analysis.lqg_design import (
     Limits,
     Plant,
     Truth,
+    believed_timings,
     conditions_of,
     design_lqg,
     lateral_truth,
     loop_transfer,
+    middle_of,
     plants_of,
     predicted,
     vertical_truth,
 )
 from drake_quad.assembly.lqg import lateral_loop, lqg_timing, vertical_loop
 from drake_quad.control.lqg.chains import Answer
+from drake_quad.control.lqg.design import Timing
 from drake_quad.flight.simulation import simulate_batch
 from drake_quad.scenario import Batch
 
@@ -67,7 +70,7 @@ def test_the_loop_of_an_axis_is_that_of_the_whole_diagram(shipped, overrides, pl
 @pytest.mark.slow
 @pytest.mark.parametrize(("overrides", "plant", "loss"), [(FREE, (0, 1), 0.01), (LATE, (1, 2), 0.05)])
 def test_the_error_that_is_predicted_is_that_of_flights_in_hover(shipped, overrides, plant, loss):
-    """Noise and lost commands alone, after the beginning; 64 flights of 10 s tell it within a few per cent."""
+    """Noise and lost commands alone, after the beginning; 64 flights of 10 s tell it within some per cent."""
     scenario = shipped(
         *overrides,
         "route={kind: hover, position: [0, 0, 1], duration: 12}",
@@ -78,7 +81,7 @@ def test_the_error_that_is_predicted_is_that_of_flights_in_hover(shipped, overri
     errors = [predicted(loop, truth, timing).error for loop, truth in axes]
     flights = simulate_batch(Batch.draw(scenario, range(64)), compiled=True)
     flown = np.sqrt(np.mean([(flight["state"][100:, :3] - [0, 0, 1]) ** 2 for flight in flights], axis=(0, 1)))
-    np.testing.assert_allclose(flown, [errors[0], errors[0], errors[1]], rtol=0.08)
+    np.testing.assert_allclose(flown, [errors[0], errors[0], errors[1]], rtol=0.1)
 
 
 def test_a_loop_that_is_unstable_has_no_error(shipped):
@@ -123,18 +126,27 @@ def test_conditions_are_the_scenario_s(diagrams):
     assert 5.0 < bad_day.bias < 14.0
 
 
+def test_the_delays_that_may_be_believed_are_the_mean_of_the_plants_and_the_tick_after(diagrams):
+    # Frames late by 10 ms at most, and 1 to 3 ticks of 20 ms: 2.3 ticks in the mean of the middle and the corners.
+    bad_day = load_scenario(f"{diagrams}/robustness.yaml")
+    assert believed_timings(bad_day, plants_of(bad_day)) == [Timing(0.01, 0.02, ticks) for ticks in (2, 3)]
+    late = [Plant(True, 0.05, None, 1, ticks) for ticks in (1, 1, 2)]
+    assert [each.delay_ticks for each in believed_timings(bad_day, late)] == [2]
+
+
 @pytest.mark.slow
 def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
-    """Few evaluations are enough for a loop whose sensitivity in the exact model is hardly more than was allowed."""
+    """A vehicle with drag leans, of which the chains know nothing; the whole loop keeps the limits all the same."""
     monkeypatch.setattr(lqg_design, "_EVALUATIONS", 30)
     scenario = load_scenario(f"{diagrams}/vehicles/neural_fly.yaml:wind_8_sine", ["route.laps=2", "metrics.start=6.3"])
-    design = design_lqg(scenario, Limits(sensitivity=2.5))
+    design = design_lqg(scenario, Limits(sensitivity=2.2, delay=0.05))
     assert all(np.isfinite(each.error) for each in (*design.lateral, *design.vertical))
     assert design.control.yaw is None
     assert design.control.max_tilt == 1.2
     designed = scenario.model_copy(update={"control": design.control})
-    hovering = designed.model_copy(update={"laboratory": designed.laboratory.model_copy(update={"wind": ()})})
-    assert all(each is None or each.sensitivity < 1.15 * 2.5 for each in link_margins(hovering).values())
+    margins = [each for each in link_margins(middle_of(designed)).values() if each is not None]
+    assert max(each.sensitivity for each in margins) <= 2.2
+    assert min(each.delay for each in margins) >= 0.05
     (flight,) = simulate_batch(Batch.draw(designed, [0]), compiled=True)
     (other,) = simulate_batch(Batch.draw(scenario, [0]), compiled=True)
     assert flight.metrics.rmse < 0.2 * other.metrics.rmse

@@ -11,6 +11,15 @@ what was fed forward,
 
 Of K the gains of position, velocity and disturbances are those of an outer loop, which asks for the acceleration
 a_r - (K_p e_p + K_v e_v + K_d d̂) / k; `axis_loop` has k.
+
+The attitude makes a horizontal acceleration of the thrust: s = f tan θ along X, with the vertical specific thrust f.
+Noise and gusts make f change faster than any attitude can follow. So the chains along X and Y are of s̄ = f̄ tan θ with
+
+    f̄ = g + a_r - d̂₁ - d̂₂    along Z,
+
+which keeps the vehicle on the reference and changes as slowly as that. The rest acts at once, and is known:
+s - s̄ = s̄ (f - f̄) / f̄ goes straight into the velocity. Were f in the place of f̄, whatever shakes the thrust of a
+leaning vehicle would seem to shake its attitude.
 """
 
 from collections.abc import Sequence
@@ -147,11 +156,13 @@ class Sent(NamedTuple):
     Attributes:
         commands: the oldest, which acts until the next tick, first.
         deviations: of those that are still under way, the oldest first.
+        upward: f̄ at the last tick, m/s².
         snap: of the reference at the last tick; None with an autopilot.
     """
 
     commands: tuple[Command, ...]
     deviations: tuple[Command, ...]
+    upward: Row
     snap: Snap | None
 
     @classmethod
@@ -159,7 +170,8 @@ class Sent(NamedTuple):
         """What has been sent to a vehicle that hovers."""
         nothing = Command(0.0, 0.0, 0.0)
         under_way = (nothing,) * len(numbers.lateral.K_pending)
-        return cls((*under_way, nothing), under_way, None if numbers.torques is None else Snap(0.0, 0.0, 0.0, 0.0))
+        snap = None if numbers.torques is None else Snap(0.0, 0.0, 0.0, 0.0)
+        return cls((*under_way, nothing), under_way, numbers.thrust.gravity, snap)
 
 
 class Regulated(NamedTuple):
@@ -169,11 +181,13 @@ class Regulated(NamedTuple):
         command: u.
         deviation: δu.
         acceleration: the same, as an outer loop would.
+        upward: f̄, m/s².
     """
 
     command: Command
     deviation: Command
     acceleration: Acceleration
+    upward: Row
 
 
 def estimated(
@@ -197,13 +211,15 @@ def estimated(
         loses_frames: whether a frame that is like the last one is lost.
     """
     last, (u_x, u_y, u_z) = before.estimate, next(iter(sent.commands))
-    s_x, s_y = _level_thrust(measurement, numbers.thrust.gravity + last.z.thrust)
+    s_x, s_y = _level_thrust(measurement, sent.upward)
     fresh = True if not loses_frames else measurement.x != before.seen
     lateral, vertical = numbers.lateral, numbers.vertical
     x = _filtered(last.x, (measurement.x - last.x.position, s_x - last.x.thrust), fresh, u_x, lateral)
     y = _filtered(last.y, (measurement.y - last.y.position, s_y - last.y.thrust), fresh, u_y, lateral)
     z = _filtered(last.z, (measurement.z - last.z.position,), fresh, u_z, vertical)
-    after = Estimate(x, y, z)
+    # What the thrust of the frame before has more than f̄ acted since, along the attitude.
+    rest = (numbers.thrust.gravity + last.z.thrust) / sent.upward - 1.0
+    after = Estimate(_pushed(x, rest * last.x.thrust, period), _pushed(y, rest * last.y.thrust, period), z)
     if known is not None:
         pushed = zip(after, known, strict=True)
         after = Estimate._make(_pushed(chain, acceleration, period) for chain, acceleration in pushed)
@@ -252,8 +268,7 @@ def regulated(
     pending_x, pending_y, pending_z = ([getattr(du, axis) for du in sent.deviations] for axis in Command._fields)
     feedback_x, feedback_y = _fed_back(e.x, pending_x, lateral), _fed_back(e.y, pending_y, lateral)
     forward_z = wanted.z + limits.lead * jerk.z
-    low, high = limits.min_thrust / limits.mass - limits.gravity, limits.max_thrust / limits.mass - limits.gravity
-    u_z = minimum(maximum(forward_z - _fed_back(e.z, pending_z, vertical), low), high)
+    u_z = _held_up(forward_z - _fed_back(e.z, pending_z, vertical), limits)
     if numbers.torques is not None and sent.snap is not None:
         most, ticks = numbers.torques.max_snap, numbers.torques.lead / tick
         forward_x = snap.x + ticks * (snap.x - sent.snap.x)
@@ -273,11 +288,12 @@ def regulated(
         Command(u_x, u_y, u_z),
         Command(u_x - forward_x, u_y - forward_y, u_z - forward_z),
         Acceleration(a_x, a_y, u_z),
+        limits.gravity + _held_up(wanted.z - disturbance_of(estimate).z, limits),
     )
 
 
 def wrench_for(
-    command: Command,
+    asked: Regulated,
     estimate: Estimate,
     measurement: State,
     reference: Reference,
@@ -290,7 +306,7 @@ def wrench_for(
     The yaw has a PD of its own, which the noise of the estimated jerk does not reach.
 
     Args:
-        command: of the chains.
+        asked: of the chains.
         estimate: of now.
         measurement: which has the attitude.
         reference: which has the yaw.
@@ -302,16 +318,15 @@ def wrench_for(
     assert torques is not None
     sin_yaw, cos_yaw = sin_cos(measurement.yaw)
     (sin_roll, cos_roll), (sin_pitch, cos_pitch) = sin_cos(measurement.roll), sin_cos(measurement.pitch)
-    gravity = numbers.thrust.gravity
-    tilt = Tilt(_length(estimate, gravity + estimate.z.thrust), sin_roll, cos_roll, sin_pitch, cos_pitch)
+    tilt = Tilt(_length(estimate, asked.upward), sin_roll, cos_roll, sin_pitch, cos_pitch)
     turned_jerk = in_heading(Jerk(estimate.x.jerk, estimate.y.jerk, jerk.z), sin_yaw, cos_yaw)
-    turned_snap = in_heading(Jerk(command.x, command.y, snap.z), sin_yaw, cos_yaw)
+    turned_snap = in_heading(Jerk(asked.command.x, asked.command.y, snap.z), sin_yaw, cos_yaw)
     rates = body_rates(tilt, turned_jerk, reference.yaw_rate)
     turning = angular_accelerations(tilt, rates, turned_jerk, turned_snap, reference.yaw_rate, snap.yaw)
     yaw = torques.yaw_k_p * wrapped(reference.yaw - measurement.yaw)
     yaw = yaw + torques.yaw_k_d * (reference.yaw_rate - measurement.r)
     return Wrench(
-        _thrust(command, estimate, numbers.thrust),
+        _thrust(asked, estimate, numbers.thrust),
         torques.i_xx * turning.p,
         torques.i_yy * turning.q,
         torques.i_zz * (yaw + snap.yaw),
@@ -319,16 +334,16 @@ def wrench_for(
 
 
 def target_for(
-    command: Command, estimate: Estimate, measurement: State, reference: Reference, numbers: LqgNumbers
+    asked: Regulated, estimate: Estimate, measurement: State, reference: Reference, numbers: LqgNumbers
 ) -> AttitudeTarget:
     """Thrust and attitude that give the vehicle a commanded acceleration; arguments as of `wrench_for`.
 
     Roll and pitch rates are none: what they would feed forward is in the command.
     """
     sin_yaw, cos_yaw = sin_cos(measurement.yaw)
-    level = in_heading(Acceleration(command.x, command.y, 0.0), sin_yaw, cos_yaw)
-    roll, pitch = attitude_of(tilt_of(level._replace(up=numbers.thrust.gravity + estimate.z.thrust)))
-    thrust = _thrust(command, estimate, numbers.thrust)
+    level = in_heading(Acceleration(asked.command.x, asked.command.y, 0.0), sin_yaw, cos_yaw)
+    roll, pitch = attitude_of(tilt_of(level._replace(up=asked.upward)))
+    thrust = _thrust(asked, estimate, numbers.thrust)
     return AttitudeTarget(thrust, roll, pitch, reference.yaw, 0.0, 0.0, reference.yaw_rate)
 
 
@@ -353,7 +368,7 @@ def sent_after(asked: Regulated, snap: Snap, sent: Sent) -> Sent:
     """What has been sent after a tick."""
     _, *commands = (*sent.commands, asked.command)
     _, *under_way = (*sent.deviations, asked.deviation)
-    return Sent(tuple(commands), tuple(under_way), None if sent.snap is None else snap)
+    return Sent(tuple(commands), tuple(under_way), asked.upward, None if sent.snap is None else snap)
 
 
 def error_of(estimate: Estimate, reference: Reference) -> PositionError:
@@ -455,6 +470,13 @@ def _length(estimate: Estimate, upward: Row) -> Row:
     return sqrt(s_x * s_x + s_y * s_y + upward * upward)
 
 
-def _thrust(command: Command, estimate: Estimate, numbers: ThrustNumbers) -> Row:
+def _held_up(acceleration: Row, numbers: ThrustNumbers) -> Row:
+    """A vertical acceleration within what the limits of the thrust allow."""
+    low, high = (thrust / numbers.mass - numbers.gravity for thrust in (numbers.min_thrust, numbers.max_thrust))
+    return minimum(maximum(acceleration, low), high)
+
+
+def _thrust(asked: Regulated, estimate: Estimate, numbers: ThrustNumbers) -> Row:
     """The thrust (N) whose vertical part is what is commanded at the tilt that the vehicle has."""
-    return minimum(numbers.mass * _length(estimate, numbers.gravity + command.z), numbers.max_thrust)
+    share = (numbers.gravity + asked.command.z) / asked.upward
+    return minimum(numbers.mass * share * _length(estimate, asked.upward), numbers.max_thrust)

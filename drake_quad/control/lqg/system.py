@@ -34,13 +34,13 @@ def _asked(
 def _wrench(reference: Reference, jerk: Jerk, snap: Snap, *reads: Any) -> Wrench:
     estimate, asked = _asked(reference, jerk, snap, *reads)
     _, _, measurement, _, _, _, numbers, *_ = reads
-    return laws.wrench_for(asked.command, estimate, measurement, reference, jerk, snap, numbers)
+    return laws.wrench_for(asked, estimate, measurement, reference, jerk, snap, numbers)
 
 
 def _target(reference: Reference, jerk: Jerk, snap: Snap, *reads: Any) -> AttitudeTarget:
     estimate, asked = _asked(reference, jerk, snap, *reads)
     _, _, measurement, _, _, _, numbers, *_ = reads
-    return laws.target_for(asked.command, estimate, measurement, reference, numbers)
+    return laws.target_for(asked, estimate, measurement, reference, numbers)
 
 
 def _acceleration(*reads: Any) -> Acceleration:

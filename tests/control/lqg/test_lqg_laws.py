@@ -11,6 +11,7 @@ from drake_quad.control.lqg.laws import (
     Command,
     Estimate,
     Filter,
+    Regulated,
     Sent,
     disturbance_of,
     error_of,
@@ -28,6 +29,7 @@ from drake_quad.vehicle.inverse_dynamics import rotor_demand
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 
 H, TICK = 0.01, 0.02
+UPWARD = 8.9
 RNG = np.random.default_rng(5)
 SEEN = State(0.31, -0.42, 1.13, 0.11, -0.17, 0.4, 0.5, 0.6, 0.7, 0.8, 0.9, 1.0)
 REFERENCE = Reference(0.35, -0.5, 1.2, 0.2, 0.3, -0.1, 0.4, -0.6, 0.5, 0.7, 0.2)
@@ -44,7 +46,7 @@ def begun(kind):
 
 def under_way(delay, snap):
     commands = tuple(Command(*RNG.normal(size=3).tolist()) for _ in range(delay + 1))
-    return Sent(commands, tuple(Command(*RNG.normal(size=3).tolist()) for _ in range(delay)), snap)
+    return Sent(commands, tuple(Command(*RNG.normal(size=3).tolist()) for _ in range(delay)), UPWARD, snap)
 
 
 def rotation(state):
@@ -61,13 +63,17 @@ def test_the_filter_is_the_textbook_s_with_the_thrust_that_the_attitude_shows():
     before, sent = begun(TorqueChain), under_way(2, SNAP)
     found = estimated(SEEN, before, sent, None, WITH_TORQUES, H, True)
     x_B, y_B, z_B = rotation(SEEN)[:, 2]
-    thrust = (BELIEVED.gravity + before.estimate.z.thrust) * np.array([x_B, y_B]) / z_B
+    thrust = UPWARD * np.array([x_B, y_B]) / z_B
     for axis, seen, s, u in zip("xyz", (SEEN.x, SEEN.y, SEEN.z), [*thrust, None], sent.commands[0], strict=True):
         loop = WITH_TORQUES.vertical if axis == "z" else WITH_TORQUES.lateral
         chain_before = getattr(before.estimate, axis)
         x, A, B, L = np.array(chain_before), np.array(loop.A), np.array(loop.B), np.array(loop.L).T
         innovation = [seen - chain_before.position, *([] if s is None else [s - chain_before.thrust])]
-        np.testing.assert_allclose(getattr(found, axis), A @ (x + L @ innovation) + B * u, rtol=1e-12)
+        expected = A @ (x + L @ innovation) + B * u
+        # What the thrust has beside the one that keeps the height acts along the attitude.
+        beside = 0.0 if s is None else chain_before.thrust * (9.81 + before.estimate.z.thrust - UPWARD) / UPWARD
+        expected[:2] += 0.5 * H**2 * beside, H * beside
+        np.testing.assert_allclose(getattr(found, axis), expected, rtol=1e-12)
 
 
 def test_a_frame_that_is_the_last_once_more_tells_nothing():
@@ -75,7 +81,7 @@ def test_a_frame_that_is_the_last_once_more_tells_nothing():
     lost = before._replace(seen=SEEN.x)
     found = estimated(SEEN, lost, sent, None, WITH_TORQUES, H, True)
     x = np.array(WITH_TORQUES.lateral.A) @ before.estimate.x + np.array(WITH_TORQUES.lateral.B) * sent.commands[0].x
-    np.testing.assert_allclose(found.x, x, rtol=1e-12)
+    np.testing.assert_allclose(found.x[2:], x[2:], rtol=1e-12)
     # Cameras that lose nothing may see the same twice.
     assert estimated(SEEN, lost, sent, None, WITH_TORQUES, H, False) == estimated(
         SEEN, before, sent, None, WITH_TORQUES, H, True
@@ -178,10 +184,11 @@ def test_what_is_sent_moves_up():
     sent = under_way(2, SNAP)
     asked = regulated(begun(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, WITH_TORQUES, TICK)
     after = sent_after(asked, SNAP, sent)
+    assert after.upward == asked.upward
     assert after.commands == (*sent.commands[1:], asked.command)
     assert after.deviations == (*sent.deviations[1:], asked.deviation)
     alone = under_way(0, None)
-    assert sent_after(asked, SNAP, alone) == Sent((asked.command,), (), None)
+    assert sent_after(asked, SNAP, alone) == Sent((asked.command,), (), asked.upward, None)
 
 
 def flown(kind):
@@ -198,22 +205,71 @@ def flown(kind):
     return demand, seen, Estimate(*chains)
 
 
+def asked_for(x, y, z):
+    """Commands of a vehicle that nothing disturbs."""
+    command = Command(x, y, z)
+    return Regulated(command, command, Acceleration(x, y, z), BELIEVED.gravity + REFERENCE.a_z)
+
+
 def test_a_vehicle_on_its_path_gets_the_wrench_that_the_path_asks_for():
     """With moments of inertia that are alike there is no gyroscopic torque, which the controller leaves out."""
     demand, seen, estimate = flown(TorqueChain)
     alike = WITH_TORQUES.torques._replace(i_xx=0.01, i_yy=0.01, i_zz=0.01)
     numbers = WITH_TORQUES._replace(torques=alike, thrust=FREE)
-    command = Command(SNAP.x, SNAP.y, REFERENCE.a_z)
-    wrench = wrench_for(command, estimate, seen, REFERENCE, JERK, SNAP, numbers)
+    asked = asked_for(SNAP.x, SNAP.y, REFERENCE.a_z)
+    wrench = wrench_for(asked, estimate, seen, REFERENCE, JERK, SNAP, numbers)
     assert wrench[:3] == pytest.approx(demand.wrench[:3])
     yaw = 3.1 * (REFERENCE.yaw_rate - seen.r) + SNAP.yaw
     assert wrench.tau_z == pytest.approx(0.01 * yaw)
-    turned = wrench_for(command, estimate, seen._replace(yaw=seen.yaw - 2 * math.pi), REFERENCE, JERK, SNAP, numbers)
+    turned = wrench_for(asked, estimate, seen._replace(yaw=seen.yaw - 2 * math.pi), REFERENCE, JERK, SNAP, numbers)
     assert turned == pytest.approx(wrench)
 
 
 def test_a_vehicle_on_its_path_is_told_the_attitude_that_it_has():
     demand, seen, estimate = flown(AttitudeChain)
-    command = Command(REFERENCE.a_x, REFERENCE.a_y, REFERENCE.a_z)
-    target = target_for(command, estimate, seen, REFERENCE, WITH_TARGETS._replace(thrust=FREE))
+    asked = asked_for(REFERENCE.a_x, REFERENCE.a_y, REFERENCE.a_z)
+    target = target_for(asked, estimate, seen, REFERENCE, WITH_TARGETS._replace(thrust=FREE))
     assert target == pytest.approx((demand.wrench.thrust, *demand.attitude, 0.0, 0.0, REFERENCE.yaw_rate))
+
+
+def test_the_thrust_that_keeps_the_height_is_that_of_the_reference_against_what_disturbs():
+    estimate, sent = begun(AttitudeChain).estimate, under_way(1, None)
+    free = WITH_TARGETS._replace(thrust=FREE)
+    correction = Acceleration(0.2, -0.3, 0.1)
+    found = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, free, TICK)
+    against = estimate.z.first + estimate.z.second
+    assert found.upward == pytest.approx(9.81 + REFERENCE.a_z - 0.1 - against)
+    # It stays within the limits of the thrust, so that nothing is divided by nothing.
+    falling = REFERENCE._replace(a_z=-50.0)
+    assert regulated(estimate, falling, JERK, SNAP, sent, None, WITH_TARGETS, TICK).upward == pytest.approx(2.0 / 0.68)
+
+
+@pytest.mark.parametrize("change", [-4.0, 3.0])
+def test_a_thrust_that_changes_leaves_the_attitude_that_is_told_and_the_one_that_is_seen(change):
+    """More thrust for the height pulls a leaning vehicle sideways, which is known and no turn of the body."""
+    _, seen, estimate = flown(AttitudeChain)
+    free = WITH_TARGETS._replace(thrust=FREE)
+    shaken = estimate._replace(z=estimate.z._replace(thrust=estimate.z.thrust + change))
+    calm, other = asked_for(1.3, -0.7, 0.4), asked_for(1.3, -0.7, 0.4 + change)
+    told = target_for(calm, estimate, seen, REFERENCE, free)
+    harder = target_for(other, shaken, seen, REFERENCE, free)
+    assert harder[1:] == told[1:]
+    # The thrust points along the attitude: its vertical part is what is asked for.
+    up = rotation(seen)[2, 2]
+    assert harder.thrust - told.thrust == pytest.approx(0.68 * change / up)
+    _, seen_too, turning = flown(TorqueChain)
+    shaken_too = turning._replace(z=turning.z._replace(thrust=turning.z.thrust + change))
+    torques = WITH_TORQUES._replace(thrust=FREE)
+    turned, turned_too = (
+        wrench_for(asked, estimate, seen_too, REFERENCE, JERK, SNAP, torques)
+        for asked, estimate in ((calm, turning), (other, shaken_too))
+    )
+    assert turned_too[1:] == turned[1:]
+    assert turned_too.thrust - turned.thrust == pytest.approx(0.68 * change / up)
+    # What is seen of the attitude is no innovation, but the velocity follows the thrust.
+    sent = under_way(1, None)._replace(upward=9.81 + REFERENCE.a_z)
+    before = Filter(estimate, 1.0, 0.0), Filter(shaken, 1.0, 0.0)
+    plain, pulled = (estimated(seen, each, sent, None, free, H, True) for each in before)
+    assert pulled.x[2:] == plain.x[2:]
+    sideways = REFERENCE.a_x * change / (9.81 + REFERENCE.a_z)
+    assert pulled.x.velocity - plain.x.velocity == pytest.approx(H * sideways)

@@ -1,0 +1,31 @@
+"""A vehicle that leans against the wind, flown by linear-quadratic-Gaussian control."""
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario
+from drake_quad.flight.simulation import simulate_batch
+from drake_quad.scenario import Batch
+
+
+@pytest.mark.slow
+def test_noise_of_the_height_does_not_push_a_leaning_vehicle_aside(diagrams):
+    """The thrust answers every millimetre; at 30° that must not be taken for a turning attitude."""
+    places = []
+    for noise in (0.001, 1e-6):
+        scenario = load_scenario(
+            f"{diagrams}/neural_fly.yaml:wind_12",
+            [
+                "route={kind: hover, position: [0, 0, 1], duration: 12}",
+                "metrics={start: 0}",
+                f"laboratory.motion_capture.position_noise={noise}",
+            ],
+            layers=[f"{diagrams}/controllers/designed/neural_fly.yaml:lqg"],
+        )
+        flights = simulate_batch(Batch.draw(scenario, range(8)), compiled=True)
+        settled = np.mean([flight["state"][flight.time > 6.0] for flight in flights], axis=(0, 1))
+        _, _, height, _, pitch, *_ = settled
+        assert pitch > np.radians(25.0)
+        assert abs(height - 1.0) < 0.002
+        places.append(settled[0])
+    assert abs(places[0] - places[1]) < 0.01
