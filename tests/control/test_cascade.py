@@ -14,7 +14,7 @@ from drake_quad.control.disturbance.laws import IncrementalLaw
 from drake_quad.control.disturbance.response import Command
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
 from drake_quad.control.fuzzy.set_learning import SetLearning
-from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
+from drake_quad.control.fuzzy.systems import FuzzyRules, RulesNumbers, WeightLearning, build_fuzzy_network
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
@@ -150,7 +150,7 @@ def test_a_network_stands_around_any_controller_and_looks_at_what_it_estimates()
     """The disturbance on its own axis, the measured height; what it makes of them is what the controller subtracts."""
     inputs, sets = ("z", "disturbance"), Antecedents(1.3, 0.7, 0.4, (FuzzySets(0.6), FuzzySets(1.1)))
     learning = WeightLearning(learns_from="feedback")
-    network = build_fuzzy_network(rules=FuzzyRules(inputs=inputs, numbers=(sets,)), learning=learning)
+    network = build_fuzzy_network(rules=FuzzyRules(inputs=inputs, numbers=RulesNumbers((sets,))), learning=learning)
     control = cascade("none", Estimator(), network)
     assert ports(control)[0] == ["measurement", "reference"]
     context, weights = control.CreateDefaultContext(), np.linspace(-1.0, 1.0, 9)
