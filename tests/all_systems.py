@@ -20,6 +20,7 @@ from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, Si
 from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
 from drake_quad.control.fuzzy.systems import (
     FuzzyRules,
+    Lead,
     LearningNumbers,
     RulesNumbers,
     WeightLearning,
@@ -258,7 +259,7 @@ FLEET_SYSTEMS = [
     Example(Fans, JETS),
     Example(FlightMonitor),
     Example(FlightMonitor, num_vehicles=3),
-    Example(FuzzyRules, RulesNumbers((SETS,), 0.13), {"leads": True}, num_vehicles=2),
+    Example(FuzzyRules, RulesNumbers((SETS,), Lead(0.13)), {"leads": True}, num_vehicles=2),
     Example(FuzzyRules, RulesNumbers((AROUND,)), {"inputs": ("z", "phase"), "lap_times": (0.0, 3.0, 7.0)}, whole=False),
     Example(GeometricAttitudeController, ATTITUDE),
     Example(GeometricAttitudeController, ATTITUDE, num_vehicles=2),

@@ -23,6 +23,7 @@ from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, Si
 from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
 from drake_quad.control.fuzzy.systems import (
     FuzzyRules,
+    Lead,
     LearningNumbers,
     RulesNumbers,
     WeightLearning,
@@ -230,7 +231,7 @@ def _network(scenario: Scenario, network: Any, plan: Plan) -> dict[str, Recipe]:
         "network.rules": Recipe(
             FuzzyRules,
             {**looks_at, "adaptive": network.adaptive is not None, "leads": leads},
-            RulesNumbers(begun, network.lead),
+            RulesNumbers(begun, Lead(network.lead)),
         ),
         "network.learning": Recipe(
             WeightLearning,

@@ -13,7 +13,7 @@ from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, Kal
 from drake_quad.control.disturbance.response import Command
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
-from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, RulesNumbers, WeightLearning
+from drake_quad.control.fuzzy.systems import FuzzyRules, Lead, LearningNumbers, RulesNumbers, WeightLearning
 from drake_quad.control.geometric import GeometricAttitudeController
 from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
@@ -112,7 +112,7 @@ def test_a_network_has_the_sets_and_the_law_of_the_scenario(asymmetric):
     assert (rules.system, learning.system) == (FuzzyRules, WeightLearning)
     error = FuzzySets(2.4, (-1.0, -0.1, 0.8), (1.1, 0.9, 1.0))
     rate = FuzzySets(1.4, (-0.9, -0.4, 0.3, 1.1), (0.8, 0.7, 0.9, 1.2))
-    assert rules.numbers == RulesNumbers((Antecedents(1.3, 0.7, 0.4, (error, rate)),), 0.0)
+    assert rules.numbers == RulesNumbers((Antecedents(1.3, 0.7, 0.4, (error, rate)),), Lead(0.0))
     assert not rules.structure["leads"]
     assert not learning.structure["leads"]
     assert rules.structure["axes"] == learning.structure["axes"] == ("x", "y", "z")

@@ -40,7 +40,11 @@ def load(controller, *overrides):
         ("inputs.error_rate.widths", "[0.5, 0.5, 1]", "must be wide enough"),
         ("inputs.error_rate.widths", "[1, 0, 1]", "must be larger than 0"),
         ("inputs.error.scale", "0", "must be larger than 0"),
-        ("inputs", "{error: null, error_rate: null}", "inputs is .*, but must be one to four of error, .*, disturbance$"),
+        (
+            "inputs",
+            "{error: null, error_rate: null}",
+            "inputs is .*, but must be one to four of error, .*, disturbance$",
+        ),
         ("inputs", "{x: {}, y: {}, z: {}}", "inputs is .*, but must be one to four of"),
         ("inputs.phase", "{centres: [0, 0.5, 1]}", "widths .*must be as many as centres, 3"),
         ("inputs.phase", "{centres: [0, 0.5, 1], widths: [1, 1, 1]}", "must be less than a turn apart"),

@@ -56,8 +56,14 @@ def firing_on_axes(
     )
 
 
+class Lead(NamedTuple):
+    """By which time what is done about a place comes before it."""
+
+    time: Time
+
+
 def firing_ahead_on_axes(
-    lead: Row,
+    lead: Lead,
     antecedents: tuple[Antecedents, ...],
     axes: Sequence[Axis],
     inputs: Sequence[InputName],
@@ -65,15 +71,15 @@ def firing_ahead_on_axes(
     lap_times: Sequence[float],
     *signals: Any,
 ) -> PerNetworkAxis:
-    """The firing strengths of the place and the phase where the vehicle will be in a time (s).
+    """The firing strengths of the place and the phase where the vehicle will be after a lead.
 
     The other arguments are those of `firing_on_axes`.
     """
     ahead = [
-        moved_on(signal, lead) if name == "measurement" else signal
+        moved_on(signal, lead.time) if name == "measurement" else signal
         for name, signal in zip(signals_of(inputs), signals, strict=True)
     ]
-    return firing_on_axes(antecedents, axes, inputs, time + lead, lap_times, *ahead)
+    return firing_on_axes(antecedents, axes, inputs, time + lead.time, lap_times, *ahead)
 
 
 def _for_each(axes: Sequence[Axis], antecedents: tuple[Antecedents, ...]) -> tuple[Antecedents, ...]:
@@ -86,11 +92,11 @@ class RulesNumbers(NamedTuple):
 
     Attributes:
         antecedents: for all axes, or for each.
-        lead: by which what is done about a place comes before it, s.
+        lead: of no meaning if the network does not lead.
     """
 
     antecedents: tuple[Antecedents, ...] = (Antecedents(),)
-    lead: Time = 0.0
+    lead: Lead = Lead(0.0)
 
 
 @fleet_system(float, AutoDiffXd)
