@@ -161,7 +161,7 @@ class GradientLearning(_LearningFromEither):
     """Eq (16) with a constant covariance."""
 
     kind: Literal["gradient"]
-    rate: Positive = Field(default=1.0, description="K_D p (1/s²)")
+    rate: NonNegative = Field(default=1.0, description="K_D p (1/s²); with 0 what has been learned stays as it is")
 
 
 class SignLearning(_Learning):
