@@ -27,7 +27,6 @@ STRUCTURES = {
         {"error": 2, "y": 2, "phase": 3},
         {"error_rate": 2, "z": 2, "v_x": 2, "phase": 2},
     ],
-    "network_leads": [False, True],
     "signal": ["surface", "feedback"],
     "adapts": ["", "centres widths", "exponents", "", "widths exponents"],
     "reset": ["never", "at_segments"],
@@ -87,6 +86,7 @@ STRUCTURES = {
     "attitude": ["pd", "geometric", "indi"],
     "response": ["commanded", "tilt"],
     "on_board": ["", "gyroscope", "attitude", "gyroscope attitude"],
+    "network_leads": [False, True],
 }
 
 

@@ -49,7 +49,11 @@ def load(controller, *overrides):
         ("inputs.phase", "{centres: [0, 0.5, 1]}", "widths .*must be as many as centres, 3"),
         ("inputs.phase", "{centres: [0, 0.5, 1], widths: [1, 1, 1]}", "must be less than a turn apart"),
         ("inputs.phase", "{centres: [0, 0.4], widths: [0.3, 0.25]}", "sets at 0.4 and 1.0 overlap"),
-        ("inputs.phase", "{scale: 2, centres: [0, 0.8], widths: [0.5, 0.6]}", "sets at 0.8 and 2.0 overlap"),
+        (
+            "inputs.phase",
+            "{scale: {uniform: {min: 1.7, max: 2}}, centres: [0, 0.8], widths: [0.5, 0.6]}",
+            "sets at 0.8 and 2.0 overlap",
+        ),
         ("lead", "-0.1", "must be at least 0"),
         ("inputs", f"{{x: {MANY}, y: {MANY}, error: {MANY}}}", "must make at most 256 rules, not 2187"),
         ("inputs.disturbance", "{}", "disturbance .*must be left out: a position controller of kind pd estimates none"),

@@ -29,7 +29,7 @@ ALL = ("centres", "widths", "exponents")
 SETS = (
     FuzzySets(1.8, (-1.0, -0.1, 0.5, 1.2), (1.1, 0.9, 1.3, 0.8)),
     FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4)),
-    CircularSets(2.9, (-0.7, 1.1), (1.5, 1.6)),
+    CircularSets(3.9, (-0.7, 1.1), (1.5, 1.6)),
 )
 START = Antecedents(1.4, 0.6, 0.3, SETS)
 
