@@ -210,19 +210,22 @@ def _moved(sets: Sets, gradient: Sets, initial: Sets, by: Row) -> Sets:
 def _overlapping(sets: Sets, initial: Sets) -> Sets:
     """The sets with widths that are neither too small for their neighbours nor too large for the universe."""
     first, *_, last = sets.centres
-    # What each set needs of the gap before it, and of the gap after it; around a circle the first follows the last.
-    before: list[Row] = []
+    first_width, *_ = initial.widths
+    # What each set needs of the gap after it, and the next one of the same gap; on a circle the first follows the last.
     after: list[Row] = []
-    for gap, (left, right) in zip(sets.gaps, itertools.pairwise([*initial.widths, initial.widths[0]])):
+    before: list[Row] = []
+    for gap, (left, right) in zip(sets.gaps, itertools.pairwise((*initial.widths, first_width)), strict=False):
         share = _OVERLAP * gap / (left + right)
         after.append(share * left)
         before.append(share * right)
-    if len(before) < len(sets.widths):
-        before, after = [*before, 0.0], [*after, 0.0]
+    if len(after) < len(sets.widths):
+        after.append(0.0)
+        before.append(0.0)
+    *of_others, of_first = before
     widths = [
         _held(width, maximum(of_low, of_high), maximum(begun, last - first))
         for width, begun, of_low, of_high in zip(
-            sets.widths, initial.widths, [before[-1], *before[:-1]], after, strict=True
+            sets.widths, initial.widths, [of_first, *of_others], after, strict=True
         )
     ]
     return sets._replace(widths=tuple(widths))
