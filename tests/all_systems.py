@@ -15,10 +15,17 @@ from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, Kal
 from drake_quad.control.disturbance.response import Command
 from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEstimatorNumbers
 from drake_quad.control.fuzzy.adaptation import AdaptationRates
-from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
+from drake_quad.control.fuzzy.inference import Antecedents, CircularSets, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
 from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
-from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning, build_fuzzy_network
+from drake_quad.control.fuzzy.systems import (
+    FuzzyRules,
+    Lead,
+    LearningNumbers,
+    RulesNumbers,
+    WeightLearning,
+    build_fuzzy_network,
+)
 from drake_quad.control.geometric import GeometricAttitudeController
 from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
@@ -198,6 +205,7 @@ SETS = Antecedents(
     0.3,
     (FuzzySets(1.8, (-1.0, 0.1, 1.2), (1.1, 0.9, 1.3)), FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4))),
 )
+AROUND = SETS._replace(inputs=(SETS.inputs[0], CircularSets(1.3, (-0.1, 0.4, 0.8), (0.5, 0.6, 0.7))))
 LIMITS = Limits(0.9, 0.01, 0.02)
 SAMPLES = Samples(3, (5, 6))
 STREAMS = (
@@ -251,7 +259,8 @@ FLEET_SYSTEMS = [
     Example(Fans, JETS),
     Example(FlightMonitor),
     Example(FlightMonitor, num_vehicles=3),
-    Example(FuzzyRules, (SETS,), num_vehicles=2),
+    Example(FuzzyRules, RulesNumbers((SETS,), Lead(0.13)), {"leads": True}, num_vehicles=2),
+    Example(FuzzyRules, RulesNumbers((AROUND,)), {"inputs": ("z", "phase"), "lap_times": (0.0, 3.0, 7.0)}, whole=False),
     Example(GeometricAttitudeController, ATTITUDE),
     Example(GeometricAttitudeController, ATTITUDE, num_vehicles=2),
     Example(Gust, GUST),
@@ -294,7 +303,7 @@ FLEET_SYSTEMS = [
     Example(
         WeightLearning,
         LearningNumbers(1.4, CovarianceLaw(0.8, 5.0, 0.997), LIMITS, 0.05),
-        {"axes": ("x", "z"), "num_rules": 4, "reset_times": (1.0, 2.0)},
+        {"axes": ("x", "z"), "num_rules": 4, "reset_times": (1.0, 2.0), "leads": True},
         num_vehicles=2,
     ),
     Example(
@@ -330,7 +339,8 @@ def _corrected_pid() -> Any:
 def _network() -> Any:
     learning = LearningNumbers(initial_weight=0.5)
     return build_fuzzy_network(
-        rules=FuzzyRules(num_vehicles=2), learning=WeightLearning(num_vehicles=2, numbers=learning)
+        rules=FuzzyRules(num_vehicles=2, leads=True),
+        learning=WeightLearning(num_vehicles=2, leads=True, numbers=learning),
     )
 
 

@@ -86,6 +86,7 @@ STRUCTURES = {
     "attitude": ["pd", "geometric", "indi"],
     "response": ["commanded", "tilt"],
     "on_board": ["", "gyroscope", "attitude", "gyroscope attitude"],
+    "network_leads": [False, True],
 }
 
 
@@ -297,10 +298,12 @@ def _network(structure, draw):
     network = {
         "kind": kind,
         "axes": structure["axes"],
-        "inputs": {name: _sets(count, draw) for name, count in structure["inputs"].items()},
+        "inputs": {name: _sets(count, draw, turns=name == "phase") for name, count in structure["inputs"].items()},
         "learning": _learning(law, structure, draw),
     }
     adapts = [part for part in structure["adapts"].split() if kind == "type_2" or part != "exponents"]
+    if structure["network_leads"]:
+        network["lead"] = draw(0.05, 0.2)
     if adapts:
         network["adaptive"] = {part: draw(0.1, 2.0) for part in adapts}
     if kind == "type_2":
@@ -308,7 +311,10 @@ def _network(structure, draw):
     return network
 
 
-def _sets(count, draw):
+def _sets(count, draw, *, turns):
+    if turns:
+        centres = [-0.1, 0.3, 0.6] if count == 3 else [0.1, 0.6]
+        return {"centres": centres, "widths": [draw(0.5, 0.7) for _ in centres]}
     centres = [-1.0, 0.1, 1.2] if count == 3 else [-0.8, 0.9]
     return {"scale": draw(0.8, 2.0), "centres": centres, "widths": [draw(1.0, 1.4) for _ in centres]}
 

@@ -203,7 +203,14 @@ def test_the_page_of_systems_has_the_signals():
         for name in re.findall(r"`(\w+)`", names)
     }
     # What passes between the parts of one diagram.
-    assert SIGNALS.keys() - said.keys() == {"feed_forward", "thrust", "torque", "firing"}
+    assert SIGNALS.keys() - said.keys() == {
+        "feed_forward",
+        "thrust",
+        "torque",
+        "firing",
+        "firing_ahead",
+        "learned_disturbance",
+    }
     for name, (rows, fields) in said.items():
         if rows.isdigit():
             assert layout_of(SIGNALS[name]).num_rows == int(rows)

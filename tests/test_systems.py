@@ -288,7 +288,8 @@ DEFAULTS = {
         "inputs": ("error", "error_rate"),
         "lap_times": (),
         "adaptive": False,
-        "numbers": ((1.2, 0.8, 0.5, ((1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0)),) * 2),),
+        "leads": False,
+        "numbers": (((1.2, 0.8, 0.5, ((1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0)),) * 2),), (0.0,)),
     },
     GeometricAttitudeController: {},
     Gust: {"period": 0.01},
@@ -354,6 +355,7 @@ DEFAULTS = {
         "learns_from": "surface",
         "reset_times": (),
         "initial_weights": (),
+        "leads": False,
         "numbers": (1.0, (1.0, 1.0, 1.0), (math.inf, 0.0, 0.0), 0.0),
     },
 }

@@ -18,10 +18,17 @@ from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, Kal
 from drake_quad.control.disturbance.response import Command
 from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEstimatorNumbers
 from drake_quad.control.fuzzy.adaptation import AdaptationRates
-from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
+from drake_quad.control.fuzzy.inference import Antecedents, CircularSets, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
 from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
-from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning, build_fuzzy_network
+from drake_quad.control.fuzzy.systems import (
+    FuzzyRules,
+    Lead,
+    LearningNumbers,
+    RulesNumbers,
+    WeightLearning,
+    build_fuzzy_network,
+)
 from drake_quad.control.geometric import GeometricAttitudeController
 from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
@@ -31,6 +38,7 @@ from drake_quad.errors import InputError
 from drake_quad.framework.records import layout_of
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario
+from drake_quad.scenario.quantities import can_differ_from_zero
 from drake_quad.vehicle.parameters import Inertia
 
 
@@ -43,7 +51,7 @@ def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
     """
     scenario, fleet = batch.scenario, FleetScenario(batch)
     if scenario.control.kind == "lqg":
-        return {**lqg_recipes(batch), **_network(fleet.control.network, plan, scenario.laboratory.command_link.period)}
+        return {**lqg_recipes(batch), **_network(scenario, fleet.control.network, plan)}
     position = fleet.control.position
     believed = nominal_parameters(scenario)
     limits = fleet.control.thrust_vectoring
@@ -58,7 +66,7 @@ def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
         ),
         **_integral(position, scenario.laboratory.command_link.period),
         **_estimator(scenario, position, plan),
-        **_network(fleet.control.network, plan, scenario.laboratory.command_link.period),
+        **_network(scenario, fleet.control.network, plan),
         "thrust_vectoring": Recipe(
             ThrustVectoring,
             {"projects": scenario.control.attitude is not None and scenario.control.attitude.kind == "geometric"},
@@ -178,10 +186,18 @@ _LAWS: dict[str, Callable[[Any, int, float], Any]] = {
 }
 
 
-def _network(network: Any, plan: Plan, period: float) -> dict[str, Recipe]:
-    """The network around a position controller, if there is one."""
-    if network is None:
+def _network(scenario: Scenario, network: Any, plan: Plan) -> dict[str, Recipe]:
+    """The network around a controller, if there is one.
+
+    Args:
+        scenario: it is of.
+        network: as a `FleetScenario` has it.
+        plan: that is flown.
+    """
+    own = scenario.control.network
+    if own is None:
         return {}
+    period = scenario.laboratory.command_link.period
     learning, sets = network.learning, antecedents(network)
     law: Any
     match learning.kind:
@@ -202,6 +218,7 @@ def _network(network: Any, plan: Plan, period: float) -> dict[str, Recipe]:
         limits=Limits(limit, learning.deadzone, learning.leakage),
         initial_weight=learning.initial_weight,
     )
+    leads = can_differ_from_zero(own.lead)
     learns_from = "feedback" if learning.kind == "sign" else learning.signal
     timing = {"period": period, "axes": axes, "learns_from": learns_from}
     looks_at = {"axes": axes, "inputs": inputs, "lap_times": lap_times}
@@ -211,12 +228,17 @@ def _network(network: Any, plan: Plan, period: float) -> dict[str, Recipe]:
         layout = layout_of(Antecedents, sets)
         begun = tuple([layout.build(each.antecedents) for each in known])
     found = {
-        "network.rules": Recipe(FuzzyRules, {**looks_at, "adaptive": network.adaptive is not None}, begun),
+        "network.rules": Recipe(
+            FuzzyRules,
+            {**looks_at, "adaptive": network.adaptive is not None, "leads": leads},
+            RulesNumbers(begun, Lead(network.lead)),
+        ),
         "network.learning": Recipe(
             WeightLearning,
             {
                 **timing,
                 "num_rules": sets.num_rules,
+                "leads": leads,
                 "reset_times": resets_at,
                 "initial_weights": tuple([each.weights for each in known]),
             },
@@ -233,7 +255,10 @@ def _network(network: Any, plan: Plan, period: float) -> dict[str, Recipe]:
 
 def antecedents(network: Any) -> Antecedents:
     """The antecedents of the network of a scenario, or of a `FleetScenario`."""
-    of_inputs = (getattr(network.inputs, name) for name in network.inputs.given)
-    inputs = (FuzzySets(sets.scale, tuple(sets.centres), tuple(sets.widths)) for sets in of_inputs)
+    of_inputs = ((name, getattr(network.inputs, name)) for name in network.inputs.given)
+    inputs = (
+        (CircularSets if name == "phase" else FuzzySets)(sets.scale, tuple(sets.centres), tuple(sets.widths))
+        for name, sets in of_inputs
+    )
     a1, a2, q = (network.a1, network.a2, network.q) if network.kind == "type_2" else (1.0, 1.0, 0.0)
     return Antecedents(a1, a2, q, tuple(inputs))

@@ -80,7 +80,7 @@ def build_lqg_control(regulator: Any, network: Any = None) -> Diagram:
     builder = DiagramBuilder()
     builder.AddNamedSystem("regulator", regulator)
     for port in map(regulator.get_input_port, range(regulator.num_input_ports())):
-        if port.get_name() != "correction":
+        if port.get_name() not in ("correction", "learned_disturbance"):
             builder.ExportInput(port, port.get_name())
     shown = [regulator]
     if network is not None:

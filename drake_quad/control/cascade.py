@@ -100,13 +100,19 @@ def put_around(builder: DiagramBuilder, controller: Any, network: Any) -> None:
 
     Args:
         builder: with the controller, and with the input `measurement`.
-        controller: with the input `correction` and outputs for all of the network's inputs but the measurement.
+        controller: with the input `correction`, perhaps `learned_disturbance`, and outputs for all of the network's
+            inputs but the measurement and perhaps the `disturbance`.
         network: to add.
     """
     builder.AddNamedSystem("network", network)
     for port in map(network.get_input_port, range(network.num_input_ports())):
         if port.get_name() == "measurement":
             builder.ConnectInput("measurement", port)
-        else:
+        elif port.get_name() != "disturbance" or controller.HasOutputPort("disturbance"):
             builder.Connect(controller.GetOutputPort(port.get_name()), port)
-    builder.Connect(network.GetOutputPort("correction"), controller.GetInputPort("correction"))
+    correction = network.GetOutputPort("correction")
+    builder.Connect(correction, controller.GetInputPort("correction"))
+    if controller.HasInputPort("learned_disturbance"):
+        leads = network.HasOutputPort("learned_disturbance")
+        learned = network.GetOutputPort("learned_disturbance") if leads else correction
+        builder.Connect(learned, controller.GetInputPort("learned_disturbance"))

@@ -174,7 +174,9 @@ def build_position_controller(
         builder.Connect(command.get_output_port(), disturbance.GetInputPort("acceleration_command"))
         if disturbance.HasInputPort("feed_forward"):
             builder.Connect(parts["feed_forward"], disturbance.GetInputPort("feed_forward"))
-        if takes_correction:
+        if takes_correction and disturbance.HasInputPort("learned_disturbance"):
+            builder.ExportInput(disturbance.GetInputPort("learned_disturbance"), "learned_disturbance")
+        elif takes_correction:
             builder.ConnectInput("correction", disturbance.GetInputPort("correction"))
 
     builder.ExportOutput(command.get_output_port(), "acceleration_command")

@@ -21,6 +21,8 @@ MOST_WAYPOINTS = 1_000
 MOST_SOURCES = 100
 # Of a network, four inputs of four sets: every rule is written out in machine code, on every axis.
 MOST_RULES = 256
+# Of an input: of a lap of the laboratory's figure eight one every 36 cm.
+MOST_SETS = 60
 
 # For numbers of any unit: so many powers of ten are left to a float beyond their products that no formula overflows,
 # and less than the smallest is nothing to a vehicle. The inertia of an insect with wings is 1e-9 kg m².

@@ -10,7 +10,7 @@ from pydantic_core import PydanticCustomError
 from drake_quad.control.fuzzy.adaptation import Part
 from drake_quad.control.fuzzy.inputs import InputName
 from drake_quad.scenario.distributions import Model, Real
-from drake_quad.scenario.limits import MOST_RULES
+from drake_quad.scenario.limits import MOST_RULES, MOST_SETS
 from drake_quad.scenario.quantities import NonNegative, Number, Positive, Probability, bounded, extremes
 
 Axis = Literal["x", "y", "z"]
@@ -18,16 +18,18 @@ _AXES: tuple[Axis, ...] = get_args(Axis)
 Axes = Annotated[tuple[Axis, ...], Field(strict=False, min_length=1)]
 
 
+_Centres = Annotated[tuple[Real, ...], Field(strict=False, min_length=2, max_length=MOST_SETS)]
+_Widths = Annotated[tuple[Positive, ...], Field(strict=False)]
+
+
 class FuzzySets(Model):
     """The fuzzy sets of one input of a network."""
 
     scale: Positive = Field(default=1.0, description="that the input is multiplied with (1 over its unit)")
-    centres: Annotated[tuple[Real, ...], Field(strict=False, min_length=2, max_length=15)] = Field(
+    centres: _Centres = Field(
         default=(-1.0, 0.0, 1.0), description="c of each set, ascending (1); inputs are clamped to the first and last"
     )
-    widths: Annotated[tuple[Positive, ...], Field(strict=False)] = Field(
-        default=(1.0, 1.0, 1.0), description="d of each set (1)"
-    )
+    widths: _Widths = Field(default=(1.0, 1.0, 1.0), description="d of each set (1)")
 
     @field_validator("centres")
     @classmethod
@@ -43,7 +45,7 @@ class FuzzySets(Model):
                 "widths", kind="widths", demand="must be as many as centres, {count}", count=len(self.centres)
             )
         ends = [(centre, extremes(width)[0]) for centre, width in zip(self.centres, self.widths, strict=True)]
-        for i, ((left, reach_right), (right, reach_left)) in enumerate(itertools.pairwise(ends)):
+        for i, ((left, reach_right), (right, reach_left)) in enumerate(itertools.pairwise(self._closed(ends))):
             if reach_right is None or reach_left is None or not left + reach_right > right - reach_left:
                 raise self.wrong(
                     "widths",
@@ -56,9 +58,30 @@ class FuzzySets(Model):
                 )
         return self
 
+    def _closed(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
+        """Centres and least widths of all sets whose neighbours must overlap."""
+        return ends
+
+
+class CircularSets(FuzzySets):
+    """The fuzzy sets of an input that goes around a circle: 0 and 1 are one place."""
+
+    scale: Positive = Field(
+        default=1.0, description="that the input is multiplied with: centres that far apart are one"
+    )
+    centres: _Centres = Field(default=(0.0, 0.25, 0.5, 0.75), description="c of each set, ascending, within a turn (1)")
+    widths: _Widths = Field(default=(0.25, 0.25, 0.25, 0.25), description="d of each set (1)")
+
+    def _closed(self, ends: list[tuple[float, float | None]]) -> list[tuple[float, float | None]]:
+        (first, width), *_ = ends
+        (shortest, longest), last = extremes(self.scale), self.centres[-1]
+        if shortest is None or longest is None or not last - first < shortest:
+            raise self.wrong("centres", kind="turn", demand="must be less than a turn apart, which is the scale")
+        return [*ends, (first + longest, width)]
+
 
 class Inputs(Model):
-    """What the rules of a network look at: the fuzzy sets of two to four inputs; there is a rule for every choice."""
+    """What the rules of a network look at: the fuzzy sets of one to four inputs; there is a rule for every choice."""
 
     error: FuzzySets | None = Field(default=None, description="of e on the network's own axis (m)")
     error_rate: FuzzySets | None = Field(default=None, description="of ė on the network's own axis (m/s)")
@@ -68,8 +91,10 @@ class Inputs(Model):
     v_x: FuzzySets | None = Field(default=None, description="of the measured velocity along X of W (m/s)")
     v_y: FuzzySets | None = Field(default=None, description="along Y (m/s)")
     v_z: FuzzySets | None = Field(default=None, description="along Z (m/s)")
-    phase: FuzzySets | None = Field(
-        default=None, description="of the share of the lap, or of a route without laps, that should be over, 0 to 1 (1)"
+    phase: CircularSets | None = Field(
+        default=None,
+        description="of the share of the lap, or of a route without laps, that should be over, 0 to 1 (1); these are"
+        " one place",
     )
     disturbance: FuzzySets | None = Field(
         default=None, description="of the disturbance on the network's own axis that the controller estimates (m/s²)"
@@ -83,8 +108,8 @@ class Inputs(Model):
     @model_validator(mode="after")
     def _some(self) -> "Inputs":
         given = self.given
-        if not 2 <= len(given) <= 4:
-            demand = "must be two to four of {names}"
+        if not 1 <= len(given) <= 4:
+            demand = "must be one to four of {names}"
             raise PydanticCustomError("inputs", demand, {"names": ", ".join(_INPUT_NAMES)})
         rules = math.prod(len(sets.centres) for sets in given.values())
         if rules > MOST_RULES:
@@ -111,8 +136,8 @@ class _LearningFromEither(_Learning):
 
     signal: Literal["surface", "feedback"] = Field(
         default="surface",
-        description="what is learned from: s_p of eq (15) (m/s), or the feedback that the controller commands (m/s²),"
-        " for which gains have other units",
+        description="what is learned from: s_p of eq (15) (m/s), or all feedback that the controller commands, its PD"
+        " less the disturbance that it estimates, if any (m/s²), for which gains have other units",
     )
     slope: Positive = Field(default=1.0, description="λ of eq (15) (1/s); of no meaning with the feedback")
     deadzone: NonNegative = Field(default=0.0, description="size of the signal below which nothing is learned (m/s)")
@@ -136,7 +161,7 @@ class GradientLearning(_LearningFromEither):
     """Eq (16) with a constant covariance."""
 
     kind: Literal["gradient"]
-    rate: Positive = Field(default=1.0, description="K_D p (1/s²)")
+    rate: NonNegative = Field(default=1.0, description="K_D p (1/s²); with 0 what has been learned stays as it is")
 
 
 class SignLearning(_Learning):
@@ -200,6 +225,11 @@ class _Network(Model):
     axes: Axes = Field(default=("x", "y"), description="on which there is a network")
     inputs: Inputs = Field(
         default=Inputs(error=FuzzySets(), error_rate=FuzzySets()), description="what its rules look at"
+    )
+    lead: NonNegative = Field(
+        default=0.0,
+        description="time by which the correction is that of the place, and of the phase, where the vehicle will be:"
+        " about the time from a command to what it does (s)",
     )
     learning: Learning = CovarianceLearning(kind="covariance")
     learned: LearnedNetwork | None = Field(

@@ -13,7 +13,7 @@ from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, Kal
 from drake_quad.control.disturbance.response import Command
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
-from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning
+from drake_quad.control.fuzzy.systems import FuzzyRules, Lead, LearningNumbers, RulesNumbers, WeightLearning
 from drake_quad.control.geometric import GeometricAttitudeController
 from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
@@ -112,7 +112,9 @@ def test_a_network_has_the_sets_and_the_law_of_the_scenario(asymmetric):
     assert (rules.system, learning.system) == (FuzzyRules, WeightLearning)
     error = FuzzySets(2.4, (-1.0, -0.1, 0.8), (1.1, 0.9, 1.0))
     rate = FuzzySets(1.4, (-0.9, -0.4, 0.3, 1.1), (0.8, 0.7, 0.9, 1.2))
-    assert rules.numbers == (Antecedents(1.3, 0.7, 0.4, (error, rate)),)
+    assert rules.numbers == RulesNumbers((Antecedents(1.3, 0.7, 0.4, (error, rate)),), Lead(0.0))
+    assert not rules.structure["leads"]
+    assert not learning.structure["leads"]
     assert rules.structure["axes"] == learning.structure["axes"] == ("x", "y", "z")
     assert (learning.structure["num_rules"], learning.structure["period"]) == (12, 0.02)
     law, limits = CovarianceLaw(0.8, 5.0, 0.997), Limits(0.9, 0.01, 0.02)
@@ -126,7 +128,7 @@ def test_a_network_has_the_sets_and_the_law_of_the_scenario(asymmetric):
 
 def test_a_network_of_type_1_has_triangles_and_the_other_laws_their_numbers(asymmetric):
     found, _ = recipes_of(asymmetric("pd_t1fnn"))
-    (sets,) = found["network.rules"].numbers
+    (sets,) = found["network.rules"].numbers.antecedents
     assert (sets.a1, sets.a2, sets.q) == (1.0, 1.0, 0.0)
     # A law that learns from the command has no use for a slope.
     learning = found["network.learning"].numbers
@@ -152,7 +154,7 @@ def test_what_varies_is_an_array_of_a_number_for_each_vehicle(asymmetric):
     assert (k_p.x, k_p.z) == (1.3, 5.0)
     law = found["network.learning"].numbers.law
     np.testing.assert_array_equal(law.gain, batch.varying["control.network.learning.gain"])
-    (sets,) = found["network.rules"].numbers
+    (sets,) = found["network.rules"].numbers.antecedents
     error, rate = sets.inputs
     np.testing.assert_array_equal(error.scale, batch.varying["control.network.inputs.error.scale"])
     assert (rate.scale, error.centres) == (1.4, (-1.0, -0.1, 0.8))

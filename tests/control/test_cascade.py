@@ -14,7 +14,7 @@ from drake_quad.control.disturbance.laws import IncrementalLaw
 from drake_quad.control.disturbance.response import Command
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
 from drake_quad.control.fuzzy.set_learning import SetLearning
-from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning, build_fuzzy_network
+from drake_quad.control.fuzzy.systems import FuzzyRules, Lead, RulesNumbers, WeightLearning, build_fuzzy_network
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
@@ -127,13 +127,14 @@ class Constant(LeafSystem):
 
 
 class Estimator(LeafSystem):
-    """A controller that shows all that a network can look at, and takes its correction."""
+    """A controller that shows all that a network can look at, and takes its correction and what it has learned."""
 
     def __init__(self):
         super().__init__()
         self.DeclareVectorInputPort("measurement", BasicVector(12))
         self.DeclareVectorInputPort("reference", BasicVector(11))
         correction = self.DeclareVectorInputPort("correction", BasicVector(3))
+        self.DeclareVectorInputPort("learned_disturbance", BasicVector(3))
         for place, name in enumerate(("error", "error_rate", "pd", "disturbance")):
             rows = 0.1 * (place + 1.0) * np.array([1.0, -2.0, 3.0])
             show = lambda context, output, rows=rows: output.SetFromVector(rows)  # noqa: E731
@@ -150,7 +151,7 @@ def test_a_network_stands_around_any_controller_and_looks_at_what_it_estimates()
     """The disturbance on its own axis, the measured height; what it makes of them is what the controller subtracts."""
     inputs, sets = ("z", "disturbance"), Antecedents(1.3, 0.7, 0.4, (FuzzySets(0.6), FuzzySets(1.1)))
     learning = WeightLearning(learns_from="feedback")
-    network = build_fuzzy_network(rules=FuzzyRules(inputs=inputs, numbers=(sets,)), learning=learning)
+    network = build_fuzzy_network(rules=FuzzyRules(inputs=inputs, numbers=RulesNumbers((sets,))), learning=learning)
     control = cascade("none", Estimator(), network)
     assert ports(control)[0] == ["measurement", "reference"]
     context, weights = control.CreateDefaultContext(), np.linspace(-1.0, 1.0, 9)
@@ -161,6 +162,26 @@ def test_a_network_stands_around_any_controller_and_looks_at_what_it_estimates()
     np.testing.assert_allclose(control.GetOutputPort("correction").Eval(context), [*expected, 0.0], rtol=1e-14)
     command = control.GetOutputPort("acceleration_command").Eval(context)
     np.testing.assert_allclose(command, [-expected[0], -expected[1], 0.0], rtol=1e-14)
+
+
+@pytest.mark.parametrize("leads", [False, True])
+def test_a_controller_is_told_what_its_network_has_learned_of_where_the_vehicle_is(leads):
+    """And corrected by what has been learned of where it will be; without a lead they are one."""
+    lead, sets = 0.3, Antecedents(1.3, 0.7, 0.4, (FuzzySets(0.1, (-1.0, 0.2, 0.9)),))
+    rules = FuzzyRules(inputs=("z",), leads=leads, numbers=RulesNumbers((sets,), Lead(lead)))
+    learning, position = WeightLearning(num_rules=3, leads=leads), Estimator()
+    control = cascade("none", position, build_fuzzy_network(rules=rules, learning=learning))
+    context, weights = control.CreateDefaultContext(), (-1.0, 0.3, 0.8)
+    learning.set_state(learning.GetMyMutableContextFromRoot(context), "weights", (weights,) * 2)
+    for name in ("measurement", "reference"):
+        control.GetInputPort(name).FixValue(context, INPUTS[name])
+    own = position.GetMyContextFromRoot(context)
+    told = {name: position.GetInputPort(name).Eval(own) for name in ("correction", "learned_disturbance")}
+    z, v_z = INPUTS["measurement"].z, INPUTS["measurement"].v_z
+    for name, ahead in (("correction", leads * lead), ("learned_disturbance", 0.0)):
+        expected = np.dot(weights, firing_strengths((z + ahead * v_z,), sets))
+        np.testing.assert_allclose(told[name], [expected, expected, 0.0], rtol=1e-14)
+    assert v_z != 0.0
 
 
 def test_any_position_controller_will_do():

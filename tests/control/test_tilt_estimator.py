@@ -54,19 +54,19 @@ def test_what_tilt_and_thrust_explain_is_no_disturbance():
     np.testing.assert_allclose(found, 0.5 * explained, rtol=1e-9)
 
 
-def test_what_a_correction_takes_away_is_no_longer_its_disturbance():
-    pushed, corrected = np.array([0.7, -0.5, 0.3]), Acceleration(0.6, -0.4, 0.5)
-    found = shown(Pushed(NOTHING, corrected), at(velocity=H * pushed))
-    np.testing.assert_allclose(found, pushed - np.array(corrected), rtol=1e-9)
+def test_what_has_been_learned_is_no_longer_its_disturbance():
+    pushed, learned = np.array([0.7, -0.5, 0.3]), Acceleration(0.6, -0.4, 0.5)
+    found = shown(Pushed(NOTHING, learned), at(velocity=H * pushed))
+    np.testing.assert_allclose(found, pushed - np.array(learned), rtol=1e-9)
     memory = tuple([law.at_rest(0.0) for law in LAWS])
     _, before, _ = next_by_tilt(
-        memory, Pushed(NOTHING, NOTHING), SpecificThrust(G), (), at(), NOTHING, corrected, NUMBERS, H
+        memory, Pushed(NOTHING, NOTHING), SpecificThrust(G), (), at(), NOTHING, learned, NUMBERS, H
     )
-    assert before.corrected == corrected
+    assert before.learned == learned
 
 
 def test_the_way_that_accelerations_take_the_vehicle_is_known():
-    """Under a straight line from one to the other, and a correction that makes up for a push."""
+    """Under a straight line from one to the other, and a push that has been learned."""
     first, last = (
         np.array([0.4, -0.3, 0.2]),
         np.array(tilted_acceleration(at((0.1, 0.2, 0.3)), SpecificThrust(10.5), G)),

@@ -41,7 +41,8 @@ FLIGHTS = {
         [
             "duration=6",
             "control.network.inputs={error_rate: null, y: {scale: 0.6, centres: [-1.0, 0.1, 1], widths: [1.2, 1, 1.3]},"
-            " v_x: {scale: 0.9}, phase: {scale: 4.0, centres: [0.0, 0.6], widths: [0.5, 0.4]}}",
+            " v_x: {scale: 0.9}, phase: {scale: 4.0, centres: [-0.7, 0.6, 1.9], widths: [1.2, 1.0, 1.4]}}",
+            "control.network.lead=0.13",
             "control.network.learning={kind: gradient, signal: feedback, rate: 1.5, deadzone: 0.02}",
         ],
     ),
@@ -140,6 +141,18 @@ FLIGHTS = {
             "duration=5",
             f"control.position={{kind: indi, {PD}, feed_forward: snap, bandwidth: [2.7, 3.1, 4.3],"
             " response: {kind: tilt, delay_ticks: 2, lag: 0.07}}",
+        ],
+    ),
+    "a map around the same, ahead of time, that learns from all feedback": (
+        "pd_t2fnn",
+        [
+            "duration=5",
+            f"control.position={{kind: indi, {PD}, feed_forward: snap, bandwidth: [2.7, 3.1, 4.3],"
+            " response: {kind: tilt, delay_ticks: 2, lag: 0.07}}",
+            "control.network.lead=0.17",
+            "control.network.inputs={error: null, error_rate: null,"
+            " x: {centres: [-1.0, 0.1, 1], widths: [1.2, 1, 1.3]}, z: {centres: [0.0, 1.1], widths: [1.2, 1.3]}}",
+            "control.network.learning={kind: gradient, signal: feedback, rate: 1.5, weight_limit: 0.9}",
         ],
     ),
     "a disturbance observer that sees where the thrust points, in front of an autopilot": (

@@ -42,6 +42,14 @@ def test_sets_that_were_learned_fire_on_each_axis_where_they_learn_no_more(asymm
     assert "antecedents" not in fixed.signals
 
 
+def test_with_a_rate_of_zero_what_was_learned_before_stays(asymmetric, tmp_path):
+    known = learned_file(tmp_path, FITTING + ON_AXES)
+    learning = "control.network.learning={kind: gradient, signal: feedback, rate: 0}"
+    flight = flown(asymmetric, learning, f"control.network.learned={known}", "duration=0.3")
+    np.testing.assert_array_equal(flight["weights"], 0.25)
+    np.testing.assert_allclose(flight["correction"], 0.25, rtol=1e-14)
+
+
 def learned_file(folder, text):
     path = folder / "learned.yaml"
     path.write_text(text)

@@ -123,7 +123,7 @@ class Estimator:
     def estimate(self, measured):
         return np.clip(self.law.estimate(measured), -self.limit, self.limit)
 
-    def remember(self, command, correction, feed_forward):
+    def remember(self, command, correction, learned, feed_forward):
         self.law.predict(*self.model.follow(command + correction - feed_forward, feed_forward))
 
 
@@ -138,7 +138,7 @@ class TiltEstimator:
 
     def estimate(self, measured):
         now = self.thrust * rotation(*measured[3:6])[:, 2] - [0.0, 0.0, self.g]
-        # ∫ and ∫∫ of the line from `before` to `now`, and of what a correction takes away.
+        # ∫ and ∫∫ of the line from `before` to `now`, and of what is known to disturb the vehicle.
         slope = (now - self.before) / self.h
         speed = self.h * (self.before + self.pushed) + self.h**2 / 2.0 * slope
         distance = self.h**2 / 2.0 * (self.before + self.pushed) + self.h**3 / 6.0 * slope
@@ -146,8 +146,8 @@ class TiltEstimator:
         self.before = now
         return np.clip(self.law.estimate(measured), -self.limit, self.limit)
 
-    def remember(self, command, correction, feed_forward):
-        self.pushed = correction
+    def remember(self, command, correction, learned, feed_forward):
+        self.pushed = learned
         self.line.append(np.linalg.norm(np.add(command, [0.0, 0.0, self.g])))
         self.thrust += (1.0 - math.exp(-self.h / self.lag)) * (self.line.pop(0) - self.thrust)
 
@@ -179,7 +179,7 @@ class Integral:
     def __init__(self, numbers, h):
         self.numbers, self.h, self.i = numbers, h, np.zeros(3)
 
-    def correction(self, seen):
+    def output(self, seen):
         return -self.i
 
     def shown(self):
@@ -227,7 +227,7 @@ class Network:
             w = np.ones(1)
             for name, sets in given:
                 value = seen[name][axis] if name.startswith("error") else seen[name]
-                w = np.outer(w, self.memberships(value, sets, exponent)).ravel()
+                w = np.outer(w, self.memberships(value, sets, exponent, circular=name == "phase")).ravel()
             return w / w.sum()
 
         if network.kind == "type_1":
@@ -235,14 +235,17 @@ class Network:
         return network.q * strengths(network.a2) + (1.0 - network.q) * strengths(network.a1)
 
     @staticmethod
-    def memberships(value, sets, a):
-        """(11), (12): μ of an input, scaled and held within the universe, in each set."""
-        x = min(max(sets.scale * value, sets.centres[0]), sets.centres[-1])
-        u = [abs((x - c) / d) for c, d in zip(sets.centres, sets.widths, strict=True)]
+    def memberships(value, sets, a, *, circular):
+        """(11), (12): μ of an input, scaled and held within the universe, or on a circle, in each set."""
+        if circular:
+            gaps = [math.remainder(sets.scale * value - c, sets.scale) for c in sets.centres]
+        else:
+            gaps = np.clip(sets.scale * value, sets.centres[0], sets.centres[-1]) - np.array(sets.centres)
+        u = [abs(gap / d) for gap, d in zip(gaps, sets.widths, strict=True)]
         return [(1.0 - distance**a) ** (1.0 / a) if distance < 1.0 else 0.0 for distance in u]
 
-    def correction(self, seen):
-        """τ_f = Fᵀ W."""
+    def output(self, seen):
+        """Fᵀ W."""
         tau = np.zeros(3)
         for axis in self.axes:
             tau[axis] = self.F[axis] @ self.firing(axis, seen)
@@ -263,7 +266,7 @@ class Network:
                 self.memory[axis] = self._fresh()
             W = self.firing(axis, seen)
             if learning.kind == "sign" or learning.signal == "feedback":
-                signal = seen["pd"][axis]
+                signal = seen["pd"][axis] - seen["disturbance"][axis]
             else:  # (15)
                 signal = seen["error_rate"][axis] + learning.slope * seen["error"][axis]
             if abs(signal) < learning.deadzone:
@@ -318,9 +321,9 @@ class Controller:
         if self.numbers.attitude is not None and self.numbers.attitude.kind == "indi":
             self.turning = IncrementalTurning(self.numbers.attitude, h)
 
-    def phase(self, tick):
+    def phase(self, time):
         """The share of the route that should be over."""
-        return min(tick * self.h / self.duration, 1.0)
+        return min(time / self.duration, 1.0)
 
     def act(self, tick, measured, reference):
         """The signals of a tick, by name; what learns, learns from them."""
@@ -329,22 +332,32 @@ class Controller:
         on_error = position.derivative == "tracking_error"
         rate = on_error * reference["velocity"] - measured[6:9]
         pd = np.array(position.k_p) * error + np.array(position.k_d) * rate  # (8)
-        correction, shown, disturbance = np.zeros(3), {}, np.zeros(3)
+        correction, learned, shown, disturbance = np.zeros(3), np.zeros(3), {}, np.zeros(3)
         if self.estimator is not None:
             disturbance = self.estimator.estimate(measured)
         if self.law is not None:
-            seen = {"error": error, "error_rate": rate, "pd": pd, "phase": self.phase(tick), "disturbance": disturbance}
-            seen |= dict(zip(("x", "y", "z"), measured[0:3], strict=True))
-            seen |= dict(zip(("v_x", "v_y", "v_z"), measured[6:9], strict=True))
-            correction, shown = self.law.correction(seen), self.law.shown()
-            self.law.learn(tick, seen)
+            lead = 0.0 if self.numbers.network is None else self.numbers.network.lead
+            now, ahead = (
+                {
+                    "error": error,
+                    "error_rate": rate,
+                    "pd": pd,
+                    "disturbance": disturbance,
+                    **dict(zip(("x", "y", "z"), measured[0:3] + moved * measured[6:9], strict=True)),
+                    **dict(zip(("v_x", "v_y", "v_z"), measured[6:9], strict=True)),
+                    "phase": self.phase(tick * self.h + moved),
+                }
+                for moved in (0.0, lead)
+            )
+            correction, learned, shown = self.law.output(ahead), self.law.output(now), self.law.shown()
+            self.law.learn(tick, now)
         u = pd - correction  # (14)
         fed_forward = (position.feed_forward != "none") * reference["acceleration"]
         u = u + fed_forward
         if self.estimator is not None:
             shown["disturbance"] = disturbance
             u = u - disturbance
-            self.estimator.remember(u, correction, fed_forward)
+            self.estimator.remember(u, correction, learned, fed_forward)
         thrust, attitude, rates, accelerations = self.vectored(u, measured, reference)
         if self.numbers.attitude is None:
             command = {"attitude_target": np.array([thrust, *attitude, *rates])}

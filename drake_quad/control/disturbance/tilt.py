@@ -38,11 +38,11 @@ class Pushed(NamedTuple):
 
     Attributes:
         tilted: by thrust and weight.
-        corrected: what a network takes away from then on.
+        learned: what disturbs the vehicle from then on, as far as a network has learned it.
     """
 
     tilted: Acceleration
-    corrected: Acceleration
+    learned: Acceleration
 
 
 class SpecificThrust(NamedTuple):
@@ -82,13 +82,13 @@ def known_by_tilt(
             law.predicted(
                 known,
                 Gained(
-                    period * (0.5 * (first + last) + corrected),
-                    period * period * (first / 3.0 + last / 6.0 + 0.5 * corrected),
+                    period * (0.5 * (first + last) + learned),
+                    period * period * (first / 3.0 + last / 6.0 + 0.5 * learned),
                 ),
                 period,
             )
-            for law, known, first, last, corrected in zip(
-                numbers.laws, memory, before.tilted, tilted, before.corrected, strict=True
+            for law, known, first, last, learned in zip(
+                numbers.laws, memory, before.tilted, tilted, before.learned, strict=True
             )
         ]
     )
@@ -109,7 +109,7 @@ def next_by_tilt(
     under_way: tuple[SpecificThrust, ...],
     measurement: State,
     command: Acceleration,
-    correction: Acceleration,
+    learned: Acceleration,
     numbers: TiltEstimatorNumbers,
     period: float,
 ) -> Any:
@@ -119,7 +119,7 @@ def next_by_tilt(
     sent = SpecificThrust(sqrt(command.x * command.x + command.y * command.y + up * up))
     arrived, on_the_way = waited(sent, under_way)
     after = SpecificThrust(lagging(thrust.thrust, arrived.thrust, numbers.lag, period).after)
-    states = known, Pushed(tilted, correction), after
+    states = known, Pushed(tilted, learned), after
     return (*states, on_the_way) if on_the_way else states
 
 
@@ -133,14 +133,15 @@ class TiltDisturbanceEstimator(FleetSystem):
         input_ports:
         - measurement
         - acceleration_command
-        - correction
+        - learned_disturbance
         output_ports:
         - disturbance
 
     `disturbance` is d in W, within a limit, from the `measurement` of this tick and all that was measured and commanded
     before. z_B, where the thrust points, is measured, as in the papers on L1 and Neural-Fly, so that the model does not
     wait for the attitude loop; the thrust is believed to follow the length of `acceleration_command` + g after whole
-    ticks of delay with a lag. What `correction` takes away is no longer the estimator's; it is zero if not connected.
+    ticks of delay with a lag. `learned_disturbance`, which a network takes away, is no longer the estimator's; it is
+    zero if not connected.
     Both are read at the ticks only, so that the command may depend on the disturbance.
 
     The states are `memory`, that of the law after the tick before, `before`, the accelerations there, `thrust`, and
@@ -157,7 +158,7 @@ class TiltDisturbanceEstimator(FleetSystem):
         """Declares the system."""
         measurement, command = self.input("measurement"), self.input("acceleration_command")
         nothing = Acceleration(0.0, 0.0, 0.0)
-        correction = self.input("correction", absent=nothing)
+        learned = self.input("learned_disturbance", absent=nothing)
         parameter = self.parameter("numbers", lambda numbers: numbers)
         memory = self.state("memory", memory_at_rest, layout=layout_of(tuple, memory_at_rest(numbers)))
         before = self.state("before", lambda _: Pushed(nothing, nothing))
@@ -169,7 +170,7 @@ class TiltDisturbanceEstimator(FleetSystem):
                 "thrust_under_way", lambda numbers: (_hover(numbers),) * delay_ticks, layout=layout_of(tuple, waiting)
             )
         writes = [memory, before, thrust, *([under_way] if delay_ticks else [])]
-        reads = measurement, command, correction, parameter, period
+        reads = measurement, command, learned, parameter, period
         self.update(period, next_by_tilt, memory, before, thrust, under_way, *reads, writes=writes)
         self.output("disturbance", shown_by_tilt, memory, before, thrust, measurement, parameter, period)
 

@@ -17,9 +17,10 @@ rules of set i by themselves. So ∂τ/∂μ_ki = (M_ki - τ) / Σ_i μ_ki, and 
 an upper set and at the centre of a lower one; it counts as -10 at most, ten times that of a triangle.
 
 After every tick what has been learned is brought back to where the sets are valid. The outermost centres stay, since
-they are the universe; the others keep within a quarter of the gap to either neighbour that there was at first, so that
-they stay in order. Widths are such that neighbours overlap by 2 % of their gap at least, shared out as at first, and no
-larger than the universe, or than they were; 1.001 <= a₁ <= 10, 0.1 <= a₂ <= 0.999 and 0 <= q <= 1.
+they are the universe, or keep a circle in place; the others keep within a quarter of the gap to either neighbour that
+there was at first, so that they stay in order. Widths are such that neighbours overlap by 2 % of their gap at least,
+shared out as at first, and no larger than the universe, or than they were; 1.001 <= a₁ <= 10, 0.1 <= a₂ <= 0.999 and
+0 <= q <= 1.
 """
 
 import itertools
@@ -27,7 +28,7 @@ import math
 from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
-from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, elliptic_membership, total
+from drake_quad.control.fuzzy.inference import Antecedents, Sets, elliptic_membership, total
 from drake_quad.framework.elementary import exp, log, maximum, minimum, where
 from drake_quad.signals import Row
 
@@ -78,12 +79,12 @@ class _Family(NamedTuple):
     """
 
     output: Row
-    of_inputs: list[FuzzySets]
+    of_inputs: list[Sets]
     exponent: Row
 
 
-def _family(values: Sequence[Row], inputs: Sequence[FuzzySets], exponent: Row, weights: Sequence[Row]) -> _Family:
-    distances = [_distances(value, sets) for value, sets in zip(values, inputs, strict=True)]
+def _family(values: Sequence[Row], inputs: Sequence[Sets], exponent: Row, weights: Sequence[Row]) -> _Family:
+    distances = [sets.distances(value) for value, sets in zip(values, inputs, strict=True)]
     grades = [[elliptic_membership(u, exponent) for u in each] for each in distances]
     factors = [1.0 / total(each) for each in grades]
     shares = [[factor * grade for grade in each] for factor, each in zip(factors, grades, strict=True)]
@@ -97,7 +98,7 @@ def _family(values: Sequence[Row], inputs: Sequence[FuzzySets], exponent: Row, w
         by_distance = [pull * slope for pull, (slope, _) in zip(pulls, slopes, strict=True)]
         signs = [where(u > 0.0, 1.0, where(u < 0.0, -1.0, 0.0 * u)) for u in each]
         of_inputs.append(
-            FuzzySets(
+            type(sets)(
                 0.0,
                 tuple([-by * sign / d for by, sign, d in zip(by_distance, signs, sets.widths, strict=True)]),
                 tuple([-by * abs(u) / d for by, u, d in zip(by_distance, each, sets.widths, strict=True)]),
@@ -105,13 +106,6 @@ def _family(values: Sequence[Row], inputs: Sequence[FuzzySets], exponent: Row, w
         )
         of_exponent += [pull * slope for pull, (_, slope) in zip(pulls, slopes, strict=True)]
     return _Family(output, of_inputs, total(of_exponent))
-
-
-def _distances(value: Row, sets: FuzzySets) -> list[Row]:
-    """(x - c) / d of an input, held within the universe, from each set."""
-    first, *_, last = sets.centres
-    x = minimum(maximum(sets.scale * value, first), last)
-    return [(x - centre) * (1.0 / width) for centre, width in zip(sets.centres, sets.widths, strict=True)]
 
 
 def _alone(weights: Sequence[Row], shares: Sequence[Sequence[Row]], k: int) -> list[Row]:
@@ -144,7 +138,7 @@ def output_gradient(values: Sequence[Row], antecedents: Antecedents, weights: Se
         lower.output - upper.output,
         tuple(
             [
-                FuzzySets(
+                type(above)(
                     0.0,
                     tuple(map(mixed, above.centres, below.centres)),
                     tuple(map(mixed, above.widths, below.widths)),
@@ -200,7 +194,7 @@ def _held(value: Row, least: Row, most: Row) -> Row:
     return maximum(minimum(value, most), least)
 
 
-def _moved(sets: FuzzySets, gradient: FuzzySets, initial: FuzzySets, by: Row) -> FuzzySets:
+def _moved(sets: Sets, gradient: Sets, initial: Sets, by: Row) -> Sets:
     """The sets with their inner centres moved, as far as they may go."""
     _, *inner, _ = zip(sets.centres, gradient.centres, strict=True)
     first, *_, last = sets.centres
@@ -213,19 +207,25 @@ def _moved(sets: FuzzySets, gradient: FuzzySets, initial: FuzzySets, by: Row) ->
     return sets._replace(centres=(first, *moved, last))
 
 
-def _overlapping(sets: FuzzySets, initial: FuzzySets) -> FuzzySets:
+def _overlapping(sets: Sets, initial: Sets) -> Sets:
     """The sets with widths that are neither too small for their neighbours nor too large for the universe."""
     first, *_, last = sets.centres
-    # What each set needs of the gap before it, and of the gap after it.
-    before: list[Row] = [0.0]
+    first_width, *_ = initial.widths
+    # What each set needs of the gap after it, and the next one of the same gap; on a circle the first follows the last.
     after: list[Row] = []
-    gaps = itertools.pairwise(sets.centres)
-    for (low, high), (left, right) in zip(gaps, itertools.pairwise(initial.widths), strict=True):
-        share = _OVERLAP * (high - low) / (left + right)
+    before: list[Row] = []
+    for gap, (left, right) in zip(sets.gaps, itertools.pairwise((*initial.widths, first_width)), strict=False):
+        share = _OVERLAP * gap / (left + right)
         after.append(share * left)
         before.append(share * right)
+    if len(after) < len(sets.widths):
+        after.append(0.0)
+        before.append(0.0)
+    *of_others, of_first = before
     widths = [
         _held(width, maximum(of_low, of_high), maximum(begun, last - first))
-        for width, begun, of_low, of_high in zip(sets.widths, initial.widths, before, [*after, 0.0], strict=True)
+        for width, begun, of_low, of_high in zip(
+            sets.widths, initial.widths, [of_first, *of_others], after, strict=True
+        )
     ]
     return sets._replace(widths=tuple(widths))

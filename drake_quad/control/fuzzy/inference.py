@@ -11,7 +11,8 @@ choice of a set on each. A product of memberships is normalised input by input: 
 μ̃ = μ / Σ μ the firing strengths are W_ij = q μ̲̃_1i μ̲̃_2j + (1 - q) μ̄̃_1i μ̄̃_2j, their sum is one, τ_f = Fᵀ W, and the
 cost of the memberships grows with the sum of the sets, not with their product.
 
-Outside all sets (10) is 0 / 0: inputs are clamped to the universe, from the first centre to the last.
+Outside all sets (10) is 0 / 0: inputs are clamped to the universe, from the first centre to the last. An input that
+goes around a circle has no ends, and x - c is taken the short way around it.
 """
 
 import itertools
@@ -19,7 +20,7 @@ import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
-from drake_quad.framework.elementary import exp, log, maximum, minimum, where
+from drake_quad.framework.elementary import exp, log, maximum, minimum, nearest, where
 from drake_quad.signals import Number, Row
 
 # Logarithms are of nothing smaller, and of nothing between this and one.
@@ -39,6 +40,45 @@ class FuzzySets(NamedTuple):
     centres: tuple[Number, ...] = (-1.0, 0.0, 1.0)
     widths: tuple[Number, ...] = (1.0, 1.0, 1.0)
 
+    def distances(self, value: Row) -> list[Row]:
+        """The distances u of an input from all sets, with x held within the universe."""
+        first, *_, last = self.centres
+        x = minimum(maximum(self.scale * value, first), last)
+        return [(x - c) * (1.0 / d) for c, d in zip(self.centres, self.widths, strict=True)]
+
+    @property
+    def gaps(self) -> list[Row]:
+        """From each centre to the next."""
+        return [high - low for low, high in itertools.pairwise(self.centres)]
+
+
+class CircularSets(NamedTuple):
+    """The sets of an input that goes around a circle: its values 0 and 1 are one place.
+
+    Attributes:
+        scale: that the input is multiplied with, and so the circumference of the circle of sets.
+        centres: c of each set, ascending, less than a turn apart.
+        widths: d of each set.
+    """
+
+    scale: Row = 1.0
+    centres: tuple[Number, ...] = (0.0, 1.0 / 3.0, 2.0 / 3.0)
+    widths: tuple[Number, ...] = (1.0 / 3.0, 1.0 / 3.0, 1.0 / 3.0)
+
+    def distances(self, value: Row) -> list[Row]:
+        """The distances u of an input from all sets, the short way around the circle."""
+        turns = [value - c * (1.0 / self.scale) for c in self.centres]
+        return [(turn - nearest(turn)) * (self.scale * (1.0 / d)) for turn, d in zip(turns, self.widths, strict=True)]
+
+    @property
+    def gaps(self) -> list[Row]:
+        """From each centre to the next, and from the last to the first."""
+        first, *_ = self.centres
+        return [high - low for low, high in itertools.pairwise((*self.centres, first + self.scale))]
+
+
+Sets = FuzzySets | CircularSets
+
 
 class Antecedents(NamedTuple):
     """All that the firing strengths depend on.
@@ -53,7 +93,7 @@ class Antecedents(NamedTuple):
     a1: Number = 1.2
     a2: Number = 0.8
     q: Number = 0.5
-    inputs: tuple[FuzzySets, ...] = (FuzzySets(), FuzzySets())
+    inputs: tuple[Sets, ...] = (FuzzySets(), FuzzySets())
 
     @property
     def num_rules(self) -> int:
@@ -88,14 +128,9 @@ def firing_strengths(values: Sequence[Row], antecedents: Antecedents) -> tuple[R
     return tuple([math.prod(of_upper, start=1.0 - q) + math.prod(of_lower, start=q) for of_upper, of_lower in rules])
 
 
-def shares(value: Row, sets: FuzzySets, exponent: Row) -> list[Row]:
+def shares(value: Row, sets: Sets, exponent: Row) -> list[Row]:
     """The membership μ̃ of an input in each of its sets, over their sum."""
-    first, *_, last = sets.centres
-    x = minimum(maximum(sets.scale * value, first), last)
-    values = [
-        elliptic_membership((x - centre) * (1.0 / width), exponent)
-        for centre, width in zip(sets.centres, sets.widths, strict=True)
-    ]
+    values = [elliptic_membership(u, exponent) for u in sets.distances(value)]
     factor = 1.0 / total(values)
     return [factor * value for value in values]
 

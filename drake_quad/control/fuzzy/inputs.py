@@ -2,7 +2,8 @@
 
 `error`, `error_rate` and `disturbance` are e, ė and the estimated d on the axis on which the network acts. `x` to `v_z`
 are position and velocity in W, as measured: what is learned over them is a map of the room. `phase` is how much of its
-route, or of a lap of it, the vehicle should have flown, from 0 to 1: what is learned over it is a schedule.
+route, or of a lap of it, the vehicle should have flown, from 0 to 1: what is learned over it is a schedule. Where a lap
+ends the next one begins, so that its sets stand around a circle.
 """
 
 import itertools
@@ -11,7 +12,7 @@ from typing import Any, Literal
 
 from drake_quad.control.axes import Axis
 from drake_quad.framework.elementary import maximum, minimum, nearest, where
-from drake_quad.signals import Row
+from drake_quad.signals import Row, State
 
 InputName = Literal["error", "error_rate", "x", "y", "z", "v_x", "v_y", "v_z", "phase", "disturbance"]
 
@@ -45,6 +46,13 @@ def input_values(
             on_own_axis = name in _ON_OWN_AXIS
             values.append(getattr(signals[name if on_own_axis else "measurement"], axis if on_own_axis else name))
     return values
+
+
+def moved_on(measurement: State, lead: Row) -> State:
+    """What is measured, with the position to which the velocity leads in a time (s)."""
+    x, y, z = measurement.x, measurement.y, measurement.z
+    v_x, v_y, v_z = measurement.v_x, measurement.v_y, measurement.v_z
+    return measurement._replace(x=x + lead * v_x, y=y + lead * v_y, z=z + lead * v_z)
 
 
 def route_phase(time: Row, lap_times: Sequence[float]) -> Row:

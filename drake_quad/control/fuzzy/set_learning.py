@@ -8,6 +8,7 @@ from drake_quad.control.fuzzy.adaptation import AdaptationRates, Part, adapted, 
 from drake_quad.control.fuzzy.inference import Antecedents
 from drake_quad.control.fuzzy.inputs import InputName, input_values, signals_of
 from drake_quad.control.fuzzy.systems import (
+    UNCONNECTED,
     LearningNumbers,
     PerNetworkAxis,
     counted,
@@ -120,7 +121,8 @@ class SetLearning(FleetSystem):
         first, *_ = numbers.antecedents
         weights = self.input("weights", layout=layout_on_axes(len(axes), first.num_rules))
         signal_of, ports = signal_and_ports(learns_from)
-        signals = [self.input(name) for name in dict.fromkeys([*ports, *signals_of(inputs)])]
+        names = dict.fromkeys([*ports, *signals_of(inputs)])
+        signals = [self.input(name, absent=UNCONNECTED.get(name)) for name in names]
         antecedents = self.state(
             "antecedents", lambda numbers: numbers.antecedents, layout=layout_of_antecedents(numbers.antecedents)
         )

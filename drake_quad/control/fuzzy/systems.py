@@ -8,12 +8,12 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.control.axes import Axis
 from drake_quad.control.fuzzy.inference import Antecedents, firing_strengths
-from drake_quad.control.fuzzy.inputs import InputName, input_values, signals_of
+from drake_quad.control.fuzzy.inputs import InputName, input_values, moved_on, signals_of
 from drake_quad.control.fuzzy.laws import CovarianceLaw, Limits, Rows, dot, trace
 from drake_quad.framework.elementary import exp, maximum, minimum, nearest, where
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import Layout, layout_of
-from drake_quad.signals import SIGNALS, Acceleration, PositionError, PositionErrorRate, Row
+from drake_quad.signals import SIGNALS, Acceleration, PositionError, PositionErrorRate, Row, Time
 
 # What is known of a network on each of its axes.
 PerNetworkAxis = tuple[Rows, ...]
@@ -56,9 +56,47 @@ def firing_on_axes(
     )
 
 
+class Lead(NamedTuple):
+    """By which time what is done about a place comes before it."""
+
+    time: Time
+
+
+def firing_ahead_on_axes(
+    lead: Lead,
+    antecedents: tuple[Antecedents, ...],
+    axes: Sequence[Axis],
+    inputs: Sequence[InputName],
+    time: Row,
+    lap_times: Sequence[float],
+    *signals: Any,
+) -> PerNetworkAxis:
+    """The firing strengths of the place and the phase where the vehicle will be after a lead.
+
+    The other arguments are those of `firing_on_axes`.
+    """
+    ahead = [
+        moved_on(signal, lead.time) if name == "measurement" else signal
+        for name, signal in zip(signals_of(inputs), signals, strict=True)
+    ]
+    return firing_on_axes(antecedents, axes, inputs, time + lead.time, lap_times, *ahead)
+
+
 def _for_each(axes: Sequence[Axis], antecedents: tuple[Antecedents, ...]) -> tuple[Antecedents, ...]:
     """The antecedents on each axis; one for all of them stands for as many."""
     return antecedents * len(axes) if len(antecedents) == 1 else antecedents
+
+
+class RulesNumbers(NamedTuple):
+    """Of a `FuzzyRules`.
+
+    Attributes:
+        antecedents: for all axes, or for each.
+        lead: of no meaning if the network does not lead.
+    """
+
+    antecedents: tuple[Antecedents, ...] = (Antecedents(),)
+    lead: Lead = Lead(0.0)
 
 
 @fleet_system(float, AutoDiffXd)
@@ -73,12 +111,15 @@ class FuzzyRules(FleetSystem):
         - error_rate
         output_ports:
         - firing
+        - firing_ahead
 
-    The ports are the signals from which the inputs of the rules follow: `error`, `error_rate`, `measurement`,
+    The input ports are the signals from which the inputs of the rules follow: `error`, `error_rate`, `measurement`,
     `disturbance`. `firing` has the normalised firing strengths, R rows for each axis of the network, one axis after
-    another.
+    another. `firing_ahead` is there if the network leads: those of where the vehicle will be, by its measured velocity,
+    and of the phase that there will be, after a time.
 
-    The only parameter of the context is `antecedents`; where they learn, they are an input, from a `SetLearning`.
+    The parameters of the context are `antecedents` and, if the network leads, `lead`; where antecedents learn, they are
+    an input, from a `SetLearning`.
 
     Args:
         num_vehicles: N.
@@ -86,7 +127,8 @@ class FuzzyRules(FleetSystem):
         inputs: of the rules, see `drake_quad.control.fuzzy.inputs`.
         lap_times: when the laps of the route begin and the last one ends, s; needed for the phase only.
         adaptive: whether the antecedents learn.
-        numbers: antecedents of the rules, for all axes or for each.
+        leads: whether there is a lead.
+        numbers: of the rules.
     """
 
     def declare(
@@ -96,20 +138,24 @@ class FuzzyRules(FleetSystem):
         inputs: Sequence[InputName] = ("error", "error_rate"),
         lap_times: Sequence[float] = (),
         adaptive: bool = False,
-        numbers: tuple[Antecedents, ...] = (Antecedents(),),
+        leads: bool = False,
+        numbers: RulesNumbers = RulesNumbers(),
     ) -> None:
         """Declares the system."""
         axes, inputs = tuple(axes), tuple(inputs)
         signals = [self.input(name) for name in signals_of(inputs)]
         antecedents: Any
         if adaptive:
-            antecedents = self.input("antecedents", layout=layout_of_antecedents(_for_each(axes, numbers)))
+            antecedents = self.input("antecedents", layout=layout_of_antecedents(_for_each(axes, numbers.antecedents)))
         else:
-            antecedents = self.parameter("antecedents", lambda antecedents: antecedents)
-        first, *_ = numbers
+            antecedents = self.parameter("antecedents", lambda numbers: numbers.antecedents)
+        first, *_ = numbers.antecedents
         time, layout = TIME if "phase" in inputs else 0.0, layout_on_axes(len(axes), first.num_rules)
         reads = antecedents, axes, inputs, time, tuple(lap_times), *signals
         self.output("firing", firing_on_axes, *reads, layout=layout)
+        if leads:
+            lead = self.parameter("lead", lambda numbers: numbers.lead)
+            self.output("firing_ahead", firing_ahead_on_axes, lead, *reads, layout=layout)
 
 
 class LearningNumbers(NamedTuple):
@@ -134,20 +180,25 @@ def surface(axis: Axis, numbers: LearningNumbers, error: PositionError, rate: Po
     return sliding
 
 
-def feedback(axis: Axis, numbers: LearningNumbers, pd: Acceleration) -> Row:
-    """What the controller's own feedback τ_c commands on an axis, m/s².
+def feedback(axis: Axis, numbers: LearningNumbers, pd: Acceleration, disturbance: Acceleration) -> Row:
+    """All that the controller's own feedback commands on an axis, τ_c - d, m/s².
 
-    Like s_p it asks for more while the correction takes away too much: by τ = τ_c - τ_f the network has learned all
-    there is when τ_c is zero (feedback-error learning: M. Kawato, K. Furukawa and R. Suzuki, "A hierarchical
-    neural-network model for control and learning of voluntary movement", Biological Cybernetics 57, 1987).
+    Like s_p it asks for more while the correction takes away too much: by τ = τ_c - τ_f - d the network has learned all
+    there is when the rest is zero (feedback-error learning: M. Kawato, K. Furukawa and R. Suzuki, "A hierarchical
+    neural-network model for control and learning of voluntary movement", Biological Cybernetics 57, 1987). An estimate
+    d is feedback, too: it is of what the network has not learned yet, and there before the error is.
     """
-    commanded: Row = getattr(pd, axis)
+    commanded: Row = getattr(pd, axis) - getattr(disturbance, axis)
     return commanded
 
 
 def signal_and_ports(learns_from: Literal["surface", "feedback"]) -> tuple[Callable[..., Row], tuple[str, ...]]:
     """The formula of what a network learns from, and the names of the signals that it is made of."""
-    return (surface, ("error", "error_rate")) if learns_from == "surface" else (feedback, ("pd",))
+    return (surface, ("error", "error_rate")) if learns_from == "surface" else (feedback, ("pd", "disturbance"))
+
+
+# What a system that learns takes for a signal that is not connected: most controllers estimate no disturbance.
+UNCONNECTED = {"disturbance": Acceleration(0.0, 0.0, 0.0)}
 
 
 def learned(
@@ -224,17 +275,23 @@ class WeightLearning(FleetSystem):
         name: WeightLearning
         input_ports:
         - firing
+        - firing_ahead
         - error
         - error_rate
         output_ports:
         - correction
+        - learned_disturbance
         - weights
         - covariance_trace
 
     `correction` is τ_f = Fᵀ W of the `firing` strengths from `FuzzyRules`, zero on axes that the network does not have.
     The weights F learn at every tick from s_p = ė + λ e, eq (15), of `error` and `error_rate`; or from the feedback,
-    with the input `pd` in their place. `weights` shows F in the order of `firing`; `covariance_trace`, with the law
-    that has one, a row for each axis.
+    with the inputs `pd` and `disturbance` in their place, of which the latter is zero if not connected. `weights` shows
+    F in the order of `firing`; `covariance_trace`, with the law that has one, a row for each axis.
+
+    If the network leads, `correction` is that of `firing_ahead`: what a controller commands now acts only later. The
+    weights learn by `firing`, and `learned_disturbance` is Fᵀ W of it: what disturbs the vehicle now, as far as it has
+    been learned.
 
     The states are `weights` and the memory of the law, under its name, if it has one. The only parameter of the context
     is `learning`.
@@ -247,6 +304,7 @@ class WeightLearning(FleetSystem):
         learns_from: "surface" or "feedback".
         reset_times: at which the memory of the law begins anew, s: at the first tick from then on.
         initial_weights: F of the rules on each axis at the beginning, m/s², if they are not all the same.
+        leads: whether the network leads.
         numbers: to learn by.
     """
 
@@ -259,6 +317,7 @@ class WeightLearning(FleetSystem):
         learns_from: Literal["surface", "feedback"] = "surface",
         reset_times: Sequence[float] = (),
         initial_weights: PerNetworkAxis = (),
+        leads: bool = False,
         numbers: LearningNumbers = LearningNumbers(),
     ) -> None:
         """Declares the system."""
@@ -266,6 +325,7 @@ class WeightLearning(FleetSystem):
         ticks = tuple([math.ceil(time / period - 1e-9) for time in reset_times])
         per_axis = layout_on_axes(len(axes), num_rules)
         firing = self.input("firing", layout=per_axis)
+        ahead = self.input("firing_ahead", layout=per_axis) if leads else firing
         learning = self.parameter("learning", lambda numbers: numbers)
         weights = self.state(
             "weights",
@@ -283,10 +343,12 @@ class WeightLearning(FleetSystem):
             )
             writes = [weights, memory]
         signal_of, ports = signal_and_ports(learns_from)
-        signals = signal_of, *(self.input(name) for name in ports)
+        signals = signal_of, *(self.input(name, absent=UNCONNECTED.get(name)) for name in ports)
         reads = weights, memory, firing, learning, TIME if ticks else 0.0, axes, period, ticks, *signals
         self.update(period, learned, *reads, writes=writes)
-        self.output("correction", network_output, weights, firing, axes)
+        self.output("correction", network_output, weights, ahead, axes)
+        if leads:
+            self.output("learned_disturbance", network_output, weights, firing, axes)
         self.state_output(weights)
         if law.memory_name == "covariance":
             trace_layout = layout_of(SIGNALS["covariance_trace"], (0.0,) * len(axes))
@@ -304,12 +366,13 @@ def build_fuzzy_network(*, rules: Any, learning: Any, sets: Any = None) -> Diagr
         - error_rate
         output_ports:
         - correction
+        - learned_disturbance
         - weights
         - covariance_trace
 
     It is several systems so that Drake keeps the firing strengths between the output and the learning of a tick. Ports
     are those of its parts; there are others with other inputs of the rules, or where the feedback is learned from, and
-    `antecedents` where they learn.
+    `antecedents` where they learn. There is a `learned_disturbance` if the network leads.
 
     Args:
         rules: a `FuzzyRules`.
@@ -320,7 +383,7 @@ def build_fuzzy_network(*, rules: Any, learning: Any, sets: Any = None) -> Diagr
     parts = {"rules": rules, "learning": learning} | ({} if sets is None else {"sets": sets})
     for name, system in parts.items():
         builder.AddNamedSystem(name, system)
-    inside = {"firing": rules, "weights": learning, "antecedents": sets}
+    inside = {"firing": rules, "firing_ahead": rules, "weights": learning, "antecedents": sets}
     exported: set[str] = set()
     for system in parts.values():
         for port in map(system.get_input_port, range(system.num_input_ports())):
@@ -332,7 +395,8 @@ def build_fuzzy_network(*, rules: Any, learning: Any, sets: Any = None) -> Diagr
             else:
                 builder.ExportInput(port, name)
                 exported.add(name)
-    shown = [(learning, name) for name in ("correction", "weights", "covariance_trace")] + [(sets, "antecedents")]
+    of_learning = ("correction", "learned_disturbance", "weights", "covariance_trace")
+    shown = [(learning, name) for name in of_learning] + [(sets, "antecedents")]
     for system, name in shown:
         if system is not None and system.HasOutputPort(name):
             builder.ExportOutput(system.GetOutputPort(name), name)

@@ -99,6 +99,7 @@ class LinearQuadraticGaussian(FleetSystem):
         - reference_jerk
         - reference_snap
         - correction
+        - learned_disturbance
         output_ports:
         - wrench
         - acceleration_command
@@ -113,9 +114,10 @@ class LinearQuadraticGaussian(FleetSystem):
     them, as an outer loop would; `acceleration_command` is a_r + `pd` less what stands against disturbances, within
     limits. `disturbance` is the estimate of the disturbing acceleration.
 
-    The port `correction` is there if a network is around the controller: an acceleration that is subtracted from what
-    is commanded. It is a known disturbance to the filter from the next frame on, so that `disturbance` is only the
-    rest, and the other outputs follow from it without an algebraic loop.
+    The ports `correction` and `learned_disturbance` are there if a network is around the controller. The first is an
+    acceleration that is subtracted from what is commanded; the second is a known disturbance to the filter from the
+    next frame on, so that `disturbance` is only the rest, and the other outputs follow from it without an algebraic
+    loop. They differ by the network's lead.
 
     The states are `filter`, `sent` and, with the port, `known`. The only parameter of the context is `numbers`.
 
@@ -125,7 +127,7 @@ class LinearQuadraticGaussian(FleetSystem):
         period: h of the frames, s.
         tick: of the control, s; a whole number of frames.
         loses_frames: whether a frame whose x is that of the one before to the bit is taken for a lost one.
-        takes_correction: whether there is the port `correction`.
+        takes_correction: whether there are these two ports.
         numbers: of the controller.
     """
 
@@ -149,7 +151,8 @@ class LinearQuadraticGaussian(FleetSystem):
         if takes_correction:
             correction = self.input("correction", absent=Acceleration(0.0, 0.0, 0.0))
             known = self.state("known", _none)
-            self.update(period, _held, correction, writes=[known])
+            learned = self.input("learned_disturbance", absent=Acceleration(0.0, 0.0, 0.0))
+            self.update(period, _held, learned, writes=[known])
         remembered = measurement, before, sent, known, parameter, period, loses_frames
         wanted = reference, jerk, snap, correction, tick, *remembered
         self.update(period, laws.filter_after, *remembered, writes=[before])

@@ -7,17 +7,29 @@ from hypothesis import strategies as st
 
 from drake_quad import simulate
 from drake_quad.control.fuzzy.adaptation import AdaptationRates, adapted, membership_slopes, output_gradient
-from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, elliptic_membership, firing_strengths
+from drake_quad.control.fuzzy.inference import (
+    Antecedents,
+    CircularSets,
+    FuzzySets,
+    elliptic_membership,
+    firing_strengths,
+)
 from drake_quad.control.fuzzy.laws import GradientLaw, Limits
 from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
-from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning, build_fuzzy_network
+from drake_quad.control.fuzzy.systems import (
+    FuzzyRules,
+    LearningNumbers,
+    RulesNumbers,
+    WeightLearning,
+    build_fuzzy_network,
+)
 from drake_quad.framework.records import layout_of
 
 ALL = ("centres", "widths", "exponents")
 SETS = (
     FuzzySets(1.8, (-1.0, -0.1, 0.5, 1.2), (1.1, 0.9, 1.3, 0.8)),
     FuzzySets(0.7, (-0.9, 0.2, 0.8), (1.2, 1.0, 1.4)),
-    FuzzySets(1.3, (-0.7, 1.1), (1.5, 1.6)),
+    CircularSets(3.9, (-0.7, 1.1), (1.5, 1.6)),
 )
 START = Antecedents(1.4, 0.6, 0.3, SETS)
 
@@ -76,6 +88,8 @@ def test_sets_stay_valid_whatever_is_learned(seed, size):
             assert (np.diff(centres) >= 0.5 * np.diff(before.centres) - 1e-12).all()
             # No place without a set, and so no division by zero.
             assert (widths[:-1] + widths[1:] >= 1.02 * np.diff(centres) - 1e-12).all()
+            if isinstance(before, CircularSets):
+                assert widths[-1] + widths[0] >= 1.02 * (centres[0] + before.scale - centres[-1]) - 1e-12
             assert (widths <= np.maximum(before.widths, np.ptp(centres)) + 1e-12).all()
             assert after.scale == before.scale
         assert sum(firing_strengths(values, sets)) == pytest.approx(1.0, abs=1e-12)
@@ -107,9 +121,9 @@ def test_a_tick_of_the_system_is_a_step_down_the_gradient_on_each_axis(learns_fr
     numbers = AdaptationNumbers(sets, AdaptationRates(0.5, 0.3, 0.2), learning)
     system = SetLearning(num_vehicles=2, axes=("x", "z"), learns_from=learns_from, numbers=numbers)
     rng, context = np.random.default_rng(2), system.CreateDefaultContext()
-    rows = {"error": 3, "error_rate": 3, "pd": 3, "weights": 24}
+    rows = {"error": 3, "error_rate": 3, "pd": 3, "disturbance": 3, "weights": 24}
     given = {name: 0.4 * rng.normal(size=(count, 2)) for name, count in rows.items()}
-    given["pd"][2, 1] = 0.02
+    given["pd"][2, 1] = given["disturbance"][2, 1] + 0.02
     for name, values in given.items():
         if system.HasInputPort(name):
             system.GetInputPort(name).FixValue(context, values.ravel())
@@ -119,8 +133,8 @@ def test_a_tick_of_the_system_is_a_step_down_the_gradient_on_each_axis(learns_fr
     for vehicle in range(2):
         expected = []
         for place, (axis, initial) in enumerate(zip((0, 2), sets, strict=True)):
-            e, rate, pd = (given[name][axis, vehicle] for name in ("error", "error_rate", "pd"))
-            signal = rate + 1.7 * e if learns_from == "surface" else pd
+            e, rate, pd, d = (given[name][axis, vehicle] for name in ("error", "error_rate", "pd", "disturbance"))
+            signal = rate + 1.7 * e if learns_from == "surface" else pd - d
             step = 0.02 * signal if abs(signal) >= 0.05 else 0.0
             weights = given["weights"][12 * place : 12 * (place + 1), vehicle].tolist()
             gradient = output_gradient((float(e), float(rate)), initial, weights)
@@ -134,7 +148,7 @@ def test_a_network_of_sets_that_do_not_move_is_the_plain_one():
 
     def command(**more):
         network = build_fuzzy_network(
-            rules=FuzzyRules(adaptive=bool(more), numbers=(sets,)),
+            rules=FuzzyRules(adaptive=bool(more), numbers=RulesNumbers((sets,))),
             learning=WeightLearning(num_rules=12, numbers=numbers),
             **more,
         )

@@ -5,7 +5,13 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, elliptic_membership, firing_strengths
+from drake_quad.control.fuzzy.inference import (
+    Antecedents,
+    CircularSets,
+    FuzzySets,
+    elliptic_membership,
+    firing_strengths,
+)
 
 uppers, lowers = st.floats(1.001, 3.0), st.floats(0.1, 0.999)
 shares = st.floats(0.0, 1.0)
@@ -131,3 +137,15 @@ def test_each_vehicle_of_a_fleet_may_have_its_own_network():
         sets = FuzzySets(scale[i], (-1.0, 0.0, 1.0), (width[i],) * 3)
         alone = firing_strengths((error[i], rate[i]), Antecedents(a1[i], a2[i], q[i], (sets, sets)))
         np.testing.assert_allclose(fleet[:, i], alone, rtol=1e-12, atol=1e-15)
+
+
+@pytest.mark.parametrize("value", [-0.3, 0.0, 0.31, 0.9, 0.97, 1.0, 4.2])
+def test_around_a_circle_counts_the_short_way(value):
+    """Fired by the angle between directions in the plane; 0 and 1 are one place, whatever the scale."""
+    scale, centres, widths, a1, a2, q = 2.5, (0.2, 1.1, 2.3), (1.4, 1.1, 1.3), 1.3, 0.7, 0.4
+    towards = np.exp(2j * np.pi * np.array([value, *np.array(centres) / scale]))
+    u = np.abs(np.angle(towards[1:] / towards[0])) * scale / (2.0 * np.pi) / widths
+    strengths = [np.where(u < 1.0, (1.0 - np.minimum(u, 1.0) ** a) ** (1.0 / a), 0.0) for a in (a1, a2)]
+    expected = (1.0 - q) * strengths[0] / strengths[0].sum() + q * strengths[1] / strengths[1].sum()
+    found = firing_strengths((value,), Antecedents(a1, a2, q, (CircularSets(scale, centres, widths),)))
+    np.testing.assert_allclose(found, expected, atol=1e-9)

@@ -9,7 +9,7 @@ from pydrake.autodiffutils import InitializeAutoDiff
 
 from drake_quad import load_scenario
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
-from drake_quad.control.fuzzy.inputs import input_values, route_phase, signals_of
+from drake_quad.control.fuzzy.inputs import input_values, moved_on, route_phase, signals_of
 from drake_quad.scenario import Batch
 from drake_quad.signals import Acceleration, PositionError, PositionErrorRate, State
 
@@ -63,6 +63,13 @@ def test_four_inputs_fire_by_the_products_of_their_memberships():
         assert sum(firing) == pytest.approx(1.0, abs=1e-14)
 
 
+def test_what_is_ahead_is_where_the_velocity_leads():
+    """And nothing else is moved: attitude, velocity and rates are those of now."""
+    here, ahead = np.array(SIGNALS["measurement"]), np.array(moved_on(SIGNALS["measurement"], 0.2))
+    np.testing.assert_allclose(ahead[:3], [1.0 + 0.2 * 7.0, 2.0 + 0.2 * 8.0, 3.0 + 0.2 * 9.0], rtol=1e-15)
+    np.testing.assert_array_equal(ahead[3:], here[3:])
+
+
 def test_the_phase_has_the_derivative_of_time():
     (time,) = InitializeAutoDiff(np.array([5.0])).ravel()
     assert route_phase(time, (1.0, 4.0, 6.0)).derivatives() == pytest.approx([0.5])
@@ -76,16 +83,18 @@ def test_a_schedule_over_the_phase_is_flown_alike_compiled_and_as_it_is_wired(di
         [
             "route={kind: lissajous, amplitude: [0.0001, 0.0, 0.0], period: 0.32, laps: 4}",
             "metrics={first_lap: 2}",
-            "control.network={kind: type_1, inputs: {phase: {centres: [0, 0.5, 1], widths: [0.5, 0.5, 0.5]}, v_x: {}},"
-            " learning: {kind: gradient, signal: feedback, rate: 20.0}}",
+            "control.network={kind: type_1,"
+            " inputs: {phase: {centres: [0, 0.4, 0.7], widths: [0.35, 0.45, 0.35]}, v_x: {}},"
+            " lead: 0.03, learning: {kind: gradient, signal: feedback, rate: 20.0}}",
         ],
     )
     flight, _ = assert_flown_alike(Batch.draw(scenario, [3, 0]))
     on_x, _ = np.split(flight["weights"], 2, axis=1)
     # Rules take v_x before the phase.
     change = np.abs(np.diff(on_x, axis=0)).reshape(-1, 3, 3).sum(axis=1)
-    # Ticks are 20 ms, so that 16 are a lap: early in it the last set learns nothing, late in it the first.
+    # Ticks are 20 ms, so that 16 are a lap: amid it the first set learns nothing, but at both its ends.
     phase = (np.arange(len(change)) % 16) / 16.0
-    assert change[phase < 0.5, 2].max() == 0.0 < change[phase > 0.5, 2].max()
-    assert change[phase >= 0.5, 0].max() == 0.0 < change[phase < 0.5, 0].max()
+    amid, late, early = (phase > 0.36) & (phase < 0.64), phase > 0.66, phase < 0.34
+    assert change[amid, 0].max() == 0.0 < min(change[late, 0].max(), change[early, 0].max())
+    assert change[early & (phase > 0.06), 2].max() == 0.0 < min(change[amid, 2].max(), change[phase < 0.04, 2].max())
     assert len(change) > 48

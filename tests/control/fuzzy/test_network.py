@@ -10,7 +10,13 @@ from pydrake.trajectories import PiecewisePolynomial
 from drake_quad import load_scenario, simulate
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets, firing_strengths
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, SignLaw
-from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning, build_fuzzy_network
+from drake_quad.control.fuzzy.systems import (
+    FuzzyRules,
+    LearningNumbers,
+    RulesNumbers,
+    WeightLearning,
+    build_fuzzy_network,
+)
 from drake_quad.studies.comparison import fly_samples
 
 H = 0.02
@@ -50,7 +56,7 @@ def driven(network, inputs, ticks, num_vehicles=1):
 def waves(rng, num_vehicles):
     """Trajectories of the three inputs that wander through the sets."""
     times = np.linspace(0.0, 2.0, 9)
-    names = ("error", "error_rate", "pd")
+    names = ("error", "error_rate", "pd", "disturbance")
     return {
         name: PiecewisePolynomial.CubicShapePreserving(times, rng.normal(size=(3 * num_vehicles, 9)) * 0.6)
         for name in names
@@ -62,15 +68,26 @@ LAWS = [CovarianceLaw(0.8, 30.0), CovarianceLaw(0.8, 30.0, 0.99), GradientLaw(3.
 
 @pytest.mark.parametrize("law", LAWS)
 @pytest.mark.parametrize(
-    ("axes", "learns_from"), [(("x", "y"), "surface"), (("x", "z"), "feedback"), (("y",), "surface")]
+    ("axes", "learns_from", "estimates"),
+    [
+        (("x", "y"), "surface", True),
+        (("x", "z"), "feedback", True),
+        (("x", "z"), "feedback", False),
+        (("y",), "surface", True),
+    ],
 )
-def test_the_diagram_is_the_mathematics(law, axes, learns_from):
-    """Tick by tick, by the law as it is written: the correction of a tick is that of the weights before it."""
+def test_the_diagram_is_the_mathematics(law, axes, learns_from, estimates):
+    """Tick by tick, by the law as it is written: the correction of a tick is that of the weights before it.
+
+    Of a controller without an estimate the feedback is that of its PD.
+    """
     rng = np.random.default_rng(3)
     inputs, sets = waves(rng, 1), Antecedents(1.3, 0.7, 0.4, (FuzzySets(1.5), FuzzySets(0.7)))
     numbers = LearningNumbers(slope=1.7, law=law, initial_weight=0.2)
     learning = WeightLearning(axes=axes, learns_from=learns_from, numbers=numbers)
-    network = build_fuzzy_network(rules=FuzzyRules(axes=axes, numbers=(sets,)), learning=learning)
+    network = build_fuzzy_network(rules=FuzzyRules(axes=axes, numbers=RulesNumbers((sets,))), learning=learning)
+    if not estimates:
+        del inputs["disturbance"]
     _, found = driven(network, inputs, 80)
     for axis in axes:
         i = "xyz".index(axis)
@@ -79,7 +96,8 @@ def test_the_diagram_is_the_mathematics(law, axes, learns_from):
             e, rate, pd = (float(inputs[name].value(tick * H)[i, 0]) for name in ("error", "error_rate", "pd"))
             firing = firing_strengths((e, rate), sets)
             assert found[tick, i, 0] == pytest.approx(np.dot(firing, weights), abs=1e-12)
-            signal = rate + 1.7 * e if learns_from == "surface" else pd
+            d = float(inputs["disturbance"].value(tick * H)[i, 0]) if estimates else 0.0
+            signal = rate + 1.7 * e if learns_from == "surface" else pd - d
             weights, memory = law.learned(weights, memory, firing, signal, H)
     others = [i for i in range(3) if "xyz"[i] not in axes]
     np.testing.assert_array_equal(found[:, others], 0.0)
@@ -97,7 +115,9 @@ def test_a_fleet_learns_as_its_vehicles_do():
         sets = Antecedents(pick(rows["a1"]), 0.7, pick(q), (FuzzySets(pick(scale)), FuzzySets(0.7)))
         law = CovarianceLaw(pick(rows["gain"]), 30.0)
         learning = WeightLearning(num_vehicles=count, numbers=LearningNumbers(slope=pick(slope), law=law))
-        return build_fuzzy_network(rules=FuzzyRules(num_vehicles=count, numbers=(sets,)), learning=learning)
+        return build_fuzzy_network(
+            rules=FuzzyRules(num_vehicles=count, numbers=RulesNumbers((sets,))), learning=learning
+        )
 
     _, fleet = driven(network(lambda row: row, n), inputs, 60, n)
     for i in (0, 7, 39):
