@@ -1,5 +1,6 @@
 """Model predictive control of a scenario: what stands beside its linear-quadratic-Gaussian controller."""
 
+import itertools
 import math
 from collections.abc import Sequence
 from typing import NamedTuple
@@ -59,9 +60,7 @@ def _preview(plan: Plan, tick: float) -> tuple[Preview, ...]:
     instants = tick * np.arange(-1, math.ceil(plan.path.times[-1] / tick) + 2)
     rows = trajectory.vector_values(np.clip(instants, trajectory.start_time(), trajectory.end_time()))
     shown = [layout.build(row) for row in rows.T.tolist()]
-    return tuple(
-        [Preview(now.reference, now.jerk, now.snap, before.snap) for before, now in zip(shown, shown[1:], strict=False)]
-    )
+    return tuple([Preview(now.reference, now.jerk, now.snap, before.snap) for before, now in itertools.pairwise(shown)])
 
 
 def _corridor(corridor: Tube | Room | None) -> Corridor:

@@ -45,7 +45,7 @@ class Room(_Corridor):
 
 
 class MpcControl(LqgControl):
-    """A Kalman filter and a regulator that keeps to its limits over a horizon; it believes in `nominal`."""
+    """A Kalman filter and a regulator that keeps to its limits over a horizon; the same for all vehicles of a fleet."""
 
     kind: Literal["mpc"]  # type: ignore[assignment]
     horizon: Annotated[float, Field(gt=0.0, le=4.0)] = Field(

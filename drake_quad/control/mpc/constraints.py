@@ -148,7 +148,7 @@ def vertical_constraints(regulator: Regulator, horizon: Horizon) -> Iterator[Con
     most = np.sqrt(np.maximum(largest**2 - level, least**2))
     for sign, limit in ((1.0, most - limits.gravity), (-1.0, limits.gravity - least)):
         share = sign / limits.gravity
-        left = limit / limits.gravity - share * forward.z
+        left = np.subtract(limit / limits.gravity, share * forward.z)
         yield _sum(axis.command(), (share,), left=left, shift=(0.0, 0.0, share))
     yield from _walls(axis, (1.0,), "z", horizon)
 
@@ -160,13 +160,8 @@ def _walls(axis: Prediction, along: Sequence[float], name: str, horizon: Horizon
     place = axis.state(type(horizon.numbers.vertical.K)._fields.index("position"))
     for sign, walls in ((1.0, corridor.upper), (-1.0, corridor.lower)):
         if np.isfinite(wall := getattr(walls, name)):
-            left: np.ndarray = sign * (wall - position)
-            yield _sum(
-                place,
-                [sign * share for share in along],
-                left=left,
-                slack=Slack(f"corridor along {name}", corridor.weight),
-            )
+            left, slack = np.multiply(sign, wall - position), Slack(f"corridor along {name}", corridor.weight)
+            yield _sum(place, [sign * share for share in along], left=left, slack=slack)
 
 
 def _forward(horizon: Horizon) -> Command:
