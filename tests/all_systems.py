@@ -30,9 +30,11 @@ from drake_quad.control.geometric import GeometricAttitudeController
 from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.lqg.chains import AttitudeChain, TorqueChain, VerticalChain
-from drake_quad.control.lqg.design import AxisLoop
+from drake_quad.control.lqg.design import AxisLoop, Regulator
 from drake_quad.control.lqg.laws import LqgNumbers, TargetNumbers, ThrustNumbers, TorqueNumbers
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
+from drake_quad.control.mpc.constraints import Corridor, Preview
+from drake_quad.control.mpc.system import PredictiveProgramme
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
 from drake_quad.framework.broadcast import Broadcast
@@ -51,7 +53,7 @@ from drake_quad.randomness.noise import NoiseSource, Samples, Stream, random_str
 from drake_quad.randomness.streams import Kind
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
-from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, State, Wind, Wrench
+from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, Jerk, Reference, Snap, State, Wind, Wrench
 from drake_quad.vehicle.aerodynamics import (
     BodyDrag,
     CentreOfPressure,
@@ -239,6 +241,30 @@ WITH_TORQUES = LqgNumbers(
 WITH_TARGETS = LqgNumbers(
     _loop(AttitudeChain, 2, 1, 3), _loop(VerticalChain, 1, 1, 4), BELIEVED, None, TargetNumbers(0.2, 0.03)
 )
+
+
+def _regulator(loop: AxisLoop) -> Regulator:
+    """A stable one, of which no two numbers are alike."""
+    count = len(loop.K) + len(loop.K_pending)
+    rng = np.random.default_rng(count)
+    A = np.eye(count) * 0.7 + rng.uniform(0.0, 0.2 / count, (count, count))
+    B, K = rng.uniform(0.1, 0.2, count), rng.uniform(0.01, 0.1, count)
+    return Regulator(tuple(map(tuple, A.tolist())), tuple(B.tolist()), tuple(K.tolist()), 0.3)
+
+
+LOOKING_AHEAD: dict[str, Any] = {
+    "believed": WITH_TORQUES,
+    "lateral": _regulator(WITH_TORQUES.lateral),
+    "vertical": _regulator(WITH_TORQUES.vertical),
+    "preview": (
+        Preview(
+            Reference(*[0.1 * i for i in range(11)]), Jerk(0.1, 0.2, 0.3), Snap(0.1, 0.2, 0.3, 0.4), Snap(*[0.0] * 4)
+        ),
+    ),
+    "num_ticks": 4,
+    "corridor": Corridor(PerAxis(-0.3, -0.4, -np.inf), PerAxis(0.2, np.inf, 0.1), moves=True, weight=20.0),
+}
+TARGETED = {"lateral": _regulator(WITH_TARGETS.lateral), "vertical": _regulator(WITH_TARGETS.vertical)}
 NEAR_GROUND = Effects(ground_effect=GroundEffect(0.11, 0.05))
 FLEET_SYSTEMS = [
     Example(Allocation, RotorModel.of(VEHICLE.parameters)),
@@ -268,12 +294,23 @@ FLEET_SYSTEMS = [
     Example(IncrementalAttitudeController, INCREMENTAL, num_vehicles=2),
     Example(SineWind, SineNumbers(Wind(1.0, 2.0, 3.0), 1.1, 2.2)),
     Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), num_vehicles=2),
-    Example(LinearQuadraticGaussian, WITH_TORQUES, {"takes_correction": True, "loses_frames": True}, num_vehicles=2),
+    Example(
+        LinearQuadraticGaussian, WITH_TORQUES, {"takes_correction": True, "takes_perturbation": True}, num_vehicles=2
+    ),
+    Example(
+        LinearQuadraticGaussian,
+        WITH_TORQUES,
+        {"takes_correction": True, "loses_frames": True},
+        num_vehicles=2,
+        whole=False,
+    ),
     Example(LinearQuadraticGaussian, WITH_TARGETS, {"signal": "attitude_target", "period": 0.005}, whole=False),
     Example(MotionCapture, CAMERAS, ALL_ERRORS, num_vehicles=2),
     Example(MotionCapture, CAMERAS, ALL_ERRORS),
     Example(MotionCapture, CAMERAS, whole=False),
     Example(NoiseSource, SAMPLES, {"streams": STREAMS}, num_vehicles=2),
+    Example(PredictiveProgramme, structure=LOOKING_AHEAD, num_vehicles=2),
+    Example(PredictiveProgramme, structure={**LOOKING_AHEAD, "believed": WITH_TARGETS, **TARGETED}),
     Example(ProportionalDerivative, GAINS, {"feeds_forward": True}),
     Example(Quadrotor, VEHICLE, {"faulty": True}, whole=False),
     Example(Quadrotor, AFFECTED, {"faulty": True, "effects": AFFECTED.effects.names}),

@@ -25,6 +25,7 @@ from drake_quad.control.geometric import GeometricAttitudeController
 from drake_quad.control.incremental_attitude import IncrementalAttitudeController
 from drake_quad.control.integral import IntegralCorrection
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
+from drake_quad.control.mpc.system import PredictiveProgramme
 from drake_quad.control.position import ProportionalDerivative
 from drake_quad.control.thrust_vectoring import ThrustVectoring
 from drake_quad.framework.broadcast import Broadcast
@@ -302,6 +303,7 @@ DEFAULTS = {
         "tick": 0.02,
         "loses_frames": False,
         "takes_correction": False,
+        "takes_perturbation": False,
     },
     MotionCapture: {
         "period": 0.01,
@@ -313,6 +315,12 @@ DEFAULTS = {
         "numbers": (0.0, 0.0, 0.0, (0.0, 0.0, 0.0), 0.0, 0.0),
     },
     NoiseSource: {},
+    PredictiveProgramme: {
+        "tick": 0.02,
+        "num_ticks": 30,
+        "corridor": ((-math.inf,) * 3, (math.inf,) * 3, True, 1.0),
+        "tilt_weight": 10.0,
+    },
     ProportionalDerivative: {"derivative": "tracking_error", "feeds_forward": False},
     Quadrotor: {
         "time_step": 0.01,

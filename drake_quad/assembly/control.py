@@ -8,6 +8,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 
 from drake_quad.assembly.lqg import build_lqg_control, lqg_recipes
+from drake_quad.assembly.mpc import mpc_recipes
 from drake_quad.assembly.planning import nominal_parameters
 from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
@@ -38,6 +39,7 @@ from drake_quad.errors import InputError
 from drake_quad.framework.records import layout_of
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario
+from drake_quad.scenario.lqg import LqgControl
 from drake_quad.scenario.quantities import can_differ_from_zero
 from drake_quad.vehicle.parameters import Inertia
 
@@ -50,8 +52,10 @@ def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
         plan: that is flown.
     """
     scenario, fleet = batch.scenario, FleetScenario(batch)
-    if scenario.control.kind == "lqg":
-        return {**lqg_recipes(batch), **_network(scenario, fleet.control.network, plan)}
+    if isinstance(scenario.control, LqgControl):
+        recipes = lqg_recipes(batch)
+        recipes |= mpc_recipes(batch, plan, recipes["regulator"].numbers)
+        return {**recipes, **_network(scenario, fleet.control.network, plan)}
     position = fleet.control.position
     believed = nominal_parameters(scenario)
     limits = fleet.control.thrust_vectoring
@@ -90,15 +94,16 @@ def build_control(
     Raises:
         InputError: there is a position controller, but no cascade.
     """
-    if scenario.control.kind == "lqg" and position_controller is not None:
-        raise InputError(f"control of {scenario.name} is of kind lqg: it has no place for a position_controller")
+    if isinstance(scenario.control, LqgControl) and position_controller is not None:
+        kind = scenario.control.kind
+        raise InputError(f"control of {scenario.name} is of kind {kind}: it has no place for a position_controller")
     systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}
     network = None
     if "network.rules" in systems:
         parts = {name: systems.get(f"network.{name}") for name in ("rules", "learning", "sets")}
         network = build_fuzzy_network(**parts)
-    if scenario.control.kind == "lqg":
-        return build_lqg_control(systems["regulator"], network)
+    if isinstance(scenario.control, LqgControl):
+        return build_lqg_control(systems["regulator"], network, systems.get("programme"))
     if position_controller is None:
         position_controller = build_position_controller(
             systems["position.pd"],

@@ -65,23 +65,30 @@ def lqg_recipes(batch: Batch) -> dict[str, Recipe]:
         "period": times.frame,
         "tick": times.tick,
         "takes_correction": control.network is not None,
+        "takes_perturbation": control.kind == "mpc",
         "loses_frames": can_differ_from_zero(scenario.laboratory.motion_capture.dropout_rate),
     }
     return {"regulator": Recipe(LinearQuadraticGaussian, structure, numbers)}
 
 
-def build_lqg_control(regulator: Any, network: Any = None) -> Diagram:
-    """Builds the diagram `control` with the controller in it, and a network around it if there is one.
+def build_lqg_control(regulator: Any, network: Any = None, programme: Any = None) -> Diagram:
+    """Builds the diagram `control` with the controller in it, and what stands beside it.
 
     Args:
-        regulator: a `LinearQuadraticGaussian`, which takes a correction if there is a network.
-        network: to put around it.
+        regulator: a `LinearQuadraticGaussian`, which takes a correction if there is a network, and a perturbation if
+            there is a programme.
+        network: to put around it; None for none.
+        programme: that keeps it within its limits, a `PredictiveProgramme`; None for none.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("regulator", regulator)
     for port in map(regulator.get_input_port, range(regulator.num_input_ports())):
-        if port.get_name() not in ("correction", "learned_disturbance"):
+        if port.get_name() not in ("correction", "learned_disturbance", "perturbation"):
             builder.ExportInput(port, port.get_name())
+    if programme is not None:
+        builder.AddNamedSystem("programme", programme)
+        builder.Connect(regulator.GetOutputPort("deviation"), programme.get_input_port())
+        builder.Connect(programme.get_output_port(), regulator.GetInputPort("perturbation"))
     shown = [regulator]
     if network is not None:
         put_around(builder, regulator, network)
@@ -113,6 +120,11 @@ def lateral_model(axis: LateralAxis) -> ContinuousModel:
     return lagging_attitude_model(answer, axis.lag, disturbances)
 
 
+def height_model(axis: VerticalAxis) -> ContinuousModel:
+    """What is believed of the height."""
+    return vertical_model(axis.lag, _disturbances(axis, None))
+
+
 def lateral_loop(axis: LateralAxis, times: Timing, gravity: float) -> AxisLoop:
     """Filter and regulator of x and of y.
 
@@ -129,8 +141,9 @@ def vertical_loop(axis: VerticalAxis, times: Timing) -> AxisLoop:
     Raises:
         InputError: there are none.
     """
-    model = vertical_model(axis.lag, _disturbances(axis, None))
-    return _designed("control.vertical", model, times, np.array([axis.position_noise]), axis.command_weight)
+    return _designed(
+        "control.vertical", height_model(axis), times, np.array([axis.position_noise]), axis.command_weight
+    )
 
 
 def _designed(field: str, model: ContinuousModel, times: Timing, noise: np.ndarray, weight: float) -> AxisLoop:

@@ -37,6 +37,7 @@ from drake_quad.scenario.effects import (
 from drake_quad.scenario.layouts import Layout, PlusLayout, has_distances, implied_arms, rotors_of
 from drake_quad.scenario.limits import MOST_SOURCES, MOST_TICKS
 from drake_quad.scenario.lqg import LqgControl
+from drake_quad.scenario.mpc import MpcControl
 from drake_quad.scenario.networks import Network
 from drake_quad.scenario.paths import distributions_in, steps_of
 from drake_quad.scenario.quantities import (
@@ -299,7 +300,9 @@ def _of_a_kind(control: Any) -> Any:
     return {"kind": "cascade", **control} if isinstance(control, dict) else control
 
 
-AnyControl = Annotated[Annotated[Control | LqgControl, Field(discriminator="kind")], BeforeValidator(_of_a_kind)]
+AnyControl = Annotated[
+    Annotated[Control | LqgControl | MpcControl, Field(discriminator="kind")], BeforeValidator(_of_a_kind)
+]
 
 
 class Window(Model):
@@ -441,8 +444,9 @@ class Scenario(Mission):
             return self
         frame, tick = self.laboratory.motion_capture.period, self.laboratory.command_link.period
         if frame > tick:
-            demand = "must not be longer than the period of the command link, {tick} s, with control.kind lqg"
-            raise self.wrong("laboratory", "motion_capture", "period", kind="period", demand=demand, tick=tick)
+            demand = "must not be longer than the period of the command link, {tick} s, with control.kind {control}"
+            cameras = "laboratory", "motion_capture", "period"
+            raise self.wrong(*cameras, kind="period", demand=demand, tick=tick, control=control.kind)
         on_the_ground: tuple[tuple[str, ...], ...] = (("yaw",),)
         on_board = ("lateral", "natural_frequency"), ("lateral", "damping")
         wrench = isinstance(autopilot, NoAutopilot)

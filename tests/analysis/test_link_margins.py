@@ -13,6 +13,7 @@ from drake_quad.analysis.step_response import release
 from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.assembly.planning import plan_route
 from drake_quad.scenario import Batch
+from drake_quad.scenario.mpc import MpcControl
 from drake_quad.signals import AttitudeTarget, Wrench
 
 pytestmark = pytest.mark.slow
@@ -89,6 +90,16 @@ CONTROLLERS = ("lqg.yaml:lqg", "paper.yaml:pd")
 @pytest.fixture(scope="module")
 def margins_of(laboratory):
     return functools.cache(lambda controller: link_margins(laboratory(controller)))
+
+
+def test_model_predictive_control_has_the_margins_of_its_regulator(laboratory, margins_of):
+    """In hover, where no limit is near: also with a corridor around it."""
+    lqg = laboratory("lqg.yaml:lqg")
+    corridor = {"kind": "tube", "half_width": (0.02, 0.02, 0.02)}
+    mpc = MpcControl(**dict(lqg.control) | {"kind": "mpc", "corridor": corridor})
+    found = link_margins(lqg.model_copy(update={"control": mpc}))
+    for name, expected in margins_of("lqg.yaml:lqg").items():
+        np.testing.assert_allclose(found[name], expected, rtol=1e-6)
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)

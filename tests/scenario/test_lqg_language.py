@@ -44,7 +44,7 @@ def test_what_is_saved_says_its_kind_and_flies_again(tmp_path):
 @pytest.mark.parametrize(
     ("overrides", "words"),
     [
-        (["control.kind=mpcc"], "control.kind is 'mpcc', but must be one of 'cascade', 'lqg'"),
+        (["control.kind=mpcc"], "control.kind is 'mpcc', but must be one of 'cascade', 'lqg', 'mpc'"),
         (["control.lateral.lag=null"], "control.lateral.lag is missing"),
         (["control.yaw=null"], "control.yaw is missing"),
         (

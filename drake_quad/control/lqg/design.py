@@ -50,11 +50,15 @@ def kalman_gain(A: np.ndarray, C: np.ndarray, Q: np.ndarray, R: np.ndarray) -> n
     return gain
 
 
-def regulator_gain(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> np.ndarray:
-    """(m, n) K of u = -K x that minimises the sum of xᵀ Q x + uᵀ R u."""
+def regulator_gain(A: np.ndarray, B: np.ndarray, Q: np.ndarray, R: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(m, n) K of u = -K x that minimises the sum of xᵀ Q x + uᵀ R u, and (m, m) what any other u costs.
+
+    With u = -K x + c the sum is what it is without c, and that of cᵀ W c with this W = R + Bᵀ S B.
+    """
     S = scipy.linalg.solve_discrete_are(A, B, Q, R)
-    gain: np.ndarray = np.linalg.solve(B.T @ S @ B + R, B.T @ S @ A)
-    return gain
+    W: np.ndarray = B.T @ S @ B + R
+    gain: np.ndarray = np.linalg.solve(W, B.T @ S @ A)
+    return gain, W
 
 
 def with_commands_under_way(A: np.ndarray, B: np.ndarray, delay: int) -> tuple[np.ndarray, np.ndarray]:
@@ -67,12 +71,46 @@ def with_commands_under_way(A: np.ndarray, B: np.ndarray, delay: int) -> tuple[n
     return np.vstack([np.hstack([A, B @ oldest]), moving]), np.vstack([np.zeros((n, 1)), np.fliplr(oldest).T])
 
 
+class Regulator(NamedTuple):
+    """The regulator of an axis: u = -K x of x⁺ = A x + B u over a tick.
+
+    Attributes:
+        A: row by row; the last of n are the commands under way, the oldest first.
+        B: n numbers.
+        K: n numbers.
+        weight: w, what other commands u = -K x + c cost: w c² each.
+    """
+
+    A: tuple[tuple[float, ...], ...]
+    B: tuple[float, ...]
+    K: tuple[float, ...]
+    weight: float
+
+
+def regulator_of(model: ContinuousModel, timing: Timing, command_weight: float) -> Regulator:
+    """The regulator that minimises the sum of p² + ρ u² over the ticks, with the commands under way among the states.
+
+    Args:
+        model: of the chain.
+        timing: of frames and ticks.
+        command_weight: ρ.
+
+    Raises:
+        numpy.linalg.LinAlgError: floating point finds none.
+    """
+    A, B = with_commands_under_way(*sampled(model.A, model.B, timing.tick), timing.delay_ticks)
+    position, *_ = np.pad(model.C, ((0, 0), (0, timing.delay_ticks)))
+    K, W = regulator_gain(A, B, np.outer(position, position), np.eye(1) * command_weight)
+    rows = tuple([tuple(row) for row in A.tolist()])
+    return Regulator(rows, tuple(B.ravel().tolist()), tuple(K.ravel().tolist()), W.item())
+
+
 def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, command_weight: float) -> AxisLoop:
     """Designs filter and regulator of an axis.
 
-    The regulator minimises the sum of p² + ρ u² over the ticks, with the commands under way among the states. At rest
-    u is nothing along a `TorqueChain`, and the specific thrust s otherwise; so a deviation of p, v and d asks for
-    s = -(K_p p + K_v v + K_d d) / k with k = K_s in the first case, and k = 1 + K_s + ΣK_pending in the other.
+    The regulator is that of `regulator_of`. At rest u is nothing along a `TorqueChain`, and the specific thrust s
+    otherwise; so a deviation of p, v and d asks for s = -(K_p p + K_v v + K_d d) / k with k = K_s in the first case,
+    and k = 1 + K_s + ΣK_pending in the other.
 
     Args:
         model: of the chain.
@@ -88,11 +126,9 @@ def axis_loop(model: ContinuousModel, timing: Timing, *, noise: np.ndarray, comm
     L = kalman_gain(A, model.C, sampled_noise(model.A, model.Q, timing.frame), np.diag(noise**2))
     if not np.abs(np.linalg.eigvals(A - A @ L @ model.C)).max() < 1.0:
         raise np.linalg.LinAlgError("the filter is unstable")
-    over_tick = with_commands_under_way(*sampled(model.A, model.B, timing.tick), timing.delay_ticks)
-    position, *_ = np.pad(model.C, ((0, 0), (0, timing.delay_ticks)))
-    (K,) = regulator_gain(*over_tick, np.outer(position, position), np.eye(1) * command_weight)
+    K = regulator_of(model, timing, command_weight).K
     record = model.kind
-    on_state, pending = record(*K[:n].tolist()), tuple(K[n:].tolist())
+    on_state, pending = record(*K[:n]), K[n:]
     answers = 0.0 if record is TorqueChain else 1.0 + sum(pending)
     return AxisLoop(
         A=tuple(record(*row) for row in A.tolist()),

@@ -174,6 +174,22 @@ class Sent(NamedTuple):
         return cls((*under_way, nothing), under_way, numbers.thrust.gravity, snap)
 
 
+class Deviations(NamedTuple):
+    """What the regulator feeds back.
+
+    Attributes:
+        x: deviation of the chain along X from the reference, then those of the commands under way, the oldest first.
+        y: the same along Y.
+        z: along Z.
+        correction: acceleration that is subtracted from the reference's.
+    """
+
+    x: tuple[Row, ...]
+    y: tuple[Row, ...]
+    z: tuple[Row, ...]
+    correction: Acceleration
+
+
 class Regulated(NamedTuple):
     """What the regulator asks for.
 
@@ -247,6 +263,7 @@ def regulated(
     snap: Snap,
     sent: Sent,
     correction: Acceleration | None,
+    perturbation: Command | None,
     numbers: LqgNumbers,
     tick: float,
 ) -> Regulated:
@@ -259,36 +276,61 @@ def regulated(
         snap: of the reference.
         sent: commands.
         correction: acceleration that is subtracted; None for none.
+        perturbation: added to the commands so that they keep to the tilt; None if they are shortened to it.
         numbers: of the controller; without `torques` the horizontal command is an acceleration.
         tick: period of the control, s.
     """
-    wanted = _wanted(reference, correction)
+    wanted = wanted_of(reference, correction)
     e = deviations(estimate, reference, wanted, jerk, snap)
     lateral, vertical, limits = numbers.lateral, numbers.vertical, numbers.thrust
-    pending_x, pending_y, pending_z = ([getattr(du, axis) for du in sent.deviations] for axis in Command._fields)
-    feedback_x, feedback_y = _fed_back(e.x, pending_x, lateral), _fed_back(e.y, pending_y, lateral)
-    forward_z = wanted.z + limits.lead * jerk.z
-    u_z = _held_up(forward_z - _fed_back(e.z, pending_z, vertical), limits)
-    if numbers.torques is not None and sent.snap is not None:
-        most, ticks = numbers.torques.max_snap, numbers.torques.lead / tick
-        forward_x = snap.x + ticks * (snap.x - sent.snap.x)
-        forward_y = snap.y + ticks * (snap.y - sent.snap.y)
+    forward = fed_forward(wanted, jerk, snap, sent.snap, numbers, tick)
+    loops = lateral, lateral, vertical
+    fed_back = [_fed_back(*axis) for axis in zip(e, pending_of(sent), loops, strict=True)]
+    asked = [ahead - back for ahead, back in zip(forward, fed_back, strict=True)]
+    if perturbation is not None:
+        asked = [command + more for command, more in zip(asked, perturbation, strict=True)]
+    u_x, u_y, u_z = asked
+    u_z = _held_up(u_z, limits)
+    if numbers.torques is not None:
+        most = numbers.torques.max_snap
         asked_x, asked_y = wanted.x - _outer(e.x, lateral), wanted.y - _outer(e.y, lateral)
-        a_x, a_y = _shortened(asked_x, asked_y, limits)
-        u_x = forward_x - feedback_x - lateral.outer * (asked_x - a_x)
-        u_y = forward_y - feedback_y - lateral.outer * (asked_y - a_y)
+        if perturbation is None:
+            a_x, a_y = _shortened(asked_x, asked_y, limits)
+            u_x, u_y = u_x - lateral.outer * (asked_x - a_x), u_y - lateral.outer * (asked_y - a_y)
+        else:
+            a_x, a_y = asked_x + perturbation.x / lateral.outer, asked_y + perturbation.y / lateral.outer
         u_x, u_y = minimum(maximum(u_x, -most), most), minimum(maximum(u_y, -most), most)
     else:
-        assert numbers.target is not None
-        lead = numbers.target
-        forward_x = wanted.x + lead.jerk * jerk.x + lead.snap * snap.x
-        forward_y = wanted.y + lead.jerk * jerk.y + lead.snap * snap.y
-        a_x, a_y = u_x, u_y = _shortened(forward_x - feedback_x, forward_y - feedback_y, limits)
+        a_x, a_y = u_x, u_y = _shortened(u_x, u_y, limits)
     return Regulated(
         Command(u_x, u_y, u_z),
-        Command(u_x - forward_x, u_y - forward_y, u_z - forward_z),
+        Command(u_x - forward.x, u_y - forward.y, u_z - forward.z),
         Acceleration(a_x, a_y, u_z),
         limits.gravity + _held_up(wanted.z - disturbance_of(estimate).z, limits),
+    )
+
+
+def fed_forward(
+    wanted: Acceleration, jerk: Jerk, snap: Snap, before: Snap | None, numbers: LqgNumbers, tick: float
+) -> Command:
+    """The commands u_ff that follow from the reference alone.
+
+    Args:
+        wanted: its acceleration, less what is subtracted from it.
+        jerk: of the reference.
+        snap: of the reference.
+        before: the same at the last tick; None with an autopilot.
+        numbers: of the controller.
+        tick: period of the control, s.
+    """
+    z = wanted.z + numbers.thrust.lead * jerk.z
+    if numbers.torques is not None and before is not None:
+        ticks = numbers.torques.lead / tick
+        return Command(snap.x + ticks * (snap.x - before.x), snap.y + ticks * (snap.y - before.y), z)
+    assert numbers.target is not None
+    lead = numbers.target
+    return Command(
+        wanted.x + lead.jerk * jerk.x + lead.snap * snap.x, wanted.y + lead.jerk * jerk.y + lead.snap * snap.y, z
     )
 
 
@@ -364,6 +406,20 @@ def deviations(estimate: Estimate, reference: Reference, wanted: Acceleration, j
     )
 
 
+def pending_of(sent: Sent) -> list[tuple[Row, ...]]:
+    """The deviations of the commands that are under way along X, Y and Z, the oldest first."""
+    return [tuple([getattr(du, axis) for du in sent.deviations]) for axis in Command._fields]
+
+
+def fed_back_of(
+    estimate: Estimate, reference: Reference, jerk: Jerk, snap: Snap, sent: Sent, correction: Acceleration | None
+) -> Deviations:
+    """What the regulator feeds back; arguments as of `regulated`."""
+    e = deviations(estimate, reference, wanted_of(reference, correction), jerk, snap)
+    x, y, z = ((*chain, *pending) for chain, pending in zip(e, pending_of(sent), strict=True))
+    return Deviations(x, y, z, Acceleration(0.0, 0.0, 0.0) if correction is None else correction)
+
+
 def sent_after(asked: Regulated, snap: Snap, sent: Sent) -> Sent:
     """What has been sent after a tick."""
     _, *commands = (*sent.commands, asked.command)
@@ -396,7 +452,8 @@ def disturbance_of(estimate: Estimate) -> Acceleration:
     return Acceleration._make(chain.first + chain.second for chain in estimate)
 
 
-def _wanted(reference: Reference, correction: Acceleration | None) -> Acceleration:
+def wanted_of(reference: Reference, correction: Acceleration | None) -> Acceleration:
+    """The reference's acceleration, less a correction."""
     a_x, a_y, a_z = reference.a_x, reference.a_y, reference.a_z
     if correction is None:
         return Acceleration(a_x, a_y, a_z)

@@ -3,9 +3,10 @@
 from typing import Any, Literal
 
 from drake_quad.control.lqg import laws
-from drake_quad.control.lqg.laws import Estimate, Filter, LqgNumbers, Regulated, Sent
+from drake_quad.control.lqg.laws import Command, Deviations, Estimate, Filter, LqgNumbers, Regulated, Sent
 from drake_quad.framework.elementary import where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.records import Layout, layout_of
 from drake_quad.signals import (
     Acceleration,
     AttitudeTarget,
@@ -21,25 +22,31 @@ Carried = Literal["wrench", "attitude_target"]
 
 
 def _asked(
-    reference: Reference, jerk: Jerk, snap: Snap, correction: Acceleration | None, tick: float, *remembered: Any
+    reference: Reference,
+    jerk: Jerk,
+    snap: Snap,
+    correction: Acceleration | None,
+    perturbation: Command | None,
+    tick: float,
+    *remembered: Any,
 ) -> tuple[Estimate, Regulated]:
     """The estimate of now, and what the regulator makes of it; before the first frame the snap has not changed."""
     _, before, sent, _, numbers, *_ = remembered
     estimate = laws.estimated(*remembered)
     if sent.snap is not None:
         sent = sent._replace(snap=where(before.begun != 0.0, sent.snap, snap))
-    return estimate, laws.regulated(estimate, reference, jerk, snap, sent, correction, numbers, tick)
+    return estimate, laws.regulated(estimate, reference, jerk, snap, sent, correction, perturbation, numbers, tick)
 
 
 def _wrench(reference: Reference, jerk: Jerk, snap: Snap, *reads: Any) -> Wrench:
     estimate, asked = _asked(reference, jerk, snap, *reads)
-    _, _, measurement, _, _, _, numbers, *_ = reads
+    _, _, _, measurement, _, _, _, numbers, *_ = reads
     return laws.wrench_for(asked, estimate, measurement, reference, jerk, snap, numbers)
 
 
 def _target(reference: Reference, jerk: Jerk, snap: Snap, *reads: Any) -> AttitudeTarget:
     estimate, asked = _asked(reference, jerk, snap, *reads)
-    _, _, measurement, _, _, _, numbers, *_ = reads
+    _, _, _, measurement, _, _, _, numbers, *_ = reads
     return laws.target_for(asked, estimate, measurement, reference, numbers)
 
 
@@ -50,8 +57,15 @@ def _acceleration(*reads: Any) -> Acceleration:
 
 def _sent(reference: Reference, jerk: Jerk, snap: Snap, *reads: Any) -> Sent:
     _, asked = _asked(reference, jerk, snap, *reads)
-    _, _, _, _, sent, *_ = reads
+    _, _, _, _, _, sent, *_ = reads
     return laws.sent_after(asked, snap, sent)
+
+
+def _deviation(
+    reference: Reference, jerk: Jerk, snap: Snap, correction: Acceleration | None, *remembered: Any
+) -> Deviations:
+    _, _, sent, *_ = remembered
+    return laws.fed_back_of(laws.estimated(*remembered), reference, jerk, snap, sent, correction)
 
 
 def _error(reference: Reference, *remembered: Any) -> PositionError:
@@ -81,6 +95,12 @@ def _none(numbers: LqgNumbers) -> Acceleration:
     return Acceleration(0.0, 0.0, 0.0)
 
 
+def deviations_of(numbers: LqgNumbers) -> Layout:
+    """The layout of what the port `deviation` holds."""
+    lateral, vertical = ((*loop.K, *loop.K_pending) for loop in (numbers.lateral, numbers.vertical))
+    return layout_of(Deviations, Deviations(lateral, lateral, vertical, _none(numbers)))
+
+
 def _first(numbers: LqgNumbers) -> Filter:
     lateral, vertical = ([type(loop.K)(*[0.0] * len(loop.K))] for loop in (numbers.lateral, numbers.vertical))
     return Filter(Estimate(*lateral, *lateral, *vertical), 0.0, 0.0)
@@ -100,6 +120,7 @@ class LinearQuadraticGaussian(FleetSystem):
         - reference_snap
         - correction
         - learned_disturbance
+        - perturbation
         output_ports:
         - wrench
         - acceleration_command
@@ -107,6 +128,7 @@ class LinearQuadraticGaussian(FleetSystem):
         - error_rate
         - pd
         - disturbance
+        - deviation
 
     The filter is updated at every frame; what is commanded at a tick follows from it, see `drake_quad.control.lqg.laws`
     for the equations and `drake_quad.control.lqg.chains` for the model. With an autopilot there is an `attitude_target`
@@ -119,6 +141,10 @@ class LinearQuadraticGaussian(FleetSystem):
     next frame on, so that `disturbance` is only the rest, and the other outputs follow from it without an algebraic
     loop. They differ by the network's lead.
 
+    The port `perturbation` is there if something else than the regulator keeps the tilt within its limits, which it
+    follows from `deviation`, what the regulator feeds back: it is added to the commands, see
+    `drake_quad.control.mpc.system`.
+
     The states are `filter`, `sent` and, with the port, `known`. The only parameter of the context is `numbers`.
 
     Args:
@@ -127,7 +153,8 @@ class LinearQuadraticGaussian(FleetSystem):
         period: h of the frames, s.
         tick: of the control, s; a whole number of frames.
         loses_frames: whether a frame whose x is that of the one before to the bit is taken for a lost one.
-        takes_correction: whether there are these two ports.
+        takes_correction: whether there are the ports `correction` and `learned_disturbance`.
+        takes_perturbation: whether there are the ports `perturbation` and `deviation`.
         numbers: of the controller.
     """
 
@@ -139,6 +166,7 @@ class LinearQuadraticGaussian(FleetSystem):
         tick: float = 0.02,
         loses_frames: bool = False,
         takes_correction: bool = False,
+        takes_perturbation: bool = False,
         numbers: LqgNumbers,
     ) -> None:
         """Declares the system."""
@@ -147,14 +175,16 @@ class LinearQuadraticGaussian(FleetSystem):
         snap = self.input("reference_snap", absent=Snap(0.0, 0.0, 0.0, 0.0))
         parameter = self.parameter("numbers", lambda numbers: numbers)
         before, sent = self.state("filter", _first), self.state("sent", Sent.hovering)
-        correction = known = None
+        correction = known = perturbation = None
         if takes_correction:
             correction = self.input("correction", absent=Acceleration(0.0, 0.0, 0.0))
             known = self.state("known", _none)
             learned = self.input("learned_disturbance", absent=Acceleration(0.0, 0.0, 0.0))
             self.update(period, _held, learned, writes=[known])
+        if takes_perturbation:
+            perturbation = self.input("perturbation", layout=layout_of(Command))
         remembered = measurement, before, sent, known, parameter, period, loses_frames
-        wanted = reference, jerk, snap, correction, tick, *remembered
+        wanted = reference, jerk, snap, correction, perturbation, tick, *remembered
         self.update(period, laws.filter_after, *remembered, writes=[before])
         self.update(tick, _sent, *wanted, writes=[sent])
         if signal == "wrench":
@@ -166,3 +196,6 @@ class LinearQuadraticGaussian(FleetSystem):
         self.output("error_rate", _error_rate, reference, *remembered)
         self.output("pd", _pd, reference, *remembered)
         self.output("disturbance", _disturbance, *remembered)
+        if takes_perturbation:
+            fed_back = reference, jerk, snap, correction, *remembered
+            self.output("deviation", _deviation, *fed_back, layout=deviations_of(numbers))

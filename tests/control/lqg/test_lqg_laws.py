@@ -128,7 +128,7 @@ def test_torques_are_told_a_snap_that_feeds_back_everything_and_leads():
     numbers = WITH_TORQUES._replace(thrust=FREE, torques=WITH_TORQUES.torques._replace(max_snap=1e6))
     estimate, sent = begun(TorqueChain).estimate, under_way(2, Snap(0.8, -1.0, 0.3, 0.0))
     correction = Acceleration(0.2, -0.3, 0.1)
-    found = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, numbers, TICK)
+    found = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, None, numbers, TICK)
     for axis, forward in (
         ("x", SNAP.x + 0.09 * (SNAP.x - 0.8) / TICK),
         ("y", SNAP.y + 0.09 * (SNAP.y + 1.0) / TICK),
@@ -151,7 +151,7 @@ def test_torques_are_told_a_snap_that_feeds_back_everything_and_leads():
 def test_an_autopilot_is_told_an_acceleration_that_leads():
     numbers = WITH_TARGETS._replace(thrust=FREE)
     estimate, sent = begun(AttitudeChain).estimate, under_way(1, None)
-    found = regulated(estimate, REFERENCE, JERK, SNAP, sent, None, numbers, TICK)
+    found = regulated(estimate, REFERENCE, JERK, SNAP, sent, None, None, numbers, TICK)
     e = expected_deviation(estimate.y, "y")
     feedback = np.dot(numbers.lateral.K, e) + numbers.lateral.K_pending[0] * sent.deviations[0].y
     assert found.command.y == pytest.approx(REFERENCE.a_y + 0.2 * JERK.y + 0.03 * SNAP.y - feedback)
@@ -161,20 +161,22 @@ def test_an_autopilot_is_told_an_acceleration_that_leads():
 def test_commands_keep_to_tilt_thrust_and_snap():
     """The horizontal part is shortened in its direction; a deviation tells what was sent, not what was wanted."""
     far = REFERENCE._replace(x=40.0, y=-30.0, z=300.0)
-    attitude = regulated(begun(AttitudeChain).estimate, far, JERK, SNAP, under_way(1, None), None, WITH_TARGETS, TICK)
+    attitude = regulated(
+        begun(AttitudeChain).estimate, far, JERK, SNAP, under_way(1, None), None, None, WITH_TARGETS, TICK
+    )
     assert math.hypot(*attitude.command[:2]) == pytest.approx(0.7 * 9.81)
     free = WITH_TARGETS._replace(thrust=FREE)
     estimate, sent = begun(AttitudeChain).estimate, under_way(1, None)
     limited, wanted = (
-        regulated(estimate, far, JERK, SNAP, sent, None, each, TICK).command for each in (WITH_TARGETS, free)
+        regulated(estimate, far, JERK, SNAP, sent, None, None, each, TICK).command for each in (WITH_TARGETS, free)
     )
     assert limited.x / limited.y == pytest.approx(wanted.x / wanted.y)
     assert limited.z == pytest.approx(12.0 / 0.68 - 9.81)
-    low = regulated(estimate, far._replace(z=-300.0), JERK, SNAP, sent, None, WITH_TARGETS, TICK)
+    low = regulated(estimate, far._replace(z=-300.0), JERK, SNAP, sent, None, None, WITH_TARGETS, TICK)
     assert low.command.z == pytest.approx(2.0 / 0.68 - 9.81)
     narrow = WITH_TORQUES._replace(torques=WITH_TORQUES.torques._replace(max_snap=3.0))
     farther = far._replace(x=400.0, y=-300.0)
-    torques = regulated(begun(TorqueChain).estimate, farther, JERK, SNAP, under_way(2, SNAP), None, narrow, TICK)
+    torques = regulated(begun(TorqueChain).estimate, farther, JERK, SNAP, under_way(2, SNAP), None, None, narrow, TICK)
     assert [abs(u) for u in torques.command[:2]] == [3.0, 3.0]
     assert math.hypot(*torques.acceleration[:2]) == pytest.approx(0.7 * 9.81)
     assert torques.command.x - torques.deviation.x == pytest.approx(SNAP.x)
@@ -182,7 +184,7 @@ def test_commands_keep_to_tilt_thrust_and_snap():
 
 def test_what_is_sent_moves_up():
     sent = under_way(2, SNAP)
-    asked = regulated(begun(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, WITH_TORQUES, TICK)
+    asked = regulated(begun(TorqueChain).estimate, REFERENCE, JERK, SNAP, sent, None, None, WITH_TORQUES, TICK)
     after = sent_after(asked, SNAP, sent)
     assert after.upward == asked.upward
     assert after.commands == (*sent.commands[1:], asked.command)

@@ -1,0 +1,1 @@
+"""Model predictive control: the linear-quadratic-Gaussian controller with limits that it sees coming."""

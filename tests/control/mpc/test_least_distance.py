@@ -1,0 +1,48 @@
+"""Least distance programmes against nonnegative least squares (Lawson and Hanson, 1974, algorithm LDP)."""
+
+import numpy as np
+import pytest
+import scipy
+
+from drake_quad.control.mpc.least_distance import LeastDistance
+
+
+def by_nonnegative_least_squares(rows, bounds):
+    """Of least |v| where G v <= h: -r / r_n of the residual r of E u = f, where E is [-Gᵀ; -hᵀ] and f is e_n."""
+    E = np.vstack([-rows.T, -bounds])
+    f = np.append(np.zeros(rows.shape[1]), 1.0)
+    u, _ = scipy.optimize.nnls(E, f)
+    r = E @ u - f
+    return -r[:-1] / r[-1]
+
+
+@pytest.mark.parametrize("seed", range(12))
+def test_the_nearest_point_is_that_of_another_algorithm(seed):
+    """Of polyhedra that do not hold the origin, with one programme for all bounds."""
+    rng = np.random.default_rng(seed)
+    rows, inside = rng.normal(size=(40, 6)), rng.normal(size=6)
+    programme = LeastDistance(rows, group=4)
+    for _ in range(3):
+        bounds = rows @ inside + rng.uniform(0.0, 1.5, 40)
+        point, binding = programme.solve(bounds)
+        assert 0 < binding.sum() <= 6
+        np.testing.assert_allclose(point, by_nonnegative_least_squares(rows, bounds), atol=1e-9)
+        np.testing.assert_allclose(rows[binding] @ point, bounds[binding], atol=1e-9)
+
+
+def test_where_the_origin_is_inside_it_is_the_nearest():
+    point, binding = LeastDistance(np.eye(3), group=3).solve(np.array([0.0, 1.0, np.inf]))
+    np.testing.assert_array_equal(point, np.zeros(3))
+    assert not binding.any()
+
+
+def test_rows_that_a_first_point_breaks_are_added():
+    """Away from one wall there is the next one."""
+    rows = np.array([[-1.0, 0.0], [1.0, -1.0]])
+    point, binding = LeastDistance(rows, group=1).solve(np.array([-1.0, 0.5]))
+    np.testing.assert_allclose(point, [1.0, 0.5], atol=1e-12)
+    assert binding.all()
+
+
+def test_an_empty_polyhedron_has_no_point():
+    assert LeastDistance(np.array([[1.0], [-1.0]]), group=1).solve(np.array([-1.0, -1.0])) is None

@@ -1,0 +1,276 @@
+"""The programmes of model predictive control against the same problems written down state by state."""
+
+import numpy as np
+import pytest
+import scipy
+from pydrake.autodiffutils import InitializeAutoDiff
+
+from drake_quad.control.axes import PerAxis
+from drake_quad.control.lqg.chains import (
+    Answer,
+    Disturbances,
+    Noise,
+    attitude_model,
+    sampled,
+    torque_model,
+    vertical_model,
+)
+from drake_quad.control.lqg.design import Timing, axis_loop, regulator_of, with_commands_under_way
+from drake_quad.control.lqg.laws import LqgNumbers, TargetNumbers, ThrustNumbers, TorqueNumbers
+from drake_quad.control.mpc.constraints import (
+    Corridor,
+    Horizon,
+    Preview,
+    horizontal_constraints,
+    vertical_constraints,
+)
+from drake_quad.control.mpc.prediction import Prediction
+from drake_quad.control.mpc.programme import Programme
+from drake_quad.signals import Jerk, Reference, Snap
+
+TIMING = Timing(0.01, 0.02, 2)
+NUM_TICKS, NUM_INSTANTS, NOW = 7, 12, 3
+WEIGHT = {"lateral": 2e-6, "vertical": 3e-4}
+ATTITUDE_WEIGHT = 2e-3
+THRUST = ThrustNumbers(0.7, 9.8, np.tan(0.1), 4.0, 7.2, 0.07)
+TORQUES = TorqueNumbers(0.0065, 0.0085, 0.0126, 5.0, 3.1, 40.0, 0.05)
+TARGET = TargetNumbers(0.2, 0.03)
+BELIEF = Disturbances(Noise(0.5, 20.0), Noise(1.2, 0.7), Noise(1.0, 20.0), 2.0)
+MODELS = {
+    "torques": torque_model(0.045, BELIEF),
+    "attitude": attitude_model(Answer(8.5, 0.7), BELIEF),
+    "height": vertical_model(0.04, BELIEF._replace(bias=None)),
+}
+CORRIDOR = Corridor(PerAxis(-0.2, -0.31, 0.9), PerAxis(0.21, 0.3, 1.2), moves=False, weight=25.0)
+TILT_WEIGHT = 8.0
+CORRECTION = np.array([0.1, -0.2, 0.15])
+
+
+def horizon_of(kind, corridor=CORRIDOR):
+    """A preview that is a signal of its own in every row, and numbers of the controller."""
+    rng = np.random.default_rng(4)
+    sizes = [0.15, 0.2, 0.1, *[0.5] * 3, 0.6, 0.5, 0.8, 0.1, 0.1], [1.0] * 3, [25.0] * 4, [25.0] * 4
+    parts = [rng.normal(size=(len(size), NUM_INSTANTS)) * np.array(size)[:, None] for size in sizes]
+    parts[0][2] += 1.0
+    preview = Preview(*(record(*rows) for record, rows in zip((Reference, Jerk, Snap, Snap), parts, strict=True)))
+    lateral = axis_loop(MODELS[kind], TIMING, noise=np.array([0.001, 0.02]), command_weight=lateral_weight(kind))
+    vertical = axis_loop(MODELS["height"], TIMING, noise=np.array([0.001]), command_weight=WEIGHT["vertical"])
+    parts = (TORQUES, None) if kind == "torques" else (None, TARGET)
+    return Horizon(LqgNumbers(lateral, vertical, THRUST, *parts), preview, corridor, TILT_WEIGHT, NUM_TICKS, 0.02)
+
+
+def lateral_weight(kind):
+    return WEIGHT["lateral"] if kind == "torques" else ATTITUDE_WEIGHT
+
+
+class Written:
+    """One axis, rolled out tick by tick, with its infinite cost after the horizon."""
+
+    def __init__(self, model, command_weight):
+        self.A, B = with_commands_under_way(*sampled(model.A, model.B, TIMING.tick), TIMING.delay_ticks)
+        self.b, self.rho = B[:, 0], command_weight
+        Q = np.zeros_like(self.A)
+        Q[0, 0] = 1.0
+        self.S = scipy.linalg.solve_discrete_are(self.A, B, Q, np.eye(1) * command_weight)
+
+    def roll_out(self, x, commands):
+        """(ticks + 1, n) states, and the cost."""
+        states = [x]
+        for u in commands:
+            states.append(self.A @ states[-1] + self.b * u)
+        states = np.array(states)
+        cost = (states[:-1, 0] ** 2).sum() + self.rho * (commands**2).sum() + states[-1] @ self.S @ states[-1]
+        return states, cost
+
+
+def minimised(cost, margins, size, scale):
+    """Of a convex problem, by sequential least squares."""
+    found = scipy.optimize.minimize(
+        lambda v: cost(scale * v),
+        np.zeros(size),
+        constraints={"type": "ineq", "fun": lambda v: margins(scale * v)},
+        method="SLSQP",
+        options={"ftol": 1e-14, "maxiter": 500},
+    )
+    assert found.success
+    return scale * found.x
+
+
+def excess(values):
+    return np.maximum(values, 0.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("kind", ["torques", "attitude"])
+def test_horizontal_commands_are_those_of_the_problem_written_state_by_state(kind):
+    """Every limit at the tick that it is for, and what gives way at its price."""
+    horizon = horizon_of(kind)
+    axis, r = Written(MODELS[kind], lateral_weight(kind)), horizon.preview.reference
+    n = len(axis.A)
+    rng = np.random.default_rng(1)
+    x, y = 0.1 * rng.normal(size=n), 0.1 * rng.normal(size=n)
+    now, later = slice(NOW, NOW + NUM_TICKS), slice(NOW + 1, NOW + 1 + NUM_TICKS)
+    _, jerk, snap, before = horizon.preview
+    if kind == "torques":
+        ahead = [s + 0.05 / 0.02 * (s - b) for s, b in ((snap.x, before.x), (snap.y, before.y))]
+    else:
+        ahead = [
+            a - tau + 0.2 * j + 0.03 * s
+            for a, tau, j, s in zip((r.a_x, r.a_y), CORRECTION, (jerk.x, jerk.y), (snap.x, snap.y), strict=False)
+        ]
+    reach = 9.8 * np.tan(0.1) * np.cos(np.pi / 16)
+    normals = [(np.cos(a), np.sin(a)) for a in 2.0 * np.pi * np.arange(16) / 16]
+
+    def parts(v):
+        u_x, u_y, over = v[:NUM_TICKS], v[NUM_TICKS : 2 * NUM_TICKS], v[2 * NUM_TICKS :].reshape(3, NUM_TICKS)
+        return u_x, u_y, axis.roll_out(x, u_x), axis.roll_out(y, u_y), over
+
+    def cost(v):
+        _, _, (_, of_x), (_, of_y), (over_x, over_y, over_tilt) = parts(v)
+        return of_x + of_y + 25.0 * (over_x @ over_x + over_y @ over_y) + 8.0 * over_tilt @ over_tilt
+
+    def margins(v):
+        u_x, u_y, (x_k, _), (y_k, _), (over_x, over_y, over_tilt) = parts(v)
+        found = []
+        for p, p_r, over, low, high in (
+            (x_k, r.x, over_x, -0.2, 0.21),
+            (y_k, r.y, over_y, -0.31, 0.3),
+        ):
+            place = p_r[later] + p[1:, 0]
+            found += [high + over - place, place - low + over]
+        if kind == "torques":
+            for u, forward in ((u_x, ahead[0]), (u_y, ahead[1])):
+                found += [(40.0 - (forward[now] + u)) / 40.0, (40.0 + forward[now] + u) / 40.0]
+            s_x, s_y = r.a_x[later] - 0.1 + x_k[1:, 2], r.a_y[later] + 0.2 + y_k[1:, 2]
+            found += [(reach - c * s_x - s * s_y) / 9.8 + over_tilt for c, s in normals]
+        else:
+            w_x, w_y = ahead[0][now] + u_x, ahead[1][now] + u_y
+            found += [(reach - c * w_x - s * w_y) / 9.8 for c, s in normals]
+        return np.concatenate(found)
+
+    scale = np.repeat([20.0 if kind == "torques" else 0.5, 0.05], [2 * NUM_TICKS, 3 * NUM_TICKS])
+    solution = minimised(cost, margins, 5 * NUM_TICKS, scale)
+    assert np.abs(margins(solution)).min() < 1e-7
+    regulator = regulator_of(MODELS[kind], TIMING, lateral_weight(kind))
+    programme = Programme(list(horizontal_constraints(regulator, horizon)), regulator.weight)
+    added = programme.added(NOW, np.concatenate([x, y])[:, None], CORRECTION[:, None])[:, 0]
+    K = np.array(regulator.K)
+    assert np.abs(added).max() > 1e-3 * scale[0]
+    expected = [solution[0] + K @ x, solution[NUM_TICKS] + K @ y]
+    np.testing.assert_allclose(added, expected, atol=2e-4 * scale[0])
+
+
+@pytest.mark.parametrize("height", [0.35, -0.3])
+def test_vertical_commands_are_those_of_the_problem_written_state_by_state(height):
+    horizon = horizon_of("torques")
+    axis, r = Written(MODELS["height"], WEIGHT["vertical"]), horizon.preview.reference
+    z = np.array([height, 0.3, 0.1, 0.2, -0.1, 0.1, 0.3, -0.2])
+    now, later = slice(NOW, NOW + NUM_TICKS), slice(NOW + 1, NOW + 1 + NUM_TICKS)
+    forward = (r.a_z - 0.15 + 0.07 * horizon.preview.jerk.z)[now]
+    most = np.sqrt((7.2 / 0.7) ** 2 - r.a_x**2 - r.a_y**2)[now] - 9.8
+
+    def cost(v):
+        return axis.roll_out(z, v[:NUM_TICKS])[1] + 25.0 * v[NUM_TICKS:] @ v[NUM_TICKS:]
+
+    def margins(v):
+        u, over = v[:NUM_TICKS], v[NUM_TICKS:]
+        place = r.z[later] + axis.roll_out(z, u)[0][1:, 0]
+        return np.concatenate(
+            [most - forward - u, forward + u - 4.0 / 0.7 + 9.8, 1.2 + over - place, place - 0.9 + over]
+        )
+
+    scale = np.repeat([1.0, 0.05], NUM_TICKS)
+    solution = minimised(cost, margins, 2 * NUM_TICKS, scale)
+    regulator = regulator_of(MODELS["height"], TIMING, WEIGHT["vertical"])
+    programme = Programme(list(vertical_constraints(regulator, horizon)), regulator.weight)
+    added = programme.added(NOW, z[:, None], CORRECTION[:, None]).item()
+    assert abs(added) > 1e-2
+    assert added == pytest.approx(solution[0] + np.array(regulator.K) @ z, abs=1e-4)
+
+
+def test_a_limit_that_lies_beyond_the_horizon_is_not_seen_yet():
+    """A reference that asks for too much snap at one tick: nothing is added until then but for what that tick needs."""
+    still = horizon_of("torques", CORRIDOR._replace(moves=True))
+    calm = Preview(
+        *(record(*np.zeros((len(record._fields), NUM_INSTANTS))) for record in (Reference, Jerk, Snap, Snap))
+    )
+    spike = np.zeros(NUM_INSTANTS)
+    spike[9] = 30.0
+    preview = calm._replace(snap=calm.snap._replace(x=spike), before=calm.before._replace(x=spike))
+    regulator = regulator_of(MODELS["torques"], TIMING, WEIGHT["lateral"])
+    limited = still.numbers._replace(torques=TORQUES._replace(max_snap=20.0))
+    programme = Programme(
+        list(horizontal_constraints(regulator, still._replace(preview=preview, numbers=limited))), regulator.weight
+    )
+    n = len(regulator.K)
+    found = [programme.added(tick, np.zeros((2 * n, 1)), np.zeros((3, 1)))[:, 0] for tick in range(NUM_INSTANTS)]
+    assert not np.array(found)[:3].any()
+    # The least that helps then: 10 of 30 are too much at that tick, and nothing else can take them off.
+    assert found[9] == pytest.approx([-10.0, 0.0], abs=1e-6)
+    assert not np.array(found)[10:].any()
+
+
+def test_nothing_is_impossible():
+    """However far off a vehicle is, there is a solution, which keeps to what commands can keep to."""
+    regulator = regulator_of(MODELS["torques"], TIMING, WEIGHT["lateral"])
+    horizon = horizon_of("torques")
+    programme = Programme(list(horizontal_constraints(regulator, horizon)), regulator.weight)
+    rng = np.random.default_rng(8)
+    n = len(regulator.K)
+    for size in (0.3, 3.0, 30.0):
+        deviation = size * rng.normal(size=(2 * n, 1))
+        added = programme.added(NOW, deviation, np.zeros((3, 1)))[:, 0]
+        _, _, snap, before = horizon.preview
+        for axis, (s, b) in enumerate(((snap.x, before.x), (snap.y, before.y))):
+            forward = (s + 2.5 * (s - b))[NOW]
+            command = forward - np.array(regulator.K) @ deviation[axis * n : (axis + 1) * n, 0] + added[axis]
+            assert abs(command) <= 40.0 * (1.0 + 1e-6)
+
+
+def test_derivatives_are_those_of_the_law_around_what_binds():
+    horizon = horizon_of("torques")
+    regulator = regulator_of(MODELS["height"], TIMING, WEIGHT["vertical"])
+    programme = Programme(list(vertical_constraints(regulator, horizon)), regulator.weight)
+    z, correction, step = np.array([0.35, 0.05, 0.1, 0.02, -0.01, 0.01, 0.03, -0.02]), np.zeros((3, 1)), 1e-5
+    ((found,),) = programme.added(NOW, InitializeAutoDiff(z), correction)
+    expected = [
+        np.diff([programme.added(NOW, (z + d)[:, None], correction).item() for d in (-way, way)]) / (2.0 * step)
+        for way in step * np.eye(len(z))
+    ]
+    assert found.value() == pytest.approx(programme.added(NOW, z[:, None], correction).item())
+    assert np.abs(expected).max() > 1.0
+    np.testing.assert_allclose(found.derivatives(), np.ravel(expected), atol=1e-4)
+
+
+def test_predictions_are_what_the_axis_does():
+    """Rolled out with commands that something is added to."""
+    regulator = regulator_of(MODELS["torques"], TIMING, WEIGHT["lateral"])
+    A, B, K = (np.array(part) for part in regulator[:3])
+    rng = np.random.default_rng(3)
+    x, c = rng.normal(size=len(A)), 100.0 * rng.normal(size=NUM_TICKS)
+    predicted = Prediction(regulator, NUM_TICKS)
+    commands, thrusts = [], []
+    state = x
+    for more in c:
+        commands.append(-K @ state + more)
+        state = A @ state + B * commands[-1]
+        thrusts.append(state[2])
+    for response, expected in ((predicted.command(), commands), (predicted.state(2), thrusts)):
+        np.testing.assert_allclose(response.free @ x + response.forced @ c, expected, rtol=1e-10)
+
+
+def test_what_is_added_costs_its_weight_beside_the_regulator_s_own():
+    """The sum of p² + ρ u² over all time, for any commands, is that without any and w Σ c²."""
+    regulator, axis = regulator_of(MODELS["torques"], TIMING, WEIGHT["lateral"]), Written(MODELS["torques"], 2e-6)
+    K = np.array(regulator.K)
+    rng = np.random.default_rng(6)
+    x, c = 0.1 * rng.normal(size=len(K)), 50.0 * rng.normal(size=NUM_TICKS)
+    costs = []
+    for added in (np.zeros(NUM_TICKS), c):
+        state, commands = x, []
+        for more in added:
+            commands.append(-K @ state + more)
+            state = axis.A @ state + axis.b * commands[-1]
+        costs.append(axis.roll_out(x, np.array(commands))[1])
+    assert costs[0] == pytest.approx(x @ axis.S @ x, rel=1e-6)
+    assert costs[1] - costs[0] == pytest.approx(regulator.weight * c @ c, rel=1e-6)
