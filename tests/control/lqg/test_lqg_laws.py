@@ -238,7 +238,7 @@ def test_the_thrust_that_keeps_the_height_is_that_of_the_reference_against_what_
     estimate, sent = begun(AttitudeChain).estimate, under_way(1, None)
     free = WITH_TARGETS._replace(thrust=FREE)
     correction = Acceleration(0.2, -0.3, 0.1)
-    found = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, free, TICK)
+    found = regulated(estimate, REFERENCE, JERK, SNAP, sent, correction, None, free, TICK)
     against = estimate.z.first + estimate.z.second
     assert found.upward == pytest.approx(9.81 + REFERENCE.a_z - 0.1 - against)
     # It stays within the limits of the thrust, so that nothing is divided by nothing.
