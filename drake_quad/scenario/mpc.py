@@ -18,7 +18,7 @@ class _Corridor(Model):
     """What the walls of a corridor have in common."""
 
     weight: PlainPositive = Field(
-        default=30.0, description="ζ of the cost at a tick, p² + ρ u² + ζ ε², for being ε beyond it (m)"
+        default=10.0, description="ζ of the cost at a tick, p² + ρ u² + ζ ε², for being ε beyond it (m)"
     )
 
 

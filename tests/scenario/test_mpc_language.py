@@ -60,7 +60,7 @@ def test_walls_of_a_tube_stand_around_the_reference_and_those_of_a_room_in_the_w
     tube, _ = structure_of(load("control.corridor={kind: tube, half_width: [0.1, null, 0.3], weight: 7}"))
     assert tube["corridor"] == ((-0.1, -math.inf, -0.3), (0.1, math.inf, 0.3), True, 7.0)
     room, _ = structure_of(load("control.corridor={kind: room, lower: [null, -2, 0.5], upper: [3, null, null]}"))
-    assert room["corridor"] == ((-math.inf, -2.0, 0.5), (3.0, math.inf, math.inf), False, 30.0)
+    assert room["corridor"] == ((-math.inf, -2.0, 0.5), (3.0, math.inf, math.inf), False, 10.0)
 
 
 def test_a_horizon_is_one_of_ticks_and_looks_along_the_plan():
