@@ -8,13 +8,12 @@ from both_ways import assert_flown_alike, assert_metrics_alike
 
 from drake_quad import load_scenario, simulate
 from drake_quad.control.mpc.programme import Programme
-from drake_quad.flight.simulation import simulate_batch
 from drake_quad.scenario import Batch
 
 CONTROLLERS = Path(__file__).parents[2] / "diagrams" / "controllers"
 LABORATORY = CONTROLLERS.parent / "laboratory.yaml"
 MPC, LQG = CONTROLLERS / "mpc.yaml", CONTROLLERS / "lqg.yaml"
-SHORT = ("duration=1.3", "laboratory.motion_capture={position_noise: 0.001}")
+SHORT = ("duration=1.2", "laboratory.motion_capture={position_noise: 0.001}")
 
 
 def load(controller, *overrides, wind="nominal"):
@@ -70,7 +69,7 @@ def test_behind_an_autopilot_the_tilt_of_commands_is_kept(monkeypatch):
     )
     onboard = load_scenario(
         CONTROLLERS.parent / "onboard.yaml",
-        [network, "duration=1.5", "control.max_tilt=0.05", "laboratory.autopilot.kind=attitude"],
+        [network, "duration=0.8", "control.max_tilt=0.05", "laboratory.autopilot.kind=attitude"],
         layers=[f"{LQG}:lqg_onboard"],
     )
     written = onboard.model_dump(mode="json")
@@ -85,7 +84,7 @@ def test_behind_an_autopilot_the_tilt_of_commands_is_kept(monkeypatch):
         return found
 
     monkeypatch.setattr(Programme, "added", counted)
-    (flight,) = simulate_batch(Batch.draw(scenario, [0]))
+    (flight,) = assert_flown_alike(Batch.draw(scenario, [0]))
     assert sum(solved) > 20
     target = flight.record("attitude_target")
     assert np.hypot(np.tan(target.pitch), np.tan(target.roll)).max() < 1.05 * np.tan(0.05)

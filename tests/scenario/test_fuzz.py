@@ -112,6 +112,7 @@ SEEDS = [
     dumped("onboard.yaml"),
     responding(dumped("onboard.yaml")),
     dumped("laboratory.yaml:low_wind", layers=[f"{DIAGRAMS}/controllers/lqg.yaml:lqg"]),
+    dumped("laboratory.yaml:nominal", layers=[f"{DIAGRAMS}/controllers/mpc.yaml:mpc_short_of_thrust"]),
 ]
 SEEDS[2]["control"]["position"] |= {"kind": "pid", "k_i": [0.1, 0.1, 0.1]}
 SEEDS[3]["control"]["position"]["learning"] = {"kind": "gradient", "rate": 1.0}

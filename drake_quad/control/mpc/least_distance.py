@@ -8,7 +8,7 @@ from typing import NamedTuple
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
-# By how much a row may be broken, and a multiplier have the wrong sign relative to the largest.
+# By how much a row may be broken, relative to the largest breach, and a multiplier have the wrong sign.
 _TOLERANCE = 1e-9
 
 
@@ -50,8 +50,10 @@ class LeastDistance:
         Args:
             bounds: (rows,) h.
         """
+        # What is solved is as large as 1, whatever the size of the breach.
+        size = max(-bounds.min(), _TOLERANCE)
         point, held = np.zeros(len(self._variables)), np.zeros(len(bounds), dtype=bool)
-        binding = held
+        bounds, binding = bounds / size, held
         while (broken := ~held & (self._rows @ point > bounds + _TOLERANCE)).any():
             held = held | broken.reshape(-1, self._group).any(axis=1).repeat(self._group)
             rows, most = self._rows[held], bounds[held]
@@ -64,7 +66,7 @@ class LeastDistance:
             # Of the two, one is nothing where the solver converges to.
             binding[held] = multipliers > most - rows @ point
             point = self._polished(point, bounds, held, binding)
-        return Nearest(point, binding)
+        return Nearest(size * point, binding)
 
     def _polished(self, point: np.ndarray, bounds: np.ndarray, held: np.ndarray, binding: np.ndarray) -> np.ndarray:
         """The point where what binds holds exactly, if Karush, Kuhn and Tucker's conditions hold with it."""
@@ -72,4 +74,4 @@ class LeastDistance:
         exact, *_ = np.linalg.lstsq(rows, bounds[binding])
         pull, *_ = np.linalg.lstsq(rows.T, exact)
         kept = (self._rows[held] @ exact <= bounds[held] + _TOLERANCE).all()
-        return exact if kept and pull.max() <= _TOLERANCE * np.abs(pull).max() else point
+        return exact if kept and (pull <= _TOLERANCE * np.abs(pull).max(initial=0.0)).all() else point

@@ -44,5 +44,15 @@ def test_rows_that_a_first_point_breaks_are_added():
     assert binding.all()
 
 
+@pytest.mark.parametrize("size", [1e-7, 1e-3, 1e6])
+def test_a_breach_may_be_of_any_size(size):
+    rng = np.random.default_rng(2)
+    rows, inside = rng.normal(size=(12, 5)), rng.normal(size=5)
+    bounds = rows @ inside + rng.uniform(0.0, 0.5, 12)
+    programme = LeastDistance(rows, group=3)
+    expected = by_nonnegative_least_squares(rows, bounds)
+    np.testing.assert_allclose(programme.solve(size * bounds).point / size, expected, atol=1e-9)
+
+
 def test_an_empty_polyhedron_has_no_point():
     assert LeastDistance(np.array([[1.0], [-1.0]]), group=1).solve(np.array([-1.0, -1.0])) is None
