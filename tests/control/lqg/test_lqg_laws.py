@@ -243,7 +243,8 @@ def test_the_thrust_that_keeps_the_height_is_that_of_the_reference_against_what_
     assert found.upward == pytest.approx(9.81 + REFERENCE.a_z - 0.1 - against)
     # It stays within the limits of the thrust, so that nothing is divided by nothing.
     falling = REFERENCE._replace(a_z=-50.0)
-    assert regulated(estimate, falling, JERK, SNAP, sent, None, None, WITH_TARGETS, TICK).upward == pytest.approx(2.0 / 0.68)
+    held = regulated(estimate, falling, JERK, SNAP, sent, None, None, WITH_TARGETS, TICK)
+    assert held.upward == pytest.approx(2.0 / 0.68)
 
 
 @pytest.mark.parametrize("change", [-4.0, 3.0])
