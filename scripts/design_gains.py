@@ -8,6 +8,7 @@ import itertools
 import shlex
 import sys
 from pathlib import Path
+from typing import Any
 
 from command_line import add_vector, all_overrides_of, folder_of, parser, print_columns, print_files, run
 
@@ -188,18 +189,19 @@ def _check(name: str, value: float | None, least: float, most: float) -> None:
 def write_gains(design: CascadeDesign, designed: Scenario, path: Path) -> None:
     """Writes the gains as YAML that a scenario can extend, under the command that designed them.
 
-    A PID replaces whatever controller it is laid over, and so says its kind and what it differentiates and feeds
-    forward.
+    They replace whatever they are laid over, and so say their kind, and what is differentiated and fed forward.
     """
     yaml = YAML()
     yaml.default_flow_style = None
     with path.open("w", encoding="utf-8") as file:
         file.write(f"# python scripts/design_gains.py {shlex.join(sys.argv[1:])}\n")
-        gains: dict[str, dict[str, dict]] = {"control": {**design.gains()}}
-        position = designed.cascade.position
-        if position.kind == "pid":
-            kept = {name: getattr(position, name) for name in ("kind", "derivative", "feed_forward")}
-            gains["control"]["position"] = kept | gains["control"]["position"]
+        blocks = design.gains()
+        kept = {"position": ("kind", "derivative", "feed_forward"), "attitude": ("kind",)}
+        control = {
+            name: {field: getattr(getattr(designed.cascade, name), field) for field in kept[name]} | block
+            for name, block in blocks.items()
+        }
+        gains: dict[str, Any] = {"control": {"kind": "cascade", **control}}
         if design.on_board:
             gains["laboratory"] = {"autopilot": design.autopilot_gains()}
         yaml.dump({"gains": gains}, file)

@@ -340,7 +340,8 @@ def test_design_lqg_states_margins_and_writes_what_a_scenario_extends(run, tmp_p
 
 @pytest.mark.slow
 def test_tune_controller_finds_less_error_and_says_what_margins_are_left(run, tmp_path):
-    soft = ["diagrams/laboratory.yaml:low_wind", "--set", "duration=3", "--rounds", "1", "--samples", "1"]
+    soft = ["diagrams/laboratory.yaml:low_wind", "--controller", "diagrams/gains/laboratory.yaml"]
+    soft += ["--set", "duration=3", "--rounds", "1", "--samples", "1"]
     loose = ["--sensitivity", "20", "--delay-margin", "0.002", "--output", tmp_path]
     result = run("tune_controller.py", *soft, *loose)
     assert (result.returncode, result.stderr) == (0, "")

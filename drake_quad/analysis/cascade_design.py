@@ -22,7 +22,14 @@ from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.errors import InputError
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.autopilots import AttitudeAutopilot, NoAutopilot
-from drake_quad.scenario.controllers import PdPosition, PidPosition
+from drake_quad.scenario.controllers import (
+    AttitudeControl,
+    GeometricAttitude,
+    PdAttitude,
+    PdPosition,
+    PidPosition,
+    PositionController,
+)
 
 # Which torque turns which angle at which rate; thrust lifts like a torque turns.
 _SIGNALS = {
@@ -109,12 +116,25 @@ def with_integrals(scenario: Scenario) -> Scenario:
 
 
 def with_gains(scenario: Scenario, gains: Mapping[str, Mapping[str, Sequence[float]]]) -> Scenario:
-    """The scenario with other gains, as `CascadeDesign.gains` has them."""
+    """The scenario with other gains, as `CascadeDesign.gains` has them.
+
+    They are those of controllers without estimates: in place of any other stands a PD.
+    """
+    cascade = scenario.cascade
     blocks = {
-        name: getattr(scenario.cascade, name).model_copy(update={kind: tuple(rows) for kind, rows in block.items()})
+        name: _without_estimates(getattr(cascade, name)).model_copy(
+            update={kind: tuple(rows) for kind, rows in block.items()}
+        )
         for name, block in gains.items()
     }
-    return scenario.model_copy(update={"control": scenario.cascade.model_copy(update=blocks)})
+    return scenario.model_copy(update={"control": cascade.model_copy(update=blocks)})
+
+
+def _without_estimates(controller: PositionController | AttitudeControl) -> PositionController | AttitudeControl:
+    if type(controller) in (PdPosition, PidPosition, PdAttitude, GeometricAttitude):
+        return controller
+    plain = PdPosition if isinstance(controller, PdPosition) else PdAttitude
+    return plain(kind="pd", **{name: getattr(controller, name) for name in plain.model_fields if name != "kind"})
 
 
 def with_autopilot_gains(scenario: Scenario, gains: Mapping[str, Sequence[float]]) -> Scenario:
@@ -302,25 +322,6 @@ def position_plant(
     closed = whole.with_feedback(np.array([[k_p, k_d, 0.0, 0.0]]))
     command = closed.scaled(sign * k_p / laboratory.specific_thrust, "acceleration_command")
     return command.between(command.inputs, command.outputs[2:])
-
-
-def attitude_plant_in_flight(
-    laboratory: LaboratoryPlant, scenario: Scenario, axis: str, position: AxisGains
-) -> SampledSystem:
-    """From a commanded angular acceleration to the error and the rate of a tilt, the position loop closed.
-
-    Args:
-        laboratory: of `laboratory_plant`.
-        scenario: with the nominal vehicle.
-        axis: x or y, along which the tilt moves the vehicle.
-        position: gains on this axis, from which the commanded tilt comes.
-    """
-    tilt, sign = _TILTS[axis]
-    angle, rate = _SIGNALS[tilt][1:]
-    whole = _plant(laboratory, scenario, tilt, (angle, rate, axis, f"v_{axis}"))
-    k_p, k_d = (sign * gain / laboratory.specific_thrust for gain in position)
-    mix = np.array([[1.0, 0.0, k_p, k_d], [0.0, 1.0, 0.0, 0.0]])
-    return replace(whole, C=mix @ whole.C, D=mix @ whole.D, outputs=(f"{tilt}_error", rate))
 
 
 def _plant(laboratory: LaboratoryPlant, scenario: Scenario, axis: str, measured: tuple[str, ...]) -> SampledSystem:

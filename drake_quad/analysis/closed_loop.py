@@ -315,10 +315,25 @@ def _hover_wrench(resting: Scenario, hover: RotorSpeed) -> Wrench:
 
 def _with_axes_apart(system: SampledSystem, hover: RotorSpeed, parameters: QuadrotorParameters) -> SampledSystem:
     """The system with thrust and torques in place of the speeds of the rotors, which hover at some."""
-    rotors = [system.states.index(f"vehicle.rotor_speed.{rotor}") for rotor in RotorSpeed._fields]
-    names = [f"vehicle.rotors.{name}" for name in Wrench._fields]
+    turning = "vehicle.rotor_speed."
+    rotors = [i for i, name in enumerate(system.states) if turning in name]
+    inside, _, _ = system.states[rotors[0]].partition(turning)
+    names = [f"{inside}vehicle.rotors.{name}" for name in Wrench._fields]
     pattern = _wrench_pattern(hover, parameters)
     return system.transformed(rotors, pattern, names)
+
+
+def loop_by_axes(scenario: Scenario) -> SampledSystem:
+    """The linear model of `closed_loop`, with thrust and torques in place of the speeds of the rotors.
+
+    An even vehicle's axes then have no state in common.
+
+    Raises:
+        InputError: as `closed_loop`, or the rotors cannot hold the vehicle.
+    """
+    resting = at_rest(scenario)
+    hover = _hover_speeds(resting)
+    return _with_axes_apart(closed_loop(scenario).system, hover, vehicle_parameters(resting.vehicle))
 
 
 def on_board_plant(scenario: Scenario, *, vehicle: Literal["believed", "as it is"] = "believed") -> SampledSystem:

@@ -1,18 +1,19 @@
 """Maps which gains stabilise a loop, and how well they fly."""
 
+from collections.abc import Sequence
 from typing import Literal, NamedTuple
 
 import numpy as np
 
-from drake_quad.analysis.cascade_design import attitude_plant_in_flight, position_plant, turned_on_board
-from drake_quad.analysis.closed_loop import laboratory_plant, on_board_plant
-from drake_quad.analysis.gain_design import AxisGains
+from drake_quad.analysis.cascade_design import turned_on_board
+from drake_quad.analysis.closed_loop import loop_by_axes, on_board_plant
 from drake_quad.analysis.margins import fast_margins, frequencies
 from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.errors import InputError
 from drake_quad.flight import StudyFleet
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario import Batch, Scenario, draw_sample
+from drake_quad.scenario.paths import replaced
 
 Loop = Literal["position", "attitude"]
 _ON_BOARD = "laboratory.autopilot"
@@ -20,6 +21,10 @@ _ON_BOARD = "laboratory.autopilot"
 # Modes that die faster than this within a tick are delay lines, whose damping means nothing.
 _FAST = 0.05
 _POINTS = 300
+# Of a gain, between two linear models that differ by it alone; any would do.
+_STEP = 1.0
+# Beside the largest, what these differences show of a state that has no part in them.
+_ROUNDING = 1e-9
 
 
 class MappedGains(NamedTuple):
@@ -132,12 +137,12 @@ def _mapped(plant: SampledSystem, gains: np.ndarray) -> StabilityMap:
 
 
 def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
-    """What the gains of one of a scenario's loops act on along x, with the vehicle "as it is" of `laboratory_plant`.
+    """What the gains of one of a scenario's loops act on along x, with all else of the loop as it is.
 
-    For the position that is the plant around its own attitude loop, or around that on board. For the attitude it is the
-    plant with its own position loop closed: u = -k_P (θ - θ_r) - k_D q with θ_r = -(K_P x + K_D v) over the
-    specific thrust, eq (7), is a PD in θ - θ_r and q. For the attitude on board it is what the autopilot turns, over a
-    period of the autopilot; the position loop, which ticks less often, is not in it.
+    On the ground that is made of linear models of the whole loop, whose matrix from tick to tick is A - b (k_P c_P +
+    k_D c_D), since a PD acts at one place. So everything around the PD is in it, the other loop of the cascade,
+    integrals and estimates; but no network, which learns and has no linear model. For the attitude on board it is what
+    the autopilot turns, over a period of the autopilot; the position loop, which ticks less often, is not in it.
 
     Raises:
         InputError: there is no such plant, or the attitude has no gains, see `mapped_gains`.
@@ -147,16 +152,23 @@ def mapped_plant(scenario: Scenario, loop: Loop) -> SampledSystem:
     if mapped.block == _ON_BOARD:
         whole = on_board_plant(scenario, vehicle="as it is")
         return turned_on_board(whole, "pitch", scenario.nominal.inertia[1])
-    kind = scenario.laboratory.autopilot.kind
-    laboratory = laboratory_plant(scenario, vehicle="as it is")
-    if loop == "position":
-        return position_plant(laboratory, scenario, "x", _gains(scenario, "attitude", 1) if kind == "none" else None)
-    return attitude_plant_in_flight(laboratory, scenario, "x", _gains(scenario, "position", 0))
+    control = scenario.cascade.model_copy(update={"network": None})
+    axis = 0 if loop == "position" else 1
+    gains = [float(getattr(getattr(control, loop), name)[axis]) for name in mapped.fields]
 
+    def model(pair: Sequence[float]) -> SampledSystem:
+        values = {f"{mapped.block}.{name}.{axis}": value for name, value in zip(mapped.fields, pair, strict=True)}
+        with_gains = scenario.model_copy(update={"control": control})
+        return loop_by_axes(replaced(with_gains, lambda path, value: values.get(path, value)))
 
-def _gains(scenario: Scenario, loop: Loop, axis: int) -> AxisGains:
-    block = getattr(scenario.cascade, loop)
-    return AxisGains(float(block.k_p[axis]), float(block.k_d[axis]))
+    own = model(gains)
+    slopes = [(own.A - model(np.add(gains, step)).A) / _STEP for step in _STEP * np.eye(2)]
+    outer, sizes, rows = np.linalg.svd(np.hstack(slopes), full_matrices=False)
+    b, c = (np.where(np.abs(x) > _ROUNDING * np.abs(x).max(), x, 0.0) for x in (outer[:, :1], sizes[0] * rows[0]))
+    c = c.reshape(2, -1)
+    outputs = tuple(f"{mapped.block}.{name}" for name in mapped.fields)
+    alone = own.A + b @ np.atleast_2d(gains) @ c
+    return SampledSystem(alone, b, c, np.zeros((2, 1)), own.period, own.states, ("command",), outputs).connected()
 
 
 def flown_map(

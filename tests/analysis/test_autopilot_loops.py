@@ -215,7 +215,9 @@ def test_shipped_gains_are_what_their_call_makes(root, onboard, designed, monkey
     options = script.design_options(arguments.parse_args(command[1:]), 0.02)
     assert options == default_options(0.02) | on_board_options()
     written = YAML(typ="safe").load(text)["gains"]
-    assert written == {"control": designed.gains(), "laboratory": {"autopilot": designed.autopilot_gains()}}
+    position = {"kind": "pd", "derivative": "tracking_error", "feed_forward": "jerk"} | designed.gains()["position"]
+    assert written["control"] == {"kind": "cascade", "position": position}
+    assert written["laboratory"] == {"autopilot": designed.autopilot_gains()}
     scenario = onboard()
     made = with_autopilot_gains(with_gains(scenario, designed.gains()), designed.autopilot_gains())
     assert made == scenario

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario
-from drake_quad.analysis.cascade_design import _alike, _markov, attitude_plant, attitude_plant_in_flight, position_plant
+from drake_quad.analysis.cascade_design import _alike, _markov, attitude_plant, position_plant
 from drake_quad.analysis.closed_loop import laboratory_plant
 from drake_quad.analysis.gain_design import AxisGains
 from drake_quad.analysis.sampled_system import SampledSystem
@@ -75,21 +75,3 @@ def test_a_position_follows_its_acceleration_through_the_tilt(plants):
         value, rate = plant.response(np.array([np.exp(s * 0.02)]))[0, :, 0]
         assert value == pytest.approx(1.0 / (s * (s + 0.1 / 0.75)), rel=0.06)
         assert rate == pytest.approx(s * value, rel=0.02)
-
-
-def test_an_error_of_a_tilt_in_flight_is_the_tilt_and_what_the_position_asks_for(plants):
-    """As by hand from the same plant: θ plus, or on the other axis minus, the gains over the specific thrust."""
-    scenario, laboratory = plants
-    z, gains = np.exp(1j * np.array([0.3, 2.0]) * 0.02), AxisGains(0.4, 0.9)
-    for axis, tilt, rate, torque, inertia, sign in (
-        ("x", "pitch", "q", "tau_y", 0.0085, 1.0),
-        ("y", "roll", "p", "tau_x", 0.0065, -1.0),
-    ):
-        plant = attitude_plant_in_flight(laboratory, scenario, axis, gains)
-        assert plant.outputs == (f"{tilt}_error", rate)
-        rows = [f"measurement.{name}" for name in (tilt, rate, axis, f"v_{axis}")]
-        angle, turn, place, speed = (
-            inertia * laboratory.system.between([f"wrench.{torque}"], rows).response(z)[..., 0].T
-        )
-        wanted = sign * (0.4 * place + 0.9 * speed) / 9.81
-        np.testing.assert_allclose(plant.response(z)[..., 0].T, [angle + wanted, turn], rtol=1e-6)

@@ -18,7 +18,8 @@ from drake_quad.vehicle.quadrotor import Place
 
 @pytest.fixture
 def laboratory(diagrams):
-    return lambda *overrides: load_scenario(diagrams / "laboratory.yaml:nominal", overrides)
+    soft = [diagrams / "gains" / "laboratory.yaml"]
+    return lambda *overrides: load_scenario(diagrams / "laboratory.yaml:nominal", overrides, layers=soft)
 
 
 def fleet_after(scenario, start, equilibrium, deviations, end):

@@ -13,14 +13,20 @@ from drake_quad.analysis.modes import modes
 from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.analysis.stability_map import flown_map, mapped_plant, stability_map
 from drake_quad.scenario import draw_sample
+from drake_quad.scenario.paths import replaced
 
 ROOT = Path(__file__).parent.parent.parent
+SOFT = ROOT / "diagrams" / "gains" / "laboratory.yaml"
 K_P, K_D = np.array([0.1, 0.3, 0.8]), np.array([0.2, 0.7, 1.5, 3.5])
 
 
 @pytest.fixture(scope="module")
 def scenario():
-    return load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", ["duration=3", "crash.position_error=0.5"])
+    return soft("duration=3", "crash.position_error=0.5")
+
+
+def soft(*overrides):
+    return load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", overrides, layers=[SOFT])
 
 
 @pytest.mark.slow
@@ -51,6 +57,7 @@ def test_a_position_that_is_left_alone_is_not_held(scenario):
 
 
 @pytest.mark.parametrize("loop", ["position", "attitude"])
+@pytest.mark.parametrize("controller", [None, "pid", "disturbance_observer", "indi"])
 @pytest.mark.parametrize(
     "overrides",
     [
@@ -64,12 +71,15 @@ def test_a_position_that_is_left_alone_is_not_held(scenario):
         ],
     ],
 )
-def test_the_mapped_loop_is_the_diagram(loop, overrides):
-    """Closed with the scenario's own gains it has multipliers of the whole diagram, with the vehicle as it is."""
-    scenario = load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", overrides)
+def test_the_mapped_loop_is_the_diagram(loop, overrides, controller):
+    """Closed with gains that are not the scenario's it has multipliers of the whole diagram that has them."""
+    laid = [ROOT / "diagrams" / "controllers" / "designed" / f"laboratory.yaml:{controller}"] if controller else [SOFT]
+    scenario = load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", overrides, layers=laid)
     block, i = getattr(scenario.control, loop), 0 if loop == "position" else 1
-    poles = mapped_plant(scenario, loop).with_feedback(np.array([[block.k_p[i], block.k_d[i]]])).poles()
-    multipliers = closed_loop(scenario).system.poles()
+    gains = {f"control.{loop}.k_p.{i}": 1.1 * block.k_p[i], f"control.{loop}.k_d.{i}": 0.95 * block.k_d[i]}
+    poles = mapped_plant(scenario, loop).with_feedback(np.array([[*gains.values()]])).poles()
+    changed = replaced(scenario, lambda path, value: gains.get(path, value))
+    multipliers = closed_loop(changed).system.poles()
     lasting = poles[np.abs(poles) > 0.1]
     assert len(lasting) >= 5
     for pole in lasting:
@@ -94,7 +104,7 @@ def test_each_place_of_the_flown_map_is_a_flight_of_its_own(scenario, loop):
             for name, value in (("k_p", k_p[i]), ("k_d", k_d[j]))
         ]
         overrides = ["duration=3", "crash.position_error=0.5", *gains]
-        alone = simulate(load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", overrides), sample=3)
+        alone = simulate(soft(*overrides), sample=3)
         assert found.rmse[i, j] == pytest.approx(alone.metrics.rmse, rel=1e-9)
         assert found.crash_time[i, j] == alone.metrics.crash_time
         crashed += alone.metrics.crashed
