@@ -33,19 +33,18 @@ def write_designs(path: Path, designs: Mapping[str, Tree], *, said: Mapping[str,
         path: of the file.
         designs: by their names.
         said: comments, by the names of the designs that they stand beside.
-        head: comment at the top of a new file.
+        head: comment at the top of the file, in place of what stands there; as it is if empty.
 
     Returns:
         The path.
     """
     tree = _read(path)
-    fresh = not tree
     for name, design in designs.items():
         tree[name] = _flowing(design)
         if name in said:
             tree.ca.items.pop(name, None)
             tree.yaml_add_eol_comment(said[name], name)
-    if fresh and head:
+    if head:
         tree.yaml_set_start_comment(head)
     yaml = _yaml()
     return write_whole(path, lambda target: yaml.dump(tree, target))

@@ -105,7 +105,7 @@ def judge_laps(diagrams: Path, name: str, family: Family, entries: Sequence[str]
     names = [each for base in MAPPED for each in (base, f"{base}_t2fnn_map") if f"{base}_t2fnn_map" in entries]
     for controller in names:
         for count in range(1, sizes.most_laps + 1):
-            scenario = family.scenario(diagrams, LAPS_IN, [f"{path}:{controller}"], (*laps_of(count), *sizes.overrides))
+            scenario = family.scenario(diagrams, LAPS_IN, [f"{path}:{controller}"], laps_of(count))
             yield in_laps(count), controller, _fly(scenario, sizes.laps)[0]
 
 

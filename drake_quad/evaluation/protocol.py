@@ -16,6 +16,7 @@ from drake_quad.evaluation.families import FAMILIES, Family
 from drake_quad.evaluation.results import PRICED, PRICED_CONTROLLERS, PRICED_IN, SENSITIVITIES, priced_name
 from drake_quad.evaluation.tuning import Budget, LoopLimit, Tuned, tune
 from drake_quad.scenario import Scenario, load_undesigned
+from drake_quad.scenario.paths import value_at
 
 
 class Designed(NamedTuple):
@@ -83,7 +84,8 @@ def design_family(
             write_designs(trial, {controller: entry.middle()}, said={})
             scenarios = training(diagrams, family, f"{trial}:{controller}", entry)
             shares = None if entry.around else _shares(limit)
-            found = tune(scenarios, entry.knobs, shares, budget=budget, progress=progress)
+            before = numbers_before(diagrams, family, path, controller, entry)
+            found = tune(scenarios, entry.knobs, shares, budget=budget, before=before, progress=progress)
             words = _words(entry, found, budget)
             write_designs(
                 path, {controller: entry.tree(found.numbers)}, said={controller: words}, head=_head(name, limit)
@@ -97,6 +99,18 @@ def training(diagrams: Path, family: Family, layer: str, entry: Entry) -> list[S
     """The scenarios in which an entry of a family is trained, with samples that are never judged."""
     overrides = family.laps if entry.laps else ()
     return [family.scenario(diagrams, each, [layer], overrides) for each in family.trained]
+
+
+def numbers_before(diagrams: Path, family: Family, path: Path, controller: str, entry: Entry) -> list[float] | None:
+    """The numbers of an entry's knobs that an earlier design has; None if there is none, or it has no such numbers."""
+    if controller not in names_in(path):
+        return None
+    scenario, *_ = training(diagrams, family, f"{path}:{controller}", entry)
+    try:
+        numbers = [value_at(scenario, knob.paths[0]) for knob in entry.knobs]
+    except InputError:
+        return None
+    return numbers if all(isinstance(number, float) and number > 0.0 for number in numbers) else None
 
 
 def design_prices(

@@ -62,6 +62,7 @@ def report_markdown(found: Evaluation, answers: Sequence[Answer], figures: Seque
         "candidates": str(budget.candidates),
         "training": str(budget.samples),
         "checks": str(budget.checks),
+        "steps": str(budget.steps),
         "sensitivity": f"{limit.sensitivity:g}",
         "delay": f"{1e3 * limit.delay:g}",
         "trained": "; ".join(f"{name}: {' and '.join(each.trained)}" for name, each in FAMILIES.items()),

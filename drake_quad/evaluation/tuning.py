@@ -4,8 +4,8 @@ Every controller gets the same budget. It is the cross-entropy method (R. Y. Rub
 cross-entropy method", 2004) over the logarithms of the numbers: in each round points of a normal distribution are flown
 by one fleet on the training samples, and the best fourth of them are what the next distribution is made of. A linear
 model takes as long as a thousand flights, and so the limit is looked at for a few of the best of each round, and told
-for the others by radial basis functions through all that have been looked at. Two local searches from the best follow,
-which look at the limit at every step.
+for the others by radial basis functions through all that have been looked at. Three local searches from the best
+follow, which look at the limit at every step.
 """
 
 import math
@@ -33,7 +33,7 @@ _PENALTY = 4.0
 # at the beginning; what is kept from the limit, since what is told is not exact.
 _DOUBT, _RESERVE = 0.5, 0.002
 # First steps of the local searches, in widths of the box.
-_RADII = 0.1, 0.04
+_RADII = 0.15, 0.08, 0.04
 # Shares of the limit of which no more need be known.
 _ENDS = 0.2, 1.5
 
@@ -65,14 +65,14 @@ class Budget(NamedTuple):
         candidates: flown in each round.
         samples: on which each of them is flown, in all laboratories together.
         checks: of the limit in each round.
-        steps: of each of two local searches, from the best of all rounds.
+        steps: of each of three local searches, from the best of all rounds.
     """
 
     rounds: int = 24
     candidates: int = 128
     samples: int = 16
     checks: int = 6
-    steps: int = 100
+    steps: int = 80
 
 
 class LoopLimit(NamedTuple):
@@ -117,6 +117,7 @@ def tune(
     budget: Budget = Budget(),
     first_sample: int = 0,
     seed: int = 0,
+    before: Sequence[float] | None = None,
     progress: Callable[[], None] | None = None,
 ) -> Tuned:
     """Tunes the numbers of a controller: those of the lateral axes first, then those of the vertical one.
@@ -132,6 +133,8 @@ def tune(
         budget: of the search.
         first_sample: of the training samples, which follow each other.
         seed: of the search.
+        before: numbers that an earlier search found, one more candidate for the local searches; those out of range are
+            brought to its ends.
         progress: called after each round.
 
     Returns:
@@ -147,6 +150,10 @@ def tune(
             numbers[i] = number
     found = found._replace(numbers=tuple(numbers))
     trial = _Trial(scenarios, knobs, budget._replace(candidates=1), first_sample)
+    if before is not None:
+        point = np.clip(trial.point(before), 0.0, 1.0)
+        share = math.inf if shares_met is None else float(shares_met(trial.scenario(point)).min())
+        found = _better(found, Tuned(trial.numbers(point), float(trial.errors(point[np.newaxis])[0]), share))
     for radius in _RADII:
         found = _better(found, _local_search(trial, found, shares_met, radius, budget.steps))
         if progress is not None:

@@ -109,8 +109,16 @@ def test_the_delay_that_is_flown_is_one_frame_less_than_what_crashes(diagrams):
 
 
 @pytest.mark.slow
-def test_laps_are_flown_with_and_without_a_map(diagrams):
-    found = list(judge_laps(diagrams, "laboratory", FAMILIES["laboratory"], ["pd", "pd_t2fnn_map"], QUICK))
+def test_laps_are_flown_with_and_without_a_map(diagrams, tmp_path):
+    family = FAMILIES["laboratory"]
+    entries = entries_of(on_board=False, maps=True)
+    (tmp_path / "controllers" / "designed").mkdir(parents=True)
+    (tmp_path / "lab.yaml").write_text(f"lab: {{extends: '{diagrams}/laboratory.yaml:high_wind'}}\n", encoding="utf-8")
+    own = {name: entries[name].middle() for name in ("pd", "pd_t2fnn_map")}
+    write_designs(tmp_path / "controllers" / "designed" / "mine.yaml", own, said={})
+    place = family._replace(laboratories={"high wind": "lab.yaml"})
+    found = list(judge_laps(tmp_path, "mine", place, ["pd", "pd_t2fnn_map"], QUICK))
     assert [each[:2] for each in found] == [
         (in_laps(count), name) for name in ("pd", "pd_t2fnn_map") for count in (1, 2)
     ]
+    assert all(len(metrics.rmse) == QUICK.laps for _, _, metrics in found)

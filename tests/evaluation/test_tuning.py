@@ -61,6 +61,15 @@ def test_the_share_of_a_limit_is_that_of_the_worst_loop(laboratory, diagrams):
 
 
 @pytest.mark.slow
+def test_what_was_found_before_is_not_lost(laboratory):
+    budget = Budget(rounds=1, candidates=4, samples=1, checks=1, steps=4)
+    alone = tune([laboratory], [K_P, K_D], stiffness(12.0), budget=budget)
+    good = tune([laboratory], [K_P, K_D], stiffness(12.0), budget=Budget(3, 32, 1, 4, 30))
+    again = tune([laboratory], [K_P, K_D], stiffness(12.0), budget=budget, before=good.numbers)
+    assert again.error <= good.error + 1e-9 < alone.error
+
+
+@pytest.mark.slow
 def test_the_vertical_axis_is_tuned_by_itself_and_without_a_limit_less_error_is_all(laboratory):
     height = Knob(("control.position.k_p.2",), 0.5, 30.0)
     budget = Budget(rounds=3, candidates=16, samples=1, steps=10)
