@@ -363,7 +363,8 @@ def test_judge_controllers_flies_designs_and_writes_what_follows(run, tmp_path):
     report = (tmp_path / "report.md").read_text(encoding="utf-8")
     assert "a network of type 2 around PD makes its error smaller" in report
     assert (tmp_path / "figures" / "errors.png").stat().st_size > 500
-    assert {row["controller"] for row in csv.DictReader((tmp_path / "summary.csv").open())} == {"pd", "pd_t2fnn"}
+    rows = csv.DictReader((tmp_path / "summary.csv").read_text(encoding="utf-8").splitlines())
+    assert {row["controller"] for row in rows} == {"pd", "pd_t2fnn"}
 
 
 @pytest.mark.slow

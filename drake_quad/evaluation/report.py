@@ -57,6 +57,7 @@ def report_markdown(found: Evaluation, answers: Sequence[Answer], figures: Seque
         "entries": _entries(),
         "absent": _absent(found),
         "samples": str(max(len(each.rmse) for flown in found.flights.values() for each in flown.values())),
+        "places": str(len({place for _, place, *_ in _flown(found)})),
         "first_judged": str(FIRST_JUDGED),
         "rounds": str(budget.rounds),
         "candidates": str(budget.candidates),
