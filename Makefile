@@ -2,6 +2,7 @@
 # make test  sets it up and runs the tests; TESTS="-m 'not slow'" those that are quick
 # make fuzz  reads and flies ten thousand mutated scenarios, and a hundred structures in compiled diagrams
 # make paper  flies the paper's experiment again and writes a report
+# make controllers  flies all controllers in all laboratories and writes a report; TUNE=1 tunes them anew before
 # make lint  checks style, spelling and types
 # make docs  builds the pages and the reference in out/docs
 # make benchmark  measures speed
@@ -21,7 +22,7 @@ DRAWN = figure_eight.yaml hover.yaml slalom.yaml laboratory.yaml:low_wind neural
 MUTANTS ?= 500
 SEED ?= 0
 
-.PHONY: fly test fuzz paper lint docs benchmark mutants figures
+.PHONY: fly test fuzz paper controllers lint docs benchmark mutants figures
 
 fly: $(VENV)/.installed
 	$(VENV)/bin/python scripts/simulate.py diagrams/figure_eight.yaml
@@ -34,6 +35,10 @@ fuzz: $(VENV)/.installed-test
 
 paper: $(VENV)/.installed
 	$(VENV)/bin/python scripts/reproduce_paper.py
+
+controllers: $(VENV)/.installed
+	$(if $(TUNE),$(VENV)/bin/python scripts/judge_controllers.py --tune)
+	$(VENV)/bin/python scripts/judge_controllers.py
 
 lint: $(VENV)/.installed-lint
 	$(VENV)/bin/ruff check
@@ -74,6 +79,9 @@ figures: $(VENV)/.installed
 	cp out/calibration/calibration.csv docs/replication
 	$(VENV)/bin/python scripts/reproduce_paper.py
 	cp -r $(addprefix out/paper/,report.md report.html figures table_ii.csv table_ii.md claims.csv fair.csv effort.csv) docs/replication
+	$(VENV)/bin/python scripts/judge_controllers.py
+	mkdir -p docs/controllers
+	cp -r $(addprefix out/controllers/,report.md report.html figures summary.csv answers.csv) docs/controllers
 
 $(VENV)/bin/python:
 	@test -n "$(PYTHON)" || { echo "no Python from 3.11 on was found on PATH or under pyenv"; exit 2; }

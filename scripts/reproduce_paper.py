@@ -12,13 +12,15 @@ from command_line import add_vector, add_wired, new_bar, print_columns, print_fi
 from drake_quad import Scenario, load_scenario
 from drake_quad.files import output_folder, read_table, write_text
 from drake_quad.replication.experiment import QUICK, Sizes, fly_experiment
-from drake_quad.replication.figures import paper_figures, save_small
+from drake_quad.replication.figures import paper_figures
 from drake_quad.replication.findings import findings_of, write_findings
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell
-from drake_quad.replication.report import FIGURES, report_html, report_markdown
+from drake_quad.replication.report import FIGURES, report_markdown
 from drake_quad.replication.results import read_experiment
 from drake_quad.replication.table_ii import Entry
 from drake_quad.studies.processes import Workers
+from drake_quad.studies.report import report_html
+from drake_quad.visualization.in_print import save_small
 from drake_quad.visualization.style import save_vector
 
 _TOP = Path(__file__).parent.parent

@@ -16,7 +16,7 @@ from command_line import (
 
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.analysis.link_margins import link_margins
-from drake_quad.evaluation import Budget, Knob, LoopLimit, tune
+from drake_quad.evaluation import Budget, Knob, LoopLimit, tune, with_numbers
 from drake_quad.files import output_folder, write_whole
 from drake_quad.scenario import save_scenario
 from drake_quad.scenario.paths import value_at
@@ -27,7 +27,7 @@ from drake_quad.studies.statistics import of_survivors
 _REACH = 4.0
 # Samples on which the controller is judged, after those on which it was tuned.
 _JUDGED = 32
-_RANGES = {"sensitivity": (1.1, 100.0), "delay-margin": (1e-3, 10.0), "samples": (1, 1000), "rounds": (1, 20)}
+_RANGES = {"sensitivity": (1.1, 100.0), "delay-margin": (1e-3, 10.0), "samples": (1, 1000), "rounds": (1, 200)}
 
 
 def main() -> None:
@@ -60,17 +60,18 @@ def main() -> None:
     limit = LoopLimit(arguments.sensitivity, arguments.delay_margin)
     folder = output_folder(folder_of(arguments, scenario.name))
     budget = budget._replace(samples=arguments.samples, rounds=arguments.rounds)
-    found = tune(scenario, knobs, limit.share_met, budget=budget)
-    file = write_whole(folder / "scenario.yaml", lambda path: save_scenario(found.scenario, path))
+    found = tune([scenario], knobs, limit.shares_met, budget=budget)
+    tuned = with_numbers(scenario, knobs, found.numbers)
+    file = write_whole(folder / "scenario.yaml", lambda path: save_scenario(tuned, path))
     rows = [
         (", ".join(knob.paths), f"{value_at(scenario, knob.paths[0]):.4g}", f"{number:.4g}")
         for knob, number in zip(knobs, found.numbers, strict=True)
     ]
     judged = range(budget.samples, budget.samples + _JUDGED)
-    rows.append((f"RMSE on {_JUDGED} other samples", judgement(scenario, judged), judgement(found.scenario, judged)))
+    rows.append((f"RMSE on {_JUDGED} other samples", judgement(scenario, judged), judgement(tuned, judged)))
     print_columns(("", "before", "tuned"), rows)
     print()
-    print_margins(link_margins(found.scenario))
+    print_margins(link_margins(tuned))
     if found.share < 1.0:
         print(f"\nnone of what was tried keeps the limit; this meets {100.0 * found.share:.0f} % of it")
     print_files([file])

@@ -354,6 +354,20 @@ def test_tune_controller_finds_less_error_and_says_what_margins_are_left(run, tm
 
 
 @pytest.mark.slow
+def test_judge_controllers_flies_designs_and_writes_what_follows(run, tmp_path):
+    few = ["--family", "laboratory", "--only", "pd", "--only", "pd_t2fnn"]
+    result = run("judge_controllers.py", "--quick", *few, "--output", tmp_path)
+    assert result.returncode == 0
+    assert re.search(r"^PD +\d+\.\d\d +\d+\.\d\d +\d+\.\d\d$", result.stdout, re.MULTILINE)
+    assert "laboratory has no design of" in result.stderr
+    report = (tmp_path / "report.md").read_text(encoding="utf-8")
+    assert "a network of type 2 around PD makes its error smaller" in report
+    assert (tmp_path / "figures" / "errors.png").stat().st_size > 500
+    rows = csv.DictReader((tmp_path / "summary.csv").read_text(encoding="utf-8").splitlines())
+    assert {row["controller"] for row in rows} == {"pd", "pd_t2fnn"}
+
+
+@pytest.mark.slow
 def test_design_gains_designs_loops_on_board_and_the_position_around_them(run, tmp_path):
     result = run("design_gains.py", ONBOARD, "--on-board", "--phase-margin", "65", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -507,7 +521,7 @@ def test_sensitivities_are_by_the_distances_that_the_layout_has(run, tmp_path):
 @pytest.mark.parametrize(
     ("script", "arguments", "words"),
     [
-        ("tune_controller.py", ["--rounds", "0"], "--rounds is 0, but must be between 1 and 20"),
+        ("tune_controller.py", ["--rounds", "0"], "--rounds is 0, but must be between 1 and 200"),
         (
             "tune_controller.py",
             ["--tune", "vehicle.mass"],
@@ -521,6 +535,10 @@ def test_sensitivities_are_by_the_distances_that_the_layout_has(run, tmp_path):
             "the range 3:1, which must rise, from above 0",
         ),
         ("tune_controller.py", ["--tune", "control.position.k_p.0=3"], "the range 3, but must have LOW:HIGH"),
+        ("judge_controllers.py", ["--samples", "1"], "--samples is 1, but must be between 2 and 10000"),
+        ("judge_controllers.py", ["--family", "moon"], "--family moon: there is none of that name; these are laborat"),
+        ("judge_controllers.py", ["--tune", "moon"], "--tune moon: there is none of that name; these are laboratory,"),
+        ("judge_controllers.py", ["--tune", "outdoor", "--only", "lqg"], "lqg is no controller that is tuned here"),
         ("design_lqg.py", ["--sensitivity", "1"], "--sensitivity is 1, but must be between 1.2 and 10"),
         ("design_lqg.py", ["--delay-margin", "-1"], "--delay-margin is -1, but must be between 0 and 10"),
         ("design_lqg.py", ["--snap", "0"], "--snap is 0, but must be between 0.1 and 10000"),

@@ -101,9 +101,9 @@ def fast_margins(responses: np.ndarray, grid: np.ndarray) -> FastMargins:
     )
 
 
-def frequencies(period: float, *, points: int = _POINTS) -> np.ndarray:
-    """(points,) frequencies up to just below half the sampling rate, rad/s."""
-    return np.geomspace(_LOWEST, 0.9999 * math.pi / period, points)
+def frequencies(period: float, *, points: int = _POINTS, lowest: float = _LOWEST) -> np.ndarray:
+    """(points,) frequencies from the lowest (rad/s) up to just below half the sampling rate, rad/s."""
+    return np.geomspace(lowest, 0.9999 * math.pi / period, points)
 
 
 def _gain_at_half_the_rate(responses: np.ndarray) -> np.ndarray:

@@ -1,5 +1,6 @@
 """The control of a scenario."""
 
+import functools
 import math
 from collections.abc import Callable
 from typing import Any
@@ -15,7 +16,7 @@ from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
 from drake_quad.control.axes import PerAngle, PerAxis
 from drake_quad.control.cascade import build_cascade
 from drake_quad.control.disturbance.estimator import DisturbanceEstimator, EstimatorNumbers
-from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, KalmanLaw
+from drake_quad.control.disturbance.laws import AdaptiveLaw, IncrementalLaw, KalmanLaw, KalmanMemory
 from drake_quad.control.disturbance.response import Command
 from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator, TiltEstimatorNumbers
 from drake_quad.control.fuzzy.adaptation import AdaptationRates
@@ -168,12 +169,18 @@ def _estimator(scenario: Scenario, position: Any, plan: Plan) -> dict[str, Recip
 
 
 def _kalman_law(position: Any, axis: int, period: float) -> KalmanLaw:
-    return KalmanLaw.of(
-        deviation=position.deviation[axis],
-        time_constant=position.time_constant[axis],
-        position_noise=position.position_noise,
-        period=period,
-    )
+    """The Kalman filter of an axis, vehicle by vehicle where its statistics vary."""
+    statistics = position.deviation[axis], position.time_constant[axis], position.position_noise
+    if not any(np.ndim(number) for number in statistics):
+        return _kalman_filter(*statistics, period)
+    laws = [_kalman_filter(*map(float, own), period) for own in np.broadcast(*statistics)]
+    time_constant: Any = np.array([law.time_constant for law in laws])
+    return KalmanLaw(time_constant, KalmanMemory(*np.transpose([law.gain for law in laws])))
+
+
+@functools.lru_cache(maxsize=4096)
+def _kalman_filter(deviation: float, time_constant: float, position_noise: float, period: float) -> KalmanLaw:
+    return KalmanLaw.of(deviation=deviation, time_constant=time_constant, position_noise=position_noise, period=period)
 
 
 def _adaptive_law(position: Any, axis: int, period: float) -> AdaptiveLaw:

@@ -2,7 +2,7 @@
 
 from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
-from typing import Literal, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 import scipy
@@ -11,9 +11,9 @@ from drake_quad.files import write_table
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.results import MAPPED, Experiment
 from drake_quad.replication.sweeps import EXPONENTS, NOISE, Q_VALUES, SLOPES, Sweep
+from drake_quad.studies.report import Verdict, judge
 from drake_quad.studies.statistics import Comparison, Interval, compare_studies, mean_interval
 
-Verdict = Literal["holds", "holds in part", "does not hold", "cannot be decided"]
 _NETWORKS = ("pd_t1fnn", "pd_t2fnn", "pd_t2fnn_wide")
 _GAINS = {"k_p": "k_P", "k_d": "k_D"}
 _TYPE_2 = ("pd_t2fnn", "pd_t2fnn_wide")
@@ -412,21 +412,6 @@ def _levels(controller: str) -> str:
         if cell in printed_table()
     ]
     return ", ".join("–" if np.isnan(mean) else f"{mean:.3f}" for mean in means)
-
-
-def judge(needed: Sequence[bool | None], *enough: bool | None) -> Verdict:
-    """The verdict that follows from conditions, each true, false, or None where an interval leaves it open.
-
-    Args:
-        needed: conditions that all must be true for the claim to hold; if only some are, it holds in part.
-        enough: further conditions, each of which makes the claim hold in part.
-    """
-    if all(needed):
-        return "holds"
-    conditions = {*needed, *enough}
-    if any(conditions):
-        return "holds in part"
-    return "cannot be decided" if None in conditions else "does not hold"
 
 
 def _span(values: Sequence[float] | np.ndarray, size: float, form: str) -> str:

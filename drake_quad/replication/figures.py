@@ -1,12 +1,8 @@
 """The figures of the report: the paper's own, and further ones; as wide as a column of a journal."""
 
 from collections.abc import Iterator, Mapping, Sequence
-from contextlib import contextmanager
-from io import BytesIO
-from pathlib import Path
 from typing import Any
 
-import matplotlib
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
@@ -14,7 +10,6 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from matplotlib.patches import Patch
 from matplotlib.ticker import MaxNLocator, NullLocator, PercentFormatter
-from PIL import Image
 
 from drake_quad.control.fuzzy.inference import elliptic_membership
 from drake_quad.flight import Flight
@@ -24,6 +19,7 @@ from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_tab
 from drake_quad.replication.results import MAPPED, Experiment
 from drake_quad.replication.sweeps import NOISE, Q_VALUES, Sweep
 from drake_quad.studies.statistics import mean_interval, of_survivors
+from drake_quad.visualization.in_print import COLUMN, in_print
 from drake_quad.visualization.learning_plots import PAPER_EXPONENTS
 from drake_quad.visualization.leg_marks import leg_marks, number_legs, shade_legs
 from drake_quad.visualization.places import places
@@ -38,32 +34,13 @@ from drake_quad.visualization.style import (
     VERMILION,
     new_figure,
     shading,
-    styled,
 )
 
 Flights = Mapping[Cell, Flight]
 
-# Width of a column of the paper's journal, inches.
-_COLUMN = 3.5
-# Dots per inch, and colours of the palette.
-_DPI, _COLOURS = 220, 128
 _LINES = {"pd": (BLUE, "-"), "pd_t1fnn": (GREEN, "-."), "pd_t2fnn": (VERMILION, "-"), "pd_t2fnn_wide": (PURPLE, "--")}
 # Peak errors read off the paper's Fig. 9, m.
 _PRINTED_PEAKS = {"pd": 1.3, "pd_t2fnn": 0.8}
-
-
-@contextmanager
-def _in_print() -> Iterator[None]:
-    """A context in which figures are drawn in the style of the project, with letters for the width of a column."""
-    small: Any = {
-        "font.size": 8,
-        "axes.labelsize": 8,
-        "axes.titlesize": 8,
-        "legend.fontsize": 7.5,
-        "lines.linewidth": 1.1,
-    }
-    with styled(), matplotlib.rc_context({**small, "xtick.labelsize": 7.5, "ytick.labelsize": 7.5}):
-        yield
 
 
 def paper_figures(found: Experiment, flights: Flights) -> Iterator[tuple[str, Figure]]:
@@ -85,18 +62,11 @@ def paper_figures(found: Experiment, flights: Flights) -> Iterator[tuple[str, Fi
     yield "fair", fair_figure(found)
 
 
-def save_small(figure: Figure, path: Path) -> None:
-    """Writes a figure as PNG with a palette, which is a few times smaller than with full colours."""
-    buffer = BytesIO()
-    figure.savefig(buffer, dpi=_DPI)
-    Image.open(buffer).convert("RGB").quantize(_COLOURS, dither=Image.Dither.NONE).save(path, optimize=True)
-
-
 def figure_4() -> Figure:
     """Plots the memberships of an elliptic set for four pairs of exponents."""
     u: Any = np.linspace(-1.2, 1.2, 481)
-    with _in_print():
-        figure = new_figure(_COLUMN, 2.9)
+    with in_print():
+        figure = new_figure(COLUMN, 2.9)
         grid = figure.subplots(2, 2, sharex=True, sharey=True)
         for axes, (a1, a2) in zip(grid.flat, PAPER_EXPONENTS, strict=True):
             upper, lower = elliptic_membership(u, a1), elliptic_membership(u, a2)
@@ -114,8 +84,8 @@ def figure_4() -> Figure:
 
 def figure_7(flights: Flights) -> Figure:
     """Plots the paths of PD and PD+T2FNN without wind in space."""
-    with _in_print():
-        figure = new_figure(_COLUMN, 2.7)
+    with in_print():
+        figure = new_figure(COLUMN, 2.7)
         axes = figure.add_subplot(projection="3d")
         wanted = places(_whole(flights).record("reference")).T
         axes.plot(*wanted, label="reference", **REFERENCE)
@@ -141,8 +111,8 @@ def figure_7(flights: Flights) -> Figure:
 
 def figure_8(flights: Flights) -> Figure:
     """Plots the paths of PD and PD+T2FNN without wind from above."""
-    with _in_print():
-        figure = new_figure(_COLUMN, 4.6)
+    with in_print():
+        figure = new_figure(COLUMN, 4.6)
         axes = figure.subplots()
         flight = _whole(flights)
         reference = flight.record("reference")
@@ -213,8 +183,8 @@ def _errors(flights: Flights, wind: str, controllers: Sequence[str], levels: Map
     """
     errors = {name: flights[Cell(wind, name)].euclidean_error for name in controllers}
     time = flights[Cell(wind, controllers[0])].time
-    with _in_print():
-        figure = new_figure(_COLUMN, 2.6 if "pd_t1fnn" not in errors else 3.8)
+    with in_print():
+        figure = new_figure(COLUMN, 2.6 if "pd_t1fnn" not in errors else 3.8)
         axes, *more = figure.subplots(
             2 if "pd_t1fnn" in errors else 1, 1, sharex=True, squeeze=False, height_ratios=[2, 1][: len(errors) // 2]
         )[:, 0]
@@ -248,8 +218,8 @@ def _style(name: str) -> dict[str, Any]:
 
 def _commands(flights: Flights, axis: str) -> Figure:
     """Plots what PD and network command on an axis, without wind."""
-    with _in_print():
-        figure = new_figure(_COLUMN, 2.6)
+    with in_print():
+        figure = new_figure(COLUMN, 2.6)
         axes = figure.subplots()
         flight = flights[Cell("no_wind", "pd_t2fnn")]
         pd, correction = (getattr(flight.record(name), axis) for name in ("pd", "correction"))
@@ -263,8 +233,8 @@ def _commands(flights: Flights, axis: str) -> Figure:
 
 def table_figure(found: Experiment) -> Figure:
     """Plots the errors of Table II: the printed runs and their mean, and ours over all samples."""
-    with _in_print():
-        figure = new_figure(_COLUMN, 3.9)
+    with in_print():
+        figure = new_figure(COLUMN, 3.9)
         column = figure.subplots(3, 1, sharex=True)
         for axes, (wind, words) in zip(column, WINDS.items(), strict=True):
             for place, name in enumerate(CONTROLLERS):
@@ -302,8 +272,8 @@ def table_figure(found: Experiment) -> Figure:
 
 def fair_figure(found: Experiment) -> Figure:
     """Plots the mean errors of the paper's PD and PD+T2FNN, and of controllers that the paper does not have."""
-    with _in_print():
-        figure = new_figure(_COLUMN, 3.0)
+    with in_print():
+        figure = new_figure(COLUMN, 3.0)
         axes = figure.subplots()
         styles = zip(WINDS.items(), (BLUE, ORANGE, VERMILION), (-0.24, 0.0, 0.24), strict=True)
         for (wind, words), color, offset in styles:
@@ -332,8 +302,8 @@ def fair_figure(found: Experiment) -> Figure:
 
 def advantage_figure(found: Experiment) -> Figure:
     """Plots the share by which type 2 is better than type 1, over the noise of the cameras and over q."""
-    with _in_print():
-        figure = new_figure(_COLUMN, 2.3)
+    with in_print():
+        figure = new_figure(COLUMN, 2.3)
         left, right = figure.subplots(1, 2, sharey=True)
         sweeps = (
             (left, found.noise, "noise", NOISE, 1e3, "noise of the cameras (mm)"),
@@ -361,8 +331,8 @@ def gain_figure(found: Experiment) -> Figure:
     errors = {name: _mean_errors(found.maps[name]) for name in MAPPED}
     seen = np.concatenate([error[np.isfinite(error)] for _, _, error in errors.values()])
     least, largest = float(seen.min()), float(min(seen.max(), 16.0 * seen.min()))
-    with _in_print():
-        figure = new_figure(_COLUMN, 2.5)
+    with in_print():
+        figure = new_figure(COLUMN, 2.5)
         row = figure.subplots(1, 2, sharey=True)
         for axes, name in zip(row, MAPPED, strict=True):
             k_p, k_d, error = errors[name]

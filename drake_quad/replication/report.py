@@ -1,14 +1,10 @@
-"""The report of the replication, as Markdown and as one page of HTML."""
+"""The report of the replication, as Markdown."""
 
-import base64
-import re
 from collections import Counter
 from collections.abc import Iterable, Mapping, Sequence
 from importlib.resources import files
-from pathlib import Path
 
 import numpy as np
-from markdown import markdown
 
 from drake_quad.assembly.planning import plan_route
 from drake_quad.replication.assumptions import assumptions
@@ -21,6 +17,7 @@ from drake_quad.replication.measures import EFFORTS, OUR_EFFORT
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.results import Experiment
 from drake_quad.replication.table_ii import QUANTITIES, Entry, table_markdown
+from drake_quad.studies.report import image, table
 from drake_quad.studies.statistics import Interval, compare_studies, mean_interval
 
 FIGURES = {
@@ -61,25 +58,7 @@ def report_markdown(found: Experiment, findings: Findings) -> str:
 def verdict_table(claims: Iterable[Claim]) -> str:
     """Claims with their evidence and verdicts, as a table in Markdown."""
     rows = [(claim.words, claim.printed, claim.ours, f"**{claim.verdict}**") for claim in claims]
-    return _table(("claim", "the paper's evidence", "ours, with 95 % intervals", "verdict"), rows)
-
-
-def report_html(text: str, folder: Path) -> str:
-    """A report as a single page of HTML that holds its figures.
-
-    Args:
-        text: the report in Markdown.
-        folder: of the report, which holds the figures.
-    """
-    body = markdown(text, extensions=["tables"])
-
-    def embedded(match: re.Match[str]) -> str:
-        content = base64.b64encode((folder / match[1]).read_bytes()).decode()
-        return f'src="data:image/png;base64,{content}"'
-
-    body = re.sub(r'src="([^":]+\.png)"', embedded, body)
-    page = files(__package__).joinpath("report_page.html").read_text(encoding="utf-8")
-    return page.replace("{title}", text.partition("\n")[0].removeprefix("# ")).replace("{body}", body)
+    return table(("claim", "the paper's evidence", "ours, with 95 % intervals", "verdict"), rows)
 
 
 def _of_experiment(found: Experiment) -> dict[str, str]:
@@ -92,7 +71,7 @@ def _of_experiment(found: Experiment) -> dict[str, str]:
         "recorded": str(len(found.recorded[PD_CELL]["path_error"])),
         "legs": str(len(plan_route(low_wind).legs)),
         "duration": f"{found.cells[PD_CELL].duration:.1f}",
-        "assumptions": _table(("not said", "taken", "because"), assumptions(low_wind)),
+        "assumptions": table(("not said", "taken", "because"), assumptions(low_wind)),
         "path_pd": path["pd"].metres(),
         "path_network": path["pd_t2fnn"].metres(),
         "varied": f"{sum(crashed.size for crashed in varied):,}",
@@ -129,7 +108,7 @@ def _of_calibration(calibration: Mapping[str, np.ndarray]) -> dict[str, str]:
         ]
         spreads[f"spread_{name}"] = f"{min(predicted):+.1f} to {max(predicted):+.1f} %"
     header = ("", "", "printed", *(hypothesis.words for hypothesis in HYPOTHESES.values()))
-    return {"fitted": "\n".join(numbers), "calibration": _table(header, rows), **spreads}
+    return {"fitted": "\n".join(numbers), "calibration": table(header, rows), **spreads}
 
 
 def _of_table(entries: Sequence[Entry]) -> dict[str, str]:
@@ -199,7 +178,7 @@ def _of_fair(found: Experiment, entries: Sequence[FairEntry]) -> dict[str, str]:
         for wind in WINDS
     }
     return {
-        "fair": _table(header, rows),
+        "fair": table(header, rows),
         **{
             f"{name}_over_network": _by_wind({wind: over_network[Cell(wind, name)] for wind in WINDS})
             for name in ("pd_retuned", "pd_feed_forward")
@@ -215,7 +194,7 @@ def _of_effort(matches: Sequence[EffortMatch]) -> dict[str, str]:
         words = EFFORTS[match.name].words + (" (ours)" if match.name == OUR_EFFORT else "")
         rows.append((words, f"{match.ratio_x:.2f}", f"{match.ratio_y:.2f}", match.distance.ratio()))
     return {
-        "effort": _table(("definition", "ratio on X", "ratio on Y", "off by a factor of"), rows),
+        "effort": table(("definition", "ratio on X", "ratio on Y", "off by a factor of"), rows),
         "scatter": f"{printed_scatter():.2f}",
         "closest": f"the {EFFORTS[matches[0].name].words}",
     }
@@ -229,12 +208,7 @@ def _named(entry: Entry) -> str:
 
 
 def _image(name: str) -> str:
-    return f'<img src="figures/{name}.png" width="420" alt="{FIGURES[name]}">\n\n*{FIGURES[name]}*'
-
-
-def _table(header: Sequence[str], rows: Iterable[Sequence[str]]) -> str:
-    lines = [header, ["---"] * len(header), *rows]
-    return "\n".join(f"| {' | '.join(line)} |" for line in lines)
+    return image(name, FIGURES[name])
 
 
 def _by_wind(shares: Mapping[str, Interval]) -> str:

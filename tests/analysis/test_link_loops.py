@@ -95,7 +95,7 @@ def test_the_delay_margin_is_when_the_loop_becomes_unstable(loaded):
     assert largest(ticks) < 1.0 < largest(ticks + 1)
 
 
-LIMITS = dict.fromkeys(("pd", "pid", "disturbance_observer", "l1", "indi"), (2.205, 0.05))
+LIMITS = dict.fromkeys(("pd", "pid", "disturbance_observer", "l1", "indi"), (2.215, 0.05))
 LIMITS["indi_fast"] = 3.005, 0.05
 
 

@@ -9,7 +9,7 @@ import pytest
 import scipy
 
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.replication.claims import all_claims, as_good, judge, typical_over_best
+from drake_quad.replication.claims import all_claims, as_good, typical_over_best
 from drake_quad.replication.effort import effort_matches, printed_ratios, printed_scatter, write_efforts
 from drake_quad.replication.fair import fair_entries, write_fair
 from drake_quad.replication.findings import Findings, write_findings
@@ -26,6 +26,7 @@ from drake_quad.replication.sweeps import (
     q_settings,
 )
 from drake_quad.replication.table_ii import table_entries, table_markdown, write_entries
+from drake_quad.studies.report import judge
 from drake_quad.studies.statistics import Interval
 from drake_quad.studies.study import Study
 

@@ -11,12 +11,14 @@ from PIL import Image
 from drake_quad import load_scenario
 from drake_quad.files import read_table
 from drake_quad.replication.experiment import Sizes, fly_experiment
-from drake_quad.replication.figures import paper_figures, save_small
+from drake_quad.replication.figures import paper_figures
 from drake_quad.replication.findings import findings_of, write_findings
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
-from drake_quad.replication.report import FIGURES, report_html, report_markdown
+from drake_quad.replication.report import FIGURES, report_markdown
 from drake_quad.replication.results import FAIR, read_experiment
 from drake_quad.studies.processes import Workers
+from drake_quad.studies.report import report_html
+from drake_quad.visualization.in_print import save_small
 
 ROOT = Path(__file__).parent.parent.parent
 DOCS = ROOT / "docs" / "replication"

@@ -1,0 +1,209 @@
+"""The questions of the evaluation, and answers that follow from the paired intervals."""
+
+import itertools
+from collections.abc import Iterable, Mapping
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.evaluation.entries import AROUND, MAPPED, entries_of
+from drake_quad.evaluation.families import FAMILIES
+from drake_quad.evaluation.results import (
+    LAPS_IN,
+    PRICED,
+    PRICED_CONTROLLERS,
+    PRICED_IN,
+    Evaluation,
+    Traits,
+    in_laps,
+)
+from drake_quad.files import write_table
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.studies.report import Verdict, judge
+from drake_quad.studies.statistics import Comparison, Interval, compare
+
+# What every controller is called in the report, by its name in files.
+WORDS = {name: entry.words for name, entry in entries_of(on_board=False, maps=True).items()}
+
+
+class Answer(NamedTuple):
+    """A statement, and what the flights say of it.
+
+    Attributes:
+        statement: that is judged.
+        verdict: on it.
+        evidence: numbers with their 95 % intervals.
+        rule: by which the verdict follows from them.
+    """
+
+    statement: str
+    verdict: Verdict
+    evidence: str
+    rule: str
+
+
+def all_answers(found: Evaluation) -> list[Answer]:
+    """Every statement that the flights can be asked about, in the order of the report."""
+    networks = [helps(found, f"{name}_t2fnn", name) for name in ("pd", *AROUND)]
+    maps = [helps(found, f"{name}_t2fnn_map", name) for name in MAPPED]
+    others = [
+        less(found, "pd_t2fnn", "pd_t1fnn", "type 2 is better than type 1 around the PD"),
+        less(found, "pd_t2fnn_adaptive", "pd_t2fnn", "sets that learn are better than sets that stay, around the PD"),
+        less(
+            found, "pd_t2fnn_map", "pd_t2fnn", "around the PD, rules over the position are better than over the error"
+        ),
+    ]
+    laps = [learns_in_laps(found, name) for name in MAPPED]
+    return [each for each in (*networks, *maps, *others, *laps, price_of_margin(found)) if each is not None]
+
+
+def write_answers(path: Path, answers: Iterable[Answer]) -> Path:
+    """Writes a row for each answer, and returns the path."""
+    return write_table(path, dict(zip(Answer._fields, zip(*answers, strict=True), strict=True)))
+
+
+def effects(found: Evaluation, controller: str, other: str) -> dict[str, Comparison]:
+    """The comparison of two controllers on the same samples, by the laboratories of families in which both flew."""
+    places = [place for family in FAMILIES.values() for place in family.laboratories]
+    return {
+        place: beside(found.flights[place][controller], found.flights[place][other])
+        for place in places
+        if {controller, other} <= found.flights.get(place, {}).keys()
+    }
+
+
+def beside(metrics: Metrics, baseline: Metrics) -> Comparison:
+    """Compares what two controllers did on the samples that both flew, which are the first ones."""
+    count = min(len(metrics.rmse), len(baseline.rmse))
+    return compare(metrics.taken(slice(count)), baseline.taken(slice(count)))
+
+
+def cut(compared: Comparison) -> Interval:
+    """The share by which the error is smaller."""
+    return -compared.share.plus(-1.0)
+
+
+def helps(found: Evaluation, network: str, base: str) -> Answer | None:
+    """Does a network make the error of the controller around which it stands smaller?"""
+    kind = "over the position " if network.endswith("map") else ""
+    return less(found, network, base, f"a network of type 2 {kind}around {WORDS[base]} makes its error smaller")
+
+
+def less(found: Evaluation, controller: str, other: str, statement: str) -> Answer | None:
+    """Is the error of a controller smaller than another's, and does it not crash more often? None if one is missing."""
+    compared = effects(found, controller, other)
+    if not compared:
+        return None
+    cuts = {place: cut(each) for place, each in compared.items()}
+    return Answer(
+        statement,
+        judge([_smaller(each) for each in compared.values()]),
+        f"RMSE is less by {listed(cuts)}{_crashes(compared)}",
+        "holds if it is so in every laboratory, and no more vehicles crash; in part if in some",
+    )
+
+
+def _smaller(compared: Comparison) -> bool | None:
+    """Is the error smaller, and do no more vehicles crash?"""
+    if compared.crashed > compared.baseline_crashed and compared.crash_significance < 0.05:
+        return False
+    return cut(compared).is_above(0.0)
+
+
+def learns_in_laps(found: Evaluation, base: str) -> Answer | None:
+    """Does what a network over the position has learned in one lap serve in the next?"""
+    network = f"{base}_t2fnn_map"
+    flown = laps_flown(found, network)
+    if len(flown) < 2:
+        return None
+    first, last = (found.flights[in_laps(count)] for count in (flown[0], flown[-1]))
+    learned, gained = beside(last[network], first[network]), beside(last[network], last[base])
+    return Answer(
+        f"in laps of {LAPS_IN} a network over the position around {WORDS[base]} learns a map that serves again",
+        judge([_smaller(learned), _smaller(gained)]),
+        f"in lap {flown[-1]} its RMSE is less by {cut(learned).percent()} than in lap {flown[0]}, and by"
+        f" {cut(gained).percent()} than without the network in the same lap"
+        f"{_crashes({'against the first lap': learned, 'against no network': gained})}",
+        "holds if both are above zero, and no more vehicles crash; in part if one of the two",
+    )
+
+
+def laps_flown(found: Evaluation, controller: str) -> list[int]:
+    """The numbers of laps that a controller flew."""
+    return list(itertools.takewhile(lambda n: controller in found.flights.get(in_laps(n), {}), itertools.count(1)))
+
+
+def price_of_margin(found: Evaluation) -> Answer | None:
+    """What does margin cost?"""
+    parts, needed = [], []
+    for controller in PRICED_CONTROLLERS:
+        designs = priced(found, controller)
+        for (_, tight), (_, loose) in itertools.pairwise(designs):
+            needed.append(cut(beside(loose, tight)).is_above(0.0))
+        if len(designs) > 1:
+            (first, tight), *_, (last, loose) = designs
+            parts.append(
+                f"with a peak sensitivity of {last.sensitivity:.2f} in place of {first.sensitivity:.2f} the RMSE of"
+                f" {WORDS[controller]} is less by {cut(beside(loose, tight)).percent()}, and the delay that it stands"
+                f" goes from {delay_words(first.delay_flown)} to {delay_words(last.delay_flown)}"
+            )
+    if not parts:
+        return None
+    return Answer(
+        "margin is paid for with error",
+        judge(needed),
+        "; ".join(parts),
+        "holds if every design with less margin errs less than the one before; in part if some do",
+    )
+
+
+def priced(found: Evaluation, controller: str) -> list[tuple[Traits, Metrics]]:
+    """Designs of a controller with rising limits on the peak sensitivity: what they are, and their flights."""
+    own = {name: each for name, each in found.traits.get(PRICED, {}).items() if name.startswith(f"{controller}@")}
+    (family,) = (name for name, each in FAMILIES.items() if PRICED_IN in each.laboratories)
+    if controller in found.traits.get(family, {}):
+        own[controller] = found.traits[family][controller]
+    designs = [(each, found.flights[PRICED_IN][name]) for name, each in own.items()]
+    return sorted(designs, key=lambda design: design[0].sensitivity)
+
+
+def best_in(found: Evaluation, place: str) -> list[str]:
+    """The controller of least mean RMSE among those that crash in at most 5 % of the samples, and its equals.
+
+    Equals are those whose error the paired interval does not tell apart from the best one's.
+    """
+    flown = {name: each for name, each in found.flights[place].items() if "@" not in name}
+    safe = {name: each for name, each in flown.items() if np.mean(each.crashed) <= 0.05} or flown
+    best = min(safe, key=lambda name: float(np.mean(np.where(safe[name].crashed, np.nan, safe[name].rmse))))
+    others = [name for name in safe if name != best and cut(beside(safe[name], safe[best])).is_above(0.0) is None]
+    return [best, *others]
+
+
+def delay_words(delay: float) -> str:
+    """A delay that is stood, in words."""
+    return (
+        "–"
+        if np.isnan(delay)
+        else "none"
+        if delay < 0.0
+        else "all tried"
+        if np.isinf(delay)
+        else f"{1e3 * delay:.0f} ms"
+    )
+
+
+def listed(shares: Mapping[str, Interval]) -> str:
+    """Shares by laboratory, in words."""
+    return "; ".join(f"{each.percent()} ({place})" for place, each in shares.items())
+
+
+def _crashes(compared: Mapping[str, Comparison]) -> str:
+    """Where one of two controllers crashes and the other does not, in words."""
+    parts = [
+        f"{place}: {each.crashed} samples crash with it alone, {each.baseline_crashed} with the other alone"
+        f" (p = {each.crash_significance:.2g})"
+        for place, each in compared.items()
+        if each.crashed or each.baseline_crashed
+    ]
+    return "; " + "; ".join(parts) if parts else ""

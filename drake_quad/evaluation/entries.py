@@ -1,0 +1,215 @@
+"""The controllers that are judged: what each is made of, which of its numbers are tuned, and what it is told.
+
+The ranges of the numbers are the same in all laboratories. They are wide, a factor of ten or more, and nobody's
+starting point: the search begins with points all over them.
+"""
+
+import math
+from collections.abc import Iterable, Mapping
+from copy import deepcopy
+from typing import Any, NamedTuple
+
+from drake_quad.evaluation.tuning import Knob
+from drake_quad.scenario.paths import steps_of
+
+Tree = dict[str, Any]
+
+
+class Entry(NamedTuple):
+    """A controller that is judged.
+
+    Attributes:
+        words: its name in the report.
+        told: what it is told of the plant, beside mass, inertia and the reference, in a phrase.
+        control: fields of the scenario's `control`; for a network only those of the network.
+        knobs: numbers that are tuned; none for what has a designer of its own.
+        around: the controller that a network stands around; empty for one without.
+        laps: whether it is trained in laps, since it learns from lap to lap.
+        slow: whether it is no fleet's, and flies fewer samples, as it is wired.
+    """
+
+    words: str
+    told: str
+    control: Tree = {}  # noqa: RUF012 - nobody writes into it
+    knobs: tuple[Knob, ...] = ()
+    around: str = ""
+    laps: bool = False
+    slow: bool = False
+
+    def tree(self, numbers: Iterable[float]) -> Tree:
+        """What a scenario extends, with the numbers of the knobs."""
+        tree = {"control": deepcopy(self.control)}
+        for knob, number in zip(self.knobs, numbers, strict=True):
+            for path in knob.paths:
+                *steps, last = steps_of(path)
+                part: Any = tree
+                for step in steps:
+                    part = part[_key(step)]
+                part[_key(last)] = float(f"{number:.4g}")
+        return {"extends": self.around, **tree} if self.around else tree
+
+    def middle(self) -> Tree:
+        """The same in the middle of all ranges, for a scenario that the search can begin with."""
+        return self.tree(math.sqrt(knob.low * knob.high) for knob in self.knobs)
+
+
+def _key(step: str) -> str | int:
+    return int(step) if step.isdecimal() else step
+
+
+# Networks by their suffix, and what the report calls them.
+NETWORKS = {
+    "t1fnn": "type 1",
+    "t2fnn": "type 2",
+    "t2fnn_adaptive": "type 2, adaptive sets",
+    "t2fnn_map": "type 2 over the position",
+}
+# Controllers with a network of type 2 around them, beside the PD, which has all.
+AROUND = ("pid", "disturbance_observer", "l1", "indi", "lqg")
+# Controllers with a network over the position.
+MAPPED = ("pd", "indi", "lqg")
+
+
+def entries_of(*, on_board: bool, maps: bool) -> dict[str, Entry]:
+    """All controllers, by the names under which files have them; networks after what they stand around.
+
+    Args:
+        on_board: whether attitude is controlled on board.
+        maps: whether there are networks over the position.
+    """
+    found = _controllers(on_board)
+    for name in ("pd", *AROUND):
+        kinds = [kind for kind in NETWORKS if kind == "t2fnn" or name == "pd"]
+        for kind in kinds:
+            if kind != "t2fnn_map":
+                found[f"{name}_{kind}"] = _network(found[name], name, kind, _ERRORS, _COVARIANCE)
+        if maps and name in MAPPED:
+            sets = _PLACES_ON_BOARD if on_board else _PLACES
+            found[f"{name}_t2fnn_map"] = _network(found[name], name, "t2fnn_map", sets, _FEEDBACK)
+    return found
+
+
+def _both(path: str) -> tuple[str, ...]:
+    """The fields of X and Y, or of roll and pitch."""
+    return f"control.{path}.0", f"control.{path}.1"
+
+
+def _controllers(on_board: bool) -> dict[str, Entry]:
+    """The controllers without a network."""
+    nothing, estimator = "nothing more", "delay; lag of the thrust is tuned"
+    position_knobs = (
+        Knob(_both("position.k_p"), 0.3, 12.0),
+        Knob(_both("position.k_d"), 0.5, 8.0),
+        Knob(("control.position.k_p.2",), 1.0, 40.0),
+        Knob(("control.position.k_d.2",), 1.0, 15.0),
+    )
+    attitude_knobs = (
+        () if on_board else (Knob(_both("attitude.k_p"), 3.0, 60.0), Knob(_both("attitude.k_d"), 2.0, 20.0))
+    )
+    knobs = (*attitude_knobs, *position_knobs)
+    integral = (Knob(_both("position.k_i"), 0.05, 5.0), Knob(("control.position.k_i.2",), 0.05, 10.0))
+    lag = Knob(("control.position.response.lag",), 0.02, 0.4)
+    bandwidth = (Knob(_both("position.bandwidth"), 0.5, 60.0), Knob(("control.position.bandwidth.2",), 0.2, 30.0))
+    deviation = (Knob(_both("position.deviation"), 0.05, 20.0), Knob(("control.position.deviation.2",), 0.001, 5.0))
+    slow = () if on_board else (Knob(("control.attitude.bandwidth",), 0.1, 5.0),)
+    estimating = {"response": {"kind": "tilt", "delay_ticks": 1}}
+    plain = _cascade(on_board, {"kind": "pd"})
+    incremental = {"kind": "indi", "delay_ticks": 1, "lag": 0.07}
+
+    def estimated(position: Tree) -> Tree:
+        return _cascade(on_board, estimating | position, incremental)
+
+    filtered = {"position_noise": 0.001, "time_constant": [10.0, 10.0, 10.0], "deviation": [1.0, 1.0, 1.0]}
+    found = {
+        "pd": Entry("PD", nothing, plain, knobs),
+        "pid": Entry("PID", nothing, _cascade(on_board, {"kind": "pid", "k_i": [1.0, 1.0, 1.0]}), (*knobs, *integral)),
+        "geometric": Entry(
+            "PD, geometric attitude", nothing, _cascade(on_board, {"kind": "pd"}, {"kind": "geometric"}), knobs
+        ),
+        "disturbance_observer": Entry(
+            "disturbance observer",
+            f"{estimator}; noise of the cameras",
+            estimated({"kind": "disturbance_observer", **filtered}),
+            (*knobs, lag, *deviation, *slow),
+        ),
+        "l1": Entry(
+            "L1", estimator, estimated({"kind": "l1", "bandwidth": [1.0, 1.0, 1.0]}), (*knobs, lag, *bandwidth, *slow)
+        ),
+        "indi": Entry(
+            "INDI",
+            estimator,
+            estimated({"kind": "indi", "bandwidth": [1.0, 1.0, 1.0]}),
+            (*knobs, lag, *bandwidth, *slow),
+        ),
+        "lqg": Entry("LQG", "delay, lags and noise, and how far they may be off; spectrum of the wind"),
+        "mpc": Entry("MPC", "delay, lags, limits of tilt and thrust", slow=True),
+    }
+    if on_board:
+        del found["geometric"]
+    return found
+
+
+def _cascade(on_board: bool, position: Tree, attitude: Mapping[str, Any] = {"kind": "pd"}) -> Tree:
+    """The fields of a cascade; the gains of X and Y, of roll and pitch and so on are still to be tuned."""
+    # The yaw's gains are those of `design_gains.py` for laboratory.yaml.
+    gains = {"k_p": [1.0, 1.0, 5.356], "k_d": [1.0, 1.0, 3.456]}
+    common = {
+        "k_p": [1.0, 1.0, 1.0],
+        "k_d": [1.0, 1.0, 1.0],
+        "derivative": "tracking_error",
+        "feed_forward": "acceleration" if on_board else "snap",
+    }
+    return {
+        "kind": "cascade",
+        "network": None,
+        "attitude": None if on_board else {**attitude, **gains},
+        "position": {"kind": position["kind"], **common, **position},
+    }
+
+
+# The inputs of networks: the paper's, and places. Those of the figure eight are as in docs/extending.md; on board the
+# lemniscate of neural_fly.yaml lies in X and Z.
+_ERRORS: Tree = {"error": {"scale": 1.0}, "error_rate": {"scale": 1.0}}
+_NO_ERRORS: Tree = {"error": None, "error_rate": None}
+_FIVE: Tree = {"centres": [-1.0, -0.5, 0.0, 0.5, 1.0], "widths": [0.5] * 5}
+_PLACES: Tree = _NO_ERRORS | {
+    "x": {"scale": 0.7, **_FIVE},
+    "y": {"scale": 0.3, "centres": [-1.0, -0.75, -0.5, -0.25, 0.0, 0.25, 0.5, 0.75, 1.0], "widths": [0.25] * 9},
+    "z": {"scale": 1.0, "centres": [1.0, 2.0], "widths": [1.0, 1.0]},
+}
+_PLACES_ON_BOARD: Tree = _NO_ERRORS | {
+    "x": {"scale": 0.8, **_FIVE},
+    "z": {"scale": 1.0, "centres": [0.75, 1.125, 1.5, 1.875, 2.25], "widths": [0.375] * 5},
+}
+# The paper's law, on s_p, and the gradient of the feedback.
+_COVARIANCE: Tree = {"kind": "covariance", "signal": "surface"}
+_FEEDBACK: Tree = {"kind": "gradient", "signal": "feedback"}
+_LEARNING_KNOBS = {
+    "covariance": {"slope": (0.2, 20.0), "gain": (0.01, 10.0), "initial_covariance": (0.1, 100.0)},
+    "gradient": {"rate": (0.01, 10.0), "leakage": (0.001, 1.0)},
+}
+_SCALES = {"error": (0.5, 100.0), "error_rate": (0.2, 30.0)}
+_ADAPTIVE = ("centres", "widths", "exponents")
+
+
+def _network(base: Entry, name: str, kind: str, inputs: Tree, law: Tree) -> Entry:
+    """A network of a kind of `NETWORKS` around a controller."""
+    adaptive = kind == "t2fnn_adaptive"
+    network: Tree = {"kind": "type_1" if kind == "t1fnn" else "type_2", "axes": ["x", "y"]}
+    if kind != "t1fnn":
+        network |= {"a1": 1.2, "a2": 0.8, "q": 0.5}
+    network |= {"inputs": inputs, "learning": law, "adaptive": dict.fromkeys(_ADAPTIVE, 1.0) if adaptive else None}
+    path = "control.network"
+    knobs = [Knob((f"{path}.learning.{field}",), *ends) for field, ends in _LEARNING_KNOBS[law["kind"]].items()]
+    if inputs is _ERRORS:
+        knobs += [Knob((f"{path}.inputs.{field}.scale",), *ends) for field, ends in _SCALES.items()]
+    if adaptive:
+        knobs += [Knob((f"{path}.adaptive.{part}",), 1e-3, 10.0) for part in _ADAPTIVE]
+    return Entry(
+        f"{base.words} + {NETWORKS[kind]}",
+        "as around which it stands",
+        {"network": network},
+        tuple(knobs),
+        around=name,
+        laps=inputs is not _ERRORS,
+    )

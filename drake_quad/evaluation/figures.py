@@ -1,0 +1,215 @@
+"""The figures of the report of the evaluation."""
+
+from collections.abc import Iterator, Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.ticker import NullLocator
+
+from drake_quad.evaluation.answers import WORDS, cut, effects, laps_flown, priced
+from drake_quad.evaluation.entries import AROUND, MAPPED, NETWORKS
+from drake_quad.evaluation.families import FAMILIES
+from drake_quad.evaluation.results import PRICED_CONTROLLERS, PRICED_IN, Evaluation, Traits, in_laps
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.studies.statistics import Interval, mean_interval, of_survivors
+from drake_quad.visualization.in_print import COLUMN, in_print
+from drake_quad.visualization.style import BLACK, BLUE, GREEN, LIMIT, ORANGE, PURPLE, SKY, VERMILION, new_figure
+
+# Controllers by colour, in every figure; what a network adds by its mark.
+_COLORS = {
+    "pd": BLACK,
+    "pid": ORANGE,
+    "geometric": "0.55",
+    "disturbance_observer": GREEN,
+    "l1": SKY,
+    "indi": BLUE,
+    "lqg": VERMILION,
+    "mpc": PURPLE,
+}
+_MARKS = {"": "o", "t1fnn": "v", "t2fnn": "^", "t2fnn_adaptive": "D", "t2fnn_map": "s"}
+# Share of crashes from which on a mark is hollow.
+_UNSAFE = 0.05
+
+
+def evaluation_figures(found: Evaluation) -> Iterator[tuple[str, Figure]]:
+    """Draws the figures for which there are flights, each after the name that the report has for it."""
+    yield "errors", errors_figure(found)
+    if networks_of(found):
+        yield "networks", networks_figure(found)
+    if found.flights.get(PRICED_IN):
+        yield "margins", margins_figure(found)
+    mapped = [name for name in MAPPED if laps_flown(found, f"{name}_t2fnn_map")]
+    if mapped:
+        yield "laps", laps_figure(found, mapped)
+
+
+def parts_of(controller: str) -> tuple[str, str]:
+    """The controller without its network, and the kind of the network, empty without one."""
+    base = max((name for name in _COLORS if controller.startswith(name)), key=len)
+    return base, controller.removeprefix(base).removeprefix("_")
+
+
+def errors_figure(found: Evaluation) -> Figure:
+    """Plots the mean error of every controller in every laboratory: a panel for each, a row for each controller."""
+    places = [place for family in FAMILIES.values() for place in family.laboratories if place in found.flights]
+    controllers = [name for name in WORDS if name in found.controllers]
+    with in_print():
+        columns = min(len(places), 5)
+        rows = -(-len(places) // columns)
+        figure = new_figure(1.5 + 1.35 * columns, 0.5 + rows * (0.5 + 0.145 * len(controllers)))
+        grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
+        for axes, place in zip(grid.flat, places, strict=False):
+            for row, name in enumerate(controllers):
+                if name in found.flights[place]:
+                    _mark(axes, found.flights[place][name], row, name)
+            _panel(axes, place)
+        for axes in grid.flat[len(places) :]:
+            axes.set_visible(False)
+        for row in grid:
+            row[0].set_yticks(range(len(controllers)), [WORDS[name] for name in controllers])
+            row[0].set_ylim(len(controllers) - 0.4, -0.6)
+        figure.supxlabel("RMSE (cm)", fontsize=8)
+        return figure
+
+
+def _mark(axes: Axes, metrics: Metrics, row: int, name: str) -> None:
+    base, kind = parts_of(name)
+    mean = mean_interval(100.0 * of_survivors(metrics, "rmse"))
+    if np.isfinite(mean.value):
+        axes.plot([max(mean.low, 1e-3), mean.high], [row, row], color=_COLORS[base], linewidth=1.6)
+        fill = "none" if np.mean(metrics.crashed) > _UNSAFE else "full"
+        axes.plot(mean.value, row, _MARKS[kind], color=_COLORS[base], markersize=4.2, fillstyle=fill)
+
+
+def _panel(axes: Axes, title: str) -> None:
+    """A logarithmic axis with numbers that can be read."""
+    axes.set_xscale("log")
+    low, high = axes.get_xlim()
+    low, high = low / 1.3, high * 1.3
+    axes.set_xlim(low, high)
+    ticks = [tick for tick in (0.5, 1, 2, 3, 5, 10, 20, 50, 100, 200) if low <= tick <= high]
+    axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
+    axes.xaxis.set_minor_locator(NullLocator())
+    axes.set_title(title)
+
+
+def networks_of(found: Evaluation) -> dict[str, dict[str, Interval]]:
+    """By how much each network makes the error smaller, by its name and by laboratory."""
+    names = [f"pd_{kind}" for kind in NETWORKS] + [f"{name}_t2fnn" for name in AROUND]
+    names += [f"{name}_t2fnn_map" for name in MAPPED[1:]]
+    compared = {name: effects(found, name, parts_of(name)[0]) for name in names}
+    return {
+        name: {place: cut(each) for place, each in by_place.items()} for name, by_place in compared.items() if by_place
+    }
+
+
+def networks_figure(found: Evaluation) -> Figure:
+    """Plots by how much networks make the error smaller: a row for each network, a mark for each laboratory."""
+    cuts = networks_of(found)
+    colors = dict(zip(FAMILIES, (BLUE, GREEN, ORANGE, VERMILION), strict=True))
+    with in_print():
+        figure = new_figure(1.75 * COLUMN, 0.9 + 0.36 * len(cuts))
+        axes = figure.subplots()
+        axes.axvline(0.0, **LIMIT)
+        for row, by_place in enumerate(cuts.values()):
+            for offset, (place, each) in zip(np.linspace(-0.33, 0.33, len(by_place)), by_place.items(), strict=True):
+                (family,) = (key for key, value in FAMILIES.items() if place in value.laboratories)
+                axes.plot([100.0 * each.low, 100.0 * each.high], [row + offset] * 2, color=colors[family])
+                axes.plot(100.0 * each.value, row + offset, "o", color=colors[family], markersize=2.8)
+        axes.set_xscale("symlog", linthresh=10.0)
+        axes.set_xticks(
+            [-100, -30, -10, -5, 0, 5, 10, 30, 100], ["-100", "-30", "-10", "-5", "0", "5", "10", "30", "100"]
+        )
+        axes.xaxis.set_minor_locator(NullLocator())
+        shown = [100.0 * end for by_place in cuts.values() for each in by_place.values() for end in each[1:]]
+        shown = [end for end in shown if np.isfinite(end)]
+        axes.set_xlim(max(min([-6.0, *shown]) * 1.15, -400.0), min(max([6.0, *shown]) * 1.15, 110.0))
+        axes.set_yticks(range(len(cuts)), [WORDS[name] for name in cuts])
+        axes.set_ylim(len(cuts) - 0.5, -0.5)
+        axes.grid(visible=False, axis="y")
+        axes.set_xlabel("RMSE less than without the network (%)")
+        handles = [
+            Line2D([], [], color=color, marker="o", markersize=2.8, label=name) for name, color in colors.items()
+        ]
+        figure.legend(handles=handles, loc="outside upper center", ncols=4, columnspacing=1.0)
+        return figure
+
+
+def margins_figure(found: Evaluation) -> Figure:
+    """Plots the error in high wind against the peak sensitivity and against the delay that is flown."""
+    (family,) = (name for name, each in FAMILIES.items() if PRICED_IN in each.laboratories)
+    plain = {
+        name: (each, found.flights[PRICED_IN][name])
+        for name, each in found.traits.get(family, {}).items()
+        if not parts_of(name)[1]
+    }
+    with in_print():
+        figure = new_figure(1.75 * COLUMN, 2.7)
+        row = figure.subplots(1, 2, sharey=True)
+        for axes, (measure, unit, label) in zip(row, _MEASURES, strict=True):
+            for name in PRICED_CONTROLLERS:
+                designs = priced(found, name)
+                if designs:
+                    x, y = zip(*(_point(each, metrics, measure, unit) for each, metrics in designs), strict=True)
+                    axes.plot(x, y, "-o", color=_COLORS[name], markersize=2.5, linewidth=0.8)
+            for name, design in plain.items():
+                axes.plot(*_point(*design, measure, unit), "o", color=_COLORS[name], markersize=5.0, label=WORDS[name])
+            axes.set_yscale("log")
+            axes.set_xlabel(label)
+        # So that designs under one limit, which hardly differ in it, are seen to hardly differ.
+        row[0].set_xlim(min(1.5, row[0].get_xlim()[0]), max(3.1, row[0].get_xlim()[1]))
+        row[1].set_xlim(0.0, max(100.0, row[1].get_xlim()[1]))
+        low, high = row[0].get_ylim()
+        ticks = [tick for tick in (1, 2, 3, 5, 10, 20, 50) if low <= tick <= high]
+        row[0].set_yticks(ticks, [f"{tick:g}" for tick in ticks])
+        row[0].yaxis.set_minor_locator(NullLocator())
+        row[0].set_ylabel(f"RMSE in {PRICED_IN} (cm)")
+        figure.legend(*row[0].get_legend_handles_labels(), loc="outside upper center", ncols=4, columnspacing=1.0)
+        return figure
+
+
+_MEASURES: Any = (
+    ("sensitivity", 1.0, "peak sensitivity"),
+    ("delay_flown", 1e-3, "further delay without a crash (ms)"),
+)
+
+
+def _point(traits: Traits, metrics: Metrics, measure: str, unit: float) -> tuple[float, float]:
+    number = float(getattr(traits, measure))
+    error = 100.0 * float(np.mean(of_survivors(metrics, "rmse")))
+    return (number / unit if np.isfinite(number) else np.nan), error
+
+
+def laps_figure(found: Evaluation, controllers: Sequence[str]) -> Figure:
+    """Plots the error in the last of so many laps, with a network over the position and without."""
+    with in_print():
+        figure = new_figure(1.3 * COLUMN, 2.6)
+        axes = figure.subplots()
+        for name in controllers:
+            for controller, style in ((name, ":"), (f"{name}_t2fnn_map", "-")):
+                counts = laps_flown(found, controller)
+                means = [_mean_in_lap(found.flights, count, controller) for count in counts]
+                value, low, high = np.transpose(means)
+                kind = parts_of(controller)[1]
+                own: Mapping[str, Any] = {"color": _COLORS[name], "linestyle": style, "marker": _MARKS[kind]}
+                axes.errorbar(
+                    counts,
+                    value,
+                    (value - low, high - value),
+                    label=WORDS[controller],
+                    markersize=3.0,
+                    capsize=2.0,
+                    **own,
+                )
+        axes.set_ylim(0.0, None)
+        axes.set(xlabel="lap", ylabel="RMSE (cm)")
+        axes.set_xticks(range(1, max(map(len, (laps_flown(found, name) for name in controllers))) + 1))
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=2, columnspacing=1.0)
+        return figure
+
+
+def _mean_in_lap(flights: Mapping[str, Mapping[str, Metrics]], count: int, controller: str) -> Interval:
+    return mean_interval(100.0 * of_survivors(flights[in_laps(count)][controller], "rmse"))

@@ -1,0 +1,169 @@
+"""The protocol by which controllers are designed for a family of laboratories: one budget, one limit for all."""
+
+import itertools
+import shutil
+from collections.abc import Callable, Iterator, Sequence
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.analysis.lqg_design import Limits, design_lqg, middle_of
+from drake_quad.errors import InputError
+from drake_quad.evaluation.designs import design_file, names_in, write_designs
+from drake_quad.evaluation.entries import Entry, entries_of
+from drake_quad.evaluation.families import FAMILIES, Family
+from drake_quad.evaluation.results import PRICED, PRICED_CONTROLLERS, PRICED_IN, SENSITIVITIES, priced_name
+from drake_quad.evaluation.tuning import Budget, LoopLimit, Tuned, tune
+from drake_quad.scenario import Scenario, load_undesigned
+from drake_quad.scenario.paths import value_at
+
+
+class Designed(NamedTuple):
+    """A design that has been written.
+
+    Attributes:
+        name: under which it stands in its file.
+        words: what came of it in training.
+    """
+
+    name: str
+    words: str
+
+
+def tunable(family: Family, path: Path, names: Sequence[str] | None = None) -> dict[str, Entry]:
+    """The entries of a family that the protocol tunes, each after what it stands around.
+
+    Args:
+        family: of laboratories.
+        path: of the file with its designs, of which a network's controller must be one, or be tuned before it.
+        names: of the entries, if not all.
+
+    Raises:
+        InputError: there is no such entry, or none that is tuned here.
+    """
+    entries = {
+        name: each for name, each in entries_of(on_board=family.on_board, maps=family.maps).items() if each.knobs
+    }
+    for name in names or ():
+        if name not in entries:
+            raise InputError(f"{name} is no controller that is tuned here; these are {', '.join(entries)}")
+    chosen = {name: entry for name, entry in entries.items() if names is None or name in names}
+    there = {*names_in(path), *chosen}
+    return {name: entry for name, entry in chosen.items() if not entry.around or entry.around in there}
+
+
+def design_family(
+    diagrams: Path,
+    name: str,
+    family: Family,
+    entries: dict[str, Entry],
+    *,
+    budget: Budget = Budget(),
+    limit: LoopLimit = LoopLimit(),
+    progress: Callable[[], None] | None = None,
+) -> Iterator[Designed]:
+    """Tunes entries one after another, and writes each into the family's file as soon as it is found.
+
+    Args:
+        diagrams: folder of the shipped scenarios.
+        name: of the family.
+        family: of laboratories.
+        entries: of `tunable`.
+        budget: of each search.
+        limit: on the loops of controllers without a network.
+        progress: called after each round.
+    """
+    path = design_file(diagrams, name)
+    # Beside the file, since what it extends is found from there.
+    trial = path.with_name(f".tuning_{path.name}")
+    try:
+        for controller, entry in entries.items():
+            if path.exists():
+                shutil.copyfile(path, trial)
+            write_designs(trial, {controller: entry.middle()}, said={})
+            scenarios = training(diagrams, family, f"{trial}:{controller}", entry)
+            shares = None if entry.around else _shares(limit)
+            before = numbers_before(diagrams, family, path, controller, entry)
+            found = tune(scenarios, entry.knobs, shares, budget=budget, before=before, progress=progress)
+            words = _words(entry, found, budget)
+            write_designs(
+                path, {controller: entry.tree(found.numbers)}, said={controller: words}, head=_head(name, limit)
+            )
+            yield Designed(controller, words)
+    finally:
+        trial.unlink(missing_ok=True)
+
+
+def training(diagrams: Path, family: Family, layer: str, entry: Entry) -> list[Scenario]:
+    """The scenarios in which an entry of a family is trained, with samples that are never judged."""
+    overrides = family.laps if entry.laps else ()
+    return [family.scenario(diagrams, each, [layer], overrides) for each in family.trained]
+
+
+def numbers_before(diagrams: Path, family: Family, path: Path, controller: str, entry: Entry) -> list[float] | None:
+    """The numbers of an entry's knobs that an earlier design has; None if there is none, or it has no such numbers."""
+    if controller not in names_in(path):
+        return None
+    scenario, *_ = training(diagrams, family, f"{path}:{controller}", entry)
+    try:
+        numbers = [value_at(scenario, knob.paths[0]) for knob in entry.knobs]
+    except InputError:
+        return None
+    return numbers if all(isinstance(number, float) and number > 0.0 for number in numbers) else None
+
+
+def design_prices(
+    diagrams: Path, *, budget: Budget = Budget(), progress: Callable[[], None] | None = None
+) -> Iterator[Designed]:
+    """Designs controllers with other limits on the peak sensitivity, and writes them as `design_family` does."""
+    (family,) = (each for each in FAMILIES.values() if PRICED_IN in each.laboratories)
+    path = design_file(diagrams, PRICED)
+    entries = entries_of(on_board=family.on_board, maps=False)
+    for controller, sensitivity in itertools.product(PRICED_CONTROLLERS, SENSITIVITIES):
+        entry, limit, name = (
+            entries[controller],
+            LoopLimit(sensitivity=sensitivity),
+            priced_name(controller, sensitivity),
+        )
+        if entry.knobs:
+            trial = write_designs(path.with_name(f".tuning_{path.name}"), {name: entry.middle()}, said={})
+            try:
+                scenarios = training(diagrams, family, f"{trial}:{name}", entry)
+            finally:
+                trial.unlink()
+            found = tune(scenarios, entry.knobs, _shares(limit), budget=budget, progress=progress)
+            tree, words = entry.tree(found.numbers), _words(entry, found, budget)
+        else:
+            place = load_undesigned(diagrams / family.laboratories[PRICED_IN])
+            design = design_lqg(place, Limits(sensitivity=sensitivity, delay=limit.delay))
+            control = design.control.model_dump(mode="json", exclude_none=True)
+            tree, words = {"control": control | {"network": None}}, "by its designer"
+        write_designs(path, {name: tree}, said={name: words}, head=_PRICED_HEAD)
+        yield Designed(name, words)
+
+
+def _shares(limit: LoopLimit) -> Callable[[Scenario], np.ndarray]:
+    """The shares of a limit that the loops of the middle plant meet."""
+    return lambda scenario: limit.shares_met(middle_of(scenario))
+
+
+def _words(entry: Entry, found: Tuned, budget: Budget) -> str:
+    """What came of a tuning."""
+    words = f"{len(entry.knobs)} numbers tuned in {budget.rounds} rounds, {100.0 * found.error:.2f} cm in training"
+    return words if found.share >= 1.0 else f"{words}, with {100.0 * found.share:.0f} % of the limit"
+
+
+_PRICED_HEAD = (
+    "Controllers for laboratory.yaml with other limits on the peak sensitivity, NAME@LIMIT, for the price of margin\n"
+    "in docs/controllers/report.md: python scripts/judge_controllers.py --tune priced"
+)
+
+
+def _head(name: str, limit: LoopLimit) -> str:
+    return (
+        f"Controllers for the family {name} of docs/controllers/report.md, which says how they were tuned:\n"
+        f"python scripts/judge_controllers.py --tune {name}\n"
+        f"The limit is a peak sensitivity of {limit.sensitivity:g} and a delay margin of {1e3 * limit.delay:g} ms, or\n"
+        "the best that is reached. The yaw's gains are as designed in gains/laboratory.yaml."
+    )

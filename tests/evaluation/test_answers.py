@@ -1,0 +1,147 @@
+"""Answers about invented flights, whose numbers are worked out here."""
+
+import numpy as np
+import pytest
+
+from drake_quad.errors import InputError
+from drake_quad.evaluation.answers import all_answers, best_in, cut, effects, price_of_margin
+from drake_quad.evaluation.families import FAMILIES
+from drake_quad.evaluation.report import report_markdown, write_summary
+from drake_quad.evaluation.results import (
+    FLIGHTS,
+    PRICED,
+    TRAITS,
+    Evaluation,
+    Traits,
+    in_laps,
+    read_evaluation,
+    write_flights,
+    write_traits,
+)
+from drake_quad.files import read_table
+from drake_quad.laboratory.metrics import Metrics
+
+COUNT = 40
+NOISE = np.random.default_rng(3).normal(size=(2, COUNT))
+
+
+def flights(error, *, own=0, crashed=()):
+    """Flights with a mean error (m), of which the samples that are named crash."""
+    rmse = error * (1.0 + 0.1 * NOISE[0]) + 0.001 * error * NOISE[1] * own
+    time = np.full(COUNT, np.inf)
+    time[list(crashed)] = 3.0
+    return Metrics(rmse, *(np.full(COUNT, 0.25 + i) for i in range(11)), time)
+
+
+def evaluation(network=0.9, other=0.8, *, crashed=()):
+    """PDs and INDIs with networks, in two families, and designs with less margin."""
+    errors = {"pd": 0.2, "pd_t1fnn": 0.2 * network, "pd_t2fnn": 0.2 * network * other, "indi": 0.04, "indi_t2fnn": 0.04}
+    found = {
+        place: {name: flights(error, own=own) for own, (name, error) in enumerate(errors.items())}
+        for place in (*FAMILIES["laboratory"].laboratories, "outdoor")
+    }
+    found["outdoor"]["pd_t2fnn"] = flights(0.2 * network * other, own=2, crashed=crashed)
+    found["high wind"] |= {"indi@1.6": flights(0.06, own=5), "indi@3": flights(0.03, own=6)}
+    for count, error in enumerate((0.2, 0.1, 0.05), start=1):
+        found[in_laps(count)] = {"pd": flights(0.2), "pd_t2fnn_map": flights(error, own=count)}
+    told = {name: Traits(2.2, 0.06, 0.09, 80e-6, 1e-6) for name in errors}
+    priced = {f"indi@{limit:g}": Traits(limit, 0.05, 0.1 / limit, 1e-4, 1e-6) for limit in (1.6, 3.0)}
+    return Evaluation(found, {"laboratory": told, "outdoor": told, PRICED: priced})
+
+
+def verdicts(found):
+    return {each.statement: each.verdict for each in all_answers(found)}
+
+
+AROUND_PD = "a network of type 2 around PD makes its error smaller"
+OVER_TYPE_1 = "type 2 is better than type 1 around the PD"
+
+
+def test_a_network_that_helps_everywhere_holds_and_one_that_changes_nothing_cannot_be_decided():
+    found = verdicts(evaluation())
+    assert found[AROUND_PD] == found[OVER_TYPE_1] == "holds"
+    assert found["a network of type 2 around INDI makes its error smaller"] == "cannot be decided"
+
+
+def test_a_network_that_harms_does_not_hold():
+    found = verdicts(evaluation(network=1.1, other=1.05))
+    assert found[AROUND_PD] == found[OVER_TYPE_1] == "does not hold"
+
+
+def test_a_network_that_crashes_where_nothing_else_does_holds_in_part():
+    found = verdicts(evaluation(crashed=range(8)))
+    assert found[AROUND_PD] == "holds in part"
+    (text,) = (each.evidence for each in all_answers(evaluation(crashed=range(8))) if each.statement == AROUND_PD)
+    assert "outdoor: 8 samples crash with it alone, 0 with the other alone (p = 0.0078)" in text
+    assert verdicts(evaluation(crashed=range(2)))[AROUND_PD] == "holds"
+
+
+def test_shares_are_those_of_the_same_samples():
+    compared = effects(evaluation(network=0.9, other=0.8), "pd_t2fnn", "pd")
+    assert list(compared) == [*FAMILIES["laboratory"].laboratories, "outdoor"]
+    for each in compared.values():
+        assert cut(each).value == pytest.approx(0.28, abs=0.002)
+        # Paired, ten per cent of scatter are no part of the interval.
+        assert cut(each).high - cut(each).low < 0.002
+
+
+def test_a_map_serves_if_the_last_lap_is_better_than_the_first_and_than_no_map():
+    (answer,) = (each for each in all_answers(evaluation()) if each.statement.startswith("in laps"))
+    assert answer.verdict == "holds"
+    assert answer.evidence.startswith("in lap 3 its RMSE is less by 75.")
+
+
+def test_margin_is_paid_for_where_every_step_errs_less():
+    found = evaluation()
+    answer = price_of_margin(found)
+    assert answer.verdict == "holds"
+    assert "with a peak sensitivity of 3.00 in place of 1.60 the RMSE of INDI is less by 50." in answer.evidence
+    assert "from 62 ms to 33 ms" in answer.evidence
+    found.flights["high wind"]["indi@3"] = flights(0.05, own=6)
+    assert price_of_margin(found).verdict == "holds in part"
+
+
+def test_the_best_is_that_of_least_error_which_hardly_crashes():
+    found = evaluation()
+    assert sorted(best_in(found, "low wind")) == ["indi", "indi_t2fnn"]
+    found.flights["low wind"]["pd"] = flights(0.03)
+    assert best_in(found, "low wind") == ["pd"]
+    found.flights["low wind"]["pd"] = flights(0.03, crashed=range(4))
+    assert sorted(best_in(found, "low wind")) == ["indi", "indi_t2fnn"]
+
+
+def test_what_is_written_is_read_again(tmp_path):
+    found = evaluation(crashed=[1])
+    write_flights(tmp_path / FLIGHTS, found.flights, 1000)
+    write_traits(tmp_path / TRAITS, found.traits)
+    again = read_evaluation(tmp_path)
+    for family, told in found.traits.items():
+        assert list(again.traits[family]) == list(told)
+        np.testing.assert_allclose([*again.traits[family].values()], [*told.values()], rtol=1e-8)
+    assert {place: list(flown) for place, flown in again.flights.items()} == {
+        place: list(flown) for place, flown in found.flights.items()
+    }
+    for place, flown in found.flights.items():
+        for name, metrics in flown.items():
+            np.testing.assert_allclose(again.flights[place][name], metrics, rtol=1e-8)
+    assert read_table(tmp_path / FLIGHTS)["sample"].min() == 1000
+    (tmp_path / FLIGHTS).write_text("laboratory,controller\noutdoor,pd\n", encoding="utf-8")
+    with pytest.raises(InputError, match=r"flights.csv has no column rmse"):
+        read_evaluation(tmp_path)
+
+
+def test_the_report_says_what_the_numbers_say(tmp_path):
+    found = evaluation(crashed=range(8))
+    found.flights["low wind"]["indi_t2fnn"] = flights(0.05)
+    text = report_markdown(found, all_answers(found), ["errors"])
+    mean = 100.0 * found.flights["low wind"]["indi"].rmse.mean()
+    assert f"- low wind: INDI, {mean:.2f} cm [" in text
+    assert "; the tuned PD 5.00 [" in text
+    assert "PD + type 2 in outdoor 20.0 % [" in text
+    assert "figures/errors.png" in text
+    assert "figures/laps.png" not in text
+    assert "- robustness: PD, PID" in text
+    summary = read_table(write_summary(tmp_path / "summary.csv", found))
+    row = (summary["laboratory"] == "outdoor") & (summary["controller"] == "pd_t2fnn")
+    assert summary["crashes"][row] == 0.2
+    assert summary["rmse"][row] == pytest.approx(found.flights["outdoor"]["pd_t2fnn"].rmse[8:].mean(), rel=1e-5)

@@ -1,0 +1,124 @@
+"""Designs are trained on what is never judged, and written so that nothing else in a file changes."""
+
+import pytest
+
+from drake_quad import InputError, load_scenario
+from drake_quad.evaluation.designs import names_in, write_designs
+from drake_quad.evaluation.entries import entries_of
+from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, Family
+from drake_quad.evaluation.judging import QUICK, Sizes, delay_flown, judge_family, judge_laps, lone_time
+from drake_quad.evaluation.protocol import design_family, training, tunable
+from drake_quad.evaluation.results import in_laps
+from drake_quad.evaluation.tuning import Budget
+from drake_quad.scenario.paths import value_at
+from drake_quad.studies.comparison import fly_samples
+
+
+def test_what_is_trained_on_is_never_judged():
+    assert Budget().samples <= FIRST_JUDGED
+    for family in FAMILIES.values():
+        assert set(family.trained) <= family.laboratories.keys()
+        assert family.windiest in family.laboratories
+
+
+@pytest.mark.parametrize("name", FAMILIES)
+def test_every_knob_turns_a_number_of_its_entry_in_its_family(name, diagrams, tmp_path):
+    family = FAMILIES[name]
+    entries = {key: each for key, each in entries_of(on_board=family.on_board, maps=family.maps).items() if each.knobs}
+    own = {key: each for key, each in entries.items() if each.around != "lqg"}
+    path = write_designs(tmp_path / "designs.yaml", {key: each.middle() for key, each in own.items()}, said={})
+    for key in ("pd", "disturbance_observer", "pd_t2fnn_adaptive", "indi_t2fnn"):
+        (scenario, *_) = training(diagrams, family, f"{path}:{key}", own[key])
+        for knob in own[key].knobs:
+            for field in knob.paths:
+                assert knob.low < value_at(scenario, field) < knob.high
+        assert scenario.control.network is None or own[key].around
+
+
+def test_other_designs_of_a_file_stay_as_they_are(tmp_path):
+    path = tmp_path / "designs.yaml"
+    path.write_text("# By somebody.\nmine:\n  control: {kind: lqg}    # as it was\n", encoding="utf-8")
+    write_designs(path, {"pd": {"control": {"gains": [1.5, 2.0], "kind": "pd"}}}, said={"pd": "2 numbers"})
+    write_designs(path, {"pd": {"control": {"gains": [2.5, 2.0], "kind": "pd"}}}, said={"pd": "3 numbers"})
+    text = path.read_text(encoding="utf-8")
+    assert text.startswith("# By somebody.\nmine:\n  control: {kind: lqg}    # as it was\n")
+    assert text.count("numbers") == 1
+    assert "\npd: # 3 numbers\n" in text.replace("pd:  ", "pd: ")
+    assert "gains: [2.5, 2.0]" in text
+    assert names_in(path) == ("mine", "pd")
+
+
+def test_what_is_no_file_of_designs_is_told(tmp_path):
+    path = tmp_path / "designs.yaml"
+    path.write_text("- pd\n", encoding="utf-8")
+    with pytest.raises(InputError, match="must be a mapping of controllers by their names"):
+        names_in(path)
+    with pytest.raises(InputError, match="lqg is no controller that is tuned here"):
+        tunable(FAMILIES["outdoor"], tmp_path / "none.yaml", ["lqg"])
+
+
+def test_a_network_waits_for_what_it_stands_around(tmp_path):
+    path = write_designs(tmp_path / "designs.yaml", {"indi": {"control": {}}}, said={})
+    assert list(tunable(FAMILIES["outdoor"], path, ["indi_t2fnn", "lqg_t2fnn"])) == ["indi_t2fnn"]
+
+
+@pytest.fixture
+def copied(diagrams, tmp_path):
+    """A folder of diagrams in which designs can be written, and a small family in it."""
+    folder = tmp_path / "diagrams"
+    (folder / "controllers" / "designed").mkdir(parents=True)
+    spec = f"{diagrams}/laboratory.yaml:low_wind"
+    (folder / "mine.yaml").write_text(f"mine: {{extends: '{spec}', duration: 2.0}}\n", encoding="utf-8")
+    return folder, Family({"low wind": "mine.yaml"}, ("low wind",), "low wind")
+
+
+@pytest.mark.slow
+def test_designs_are_made_flown_and_better_than_the_middle_of_their_ranges(copied):
+    folder, family = copied
+    path = folder / "controllers" / "designed" / "mine.yaml"
+    entries = tunable(family, path, ["pd", "pd_t1fnn"])
+    budget = Budget(rounds=2, candidates=16, samples=2, checks=2, steps=4)
+    made = list(design_family(folder, "mine", family, entries, budget=budget))
+    assert [each.name for each in made] == ["pd", "pd_t1fnn"]
+    assert names_in(path) == ("pd", "pd_t1fnn")
+    assert list(path.parent.iterdir()) == [path]
+    sizes = Sizes(samples=3, delayed=2, most_frames=2)
+    (place, name, metrics), (_, _, traits), *_ = judge_family(folder, "mine", family, ["pd"], sizes)
+    assert (place, name, len(metrics.rmse)) == ("low wind", "pd", 3)
+    assert traits.sensitivity > 1.0
+    assert traits.fleet < traits.lone
+    write_designs(path, {"middle": entries["pd"].middle()}, said={})
+    tuned, middle = (
+        fly_samples(family.scenario(folder, "low wind", [f"{path}:{key}"]), range(2)) for key in ("pd", "middle")
+    )
+    assert tuned.rmse.mean() < middle.rmse.mean()
+
+
+@pytest.mark.slow
+def test_the_delay_that_is_flown_is_one_frame_less_than_what_crashes(diagrams):
+    stiff = ["control.attitude.k_p=[16, 16, 5.356]", "control.attitude.k_d=[6, 6, 3.5]", "duration=6"]
+    scenario = load_scenario(diagrams / "laboratory.yaml:nominal", stiff)
+    found = delay_flown(scenario, Sizes(delayed=2, most_frames=25))
+    assert 0.0 < found < 0.25
+    frame = scenario.laboratory.motion_capture.period
+    for more, frames in ((False, round(found / frame)), (True, round(found / frame) + 1)):
+        late = [*stiff, f"laboratory.motion_capture.latency_frames={frames}"]
+        again = load_scenario(diagrams / "laboratory.yaml:nominal", late)
+        assert (delay_flown(again, Sizes(delayed=2, most_frames=0)) < 0.0) is more
+    assert lone_time(scenario) > 0.0
+
+
+@pytest.mark.slow
+def test_laps_are_flown_with_and_without_a_map(diagrams, tmp_path):
+    family = FAMILIES["laboratory"]
+    entries = entries_of(on_board=False, maps=True)
+    (tmp_path / "controllers" / "designed").mkdir(parents=True)
+    (tmp_path / "lab.yaml").write_text(f"lab: {{extends: '{diagrams}/laboratory.yaml:high_wind'}}\n", encoding="utf-8")
+    own = {name: entries[name].middle() for name in ("pd", "pd_t2fnn_map")}
+    write_designs(tmp_path / "controllers" / "designed" / "mine.yaml", own, said={})
+    place = family._replace(laboratories={"high wind": "lab.yaml"})
+    found = list(judge_laps(tmp_path, "mine", place, ["pd", "pd_t2fnn_map"], QUICK))
+    assert [each[:2] for each in found] == [
+        (in_laps(count), name) for name in ("pd", "pd_t2fnn_map") for count in (1, 2)
+    ]
+    assert all(len(metrics.rmse) == QUICK.laps for _, _, metrics in found)
