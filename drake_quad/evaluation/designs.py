@@ -17,13 +17,13 @@ def design_file(diagrams: Path, family: str) -> Path:
     return diagrams / "controllers" / "designed" / f"{family}.yaml"
 
 
-def names_in(path: Path) -> tuple[str, ...]:
-    """The names of the designs that a file has; none if there is no file.
+def designs_in(path: Path) -> Mapping[str, Tree]:
+    """The designs that a file has, by their names; none if there is no file.
 
     Raises:
         InputError: it is no mapping.
     """
-    return tuple(_read(path))
+    return _read(path)
 
 
 def write_designs(path: Path, designs: Mapping[str, Tree], *, said: Mapping[str, str], head: str = "") -> Path:

@@ -201,7 +201,10 @@ def _network(base: Entry, name: str, kind: str, inputs: Tree, law: Tree) -> Entr
     network |= {"inputs": inputs, "learning": law, "adaptive": dict.fromkeys(_ADAPTIVE, 1.0) if adaptive else None}
     path = "control.network"
     knobs = [Knob((f"{path}.learning.{field}",), *ends) for field, ends in _LEARNING_KNOBS[law["kind"]].items()]
-    if inputs is _ERRORS:
+    if inputs is not _ERRORS:
+        network["lead"] = 0.1
+        knobs.append(Knob((f"{path}.lead",), 0.02, 1.0))
+    else:
         knobs += [Knob((f"{path}.inputs.{field}.scale",), *ends) for field, ends in _SCALES.items()]
     if adaptive:
         knobs += [Knob((f"{path}.adaptive.{part}",), 1e-3, 10.0) for part in _ADAPTIVE]

@@ -12,7 +12,7 @@ from drake_quad.analysis.link_margins import link_margins
 from drake_quad.analysis.lqg_design import middle_of
 from drake_quad.assembly.planning import plan_route
 from drake_quad.errors import InputError
-from drake_quad.evaluation.designs import design_file, names_in
+from drake_quad.evaluation.designs import design_file, designs_in
 from drake_quad.evaluation.entries import MAPPED, Entry, entries_of
 from drake_quad.evaluation.families import FIRST_JUDGED, Family, laps_of
 from drake_quad.evaluation.results import (
@@ -112,7 +112,7 @@ def judge_laps(diagrams: Path, name: str, family: Family, entries: Sequence[str]
 def judge_prices(diagrams: Path, family: Family, sizes: Sizes) -> Iterator[Told]:
     """Flies what was designed with other limits on the sensitivity; arguments as for `judge_family`."""
     path = design_file(diagrams, PRICED)
-    there = names_in(path)
+    there = designs_in(path)
     for controller in PRICED_CONTROLLERS:
         for sensitivity in SENSITIVITIES:
             name = priced_name(controller, sensitivity)
@@ -182,5 +182,5 @@ def worst_margins(scenario: Scenario) -> tuple[float, float]:
 
 def missing(entries: dict[str, Entry], path: Path) -> list[str]:
     """The names of entries that a file has no design of."""
-    there = names_in(path)
+    there = designs_in(path)
     return [name for name in entries if name not in there]

@@ -10,13 +10,16 @@ import numpy as np
 
 from drake_quad.analysis.lqg_design import Limits, design_lqg, middle_of
 from drake_quad.errors import InputError
-from drake_quad.evaluation.designs import design_file, names_in, write_designs
+from drake_quad.evaluation.designs import design_file, designs_in, write_designs
 from drake_quad.evaluation.entries import Entry, entries_of
 from drake_quad.evaluation.families import FAMILIES, Family
 from drake_quad.evaluation.results import PRICED, PRICED_CONTROLLERS, PRICED_IN, SENSITIVITIES, priced_name
 from drake_quad.evaluation.tuning import Budget, LoopLimit, Tuned, tune
 from drake_quad.scenario import Scenario, load_undesigned
 from drake_quad.scenario.paths import value_at
+
+# Over which model predictive control looks ahead, s: that of controllers/mpc.yaml.
+_HORIZON = 0.6
 
 
 class Designed(NamedTuple):
@@ -49,7 +52,7 @@ def tunable(family: Family, path: Path, names: Sequence[str] | None = None) -> d
         if name not in entries:
             raise InputError(f"{name} is no controller that is tuned here; these are {', '.join(entries)}")
     chosen = {name: entry for name, entry in entries.items() if names is None or name in names}
-    there = {*names_in(path), *chosen}
+    there = {*designs_in(path), *chosen}
     return {name: entry for name, entry in chosen.items() if not entry.around or entry.around in there}
 
 
@@ -85,7 +88,8 @@ def design_family(
             scenarios = training(diagrams, family, f"{trial}:{controller}", entry)
             shares = None if entry.around else _shares(limit)
             before = numbers_before(diagrams, family, path, controller, entry)
-            found = tune(scenarios, entry.knobs, shares, budget=budget, before=before, progress=progress)
+            later = limit.delay if entry.around else 0.0
+            found = tune(scenarios, entry.knobs, shares, budget=budget, later=later, before=before, progress=progress)
             words = _words(entry, found, budget)
             write_designs(
                 path, {controller: entry.tree(found.numbers)}, said={controller: words}, head=_head(name, limit)
@@ -93,6 +97,17 @@ def design_family(
             yield Designed(controller, words)
     finally:
         trial.unlink(missing_ok=True)
+    yield from _predictive(path)
+
+
+def _predictive(path: Path) -> Iterator[Designed]:
+    """Writes model predictive control with the regulator of the family's LQG, if it has one."""
+    regulator = designs_in(path).get("lqg")
+    if regulator is not None:
+        control = {**regulator["control"], "kind": "mpc", "horizon": _HORIZON}
+        words = "the regulator of lqg, which keeps to its limits over a horizon"
+        write_designs(path, {"mpc": {"control": control}}, said={"mpc": words})
+        yield Designed("mpc", words)
 
 
 def training(diagrams: Path, family: Family, layer: str, entry: Entry) -> list[Scenario]:
@@ -103,7 +118,7 @@ def training(diagrams: Path, family: Family, layer: str, entry: Entry) -> list[S
 
 def numbers_before(diagrams: Path, family: Family, path: Path, controller: str, entry: Entry) -> list[float] | None:
     """The numbers of an entry's knobs that an earlier design has; None if there is none, or it has no such numbers."""
-    if controller not in names_in(path):
+    if controller not in designs_in(path):
         return None
     scenario, *_ = training(diagrams, family, f"{path}:{controller}", entry)
     try:

@@ -10,7 +10,7 @@ follow, which look at the limit at every step.
 
 import math
 from collections.abc import Callable, Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
@@ -20,10 +20,13 @@ from drake_quad.errors import InputError
 from drake_quad.flight import StudyFleet
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario import Batch, Scenario
+from drake_quad.scenario.distributions import Choice
 from drake_quad.scenario.paths import replaced
 
 # What a flight that ends in a crash is charged with, m: so that of 25 flights one crash costs as much as 4 cm in all.
+# An early crash costs up to twice as much, so that a search finds its way where all flights crash.
 _CRASH = 1.0
+_LATENCY = "laboratory.motion_capture.latency_frames"
 # Share of the points that make the next distribution, and the part of the way there that is gone; least deviation of
 # each number, in logarithms, against an early end; by how much more often the limit is looked at in the first round.
 _ELITE, _STEP, _LEAST, _FIRST = 0.25, 0.7, 0.01, 4
@@ -68,7 +71,7 @@ class Budget(NamedTuple):
         steps: of each of three local searches, from the best of all rounds.
     """
 
-    rounds: int = 24
+    rounds: int = 12
     candidates: int = 128
     samples: int = 16
     checks: int = 6
@@ -100,7 +103,7 @@ class Tuned(NamedTuple):
 
     Attributes:
         numbers: of the knobs, in their order.
-        error: mean RMSE on the training samples, with 1 m for each that crashed, m.
+        error: mean RMSE on the training samples, with 1 to 2 m for each that crashed, m.
         share: of the limit that is met; 1 or more if it is kept, infinite if there is none.
     """
 
@@ -117,6 +120,7 @@ def tune(
     budget: Budget = Budget(),
     first_sample: int = 0,
     seed: int = 0,
+    later: float = 0.0,
     before: Sequence[float] | None = None,
     progress: Callable[[], None] | None = None,
 ) -> Tuned:
@@ -133,6 +137,8 @@ def tune(
         budget: of the search.
         first_sample: of the training samples, which follow each other.
         seed: of the search.
+        later: by how much later frames come in as many flights again, of which only crashes count, s: the limit of what
+            has no linear model.
         before: numbers that an earlier search found, one more candidate for the local searches; those out of range are
             brought to its ends.
         progress: called after each round.
@@ -144,12 +150,12 @@ def tune(
     found = Tuned((), math.inf, 0.0)
     for stage in filter(None, ([i for i, knob in enumerate(knobs) if knob.vertical is way] for way in (False, True))):
         rounds = max(round(budget.rounds * len(stage) / len(knobs)), 1)
-        search = _Search([knobs[i] for i in stage], budget._replace(rounds=rounds), first_sample, seed)
+        search = _Search([knobs[i] for i in stage], budget._replace(rounds=rounds), first_sample, seed, later)
         found = search.run([with_numbers(each, knobs, numbers) for each in scenarios], shares_met, progress)
         for i, number in zip(stage, found.numbers, strict=True):
             numbers[i] = number
     found = found._replace(numbers=tuple(numbers))
-    trial = _Trial(scenarios, knobs, budget._replace(candidates=1), first_sample)
+    trial = _Trial(scenarios, knobs, budget._replace(candidates=1), first_sample, later)
     if before is not None:
         point = np.clip(trial.point(before), 0.0, 1.0)
         share = math.inf if shares_met is None else float(shares_met(trial.scenario(point)).min())
@@ -199,6 +205,7 @@ class _Search(NamedTuple):
     budget: Budget
     first_sample: int
     seed: int
+    later: float
 
     def run(
         self,
@@ -208,7 +215,7 @@ class _Search(NamedTuple):
     ) -> Tuned:
         """The best that is found; arguments as for `tune`."""
         count, size = len(self.knobs), self.budget.candidates
-        trial = _Trial(scenarios, self.knobs, self.budget, self.first_sample)
+        trial = _Trial(scenarios, self.knobs, self.budget, self.first_sample, self.later)
         # In units of the box, from 0 to 1.
         points = scipy.stats.qmc.Sobol(count, seed=self.seed).random(2 ** math.ceil(math.log2(size)))[:size]
         normal = np.random.default_rng(self.seed)
@@ -238,10 +245,14 @@ class _Search(NamedTuple):
 class _Trial:
     """Candidates, as points of the box of all knobs, and the fleets that fly them."""
 
-    def __init__(self, scenarios: Sequence[Scenario], knobs: Sequence[Knob], budget: Budget, first_sample: int) -> None:
+    def __init__(
+        self, scenarios: Sequence[Scenario], knobs: Sequence[Knob], budget: Budget, first_sample: int, later: float
+    ) -> None:
         self._scenarios, self._knobs = scenarios, knobs
         self._samples = range(first_sample, first_sample + max(budget.samples // len(scenarios), 1))
-        self._fleets = [StudyFleet(each, budget.candidates * len(self._samples)) for each in scenarios]
+        size = budget.candidates * len(self._samples)
+        self._fleets = [StudyFleet(each, size) for each in scenarios]
+        self._late_fleets = [StudyFleet(with_later_frames(each, later), size) for each in scenarios if later]
         self._low, high = np.log([[knob.low, knob.high] for knob in knobs]).T
         self._width = high - self._low
         self.least = _LEAST / self._width
@@ -263,13 +274,32 @@ class _Trial:
         """(count,) mean errors at points, m."""
         columns = np.repeat(np.exp(self._low + self._width * points), len(self._samples), axis=0).T
         varying = {path: column for knob, column in zip(self._knobs, columns, strict=True) for path in knob.paths}
-        found = [
-            _errors(
-                fleet.fly_batch(Batch.draw(each, [*self._samples] * len(points)).with_varying(varying)), len(points)
-            )
-            for each, fleet in zip(self._scenarios, self._fleets, strict=True)
-        ]
-        return np.asarray(np.mean(found, axis=0))
+        found = [_errors(*self._flown(fleet, varying, len(points))) for fleet in self._fleets]
+        late = [_crashes(*self._flown(fleet, varying, len(points))) for fleet in self._late_fleets]
+        return np.asarray(np.mean(found, axis=0) + sum(late, np.zeros(len(points))) / len(found))
+
+    def _flown(self, fleet: StudyFleet, varying: dict[str, np.ndarray], count: int) -> tuple[Metrics, float, int]:
+        """The flights of some candidates, how long they were to last, and the number of candidates."""
+        batch = Batch.draw(fleet.scenario, [*self._samples] * count).with_varying(varying)
+        return fleet.fly_batch(batch), fleet.duration, count
+
+
+def with_later_frames(scenario: Scenario, later: float) -> Scenario:
+    """The scenario with frames that come so much later than its own (s), in whole frames."""
+    cameras = scenario.laboratory.motion_capture
+    frames = float(round(later / cameras.period))
+
+    def added(path: str, value: Any) -> Any:
+        if path != _LATENCY:
+            return value
+        return (
+            Choice(choice=tuple(each + frames for each in value.choice))
+            if isinstance(value, Choice)
+            else value + frames
+        )
+
+    found: Scenario = replaced(scenario, added)
+    return found
 
 
 def with_numbers(scenario: Scenario, knobs: Sequence[Knob], numbers: Sequence[float]) -> Scenario:
@@ -279,10 +309,17 @@ def with_numbers(scenario: Scenario, knobs: Sequence[Knob], numbers: Sequence[fl
     return tuned
 
 
-def _errors(metrics: Metrics, count: int) -> np.ndarray:
+def _errors(metrics: Metrics, duration: float, count: int) -> np.ndarray:
     """(count,) mean errors of candidates, m."""
-    errors = np.where(np.asarray(metrics.crashed) > 0.0, _CRASH, np.asarray(metrics.rmse))
-    return np.asarray(errors.reshape(count, -1).mean(axis=1))
+    flown = np.where(metrics.crashed, 0.0, metrics.rmse).reshape(count, -1).mean(axis=1)
+    return np.asarray(flown + _crashes(metrics, duration, count))
+
+
+def _crashes(metrics: Metrics, duration: float, count: int) -> np.ndarray:
+    """(count,) means of what candidates are charged for crashes, m."""
+    left = 1.0 - np.minimum(metrics.crash_time, duration) / duration
+    charged = np.where(metrics.crashed, _CRASH * (1.0 + left), 0.0)
+    return np.asarray(charged.reshape(count, -1).mean(axis=1))
 
 
 class _Known:

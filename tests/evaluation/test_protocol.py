@@ -3,7 +3,7 @@
 import pytest
 
 from drake_quad import InputError, load_scenario
-from drake_quad.evaluation.designs import names_in, write_designs
+from drake_quad.evaluation.designs import designs_in, write_designs
 from drake_quad.evaluation.entries import entries_of
 from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED, Family
 from drake_quad.evaluation.judging import QUICK, Sizes, delay_flown, judge_family, judge_laps, lone_time
@@ -45,14 +45,14 @@ def test_other_designs_of_a_file_stay_as_they_are(tmp_path):
     assert text.count("numbers") == 1
     assert "\npd: # 3 numbers\n" in text.replace("pd:  ", "pd: ")
     assert "gains: [2.5, 2.0]" in text
-    assert names_in(path) == ("mine", "pd")
+    assert tuple(designs_in(path)) == ("mine", "pd")
 
 
 def test_what_is_no_file_of_designs_is_told(tmp_path):
     path = tmp_path / "designs.yaml"
     path.write_text("- pd\n", encoding="utf-8")
     with pytest.raises(InputError, match="must be a mapping of controllers by their names"):
-        names_in(path)
+        designs_in(path)
     with pytest.raises(InputError, match="lqg is no controller that is tuned here"):
         tunable(FAMILIES["outdoor"], tmp_path / "none.yaml", ["lqg"])
 
@@ -80,7 +80,7 @@ def test_designs_are_made_flown_and_better_than_the_middle_of_their_ranges(copie
     budget = Budget(rounds=2, candidates=16, samples=2, checks=2, steps=4)
     made = list(design_family(folder, "mine", family, entries, budget=budget))
     assert [each.name for each in made] == ["pd", "pd_t1fnn"]
-    assert names_in(path) == ("pd", "pd_t1fnn")
+    assert tuple(designs_in(path)) == ("pd", "pd_t1fnn")
     assert list(path.parent.iterdir()) == [path]
     sizes = Sizes(samples=3, delayed=2, most_frames=2)
     (place, name, metrics), (_, _, traits), *_ = judge_family(folder, "mine", family, ["pd"], sizes)
