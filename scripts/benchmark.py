@@ -205,8 +205,10 @@ class Contestant:
 def print_flights(repetitions: int, sizes: Sequence[int]) -> None:
     """Prints how fast fleets fly, by their size, compiled and as they are wired."""
     ideal = load_scenario(_DIAGRAMS / "figure_eight.yaml")
-    real = load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", _EVERYTHING)
-    learning = load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", _EVERYTHING, layers=[_NETWORK])
+    real, learning = (
+        load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", _EVERYTHING, layers=[layer])
+        for layer in (_DIAGRAMS / "gains" / "laboratory.yaml", _NETWORK)
+    )
     print("| | ideal laboratory | with every imperfection, noise and wind | and type-2 networks on X and Y |")
     print("|---|---|---|---|")
     for size, compiled in itertools.product(sizes, (True, False)):

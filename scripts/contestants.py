@@ -80,7 +80,8 @@ def piece_of(who: str, name: str) -> Piece | None:
         return flights(who, load_scenario(diagrams / "figure_eight.yaml"), num_vehicles)
     nominal = diagrams / "laboratory.yaml:nominal"
     if kind == "python":
-        return flights(who, load_scenario(nominal), num_vehicles, position_controller=PlainPython(num_vehicles))
+        soft = load_scenario(nominal, layers=[diagrams / "gains" / "laboratory.yaml"])
+        return flights(who, soft, num_vehicles, position_controller=PlainPython(num_vehicles))
     everything = load_scenario(nominal, benchmark._EVERYTHING, layers=[benchmark._NETWORK])
     return flights(who, everything, num_vehicles)
 

@@ -95,17 +95,17 @@ def test_the_delay_margin_is_when_the_loop_becomes_unstable(loaded):
     assert largest(ticks) < 1.0 < largest(ticks + 1)
 
 
-LIMITS = dict.fromkeys(("pd", "pid", "disturbance_observer", "l1", "indi"), (2.215, 0.05))
-LIMITS["indi_fast"] = 3.005, 0.05
+DESIGNS = {f"laboratory.yaml:{name}": 2.215 for name in ("pd", "pid", "disturbance_observer", "l1", "indi")}
+DESIGNS |= {"priced.yaml:indi@3": 3.015}
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("name", LIMITS)
+@pytest.mark.parametrize("name", DESIGNS)
 def test_the_designed_controllers_keep_to_their_limit(diagrams, name):
-    """What their file says of the peak of sensitivity and the delay margin, on a lateral and on the vertical axis."""
-    layers = [diagrams / "controllers" / f"designed/laboratory.yaml:{name}"]
+    """The peak of sensitivity and the delay margin, on a lateral and on the vertical axis."""
+    layers = [diagrams / "controllers" / "designed" / name]
     scenario = load_scenario(diagrams / "laboratory.yaml:nominal", layers=layers)
-    sensitivity, delay = LIMITS[name]
+    sensitivity, delay = DESIGNS[name], 0.05
     loops = link_loops(as_believed(scenario))
     for row in ("tau_y", "thrust"):
         loop = loops[row]
