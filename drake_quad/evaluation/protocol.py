@@ -14,7 +14,7 @@ from drake_quad.evaluation.designs import design_file, designs_in, write_designs
 from drake_quad.evaluation.entries import Entry, entries_of
 from drake_quad.evaluation.families import FAMILIES, Family
 from drake_quad.evaluation.results import PRICED, PRICED_CONTROLLERS, PRICED_IN, SENSITIVITIES, priced_name
-from drake_quad.evaluation.tuning import Budget, LoopLimit, Tuned, tune
+from drake_quad.evaluation.tuning import Budget, LoopLimit, Tuned, delay_stood, tune
 from drake_quad.scenario import Scenario, load_undesigned
 from drake_quad.scenario.paths import value_at
 
@@ -88,9 +88,12 @@ def design_family(
             scenarios = training(diagrams, family, f"{trial}:{controller}", entry)
             shares = None if entry.around else _shares(limit)
             before = numbers_before(diagrams, family, path, controller, entry)
-            later = limit.delay if entry.around else 0.0
+            later = 0.0
+            if entry.around:
+                alone = training(diagrams, family, f"{path}:{entry.around}", entry)
+                later = delay_stood(alone, limit.delay, budget=budget)
             found = tune(scenarios, entry.knobs, shares, budget=budget, later=later, before=before, progress=progress)
-            words = _words(entry, found, budget)
+            words = _words(entry, found, budget, later)
             write_designs(
                 path, {controller: entry.tree(found.numbers)}, said={controller: words}, head=_head(name, limit)
             )
@@ -163,10 +166,13 @@ def _shares(limit: LoopLimit) -> Callable[[Scenario], np.ndarray]:
     return lambda scenario: limit.shares_met(middle_of(scenario))
 
 
-def _words(entry: Entry, found: Tuned, budget: Budget) -> str:
+def _words(entry: Entry, found: Tuned, budget: Budget, later: float = 0.0) -> str:
     """What came of a tuning."""
     words = f"{len(entry.knobs)} numbers tuned in {budget.rounds} rounds, {100.0 * found.error:.2f} cm in training"
-    return words if found.share >= 1.0 else f"{words}, with {100.0 * found.share:.0f} % of the limit"
+    if later:
+        words += f", also {1e3 * later:.0f} ms late"
+    kept = f"{100.0 * min(found.share, 1.0):.0f} %"
+    return words if kept == "100 %" else f"{words}, with {kept} of the limit"
 
 
 _PRICED_HEAD = (

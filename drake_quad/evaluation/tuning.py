@@ -249,7 +249,7 @@ class _Trial:
         self, scenarios: Sequence[Scenario], knobs: Sequence[Knob], budget: Budget, first_sample: int, later: float
     ) -> None:
         self._scenarios, self._knobs = scenarios, knobs
-        self._samples = range(first_sample, first_sample + max(budget.samples // len(scenarios), 1))
+        self._samples = _training_samples(budget, len(scenarios), first_sample)
         size = budget.candidates * len(self._samples)
         self._fleets = [StudyFleet(each, size) for each in scenarios]
         self._late_fleets = [StudyFleet(with_later_frames(each, later), size) for each in scenarios if later]
@@ -282,6 +282,32 @@ class _Trial:
         """The flights of some candidates, how long they were to last, and the number of candidates."""
         batch = Batch.draw(fleet.scenario, [*self._samples] * count).with_varying(varying)
         return fleet.fly_batch(batch), fleet.duration, count
+
+
+def delay_stood(
+    scenarios: Sequence[Scenario], most: float, *, budget: Budget = Budget(), first_sample: int = 0
+) -> float:
+    """How much later frames may come, up to the most, so that no training flight crashes, s; whole frames.
+
+    Args:
+        scenarios: laboratories with the controller.
+        most: that is looked at, s.
+        budget: with the number of training flights.
+        first_sample: of the training samples.
+    """
+    samples = _training_samples(budget, len(scenarios), first_sample)
+    frame = scenarios[0].laboratory.motion_capture.period
+
+    def crash(later: float) -> bool:
+        fleets = (StudyFleet(with_later_frames(each, later), len(samples)) for each in scenarios)
+        return any(fleet.fly(samples).crashed.any() for fleet in fleets)
+
+    return next((frames * frame for frames in range(round(most / frame), 0, -1) if not crash(frames * frame)), 0.0)
+
+
+def _training_samples(budget: Budget, laboratories: int, first: int) -> range:
+    """Those that are flown in each laboratory."""
+    return range(first, first + max(budget.samples // laboratories, 1))
 
 
 def with_later_frames(scenario: Scenario, later: float) -> Scenario:
