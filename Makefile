@@ -60,8 +60,11 @@ figures: $(VENV)/.installed
 	cp out/slalom/plan.png docs/slalom.png
 	$(VENV)/bin/python scripts/simulate.py diagrams/laboratory.yaml:low_wind
 	cp out/low_wind/wind.png docs/wind.png
+	$(VENV)/bin/python scripts/replay.py diagrams/laboratory.yaml:high_wind --samples 1 --output out/front \
+		--controller diagrams/controllers/designed/laboratory.yaml:lqg \
+		$(foreach name,pd_t2fnn pd,--controller diagrams/controllers/calibrated.yaml:$(name))
 	chromium --headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --window-size=880,560 \
-		--virtual-time-budget=16000 --screenshot=docs/replay.png "file://$(CURDIR)/out/low_wind/replay.html#t=18"
+		--virtual-time-budget=16000 --screenshot=docs/replay.png "file://$(CURDIR)/out/front/replay.html#t=19"
 	$(VENV)/bin/python scripts/stability_map.py diagrams/laboratory.yaml:nominal
 	cp out/stability/nominal/position_map.png docs/stability.png
 	$(VENV)/bin/python scripts/compare_controllers.py

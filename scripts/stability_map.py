@@ -6,6 +6,7 @@ With an autopilot of kind attitude the gains of the attitude are those on board,
 import argparse
 import math
 from pathlib import Path
+from typing import get_args
 
 from command_line import add_vector, add_wired, folder_of, overrides_of, parser, print_files, run, scenario_of
 
@@ -19,10 +20,8 @@ from drake_quad.scenario.paths import value_at
 from drake_quad.visualization.map_plots import MapPanel, plot_map
 from drake_quad.visualization.style import save_figures
 
-# Default ranges of k_P (1/s²) and k_D (1/s): the stable region of the shipped laboratories and some room around it.
-_RANGES = {"position": ((0.02, 1.2), (0.05, 3.0)), "attitude": ((0.5, 40.0), (0.5, 24.0))}
-# With attitude control on board position control can be that much stiffer; of k_attitude and k_rate (1/s) on board.
-_RANGES_WITH_AUTOPILOT = {"position": ((0.1, 6.0), (0.1, 8.0)), "attitude": ((0.5, 30.0), (0.5, 60.0))}
+# Default ranges of the gains, from and to these parts of the scenario's own.
+_LEAST, _MOST = 0.05, 3.0
 # The default worst case: the factor by which rotors are slower, and the ticks by which commands are later.
 _SLOWER, _LATER = 1.4, 1
 
@@ -34,10 +33,13 @@ def main() -> None:
         output="out/stability",
         scenario="figure_eight.yaml",
     )
-    options.add_argument("--loop", choices=tuple(_RANGES), default="position", help="whose gains (default: position)")
+    options.add_argument("--loop", choices=get_args(Loop), default="position", help="whose gains (default: position)")
     options.add_argument("--size", type=int, help="gains along each side of the map (default: 40)")
     for flags, what in (
-        (("--k-p", "--k-attitude"), "range of k_P, 1/s², or of k_attitude, 1/s"),
+        (
+            ("--k-p", "--k-attitude"),
+            "range of k_P, 1/s², or of k_attitude, 1/s (default: around the scenario's)",
+        ),
         (("--k-d", "--k-rate"), "range of k_D or k_rate, 1/s"),
     ):
         options.add_argument(*flags, type=float, nargs=2, metavar=("LEAST", "MOST"), help=what)
@@ -59,18 +61,16 @@ def main() -> None:
         arguments.set = ["duration=5", *arguments.set]
     scenario = scenario_of(arguments)
     gains = mapped_gains(scenario, arguments.loop)
-    on_the_ground = scenario.laboratory.autopilot.kind == "none"
-    ranges = (_RANGES if on_the_ground else _RANGES_WITH_AUTOPILOT)[arguments.loop]
-    k_p = _grid("--k-p", arguments.k_p or ranges[0], size)
-    k_d = _grid("--k-d", arguments.k_d or ranges[1], size)
+    axis = 0 if arguments.loop == "position" else 1
+    first, second = (float(value_at(scenario, f"{gains.block}.{name}.{axis}")) for name in gains.fields)
+    k_p = _grid("--k-p", arguments.k_p or (_LEAST * first, _MOST * first), size)
+    k_d = _grid("--k-d", arguments.k_d or (_LEAST * second, _MOST * second), size)
     worst = arguments.worst or _worst_of(scenario)
     names = [field.split("=")[0].split(".")[-1] + "=" + field.split("=", 1)[-1] for field in worst]
     cases = {"nominal": scenario, ", ".join(names): _worst_case(arguments, worst)}
     folder = output_folder(folder_of(arguments, scenario.name))
     compiled = not arguments.wired
     panels = [panel(title, case, arguments.loop, k_p, k_d, compiled=compiled) for title, case in cases.items()]
-    axis = 0 if arguments.loop == "position" else 1
-    first, second = (float(value_at(scenario, f"{gains.block}.{name}.{axis}")) for name in gains.fields)
     figure = plot_map(panels, k_p, k_d, labels=gains.labels, marked=(first, second), loop=arguments.loop)
     files = [
         write_map(folder / f"{arguments.loop}_map.csv", panels, gains, k_p, k_d),
