@@ -142,7 +142,7 @@ def _controllers(on_board: bool) -> dict[str, Entry]:
             (*knobs, lag, *bandwidth, *slow),
         ),
         "lqg": Entry("LQG", "delay, lags and noise, and how far they may be off; spectrum of the wind"),
-        "mpc": Entry("MPC", "delay, lags, limits of tilt and thrust", slow=True),
+        "mpc": Entry("MPC", "as LQG, and the limits of tilt, thrust and snap", slow=True),
     }
     if on_board:
         del found["geometric"]

@@ -120,19 +120,13 @@ def _best(found: Evaluation) -> str:
         best, *equals = best_in(found, place)
         mean = mean_interval(of_survivors(found.flights[place][best], "rmse"))
         words = f"- {place}: {WORDS[best]}, {mean.text('.2f', unit='cm', size=0.01)}"
-        plain = [name for name in found.flights[place] if name in _PLAIN]
-        paper = (
-            f"; the tuned PD {beside(found.flights[place]['pd'], found.flights[place][best]).share.ratio()} times that"
-        )
-        lines.append(
-            words
-            + (paper if "pd" in plain and best != "pd" else "")
-            + (f"; not told apart from {', '.join(WORDS[name] for name in equals)}" if equals else "")
-        )
+        if "pd" in found.flights[place] and best != "pd":
+            share = beside(found.flights[place]["pd"], found.flights[place][best]).share
+            words += f"; the tuned PD {share.ratio()} times that"
+        if equals:
+            words += f"; not told apart from {', '.join(WORDS[name] for name in equals)}"
+        lines.append(words)
     return "\n".join(lines)
-
-
-_PLAIN = ("pd", "pid")
 
 
 def _family(found: Evaluation, name: str, family: Family) -> str:
@@ -198,7 +192,7 @@ def _priced(found: Evaluation) -> str:
 def _entries() -> str:
     entries = entries_of(on_board=False, maps=True).values()
     rows = [
-        (each.words, each.told, f"the search, {len(each.knobs)} numbers" if each.knobs else "its own designer")
+        (each.words, each.told, f"the search, {len(each.knobs)} numbers" if each.knobs else "the designer of LQG")
         for each in entries
     ]
     return table(("", "told beside mass, inertia and reference", "tuned by"), rows)
