@@ -87,7 +87,18 @@ def cut(compared: Comparison) -> Interval:
 def helps(found: Evaluation, network: str, base: str) -> Answer | None:
     """Does a network make the error of the controller around which it stands smaller?"""
     kind = "over the position " if network.endswith("map") else ""
-    return less(found, network, base, f"a network of type 2 {kind}around {WORDS[base]} makes its error smaller")
+    answer = less(found, network, base, f"a network of type 2 {kind}around {WORDS[base]} makes its error smaller")
+    return answer and answer._replace(evidence=answer.evidence + _stood(found, network, base))
+
+
+def _stood(found: Evaluation, network: str, base: str) -> str:
+    """What becomes of the delay that is flown, family by family."""
+    both = {name: traits for name, traits in found.traits.items() if {network, base} <= traits.keys()}
+    changes = [
+        f"{delay_words(traits[base].delay_flown)} to {delay_words(traits[network].delay_flown)} ({name})"
+        for name, traits in both.items()
+    ]
+    return f"; the delay that it stands goes from {', '.join(changes)}" if changes else ""
 
 
 def less(found: Evaluation, controller: str, other: str, statement: str) -> Answer | None:
@@ -171,11 +182,14 @@ def priced(found: Evaluation, controller: str) -> list[tuple[Traits, Metrics]]:
 def best_in(found: Evaluation, place: str) -> list[str]:
     """The controller of least mean RMSE among those that crash in at most 5 % of the samples, and its equals.
 
-    Equals are those whose error the paired interval does not tell apart from the best one's.
+    Equals are those whose error the paired interval does not tell apart from the best one's; what flew fewer samples
+    can only be an equal.
     """
     flown = {name: each for name, each in found.flights[place].items() if "@" not in name}
     safe = {name: each for name, each in flown.items() if np.mean(each.crashed) <= 0.05} or flown
-    best = min(safe, key=lambda name: float(np.mean(np.where(safe[name].crashed, np.nan, safe[name].rmse))))
+    most = max(len(each.rmse) for each in safe.values())
+    whole = [name for name, each in safe.items() if len(each.rmse) == most]
+    best = min(whole, key=lambda name: float(np.mean(np.where(safe[name].crashed, np.nan, safe[name].rmse))))
     others = [name for name in safe if name != best and cut(beside(safe[name], safe[best])).is_above(0.0) is None]
     return [best, *others]
 

@@ -54,18 +54,23 @@ def parts_of(controller: str) -> tuple[str, str]:
 
 def errors_figure(found: Evaluation) -> Figure:
     """Plots the mean error of every controller in every laboratory: a panel for each, a row for each controller."""
-    places = [place for family in FAMILIES.values() for place in family.laboratories if place in found.flights]
+    titles = {
+        place: name if name == place else f"{name}\n{place}"
+        for name, each in FAMILIES.items()
+        for place in each.laboratories
+    }
+    places = [place for place in titles if place in found.flights]
     controllers = [name for name in WORDS if name in found.controllers]
     with in_print():
         columns = min(len(places), 5)
         rows = -(-len(places) // columns)
-        figure = new_figure(1.5 + 1.35 * columns, 0.5 + rows * (0.5 + 0.145 * len(controllers)))
+        figure = new_figure(1.5 + 1.35 * columns, 0.5 + rows * (0.65 + 0.145 * len(controllers)))
         grid = figure.subplots(rows, columns, sharey=True, squeeze=False)
         for axes, place in zip(grid.flat, places, strict=False):
             for row, name in enumerate(controllers):
                 if name in found.flights[place]:
                     _mark(axes, found.flights[place][name], row, name)
-            _panel(axes, place)
+            _panel(axes, titles[place])
         for axes in grid.flat[len(places) :]:
             axes.set_visible(False)
         for row in grid:
@@ -90,7 +95,8 @@ def _panel(axes: Axes, title: str) -> None:
     low, high = axes.get_xlim()
     low, high = low / 1.3, high * 1.3
     axes.set_xlim(low, high)
-    ticks = [tick for tick in (0.5, 1, 2, 3, 5, 10, 20, 50, 100, 200) if low <= tick <= high]
+    choices = (0.5, 1, 2, 3, 5, 10, 20, 50, 100, 200) if high < 20.0 * low else (0.3, 1, 3, 10, 30, 100, 300)
+    ticks = [tick for tick in choices if low <= tick <= high]
     axes.set_xticks(ticks, [f"{tick:g}" for tick in ticks])
     axes.xaxis.set_minor_locator(NullLocator())
     axes.set_title(title)
