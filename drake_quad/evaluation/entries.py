@@ -112,7 +112,9 @@ def _controllers(on_board: bool) -> dict[str, Entry]:
     bandwidth = (Knob(_both("position.bandwidth"), 0.5, 60.0), Knob(("control.position.bandwidth.2",), 0.2, 30.0))
     deviation = (Knob(_both("position.deviation"), 0.05, 20.0), Knob(("control.position.deviation.2",), 0.001, 5.0))
     slow = () if on_board else (Knob(("control.attitude.bandwidth",), 0.1, 5.0),)
-    estimating = {"response": {"kind": "tilt", "delay_ticks": 1}}
+    estimating: Tree = {"response": {"kind": "tilt", "delay_ticks": 1}}
+    if on_board:  # where the wind of 12 m/s pushes by more than the language's own limit of 5 m/s²
+        estimating |= {"disturbance_limit": 20.0}
     plain = _cascade(on_board, {"kind": "pd"})
     incremental = {"kind": "indi", "delay_ticks": 1, "lag": 0.07}
 
