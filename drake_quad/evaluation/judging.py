@@ -146,7 +146,7 @@ def lone_time(scenario: Scenario, *, slow: bool = False) -> float:
     for sample in range(FIRST_JUDGED, FIRST_JUDGED + _TIMED):
         begun = time.process_time()
         metrics = fleet.fly([sample])
-        flown = min(fleet.duration, float(metrics.crash_time[0]))
+        flown = min(fleet.duration, float(metrics.crash_time.min()))
         spent.append((time.process_time() - begun) * fleet.duration / flown)
     return min(spent) / _ticks(fleet)
 
