@@ -21,7 +21,7 @@ from drake_quad.evaluation.results import (
 from drake_quad.files import write_table
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.studies.report import Verdict, judge
-from drake_quad.studies.statistics import Comparison, Interval, compare
+from drake_quad.studies.statistics import Comparison, Interval, compare, of_survivors
 
 # What every controller is called in the report, by its name in files.
 WORDS = {name: entry.words for name, entry in entries_of(on_board=False, maps=True).items()}
@@ -189,7 +189,7 @@ def best_in(found: Evaluation, place: str) -> list[str]:
     safe = {name: each for name, each in flown.items() if np.mean(each.crashed) <= 0.05} or flown
     most = max(len(each.rmse) for each in safe.values())
     whole = [name for name, each in safe.items() if len(each.rmse) == most]
-    best = min(whole, key=lambda name: float(np.mean(np.where(safe[name].crashed, np.nan, safe[name].rmse))))
+    best = min(whole, key=lambda name: float(of_survivors(safe[name], "rmse").mean()))
     others = [name for name in safe if name != best and cut(beside(safe[name], safe[best])).is_above(0.0) is None]
     return [best, *others]
 

@@ -25,12 +25,12 @@ from drake_quad.evaluation.results import (
     in_laps,
     priced_name,
 )
+from drake_quad.evaluation.tuning import LATENCY
 from drake_quad.flight import StudyFleet
 from drake_quad.flight.fleet_simulation import simulate_fleet
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario import Batch, Scenario
 
-_LATENCY = "laboratory.motion_capture.latency_frames"
 # Flights of a lone vehicle whose time is taken.
 _TIMED = 3
 
@@ -159,10 +159,10 @@ def delay_flown(scenario: Scenario, sizes: Sizes) -> float:
     samples = range(FIRST_JUDGED, FIRST_JUDGED + sizes.delayed)
     frames = np.arange(sizes.most_frames + 1)
     batch = Batch.draw(scenario, [*samples] * len(frames))
-    own = batch.varying.get(_LATENCY, scenario.laboratory.motion_capture.latency_frames)
+    own = batch.varying.get(LATENCY, scenario.laboratory.motion_capture.latency_frames)
     plan = plan_route(scenario)
     fleet = simulate_fleet(
-        batch.with_varying({_LATENCY: own + np.repeat(frames, len(samples)).astype(float)}), plan, compiled=True
+        batch.with_varying({LATENCY: own + np.repeat(frames, len(samples)).astype(float)}), plan, compiled=True
     )
     fleet.fly(StudyFleet(scenario, 1).duration)
     crashed = fleet.metrics().crashed.reshape(len(frames), -1).any(axis=1)

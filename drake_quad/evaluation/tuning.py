@@ -26,7 +26,7 @@ from drake_quad.scenario.paths import replaced
 # What a flight that ends in a crash is charged with, m: so that of 25 flights one crash costs as much as 4 cm in all.
 # An early crash costs up to twice as much, so that a search finds its way where all flights crash.
 _CRASH = 1.0
-_LATENCY = "laboratory.motion_capture.latency_frames"
+LATENCY = "laboratory.motion_capture.latency_frames"
 # Share of the points that make the next distribution, and the part of the way there that is gone; least deviation of
 # each number, in logarithms, against an early end; by how much more often the limit is looked at in the first round.
 _ELITE, _STEP, _LEAST, _FIRST = 0.25, 0.7, 0.01, 4
@@ -316,7 +316,7 @@ def with_later_frames(scenario: Scenario, later: float) -> Scenario:
     frames = float(round(later / cameras.period))
 
     def added(path: str, value: Any) -> Any:
-        if path != _LATENCY:
+        if path != LATENCY:
             return value
         return (
             Choice(choice=tuple(each + frames for each in value.choice))

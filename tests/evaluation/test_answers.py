@@ -106,6 +106,8 @@ def test_the_best_is_that_of_least_error_which_hardly_crashes():
     assert sorted(best_in(found, "low wind")) == ["indi", "indi_t2fnn"]
     found.flights["low wind"]["pd"] = flights(0.03)
     assert best_in(found, "low wind") == ["pd"]
+    found.flights["low wind"]["pd"] = flights(0.2, crashed=[1])
+    assert sorted(best_in(found, "low wind")) == ["indi", "indi_t2fnn"]
     found.flights["low wind"]["pd"] = flights(0.03, crashed=range(4))
     assert sorted(best_in(found, "low wind")) == ["indi", "indi_t2fnn"]
 
