@@ -127,7 +127,7 @@ def fly(families: Sequence[str], only: Sequence[str] | None, sizes: Sizes, folde
         jobs += [(f"{name} {each}", judge_family(_DIAGRAMS, name, family, [each], sizes)) for each in there]
         if LAPS_IN in family.laboratories:
             jobs.append(("laps", judge_laps(_DIAGRAMS, name, family, there, sizes)))
-            jobs.append((PRICED, judge_prices(_DIAGRAMS, family, sizes)))
+            jobs.append((PRICED, judge_prices(_DIAGRAMS, family, there, sizes)))
     if not any(jobs):
         raise InputError("there is no design of what shall be flown")
     with new_bar(total=len(jobs), desc="flying") as bar:

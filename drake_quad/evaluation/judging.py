@@ -109,11 +109,11 @@ def judge_laps(diagrams: Path, name: str, family: Family, entries: Sequence[str]
             yield in_laps(count), controller, _fly(scenario, sizes.laps)[0]
 
 
-def judge_prices(diagrams: Path, family: Family, sizes: Sizes) -> Iterator[Told]:
+def judge_prices(diagrams: Path, family: Family, entries: Sequence[str], sizes: Sizes) -> Iterator[Told]:
     """Flies what was designed with other limits on the sensitivity; arguments as for `judge_family`."""
     path = design_file(diagrams, PRICED)
     there = designs_in(path)
-    for controller in PRICED_CONTROLLERS:
+    for controller in (each for each in PRICED_CONTROLLERS if each in entries):
         for sensitivity in SENSITIVITIES:
             name = priced_name(controller, sensitivity)
             if name in there:

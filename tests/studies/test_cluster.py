@@ -95,6 +95,19 @@ def unreachable(tmp_path_factory):
         process.communicate()
 
 
+@pytest.fixture(scope="module", autouse=True)
+def frozen(tmp_path_factory):
+    """A study whose scheduler has frozen; it waits for an answer while the other tests run."""
+    folder = tmp_path_factory.mktemp("frozen")
+    cluster = Cluster(folder)
+    cluster.add_worker()
+    study = signalled(cluster, folder / "study", signal.SIGSTOP)
+    yield study, cluster, folder / "study"
+    study.kill()
+    study.communicate()
+    cluster.end()
+
+
 @pytest.mark.slow
 def test_a_cluster_flies_the_same_study(cluster, tmp_path):
     """Also after Ctrl-C: what it had done by then is gone on with."""
@@ -132,11 +145,16 @@ with dask_crew("{cluster.address}") as crew:
     assert (run.returncode, run.stderr) == (0, "")
 
 
-def ends_when(cluster, folder, sent, words):
-    """A study ends in a sentence, with its rows kept, when its scheduler gets a signal."""
+def signalled(cluster, folder, sent):
+    """A study that has some rows when its scheduler gets a signal."""
     study = monte_carlo(cluster.address, folder, "--samples", "3000", "--batch", "3")
     until_rows(study, folder)
     cluster.scheduler.send_signal(sent)
+    return study
+
+
+def check_end(study, cluster, folder, words):
+    """A study ends in a sentence, with its rows kept."""
     _, stderr = study.communicate()
     rows = len(read_study(folder).samples)
     assert 0 < rows < 3000
@@ -145,19 +163,12 @@ def ends_when(cluster, folder, sent, words):
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_freezes_ends_a_study(cluster, tmp_path):
-    try:
-        ends_when(cluster, tmp_path, signal.SIGSTOP, "does not answer")
-    finally:
-        cluster.scheduler.send_signal(signal.SIGCONT)
-
-
-@pytest.mark.slow
 def test_a_scheduler_that_dies_ends_a_study(tmp_path):
     cluster = Cluster(tmp_path)
+    folder = tmp_path / "study"
     try:
         cluster.add_worker()
-        ends_when(cluster, tmp_path / "study", signal.SIGKILL, "is gone")
+        check_end(signalled(cluster, folder, signal.SIGKILL), cluster, folder, "is gone")
     finally:
         cluster.end()
 
@@ -192,3 +203,8 @@ def test_a_cluster_that_is_not_there_is_named(unreachable):
         assert process.returncode == 2
         assert f"error: no Dask scheduler can be reached at {address}" in stderr
     assert not folder.exists()
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_freezes_ends_a_study(frozen):
+    check_end(*frozen, "does not answer")
