@@ -1,6 +1,6 @@
 """A compiled diagram as a Drake system."""
 
-from collections.abc import Iterable, Sequence
+from collections.abc import Callable, Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -58,7 +58,6 @@ class CompiledSystem(LeafSystem):
             source: self.DeclareVectorInputPort(input_name(program, source), rows * program.num_vehicles).get_index()
             for source, (_, rows) in program.places.inputs.items()
         }
-        self._ports: dict[Port, Event | Shown] = {}
         for name, port in program.topology.outputs.items():
             self._show(name, port)
         for path, system in program.others.items():
@@ -218,7 +217,7 @@ class CompiledSystem(LeafSystem):
             if len(self._tables) == _MOST_TABLES:
                 self._tables.clear()
             self._tables[key] = self.program.table(event, self.program.times(begin, event.instants, size))
-        return self._tables[key][first - begin :][:count]
+        return self._tables[key][first - begin : first - begin + count]
 
     def _run(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
         """Lets one event pass at the context's time, and returns what it logs."""
@@ -247,34 +246,45 @@ class CompiledSystem(LeafSystem):
     def _show(self, name: str, port: Port) -> None:
         """Declares an output port that shows a leaf's."""
         size = self.program.topology.leaves[port.path].get_output_port(port.number).size()
+        show: list[Callable[[Context, BasicVector], None]] = []
 
         def calc(context: Context, output: BasicVector) -> None:
-            if port not in self._ports:
-                self._ports[port] = self.program.port(port)
-            code, shown = self._ports[port], output.get_mutable_value()
-            if isinstance(code, Event):
-                # It writes none of the state.
-                shown[:] = self._run(code, context, context.get_discrete_state(self._state).value()).ravel()
-            elif code.group is None:
-                numbers = self._shared_at(code, context.get_time())[code.first :][: code.num_rows]
-                shown.reshape(code.num_rows, -1)[:] = numbers[:, None]
-            else:
-                n = self.program.num_vehicles
-                numbers = self._numbers(code.group, context, port)
-                shown[:] = numbers[code.first * n : (code.first + code.num_rows) * n]
+            if not show:  # what nobody looks at is not made
+                show.append(self._showing(port))
+            show[0](context, output)
 
         reached = self.program.reach(port)
         tickets = {self.xd_ticket(), self.pn_ticket(), self.time_ticket()}
         tickets |= {self.input_port_ticket(self._inputs[source]) for source in reached}
         self.DeclareVectorOutputPort(name, size, calc, tickets)
 
-    def _numbers(self, group: int, context: Context, port: Port) -> np.ndarray:
-        """The rows of a group that a port shows."""
+    def _showing(self, port: Port) -> Callable[[Context, BasicVector], None]:
+        """What sets an output port's vector."""
+        code, n = self.program.port(port), self.program.num_vehicles
+        if isinstance(code, Event):
+            event = code
+
+            def run(context: Context, output: BasicVector) -> None:
+                # It writes none of the state.
+                output.SetFromVector(self._run(event, context, context.get_discrete_state(self._state).value()).ravel())
+
+            return run
+        shown, rows = code, slice(code.first, code.first + code.num_rows)
+        if shown.group is None:
+            return lambda context, output: output.SetFromVector(
+                self._shared_at(shown, context.get_time())[rows].repeat(n)
+            )
+        numbers, part = self._group(shown.group, port), slice(rows.start * n, rows.stop * n)
+        return lambda context, output: output.SetFromVector(numbers(context)[part])
+
+    def _group(self, group: int, port: Port) -> Callable[[Context], np.ndarray]:
+        """What gives the numbers of a group, of which a port shows some."""
         if group == INPUTS:
-            return self._seen(self.program.reach(port), context)
-        vector = context.get_discrete_state(self._state) if group == STATE else self._parameters_of(context)
-        numbers: np.ndarray = vector.value()
-        return numbers
+            reached = list(self.program.reach(port))
+            return lambda context: self._seen(reached, context)
+        if group == STATE:
+            return lambda context: context.get_discrete_state(self._state).value()
+        return lambda context: self._parameters_of(context).value()
 
     def _parameters_of(self, context: Context) -> BasicVector:
         return context.get_numeric_parameter(self._parameters)

@@ -73,7 +73,8 @@ class Loop:
         before, event, results = _divided(listing, [*changes.values(), *logged])
         targets = [*((STATE, row) for row in changes), *((_LOG, row) for row in range(len(logged)))]
         parts, num_kept = _cut(event, list(zip(targets, results, strict=True)), len(before.stores))
-        self._num_rows = sum(sizes) + num_kept
+        # The function runs under Python's lock, one call at a time.
+        self._scratch = np.empty((sum(sizes) + num_kept) * self._lanes)
         text = _module(before, parts, sizes, len(logged), max(1, width), self._lanes)
         arguments: list[Any] = [ctypes.c_int64, ctypes.c_int64, *[ctypes.py_object] * 6]
         self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(address(text))
@@ -101,8 +102,7 @@ class Loop:
             log: (events, logged rows, N padded), which is written.
             num_vehicles: N.
         """
-        scratch = np.empty(self._num_rows * self._lanes)
-        self._run(num_vehicles, len(shared), state, parameters, inputs, shared, log, scratch)
+        self._run(num_vehicles, len(shared), state, parameters, inputs, shared, log, self._scratch)
 
 
 class _Part(NamedTuple):
