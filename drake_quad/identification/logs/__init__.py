@@ -1,0 +1,1 @@
+"""Readers of flight logs; each gives a `FlightRecord`."""

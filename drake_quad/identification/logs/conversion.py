@@ -1,0 +1,360 @@
+"""From the columns of a log to a record: units, frames, one clock."""
+
+import re
+from collections.abc import Iterable, Iterator, Sequence
+from dataclasses import dataclass, replace
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drake_quad.errors import InputError, listed
+from drake_quad.identification.logs.mapping import ATTITUDES, Mapping, SignalSource
+from drake_quad.identification.logs.record import COLUMNS, FlightRecord
+from drake_quad.identification.logs.timing import rising, timing_remarks
+from drake_quad.identification.logs.units import QUANTITIES, UNITS
+from drake_quad.scenario.marked_tree import Mark
+
+# Signals that hold until the next sample; the others are measured and lie on lines between their samples.
+_HELD = ("motor_command", "thrust_share", "battery_voltage")
+_ANGLES = (*ATTITUDES, "reference_yaw")
+# Signals that change slowly: at the ends of a log they are what they are at their first or last sample.
+_SLOW = ("battery_voltage", "wind")
+# Half a turn about x makes NED NWU, and FRD FLU.
+_TURNED = ("NED", "FRD")
+_HALF_TURN = np.array([1.0, -1.0, -1.0])
+_QUATERNION_TURN = np.array([1.0, 1.0, -1.0, -1.0])
+# A quaternion that is so much shorter or longer than 1 is none: many logs begin with zeros.
+_UNIT_LENGTH = 0.5, 2.0
+# A signal that is there for a smaller share of the time is left out.
+_LEAST_COVERAGE = 0.5
+# More than any unit has in flight: it is no number.
+_LARGEST = 1e9
+# Names of columns in one sentence.
+_MOST_NAMES = 6
+
+
+@dataclass(frozen=True, eq=False)
+class Table:
+    """Columns of a log over one clock: a CSV file, a topic or an event type.
+
+    Attributes:
+        name: of the topic or event type.
+        time: (n,) when a row was written, s.
+        columns: (n,) or (n, width) by name; what is no number is NaN.
+        sampled: (n,) when what was measured was measured, if the log says so, s.
+    """
+
+    name: str
+    time: np.ndarray
+    columns: dict[str, np.ndarray]
+    sampled: np.ndarray | None = None
+
+
+class _Channel(NamedTuple):
+    """A signal on its own clock.
+
+    Attributes:
+        signal: its name.
+        clock: of the table; the same object for all that share it.
+        rows: numbers of the rows of the clock at which it is known.
+        values: (rows, columns).
+        origin: where it is from, as part of a sentence.
+    """
+
+    signal: str
+    clock: np.ndarray
+    rows: np.ndarray
+    values: np.ndarray
+    origin: str
+
+    @property
+    def time(self) -> np.ndarray:
+        return self.clock[self.rows]
+
+    @property
+    def whole(self) -> bool:
+        """Is it known at each tick of its clock?"""
+        return len(self.rows) == len(self.clock)
+
+
+class _Clocks:
+    """The clocks of the tables, with rising times."""
+
+    def __init__(self) -> None:
+        self._known: dict[int, tuple[np.ndarray, np.ndarray]] = {}
+        self.remarks: list[str] = []
+
+    def of(self, table: Table, signal: str) -> tuple[np.ndarray, np.ndarray]:
+        """Rising times for a signal, and the numbers of the rows that have them."""
+        time = table.time if table.sampled is None or is_held(signal) else table.sampled
+        if id(time) not in self._known:
+            kept, remarks = rising(time)
+            said = [f"{table.name}: {each}" if table.name else each for each in remarks]
+            self.remarks += [each for each in said if each not in self.remarks]
+            self._known[id(time)] = time[kept], np.flatnonzero(kept)
+        return self._known[id(time)]
+
+
+def is_held(signal: str) -> bool:
+    """Does a signal hold until its next sample, as commands do?"""
+    return signal in _HELD or signal.endswith("_command") or signal.startswith("reference_")
+
+
+def record_of(
+    tables: Sequence[Table],
+    mapping: Mapping,
+    *,
+    name: str,
+    mark: Mark,
+    remarks: Iterable[str] = (),
+    names: Iterable[str] = (),
+) -> FlightRecord:
+    """Makes a record of what a mapping finds in the tables of a log.
+
+    The clock is that of the fastest table which has a signal. On it measurements of the other tables lie on lines
+    between their samples, and commands hold; before the first sample of a signal there is no record.
+
+    Args:
+        tables: of the log.
+        mapping: which columns are which signals.
+        name: of the log.
+        mark: what errors call it.
+        remarks: on what was found before.
+        names: of further columns that the log has.
+
+    Raises:
+        InputError: it has no signal, or less than two samples of all.
+    """
+    order = sorted(tables, key=lambda table: -len(table.time))
+    available = {*names}.union(*(table.columns for table in tables))
+    clocks = _Clocks()
+    channels: list[_Channel] = []
+    notes: list[str] = []
+    for signal in mapping.signals:
+        channel = next(_channels(signal, mapping, order, clocks), None)
+        if channel is not None:
+            channels.append(channel)
+        else:
+            notes += _why_not(signal, mapping, available)
+    if not channels:
+        raise InputError(f"{mark}: has no signal with two samples or more; its columns are {listed(sorted(available))}")
+    clock = _fastest(channels)
+    chosen, left_out = _covering(channels, clock)
+    if not chosen:
+        raise InputError(f"{mark}: has no signal that is there for half of its time")
+    lacking = {*(mapping.required or ())} - {channel.signal for channel in chosen}
+    if lacking:
+        raise InputError(f"{mark}: lacks {listed(sorted(lacking))}, which the mapping requires")
+    inside, cut = _common(chosen, clock)
+    if inside.sum() < 2:
+        raise InputError(f"{mark}: its signals have less than two samples in common")
+    time = clock[inside]
+    used = {
+        each for signal in (channel.signal for channel in chosen) for each in _read_names(signal, mapping, available)
+    }
+    record = FlightRecord(
+        name=name,
+        time=time - time[0],
+        remarks=(
+            *remarks,
+            *clocks.remarks,
+            *timing_remarks(time),
+            *cut,
+            *_origin_remarks(chosen),
+            *_resampling_remarks(chosen, clock),
+            *_missing_remarks(chosen),
+            *left_out,
+            *notes,
+            *_unread(available - ({mapping.time.column} if mapping.time else set()), used),
+        ),
+    )
+    signals: dict[str, Any] = {channel.signal: _at(channel, clock, inside) for channel in chosen}
+    return replace(record, **signals)
+
+
+def _channels(signal: str, mapping: Mapping, tables: Sequence[Table], clocks: _Clocks) -> Iterator[_Channel]:
+    """The signal as each of its sources has it, the first choice first."""
+    for source in mapping.signals[signal]:
+        for table in tables:
+            if not all(each in table.columns for each in source.names) or len(table.time) < 2:
+                continue
+            clock, numbers = clocks.of(table, signal)
+            with np.errstate(all="ignore"):  # what is damaged may hold any number
+                values = _values(signal, source, table)[numbers]
+            rows = np.flatnonzero((np.abs(values) < _LARGEST).all(axis=1))
+            if len(rows) > 1:
+                yield _Channel(signal, clock, rows, values[rows], _origin(source))
+
+
+def _values(signal: str, source: SignalSource, table: Table) -> np.ndarray:
+    """(n, columns) of a signal in SI and our frames; NaN where it is not known."""
+    length = len(table.time)
+    if source.column is not None:
+        values = table.columns[source.column].reshape(length, -1).astype(float)
+    else:
+        values = np.column_stack(
+            [
+                table.columns[each].astype(float) if isinstance(each, str) else np.full(length, float(each))
+                for each in source.columns or ()
+            ]
+        )
+    if source.missing is not None:
+        values = np.where(np.isfinite(values), values, source.missing)
+    values = values * np.asarray(source.factor)
+    if source.quaternion is not None:
+        return _roll_pitch_yaw(values, source)
+    unit = UNITS[QUANTITIES[signal].unit][source.unit or QUANTITIES[signal].unit]
+    values = (values - unit.zero) * unit.scale
+    if source.rotors is not None:
+        values = values[:, np.argsort(source.rotors)]
+    if source.frame in _TURNED:
+        values = -values if signal == "reference_yaw" else values * _HALF_TURN
+    if signal == "motor_command":
+        values = np.clip(values, 0.0, 1.0)
+    return values
+
+
+def _roll_pitch_yaw(values: np.ndarray, source: SignalSource) -> np.ndarray:
+    """Roll, pitch and yaw of quaternions, in our frames; NaN where there is none."""
+    quaternion = values if source.quaternion == "wxyz" else np.roll(values, 1, axis=1)
+    length = np.linalg.norm(quaternion, axis=1, keepdims=True)
+    low, high = _UNIT_LENGTH
+    valid = (length > low) & (length < high)
+    unit = np.divide(quaternion, length, out=np.full_like(quaternion, np.nan), where=valid)
+    if source.frame in _TURNED:
+        unit = unit * _QUATERNION_TURN
+    w, x, y, z = unit.T
+    return np.column_stack(
+        [
+            np.arctan2(2.0 * (w * x + y * z), 1.0 - 2.0 * (x * x + y * y)),
+            np.arcsin(np.clip(2.0 * (w * y - z * x), -1.0, 1.0)),
+            np.arctan2(2.0 * (w * z + x * y), 1.0 - 2.0 * (y * y + z * z)),
+        ]
+    )
+
+
+def _fastest(channels: Sequence[_Channel]) -> np.ndarray:
+    """The clock with the smallest median step, of those that measure if there are any."""
+    measured = [channel for channel in channels if not is_held(channel.signal)] or channels
+    longest = max(channel.time[-1] - channel.time[0] for channel in measured)
+    lasting = [each for each in measured if each.time[-1] - each.time[0] >= _LEAST_COVERAGE * longest]
+    return min((channel.clock for channel in lasting), key=lambda clock: float(np.median(np.diff(clock))))
+
+
+def _covering(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[list[_Channel], list[str]]:
+    """The signals that are there for enough of the time, and sentences on the others."""
+    chosen, remarks = [], []
+    span = clock[-1] - clock[0]
+    for channel in channels:
+        end = clock[-1] if is_held(channel.signal) else min(channel.time[-1], clock[-1])
+        share = 1.0 if channel.signal in _SLOW else (end - max(channel.time[0], clock[0])) / span
+        known = len(channel.rows) / len(channel.clock)
+        if min(share, known) >= _LEAST_COVERAGE:
+            chosen.append(channel)
+        else:
+            remarks.append(
+                f"{channel.signal} is left out: it is there for {max(min(share, known), 0.0):.0%} of the log"
+            )
+    return chosen, remarks
+
+
+def _common(channels: Sequence[_Channel], clock: np.ndarray) -> tuple[np.ndarray, list[str]]:
+    """Which ticks of the clock have all signals, and sentences on the others."""
+    channels = [channel for channel in channels if channel.signal not in _SLOW] or channels
+    latest = max(channels, key=lambda channel: channel.time[0])
+    measured = [channel for channel in channels if not is_held(channel.signal)]
+    earliest = min(measured, key=lambda channel: channel.time[-1], default=latest)
+    remarks = []
+    inside = clock >= latest.time[0]
+    if not inside.all():
+        remarks.append(f"the first {latest.time[0] - clock[0]:.4g} s are left out: {latest.signal} is not there yet")
+    if measured:
+        within = clock <= earliest.time[-1]
+        if not within.all():
+            remarks.append(f"the last {clock[-1] - earliest.time[-1]:.4g} s are left out: {earliest.signal} has ended")
+        inside &= within
+    return inside, remarks
+
+
+def _at(channel: _Channel, clock: np.ndarray, inside: np.ndarray) -> np.ndarray:
+    """The values of a signal at the chosen ticks of the clock."""
+    if channel.clock is clock and channel.whole:
+        values = channel.values[inside]
+    else:
+        time = clock[inside]
+        if is_held(channel.signal):
+            values = channel.values[np.maximum(np.searchsorted(channel.time, time, side="right") - 1, 0)]
+        else:
+            angles = channel.signal in _ANGLES
+            smooth = np.unwrap(channel.values, axis=0) if angles else channel.values
+            values = np.column_stack([np.interp(time, channel.time, column) for column in smooth.T])
+            if angles:
+                values = np.arctan2(np.sin(values), np.cos(values))
+    return values[:, 0] if COLUMNS[channel.signal] == 1 else values
+
+
+def _origin(source: SignalSource) -> str:
+    names = source.names
+    return _range(names) + (f" ({source.unit})" if source.unit else "")
+
+
+def _range(names: Sequence[str]) -> str:
+    return f"{names[0]} to {names[-1]}" if len(names) > 1 else "".join(names)
+
+
+def _origin_remarks(channels: Sequence[_Channel]) -> Iterator[str]:
+    yield "read: " + "; ".join(f"{channel.signal} from {channel.origin}" for channel in channels)
+
+
+def _resampling_remarks(channels: Sequence[_Channel], clock: np.ndarray) -> Iterator[str]:
+    moved = [channel for channel in channels if channel.clock is not clock]
+    for held, how in ((False, "put on the clock on lines between their samples"), (True, "held on the clock")):
+        rates = [
+            f"{channel.signal} ({1.0 / float(np.median(np.diff(channel.time))):.3g} Hz)"
+            for channel in moved
+            if is_held(channel.signal) is held
+        ]
+        if rates:
+            yield f"{how}, which has {1.0 / float(np.median(np.diff(clock))):.4g} Hz: {', '.join(rates)}"
+
+
+def _missing_remarks(channels: Sequence[_Channel]) -> Iterator[str]:
+    for channel in channels:
+        if not channel.whole:
+            count = len(channel.clock) - len(channel.rows)
+            yield f"{channel.signal} is no number in {count:,} of {len(channel.clock):,} samples"
+
+
+def _why_not(signal: str, mapping: Mapping, available: set[str]) -> Iterator[str]:
+    """A sentence if a signal is left out of which a part is logged."""
+    for source in mapping.signals[signal]:
+        missing = [each for each in source.names if each not in available]
+        if 0 < len(missing) < len(source.names):
+            yield f"{signal} is left out: {listed(missing)} {'is' if len(missing) == 1 else 'are'} not logged"
+            return
+
+
+def _read_names(signal: str, mapping: Mapping, available: set[str]) -> tuple[str, ...]:
+    for source in mapping.signals[signal]:
+        if available.issuperset(source.names):
+            return source.names
+    return ()
+
+
+def _unread(available: set[str], used: set[str]) -> Iterator[str]:
+    """A sentence on what is logged and read as no signal: groups of columns by what is before the first dot."""
+    groups: dict[str, list[str]] = {}
+    for each in sorted(available - used):
+        groups.setdefault(_group(each), []).append(each)
+    parts = []
+    for group, members in groups.items():
+        if len(members) <= (_MOST_NAMES if any(_group(each) == group for each in used) else 1):
+            parts += members
+        else:
+            parts.append(f"{'the rest of ' if any(_group(each) == group for each in used) else ''}{group}")
+    if parts:
+        yield f"not read: {listed(parts, 4 * _MOST_NAMES)}"
+
+
+def _group(name: str) -> str:
+    return re.split(r"[.\[]", name, maxsplit=1)[0]

@@ -1,0 +1,243 @@
+"""The mapping language: which columns of a log are which signal of a record, in which unit and frame.
+
+In YAML:
+
+    description: what such logs are
+    delimiter: ","
+    time: {column: t, unit: s}
+    required: [position]                      # without these it does not fit; all of them if not given
+    signals:
+      position: {columns: [x, y, z], unit: mm, frame: NED}
+      velocity: {column: v}                   # cells such as "[0.1, 0.2, 0.3]"
+      attitude: {column: q, quaternion: xyzw}
+      motor_command:                          # the first that is there
+        - {columns: [m1, m2, m3, m4], unit: uint16}
+        - {columns: [u1, u2, u3, u4], unit: "%", rotors: [1, 3, 4, 2]}
+      wind: {columns: [w_x, w_y, 0.0]}        # a number is a column that is always so
+"""
+
+import functools
+import importlib.resources
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Annotated, Any, Literal
+
+from pydantic import BeforeValidator, Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from drake_quad.errors import InputError, listed, shown
+from drake_quad.identification.logs.record import COLUMNS
+from drake_quad.identification.logs.units import QUANTITIES, UNITS
+from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.library import Library
+from drake_quad.scenario.loading import validated
+
+# Signals of angles, which a log may have as a quaternion.
+ATTITUDES = ("attitude", "attitude_command")
+_ROTORS = 4
+_QUATERNION = 4
+_Path = tuple[str | int, ...]
+
+
+class SignalSource(Model):
+    """Columns of a log that are a signal."""
+
+    columns: Annotated[tuple[str | Real, ...], Field(strict=False)] | None = Field(
+        default=None, description="names of the columns, in the signal's order; a number is a column that is always so"
+    )
+    column: str | None = Field(default=None, description='name of the column whose cells are vectors, "[a, b, c]"')
+    unit: str | None = Field(default=None, description="of the columns; SI if not given")
+    factor: Real | Annotated[tuple[Real, ...], Field(strict=False)] = Field(
+        default=1.0, description="what the values are multiplied by besides, one for all or one for each column"
+    )
+    frame: Literal["NWU", "ENU", "FLU", "NED", "FRD"] | None = Field(
+        default=None,
+        description="of world (NWU, ENU, NED) or body (FLU, FRD); NED and FRD are turned by half a turn about x",
+    )
+    quaternion: Literal["wxyz", "xyzw"] | None = Field(
+        default=None, description="the columns are those of a quaternion from body to world, in this order"
+    )
+    rotors: Annotated[tuple[Annotated[int, Field(ge=1, le=_ROTORS)], ...], Field(strict=False)] | None = Field(
+        default=None, description="number of the rotor of each column: 1 front right, then clockwise from above"
+    )
+    missing: Real | None = Field(
+        default=None, description="what a cell stands for that is no number (in the log's unit)"
+    )
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Of the columns that the log must have."""
+        if self.column is not None:
+            return (self.column,)
+        return tuple(each for each in self.columns or () if isinstance(each, str))
+
+
+class TimeSource(Model):
+    """The column of the clock."""
+
+    column: str = Field(description="its name")
+    unit: Literal["s", "ms", "us", "ns"] = Field(default="s", description="its unit")
+
+
+def _listed(sources: Any) -> Any:
+    return [sources] if isinstance(sources, dict) else sources
+
+
+_Sources = Annotated[tuple[SignalSource, ...], Field(strict=False, min_length=1), BeforeValidator(_listed)]
+
+
+class Mapping(Model):
+    """Which columns of a log are which signals."""
+
+    description: str = Field(default="", description="what such logs are")
+    delimiter: Literal[",", ";", "\t", " "] = Field(default=",", description="between the cells of a CSV file")
+    time: TimeSource | None = Field(default=None, description="the clock; a binary log has its own")
+    required: Annotated[tuple[str, ...], Field(strict=False)] | None = Field(
+        default=None, description="signals without which it does not fit; all of them if not given"
+    )
+    signals: dict[str, _Sources] = Field(
+        description="sources of each signal of a record, or a list: the first that is there"
+    )
+
+    @model_validator(mode="before")
+    @classmethod
+    def _fits_the_signals(cls, data: Any) -> Any:
+        """What depends on the signal is checked on what was written, so that an error can name its place."""
+        signals = data.get("signals") if isinstance(data, dict) else None
+        if isinstance(signals, dict):
+            for name, sources in signals.items():
+                if name not in COLUMNS:
+                    raise PydanticCustomError(
+                        "unknown_field",
+                        "is no signal; signals are {allowed}",
+                        {"path": ("signals", name), "fields": [*COLUMNS], "allowed": ", ".join(COLUMNS)},
+                    )
+                many = isinstance(sources, list)
+                for i, source in enumerate(sources if many else [sources]):
+                    if isinstance(source, dict):
+                        _check(name, source, ("signals", name, i) if many else ("signals", name))
+            for i, name in enumerate(_texts(data.get("required"))):
+                if name not in signals:
+                    raise _wrong(("required", i), "must be one of its signals, {allowed}", allowed=listed([*signals]))
+        return data
+
+    @property
+    def names(self) -> set[str]:
+        """Of all columns that it knows."""
+        clock = {self.time.column} if self.time else set()
+        return clock.union(*(source.names for name in self.signals for source in self.signals[name]))
+
+    def chosen(self, available: set[str]) -> dict[str, SignalSource]:
+        """The first source of each signal whose columns are all there."""
+        found = {}
+        for name in self.signals:
+            for source in self.signals[name]:
+                if available.issuperset(source.names):
+                    found[name] = source
+                    break
+        return found
+
+    def fits(self, available: set[str]) -> bool:
+        """Are the clock and all that is required there, and a signal at all?"""
+        chosen = self.chosen(available)
+        required = self.signals if self.required is None else self.required
+        clock = self.time is None or self.time.column in available
+        return clock and bool(chosen) and all(name in chosen for name in required)
+
+
+def load_mapping(spec: str | Path) -> tuple[str, Mapping]:
+    """Loads a mapping.
+
+    Args:
+        spec: a YAML file, or the name of a shipped mapping, see `shipped_mappings`.
+
+    Returns:
+        Its name and the mapping.
+
+    Raises:
+        InputError: there is none, or something in it is wrong; the message names file, line, field, value and what is
+            allowed.
+    """
+    if spec in shipped_mappings():
+        return str(spec), _shipped(str(spec))
+    path = Path(spec)
+    if path.suffix not in (".yaml", ".yml"):
+        raise InputError(
+            f"mapping {shown(str(spec))} is no YAML file, and none of the shipped ones: {', '.join(shipped_mappings())}"
+        )
+    return path.name, _loaded(path)
+
+
+@functools.cache
+def shipped_mappings() -> tuple[str, ...]:
+    """The names of the mappings that come with the library."""
+    folder = importlib.resources.files("drake_quad.identification.logs") / "mappings"
+    return tuple(sorted(each.name.removesuffix(".yaml") for each in folder.iterdir() if each.name.endswith(".yaml")))
+
+
+@functools.cache
+def _shipped(name: str) -> Mapping:
+    folder = importlib.resources.files("drake_quad.identification.logs") / "mappings"
+    with importlib.resources.as_file(folder / f"{name}.yaml") as path:
+        return _loaded(path)
+
+
+def _loaded(path: Path) -> Mapping:
+    return validated(Mapping, Library().mapping(path))
+
+
+def _texts(value: Any) -> Iterator[str]:
+    if isinstance(value, list):
+        yield from (each for each in value if isinstance(each, str))
+
+
+def _check(name: str, source: dict[str, Any], path: _Path) -> None:
+    """Raises an error if a source does not fit its signal. What is of a wrong type is found later."""
+    source = {field: value for field, value in source.items() if value is not None}
+    if ("columns" in source) == ("column" in source):
+        raise _wrong(path, "must have either columns or column")
+    _check_unit(name, source, path)
+    _check_frame(name, source, path)
+    if "quaternion" in source and name not in ATTITUDES:
+        raise _wrong((*path, "quaternion"), "must not be given: {name} is no attitude", name=name)
+    if "rotors" in source and COLUMNS[name] != _ROTORS:
+        raise _wrong((*path, "rotors"), "must not be given: {name} is not of the rotors", name=name)
+    width = _QUATERNION if "quaternion" in source else COLUMNS[name]
+    for field in ("columns", "factor", "rotors"):
+        given = source.get(field)
+        if isinstance(given, list) and len(given) != width:
+            raise _wrong((*path, field), "must have {width} entries", width=width)
+    rotors = source.get("rotors")
+    if isinstance(rotors, list) and sorted(map(str, rotors)) != [str(i + 1) for i in range(_ROTORS)]:
+        raise _wrong((*path, "rotors"), "must have each of 1, 2, 3 and 4 once")
+
+
+def _check_unit(name: str, source: dict[str, Any], path: _Path) -> None:
+    unit = source.get("unit")
+    if not isinstance(unit, str):
+        return
+    if "quaternion" in source:
+        raise _wrong((*path, "unit"), "must not be given: a quaternion has none")
+    allowed = UNITS[QUANTITIES[name].unit]
+    if unit not in allowed:
+        raise _wrong((*path, "unit"), "must be {allowed}", allowed=" or ".join(allowed))
+
+
+def _check_frame(name: str, source: dict[str, Any], path: _Path) -> None:
+    frame = source.get("frame")
+    if not isinstance(frame, str):
+        return
+    world, body = ("NWU", "ENU", "NED"), ("FLU", "FRD")
+    allowed = {"W": world, "B": body}.get(QUANTITIES[name].frame, world if name.endswith("yaw") else ())
+    if name in ATTITUDES:
+        allowed = ("NWU", "ENU", "NED")
+    if COLUMNS[name] == 1 and not name.endswith("yaw"):
+        allowed = ()
+    if not allowed:
+        raise _wrong((*path, "frame"), "must not be given: {name} has no direction", name=name)
+    if frame not in allowed:
+        raise _wrong((*path, "frame"), "must be {allowed} for {name}", allowed=" or ".join(allowed), name=name)
+
+
+def _wrong(path: _Path, demand: Any, **context: Any) -> PydanticCustomError:
+    return PydanticCustomError("mapping", demand, {**context, "path": path})

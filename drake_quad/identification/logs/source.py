@@ -1,0 +1,96 @@
+"""The bytes of a log, as far as they may be read; what is compressed is opened."""
+
+import gzip
+import io
+import lzma
+import stat
+import zlib
+from pathlib import Path
+from typing import IO, Any, NamedTuple
+
+from drake_quad.errors import InputError
+from drake_quad.scenario.marked_tree import Mark
+
+# Of a log, unpacked: an hour at 1 kHz of 50 bytes each has 180 million.
+MOST_BYTES = 200_000_000
+_CHUNK = 1 << 20
+
+
+class LogFile(NamedTuple):
+    """What was read of a log.
+
+    Attributes:
+        path: of the file.
+        data: unpacked.
+        remarks: sentences on what is lost.
+    """
+
+    path: Path
+    data: bytes
+    remarks: tuple[str, ...]
+
+    @property
+    def mark(self) -> Mark:
+        """What errors call it."""
+        return Mark(str(self.path), 0)
+
+    @property
+    def name(self) -> str:
+        """The name of the file without what says how it is packed and written."""
+        name = self.path.name.removesuffix(".gz").removesuffix(".xz")
+        return name.removesuffix(".csv").removesuffix(".ulg") or name
+
+
+def read_file(path: Path) -> LogFile:
+    """Reads a log; one that ends in the middle of what is compressed as far as it goes.
+
+    Raises:
+        InputError: it is no file, cannot be read, is empty, or too large.
+    """
+    mark = Mark(str(path), 0)
+    try:
+        mode = path.stat().st_mode
+        if stat.S_ISDIR(mode):
+            raise InputError(f"{mark}: is a folder, not a log" + _inside(path))
+        if not stat.S_ISREG(mode):
+            raise InputError(f"{mark}: cannot be read: it is not a file")
+        with path.open("rb") as file:
+            data, whole = _unpacked(file)
+    except OSError as error:
+        raise InputError(f"{mark}: cannot be read: {(error.strerror or str(error)).lower()}") from None
+    except ValueError as error:
+        if isinstance(error, InputError):
+            raise
+        raise InputError(f"{mark}: cannot be read: a path cannot have such characters") from None
+    if len(data) > MOST_BYTES:
+        raise InputError(f"{mark}: is too large: a log may have {MOST_BYTES:,} bytes, unpacked")
+    if not data:
+        raise InputError(f"{mark}: is empty" if whole else f"{mark}: is compressed, and nothing of it can be unpacked")
+    return LogFile(path, data, () if whole else ("the compressed file is cut or damaged; read as far as it goes",))
+
+
+def _unpacked(file: IO[bytes]) -> tuple[bytes, bool]:
+    """At most one byte more than is allowed, and whether it could be unpacked to its end."""
+    start = file.read(6)
+    file.seek(0)
+    result = io.BytesIO()
+    try:
+        with _opened(file, start) as unpacked:
+            while result.tell() <= MOST_BYTES and (chunk := unpacked.read1(_CHUNK)):
+                result.write(chunk)
+    except (EOFError, gzip.BadGzipFile, lzma.LZMAError, zlib.error):
+        return result.getvalue(), False
+    return result.getvalue()[: MOST_BYTES + 1], True
+
+
+def _opened(file: IO[bytes], start: bytes) -> Any:
+    """A file that unpacks another, by the first bytes of that."""
+    if start.startswith(b"\x1f\x8b"):
+        return gzip.GzipFile(fileobj=file)
+    if start == b"\xfd7zXZ\0":
+        return lzma.LZMAFile(file)
+    return file
+
+
+def _inside(path: Path) -> str:
+    return f"; {path.name}/flight.csv is the log of a flight" if (path / "flight.csv").is_file() else ""

@@ -1,0 +1,187 @@
+"""Logs as CSV: a row of names, then rows of numbers, or of vectors written as "[a, b, c]"."""
+
+import csv
+import io
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.errors import InputError, listed, shown
+from drake_quad.identification.logs.conversion import Table
+from drake_quad.identification.logs.mapping import Mapping, load_mapping, shipped_mappings
+from drake_quad.identification.logs.record import COLUMNS
+from drake_quad.identification.logs.source import LogFile
+from drake_quad.identification.logs.units import UNITS
+
+# Of a CSV file: its cells take ten times as much memory.
+MOST_BYTES = 50_000_000
+_MOST_COLUMNS = 10_000
+# Mappings that are tried where none is given.
+_AUTOMATIC = ("flight", "neural_fly", "crazyflow")
+_BRACKETS = str.maketrans("[](),;", "      ")
+
+
+class TableFile(NamedTuple):
+    """A CSV log of which a mapping knows the columns.
+
+    Attributes:
+        table: the columns that the mapping chooses.
+        mapping: that fits.
+        names: of all columns.
+        remarks: on which mapping it was, and what is lost.
+    """
+
+    table: Table
+    mapping: Mapping
+    names: tuple[str, ...]
+    remarks: tuple[str, ...]
+
+
+def read_table_file(log: LogFile, given: tuple[str, Mapping] | None) -> TableFile:
+    """Reads the columns that a mapping chooses.
+
+    Args:
+        log: the file.
+        given: name and mapping; if none is, the shipped one that knows most of the columns.
+
+    Raises:
+        InputError: it is no text, no mapping fits, or a cell is no number.
+    """
+    text = _text(log)
+    name, mapping, names = _fitting(log, text, given)
+    header, rows, lines, lost = _rows(log, text, mapping.delimiter)
+    chosen = mapping.chosen(set(names))
+    widths = {
+        source.column: 4 if source.quaternion else COLUMNS[signal] for signal, source in chosen.items() if source.column
+    }
+    assert mapping.time is not None
+    wanted = {mapping.time.column}.union(*(source.names for source in chosen.values()))
+    place = {each: header.index(each) for each in wanted}
+    columns = {
+        each: _numbers(log, each, [row[place[each]] for row in rows], lines, widths.get(each))
+        for each in sorted(wanted)
+    }
+    time = columns.pop(mapping.time.column) * UNITS["s"][mapping.time.unit].scale
+    remarks = (*log.remarks, f"the mapping is {name}: {mapping.description}".removesuffix(": "), *lost)
+    return TableFile(Table("", time, columns), mapping, tuple(each for each in names if each), remarks)
+
+
+def _text(log: LogFile) -> str:
+    if len(log.data) > MOST_BYTES:
+        raise InputError(f"{log.mark}: is too large: a CSV file may have {MOST_BYTES:,} bytes")
+    try:
+        text = log.data.decode("utf-8-sig")
+    except UnicodeDecodeError:
+        text = "\0"
+    if "\0" in text:
+        raise InputError(
+            f"{log.mark}: is none of the logs that can be read: a Crazyflie's, which begins with the byte 0xBC, PX4's"
+            " ULog, and CSV"
+        )
+    return text
+
+
+def _fitting(log: LogFile, text: str, given: tuple[str, Mapping] | None) -> tuple[str, Mapping, list[str]]:
+    """Name and mapping, and the names of the columns."""
+    candidates = [given] if given else [load_mapping(name) for name in _AUTOMATIC]
+    fitting = []
+    for name, mapping in candidates:
+        names = _header(log, text, mapping.delimiter)
+        if mapping.time is not None and mapping.fits(set(names)):
+            known = {each for source in mapping.chosen(set(names)).values() for each in source.names}
+            fitting.append((len(known), name, mapping, names))
+    if fitting:
+        _, name, mapping, names = max(fitting, key=lambda each: each[0])
+        return name, mapping, names
+    if given is None:
+        columns = listed([shown(each) for each in _header(log, text, ",")], 12)
+        raise InputError(
+            f"{log.mark}: none of the shipped mappings ({', '.join(shipped_mappings())}) fits its columns, {columns};"
+            " docs/identification.md shows how to write one"
+        )
+    raise InputError(f"{log.mark}: {_misfit(*given, _header(log, text, given[1].delimiter))}")
+
+
+def _misfit(name: str, mapping: Mapping, names: list[str]) -> str:
+    """Why a mapping does not fit."""
+    if mapping.time is None:
+        return f"the mapping {name} has no time, which a CSV file needs"
+    missing = sorted(mapping.names - set(names))
+    columns = listed([shown(each) for each in names], 12)
+    return (
+        f"does not fit the mapping {name}: there is no {listed([shown(each) for each in missing], 4)}; it has {columns}"
+    )
+
+
+def _header(log: LogFile, text: str, delimiter: str) -> list[str]:
+    start = text[: _MOST_COLUMNS * 100]
+    try:
+        row = next(csv.reader(io.StringIO(start, newline=""), delimiter=delimiter, skipinitialspace=True), [])
+    except csv.Error:
+        row = []
+    names = [each.strip() for each in row]
+    if not any(names) or len(names) > _MOST_COLUMNS:
+        raise InputError(
+            f"{log.mark}: is none of the logs that can be read, or its first row does not name its columns"
+        )
+    return names
+
+
+def _rows(log: LogFile, text: str, delimiter: str) -> tuple[list[str], list[list[str]], list[int], list[str]]:
+    """The names of the columns, the rows that are whole with their lines, and remarks on the others."""
+    reader = csv.reader(io.StringIO(text, newline=""), delimiter=delimiter, skipinitialspace=True)
+    header = [each.strip() for each in next(reader)]
+    rows: list[list[str]] = []
+    lines: list[int] = []
+    short, remarks = 0, []
+    try:
+        for row in reader:
+            if len(row) == len(header):
+                rows.append(row)
+                lines.append(reader.line_num)
+            elif row:
+                short += 1
+    except csv.Error as error:
+        remarks.append(f"read to line {reader.line_num:,}: {error}")
+    if short:
+        remarks.append(
+            f"{short:,} {'rows' if short > 1 else 'row'} left out: not {len(header)} cells, as there are names"
+        )
+    if rows and not text.endswith(("\n", "\r")):
+        rows.pop()
+        remarks.append("the last row is left out: its line has no end, so it may be cut")
+    if len(rows) < 2:
+        raise InputError(f"{log.mark}: has less than two rows of {len(header)} cells below the names of its columns")
+    return header, rows, lines, remarks
+
+
+def _numbers(log: LogFile, name: str, cells: Sequence[str], lines: Sequence[int], width: int | None) -> np.ndarray:
+    """(rows,) of a column of numbers, or (rows, width) of one of vectors; NaN where a cell is empty."""
+    try:
+        if width is None:
+            return np.array([float(cell) if cell else np.nan for cell in cells])
+        return np.array([_vector(cell, width) for cell in cells])
+    except ValueError:
+        row = next(i for i, cell in enumerate(cells) if not _readable(cell, width))
+    what = "a number" if width is None else f"{width} numbers as [a, b, ...]" if width > 1 else "a number, as [a]"
+    mark = log.mark._replace(line=lines[row])
+    raise InputError(f"{mark}: {shown(name)} is {shown(cells[row])}, but must be {what}")
+
+
+def _vector(cell: str, width: int) -> list[float]:
+    parts = [float(part) for part in cell.translate(_BRACKETS).split()]
+    if parts and len(parts) != width:
+        raise ValueError
+    return parts or [np.nan] * width
+
+
+def _readable(cell: str, width: int | None) -> bool:
+    try:
+        if width is not None:
+            _vector(cell, width)
+        elif cell:
+            float(cell)
+    except ValueError:
+        return False
+    return True

@@ -1,0 +1,52 @@
+"""Units that logs are written in, and what they are in SI."""
+
+import math
+from typing import NamedTuple, get_type_hints
+
+from drake_quad.identification.logs.record import COLUMNS, FlightRecord
+from drake_quad.signals import Quantity
+
+
+class Unit(NamedTuple):
+    """A value in SI is (value − zero) · scale.
+
+    Attributes:
+        scale: of one unit.
+        zero: what is nothing.
+    """
+
+    scale: float
+    zero: float = 0.0
+
+
+_STANDARD_GRAVITY = 9.80665
+_DEGREE = math.pi / 180.0
+
+UNITS: dict[str, dict[str, Unit]] = {
+    "s": {"s": Unit(1.0), "ms": Unit(1e-3), "us": Unit(1e-6), "ns": Unit(1e-9)},
+    "m": {"m": Unit(1.0), "cm": Unit(1e-2), "mm": Unit(1e-3)},
+    "m/s": {"m/s": Unit(1.0), "cm/s": Unit(1e-2), "mm/s": Unit(1e-3), "km/h": Unit(1.0 / 3.6)},
+    "m/s²": {"m/s²": Unit(1.0), "mm/s²": Unit(1e-3), "g": Unit(_STANDARD_GRAVITY)},
+    "rad": {"rad": Unit(1.0), "mrad": Unit(1e-3), "deg": Unit(_DEGREE)},
+    "rad/s": {
+        "rad/s": Unit(1.0),
+        "mrad/s": Unit(1e-3),
+        "deg/s": Unit(_DEGREE),
+        "rpm": Unit(2.0 * math.pi / 60.0),
+    },
+    # Of a full command: of 16 bits, or the pulse of a servo, 1 ms for none and 2 ms for all.
+    "1": {"1": Unit(1.0), "%": Unit(1e-2), "uint16": Unit(1.0 / 65535.0), "servo us": Unit(1e-3, 1000.0)},
+    "N": {"N": Unit(1.0), "mN": Unit(1e-3), "gf": Unit(1e-3 * _STANDARD_GRAVITY)},
+    "N m": {"N m": Unit(1.0), "mN m": Unit(1e-3)},
+    "V": {"V": Unit(1.0), "mV": Unit(1e-3)},
+}
+"""By the SI unit of a signal, the units that it may be logged in."""
+
+
+def _quantities() -> dict[str, Quantity]:
+    hints = get_type_hints(FlightRecord, include_extras=True)
+    return {name: hints[name].__metadata__[0] for name in COLUMNS}
+
+
+QUANTITIES = _quantities()
+"""Unit and frame of each signal of a record."""

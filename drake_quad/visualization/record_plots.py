@@ -1,0 +1,104 @@
+"""What a flight log says, over time."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.logs.timing import gaps
+from drake_quad.identification.logs.units import QUANTITIES
+from drake_quad.visualization.style import AXES, BLACK, ROTORS, new_figure, styled
+
+# More samples than this are thinned: a figure has a thousand pixels.
+_MOST_SAMPLES = 20_000
+
+
+class _Panel(NamedTuple):
+    """Signals that are drawn in one panel.
+
+    Attributes:
+        label: what they are.
+        signals: what is measured, and what was wanted instead, dashed.
+        names: of the columns.
+        factor: to what is drawn from SI.
+        unit: of what is drawn.
+    """
+
+    label: str
+    signals: tuple[str, ...]
+    names: tuple[str, ...] = ()
+    factor: float = 1.0
+    unit: str = ""
+
+
+_AXES = tuple(AXES)
+_ANGLES = ("roll", "pitch", "yaw")
+_FOUR = ("rotor 1", "rotor 2", "rotor 3", "rotor 4")
+_DEGREES = 180.0 / np.pi
+_PANELS = (
+    _Panel("position", ("position", "reference_position"), _AXES),
+    _Panel("velocity", ("velocity", "reference_velocity"), _AXES),
+    _Panel("reference acceleration", ("reference_acceleration",), _AXES),
+    _Panel("attitude", ("attitude", "attitude_command"), _ANGLES, _DEGREES, "deg"),
+    _Panel("reference yaw", ("reference_yaw",), (), _DEGREES, "deg"),
+    _Panel("body rates", ("body_rates", "body_rate_command"), ("p", "q", "r"), _DEGREES, "deg/s"),
+    _Panel("specific force", ("specific_force",), _AXES),
+    _Panel("rotor speed", ("rotor_speed", "rotor_speed_command"), _FOUR),
+    _Panel("motor command", ("motor_command",), _FOUR, 100.0, "%"),
+    _Panel("thrust command", ("thrust_command",)),
+    _Panel("thrust, share of full", ("thrust_share",), (), 100.0, "%"),
+    _Panel("torque command", ("torque_command",), _AXES, 1e3, "mN m"),
+    _Panel("wind", ("wind",), _AXES),
+    _Panel("residual force", ("residual_force",), _AXES),
+    _Panel("battery", ("battery_voltage",)),
+)
+
+
+def plot_record(record: FlightRecord) -> Figure:
+    """Plots all that is logged over time; what was wanted or commanded is dashed, and gaps of the clock are grey."""
+    panels = [panel for panel in _PANELS if any(getattr(record, name) is not None for name in panel.signals)]
+    with styled():
+        figure = new_figure(9.0, 0.6 + 1.5 * len(panels))
+        for axes, panel in zip(figure.subplots(len(panels), 1, sharex=True, squeeze=False)[:, 0], panels, strict=True):
+            _draw(axes, panel, record)
+        axes.set(xlabel="time (s)", xlim=(float(record.time[0]), float(record.time[-1])))
+        figure.align_ylabels()
+        figure.suptitle(
+            f"{record.name}: {record.time[-1] - record.time[0]:.1f} s at {1.0 / record.period:.0f} Hz",
+            x=0.01,
+            ha="left",
+        )
+        return figure
+
+
+def _draw(axes: Axes, panel: _Panel, record: FlightRecord) -> None:
+    step = -(-len(record.time) // _MOST_SAMPLES)
+    # A line through a gap would show what was not logged.
+    breaks = [gap.after + 1 for gap in gaps(record.time)]
+    colors = ROTORS if panel.names == _FOUR else (*AXES.values(),) if panel.names else (BLACK,)
+    first, *_ = [name for name in panel.signals if getattr(record, name) is not None]
+    for name in panel.signals:
+        values = getattr(record, name)
+        if values is None:
+            continue
+        commanded = name != first
+        for column, color in enumerate(colors):
+            rows = panel.factor * (values[:, column] if values.ndim > 1 else values)
+            label = panel.names[column] if panel.names and not commanded else None
+            style: dict[str, Any] = {"linestyle": (0, (3, 1.5)), "alpha": 0.7} if commanded else {}
+            axes.plot(
+                *_broken(record.time[::step], rows[::step], breaks, step), color=color, label=label, lw=0.9, **style
+            )
+    for gap in gaps(record.time):
+        axes.axvspan(gap.start, gap.start + gap.length, color="0.85", lw=0.0)
+    axes.set_ylabel(f"{panel.label}\n({panel.unit or QUANTITIES[first].unit})")
+    if panel.names:
+        axes.legend(ncols=4, loc="lower right", bbox_to_anchor=(1.0, 0.98), borderaxespad=0.0)
+
+
+def _broken(time: np.ndarray, values: np.ndarray, breaks: list[int], step: int) -> tuple[np.ndarray, np.ndarray]:
+    """The samples with a NaN in each gap."""
+    places = [-(-each // step) for each in breaks]
+    return np.insert(time, places, np.nan), np.insert(values, places, np.nan)

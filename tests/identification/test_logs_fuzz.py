@@ -1,0 +1,131 @@
+"""Whatever the bytes: a record, or a sentence, soon. `FUZZ_CASES` asks for more cases."""
+
+import json
+import os
+import time
+
+import numpy as np
+import pytest
+from hypothesis import HealthCheck, given, settings
+from hypothesis import strategies as st
+from test_logs_ulog import ATTITUDE, LOCAL, XYZ, rows
+from written_logs import crazyflie_log, ulog
+
+from drake_quad import InputError
+from drake_quad.identification.logs.reading import read_log
+
+CASES = int(os.environ.get("FUZZ_CASES", "80"))
+PATIENCE = 2.0  # of the processor, s
+
+
+def fuzz(test):
+    limits = {"max_examples": CASES, "derandomize": "FUZZ_CASES" not in os.environ, "database": None, "deadline": None}
+    return settings(suppress_health_check=list(HealthCheck), **limits)(test)
+
+
+VARIABLES = [[(f"gyro.{axis}", "f") for axis in "xyz"], [(f"stateEstimateZ.{axis}", "h") for axis in "xyz"]]
+VARIABLES += [[("stateEstimateZ.quat", "I")], [(f"acc.{axis}", "d") for axis in "xyz"]]
+CRAZYFLIE = crazyflie_log(
+    [(i, f"event{i}", variables) for i, variables in enumerate(VARIABLES)],
+    [(i % 4, 1000 * i, [i % 100] * len(VARIABLES[i % 4])) for i in range(60)],
+)
+ULOG = ulog(
+    {
+        "vehicle_local_position": (LOCAL, rows(50_000, lambda t: (t, 2.0, -3.0, 0.1, 0.2, -0.3))),
+        "vehicle_attitude": (ATTITUDE, rows(50_000, lambda t: (1.0, 0.0, 0.0, 0.0))),
+        "vehicle_angular_velocity": (XYZ, rows(20_000, lambda t: (t, 0.2, -0.3), sampled=0)),
+    },
+    dropouts=[(1_500_000, 30)],
+)
+VECTOR, TURN = '"[1, 2, 3]"', '"[0, 0, 0, 1]"'
+CELLS = f'"[0.1, 1, 2]",{VECTOR},{TURN},{VECTOR},[0.5],{TURN},{VECTOR},{VECTOR},{VECTOR}\n'
+TABLE = ("t,p,v,q,w,T_sp,q_sp,p_d,v_d,fa\n" + "".join(f"{0.02 * i},{CELLS}" for i in range(20))).encode()
+LOGS = [CRAZYFLIE, ULOG, TABLE]
+
+
+def check(path, data):
+    """Is it a valid record or a sentence, and soon? A record checks itself."""
+    path.write_bytes(data)
+    start = time.process_time()
+    try:
+        record = read_log(path)
+    except InputError as error:
+        assert "\n" not in str(error)
+    else:
+        assert record.names
+        assert record.time[0] == 0.0
+        assert all("\n" not in remark for remark in record.remarks)
+        for _, values in record.signals():
+            assert np.isfinite(values).all()
+    assert time.process_time() - start < PATIENCE
+
+
+@pytest.fixture(scope="module")
+def path(tmp_path_factory):
+    return tmp_path_factory.mktemp("logs") / "log"
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("log", LOGS, ids=["crazyflie", "ulog", "table"])
+@fuzz
+@given(data=st.data())
+def test_cut_anywhere(log, path, data):
+    check(path, log[: data.draw(st.integers(0, len(log)))])
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("log", LOGS, ids=["crazyflie", "ulog", "table"])
+@fuzz
+@given(data=st.data())
+def test_bytes_flipped(log, path, data):
+    changed = bytearray(log)
+    head = st.integers(0, min(400, len(log) - 1)) | st.integers(0, len(log) - 1)
+    for place in data.draw(st.lists(head, min_size=1, max_size=8)):
+        changed[place] = data.draw(st.integers(0, 255))
+    check(path, bytes(changed))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("log", LOGS, ids=["crazyflie", "ulog", "table"])
+@fuzz
+@given(data=st.data())
+def test_pieces_repeated_left_out_and_put_in(log, path, data):
+    first, second = sorted(data.draw(st.tuples(*[st.integers(0, len(log))] * 2)))
+    middle = data.draw(st.sampled_from([b"", log[first:second] * 2]) | st.binary(max_size=40))
+    check(path, log[:first] + middle + log[second:])
+
+
+STARTS = [b"", b"\xbc", b"\xbc\2\0", b"\xbc\1\0\1\0", b"ULog\x01\x12\x35", b"\x1f\x8b", b"\xfd7zXZ\0"]
+
+
+@fuzz
+@given(start=st.sampled_from(STARTS), rest=st.binary(max_size=200))
+def test_garbage(path, start, rest):
+    check(path, start + rest)
+
+
+TREES = st.recursive(
+    st.none() | st.booleans() | st.integers() | st.floats() | st.sampled_from(["t", "p", "wxyz", "NED", "mm", "x"]),
+    lambda inner: (
+        st.lists(inner, max_size=4)
+        | st.dictionaries(
+            st.sampled_from(["columns", "column", "unit", "frame", "factor", "quaternion", "rotors"]), inner
+        )
+        | st.dictionaries(st.sampled_from(["position", "attitude", "motor_command", "wind", "signals", "time"]), inner)
+    ),
+    max_leaves=8,
+)
+
+
+@pytest.mark.slow
+@fuzz
+@given(signals=st.dictionaries(st.sampled_from(["position", "attitude", "motor_command", "wind"]), TREES), rest=TREES)
+def test_mappings(path, signals, rest):
+    log = path.with_suffix(".csv")
+    log.write_bytes(TABLE)
+    mapping = {"time": {"column": "t"}, "signals": signals} | (rest if isinstance(rest, dict) else {})
+    path.with_suffix(".yaml").write_text(json.dumps(mapping))
+    try:
+        read_log(log, path.with_suffix(".yaml"))
+    except InputError as error:
+        assert str(path.with_suffix("")) in str(error)

@@ -1,0 +1,198 @@
+"""PX4's ULog: numbers known in NED and FRD come back in our frames, on one clock."""
+
+import builtins
+
+import numpy as np
+import pytest
+from written_logs import DATA, message, quaternion_of, ulog
+
+from drake_quad import InputError
+from drake_quad.identification.logs.reading import read_log
+from drake_quad.identification.logs.timing import pieces
+
+LOCAL = [("float", name) for name in ("x", "y", "z", "vx", "vy", "vz")]
+ATTITUDE, XYZ = [("float[4]", "q")], [("uint64_t", "timestamp_sample"), ("float[3]", "xyz")]
+SECOND = 1_000_000
+
+
+@pytest.fixture
+def read(tmp_path):
+    def read_one(data, *mapping):
+        path = tmp_path / "log.ulg"
+        path.write_bytes(data)
+        return read_log(path, *mapping)
+
+    return read_one
+
+
+def said(record, words):
+    return any(words in remark for remark in record.remarks)
+
+
+def rows(period, values, *, start=SECOND, duration=SECOND, sampled=None):
+    """A row every period (µs), of a function of the time (s)."""
+    times = range(start, start + duration + 1, period)
+    return [(t, *(() if sampled is None else (t - sampled,)), *values((t - SECOND) * 1e-6)) for t in times]
+
+
+def test_frames_and_order_of_the_rotors(read):
+    """North is our X, east our -Y, down our -Z; the same turn has the pitch and yaw of the other sign."""
+    attitude = quaternion_of(0.1, -0.2, 0.3)
+    data = ulog(
+        {
+            "vehicle_local_position": (LOCAL, rows(4000, lambda t: (1.0, 2.0, -3.0, 0.1, 0.2, -0.3))),
+            "vehicle_attitude": (ATTITUDE, rows(4000, lambda t: attitude)),
+            "vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (0.5, 0.25, -0.125), sampled=0)),
+            "vehicle_acceleration": (XYZ, rows(4000, lambda t: (0.5, 0.25, -9.81), sampled=0)),
+            "actuator_motors": ([("float[12]", "control")], rows(4000, lambda t: (0.1, 0.2, 0.3, 0.4, *[np.nan] * 8))),
+            "vehicle_attitude_setpoint": ([("float[4]", "q_d")], rows(4000, lambda t: attitude)),
+            "vehicle_rates_setpoint": (
+                [("float", name) for name in ("roll", "pitch", "yaw")],
+                rows(4000, lambda t: (1.0, 2.0, 3.0)),
+            ),
+            "vehicle_thrust_setpoint": ([("float[3]", "xyz")], rows(4000, lambda t: (0.0, 0.0, -0.6))),
+            "trajectory_setpoint": (
+                [("float[3]", "position"), ("float[3]", "velocity"), ("float[3]", "acceleration"), ("float", "yaw")],
+                rows(4000, lambda t: (4.0, 5.0, -6.0, 0.4, 0.5, -0.6, *[np.nan] * 3, 0.7)),
+            ),
+            "wind": ([("float", "windspeed_north"), ("float", "windspeed_east")], rows(4000, lambda t: (3.0, 4.0))),
+            "battery_status": ([("float", "voltage_v")], rows(4000, lambda t: (15.5,))),
+        }
+    )
+    record = read(data)
+    last = {name: values[-1] for name, values in record.signals()}
+    np.testing.assert_allclose(last["position"], [1.0, -2.0, 3.0], atol=1e-6)
+    np.testing.assert_allclose(last["velocity"], [0.1, -0.2, 0.3], atol=1e-6)
+    np.testing.assert_allclose(last["attitude"], [0.1, 0.2, -0.3], atol=1e-6)
+    np.testing.assert_allclose(last["body_rates"], [0.5, -0.25, 0.125])
+    np.testing.assert_allclose(last["specific_force"], [0.5, -0.25, 9.81], atol=1e-6)
+    # PX4: 1 front right, 2 back left, 3 front left, 4 back right.
+    np.testing.assert_allclose(last["motor_command"], [0.1, 0.4, 0.2, 0.3], atol=1e-6)
+    np.testing.assert_allclose(last["attitude_command"], [0.1, 0.2, -0.3], atol=1e-6)
+    np.testing.assert_allclose(last["body_rate_command"], [1.0, -2.0, -3.0])
+    np.testing.assert_allclose(last["thrust_share"], 0.6, atol=1e-6)
+    np.testing.assert_allclose(last["reference_position"], [4.0, -5.0, 6.0])
+    np.testing.assert_allclose(last["reference_velocity"], [0.4, -0.5, 0.6], atol=1e-6)
+    np.testing.assert_allclose(last["reference_yaw"], -0.7, atol=1e-6)
+    np.testing.assert_allclose(last["wind"], [3.0, -4.0, 0.0])
+    np.testing.assert_allclose(last["battery_voltage"], 15.5)
+    assert "reference_acceleration" not in last  # only NaN
+    np.testing.assert_allclose(record.time, 0.004 * np.arange(251), atol=1e-9)
+
+
+def test_measurements_lie_on_lines_and_commands_hold_on_the_clock_of_the_fastest(read):
+    """What is measured is timed by its sample, 2 ms before it is written; what is commanded by when it is sent."""
+    data = ulog(
+        {
+            "vehicle_local_position": (LOCAL, rows(100_000, lambda t: (t, 2.0 * t, 0.0, 1.0, 2.0, 0.0))),
+            "vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (t - 2e-3, 0.0, 0.0), sampled=2000)),
+            "actuator_motors": ([("float[4]", "control")], rows(50_000, lambda t: (t / 2.0, 0.0, 0.0, 0.0))),
+        },
+        start=1_700_000_000_000_000,
+    )
+    record = read(data)
+    start = record.body_rates[0, 0]  # the time since the first rows
+    assert start == pytest.approx(2e-3, abs=1e-6)  # the first sample after the first position
+    assert record.period == pytest.approx(0.004)
+    np.testing.assert_allclose(record.body_rates[:, 0], record.time + start, atol=1e-6)
+    np.testing.assert_allclose(record.position[:, 0], record.time + start, atol=1e-6)
+    np.testing.assert_allclose(record.position[:, 1], -2.0 * (record.time + start), atol=1e-6)
+    np.testing.assert_allclose(
+        record.motor_command[:, 0], np.floor((record.time + start + 1e-9) / 0.05) * 0.025, atol=1e-6
+    )
+    assert said(record, "lines between their samples, which has 250 Hz: position (10 Hz), velocity (10 Hz)")
+    assert said(record, "held on the clock, which has 250 Hz: motor_command (20 Hz)")
+
+
+def test_a_dropout_is_a_gap(read):
+    lost = {1_400_000 + 4000 * i for i in range(51)}
+    samples = [row for row in rows(4000, lambda t: (t, 0.0, 0.0), sampled=0) if row[0] not in lost]
+    record = read(ulog({"vehicle_angular_velocity": (XYZ, samples)}, dropouts=[(1_604_000, 204)]))
+    assert said(record, "1 dropout of the logger, 0.204 s in all, the longest of 0.204 s")
+    assert said(record, "1 gap (steps of more than 3 times the median of 0.004 s), 0.208 s in all")
+    before, after = pieces(record)
+    assert before.time[-1] == pytest.approx(0.396)
+    assert after.time[0] == pytest.approx(0.604)
+    np.testing.assert_allclose(after.body_rates[:, 0], after.time, atol=1e-6)
+
+
+def test_a_motor_that_is_off_has_the_command_zero(read):
+    commands = rows(10_000, lambda t: (np.nan,) * 4 if t < 0.5 else (0.5, 0.6, 0.7, 0.8))
+    record = read(ulog({"actuator_motors": ([("float[4]", "control")], commands)}))
+    assert record.motor_command[0].tolist() == [0.0] * 4
+    np.testing.assert_allclose(record.motor_command[-1], [0.5, 0.8, 0.6, 0.7], atol=1e-6)
+
+
+def test_a_signal_that_is_there_for_a_short_time_is_left_out(read):
+    data = ulog(
+        {
+            "vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (t, 0.0, 0.0), sampled=0)),
+            "vehicle_attitude": (
+                ATTITUDE,
+                rows(4000, lambda t: (1.0, 0.0, 0.0, 0.0), start=1_900_000, duration=90_000),
+            ),
+        }
+    )
+    record = read(data)
+    assert record.names == ("body_rates",)
+    assert said(record, "attitude is left out: it is there for 9% of the log")
+
+
+def test_a_real_log_hovers_as_physics_says():
+    record = read_log(DATA / "px4/sample_px4_events.ulg.xz")
+    flying = record.position[:, 2] > 1.0
+    assert flying.sum() > 200
+    felt = np.trapezoid(record.specific_force[flying, 2] - 9.81, record.time[flying])
+    climb = record.velocity[flying, 2]
+    assert felt == pytest.approx(climb[-1] - climb[0], abs=0.2)
+    assert abs(record.attitude[flying, :2]).max() < 0.02
+    assert 0.4 < record.motor_command[flying].mean() < 0.6
+    climbing = np.gradient(record.position[:, 2], record.time)
+    assert np.corrcoef(climbing, record.velocity[:, 2])[0, 1] > 0.9
+    assert record.reference_position[flying, 2].mean() == pytest.approx(record.position[flying, 2].mean(), abs=0.2)
+
+
+GOOD = ulog({"vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (t, 0.0, 0.0), sampled=0))})
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (GOOD[:10], "is a ULog that cannot be read: Invalid file format"),
+        (GOOD[:40], "is a ULog without any of the topics"),
+        (ulog({"cpuload": ([("float", "load")], [(1, 0.5)])}), "without any of the topics actuator_motors"),
+        (GOOD.replace(b"float[3] xyz", b"float[3] abc"), "has no signal"),
+        (ulog({"wind": ([("float[65535]", "a"), ("float[65535]", "b")], [])}), "the topic wind has 131,071 fields"),
+    ],
+)
+def test_what_cannot_be_read_is_told_in_a_sentence(read, data, words):
+    with pytest.raises(InputError, match=words):
+        read(data)
+
+
+@pytest.mark.parametrize(
+    ("topic", "words"), [("wind", "the topic wind holds itself"), ("deep", "the topic wind has 25,000,001 fields")]
+)
+def test_topics_within_topics_do_not_grow_without_bound(read, topic, words):
+    formats = {"wind": f"uint64_t timestamp;{topic}[5000] a;", "deep": "float[5000] b;"}
+    messages = [message(b"B", bytes(40)), *(message(b"F", f"{name}:{each}".encode()) for name, each in formats.items())]
+    with pytest.raises(InputError, match=words):
+        read(GOOD[:16] + b"".join(messages))
+
+
+def test_what_pyulog_would_read_for_ever_is_told(read):
+    with pytest.raises(InputError, match="is a ULog that cannot be read"):
+        read(GOOD[:16] + b"\xff\xff\0" + b"x" * 20)
+
+
+def test_without_pyulog_a_sentence_says_how_to_get_it(read, monkeypatch):
+    real = builtins.__import__
+
+    def without(name, *arguments, **others):
+        if name == "pyulog":
+            raise ImportError
+        return real(name, *arguments, **others)
+
+    monkeypatch.setattr(builtins, "__import__", without)
+    with pytest.raises(InputError, match=r"pip install 'drake_quad\[ulog\]'"):
+        read(GOOD)
