@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from command_line import add_vector, all_overrides_of, folder_of, parser, print_columns, print_files, run
+from command_line import add_vector, all_overrides_of, folder_of, parser, print_columns, print_files, remark, run
 
 from ruamel.yaml import YAML
 
@@ -29,7 +29,7 @@ from drake_quad.analysis.closed_loop import ClosedLoop, as_believed, closed_loop
 from drake_quad.analysis.gain_design import PolePair, Regulator
 from drake_quad.analysis.modes import modes
 from drake_quad.files import output_folder, write_whole
-from drake_quad.scenario import Scenario, load_undesigned, save_scenario
+from drake_quad.scenario import Scenario, distributions_in, load_undesigned, middle_of, save_scenario
 from drake_quad.visualization.design_plots import DESIGN_PLOTS, plot_steps
 from drake_quad.visualization.style import save_figures
 
@@ -67,11 +67,15 @@ def main() -> None:
     integral = arguments.integral
     if integral is None and scenario.cascade.position.kind == "pid":
         integral = _INTEGRAL
-    design = design_cascade(scenario, design_options(arguments, period), on_board=arguments.on_board, integral=integral)
+    uncertain = bool(distributions_in(scenario))
+    if uncertain:
+        remark("gains are designed for the median of each distribution")
+    middle, chosen = middle_of(scenario), design_options(arguments, period)
+    design = design_cascade(middle, chosen, on_board=arguments.on_board, integral=integral)
     designed = with_gains(scenario, design.gains())
     if arguments.on_board:
         designed = with_autopilot_gains(designed, design.autopilot_gains())
-    loop = closed_loop(as_believed(designed))
+    loop = closed_loop(as_believed(middle_of(designed)))
     folder = output_folder(folder_of(arguments, scenario.name))
     files = [
         write_whole(folder / "gains.yaml", lambda path: write_gains(design, designed, path)),
@@ -82,7 +86,8 @@ def main() -> None:
     print_design(design)
     print_modes(loop)
     print(f"\na scenario takes the gains by `extends: [FILE:NAME, {files[0]}]`, in this order; or fly it as it is:")
-    print(f"  python scripts/simulate.py {files[1]}")
+    fly = "monte_carlo.py {} --samples 32" if uncertain else "simulate.py {}"
+    print(f"  python scripts/{fly.format(files[1])}")
     print_files(files)
 
 

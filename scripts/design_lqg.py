@@ -23,9 +23,9 @@ from command_line import (
 from ruamel.yaml import YAML
 
 from drake_quad.analysis.link_margins import link_margins
-from drake_quad.analysis.lqg_design import Limits, LqgDesign, design_lqg, middle_of
+from drake_quad.analysis.lqg_design import Limits, LqgDesign, design_lqg
 from drake_quad.files import output_folder, write_whole
-from drake_quad.scenario import load_undesigned, save_scenario
+from drake_quad.scenario import load_undesigned, middle_of, save_scenario
 
 _RANGES = {"sensitivity": (1.2, 10.0), "delay-margin": (0.0, 10.0), "snap": (0.1, 1e4), "acceleration": (0.01, 1e3)}
 

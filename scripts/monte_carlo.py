@@ -25,6 +25,7 @@ import numpy as np
 from drake_quad import InputError, Scenario
 from drake_quad.laboratory.metrics import UNITS
 from drake_quad.scenario import distributions_in
+from drake_quad.scenario.correlation import correlated_pairs
 from drake_quad.studies import Study, run_monte_carlo
 from drake_quad.studies.cluster import dask_crew
 from drake_quad.studies.crew import Crew
@@ -189,6 +190,12 @@ def print_study(name: str, study: Study, folder: Path, how: str) -> None:
             )
         )
     print_columns(("", "mean", "deviation", "5 % quantile", "median", "95 % quantile", ""), rows)
+    if pairs := correlated_pairs(distributions_in(study.scenario)):
+        first, more = pairs[0], f" and {len(pairs) - 1:,} pairs more" if len(pairs) > 1 else ""
+        print(
+            f"drawn numbers are correlated ({first.first} and {first.second} by {first.correlation:+.2f}{more}): an"
+            " influence of one holds what comes with the others"
+        )
     if count:
         print("the worst:")
     for sample in worst(study):

@@ -40,8 +40,9 @@ from drake_quad.control.lqg.chains import (
 )
 from drake_quad.control.lqg.design import AxisLoop, Timing
 from drake_quad.errors import InputError
-from drake_quad.scenario import Batch, Scenario, distributions_in
+from drake_quad.scenario import Batch, Scenario, distributions_in, middle_of
 from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse
+from drake_quad.scenario.batch import at_quantile
 from drake_quad.scenario.lqg import ColouredNoise, LateralAxis, LqgControl, VerticalAxis, YawPd
 from drake_quad.scenario.models import Control
 
@@ -260,7 +261,7 @@ def plants_of(scenario: Scenario) -> tuple[Plant, ...]:
     Where the scenario has a distribution, the corners are its tenth and its last; else they are what a model that is
     written as one number may be off by.
     """
-    middle, low, high = (_drawn(scenario, share) for share in (0.5, 0.1, 0.9))
+    middle, low, high = (at_quantile(scenario, share) for share in (0.5, 0.1, 0.9))
     varied = distributions_in(scenario)
 
     def ends(path: str, number: Callable[[Scenario], float], lower: float, upper: float) -> tuple[float, float]:
@@ -551,17 +552,6 @@ def _limits_of(control: Control | LqgControl) -> dict[str, Any]:
     """The limits of tilt and thrust that a scenario has."""
     limits = control.thrust_vectoring if isinstance(control, Control) else control
     return {name: getattr(limits, name) for name in ("max_tilt", "min_thrust", "max_thrust")}
-
-
-def middle_of(scenario: Scenario) -> Scenario:
-    """The scenario with the median of each of its distributions."""
-    return _drawn(scenario, 0.5)
-
-
-def _drawn(scenario: Scenario, share: float) -> Scenario:
-    """The scenario with the number of each distribution below which this share of all lies."""
-    varying = {path: np.array([each.quantile(share)]) for path, each in distributions_in(scenario).items()}
-    return Batch(scenario, (0,), varying).scenario_of(0)
 
 
 def _lag(scenario: Scenario) -> float:

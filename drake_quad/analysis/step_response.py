@@ -53,11 +53,12 @@ def release(loop: ClosedLoop, displacement: Mapping[str, float], *, duration: fl
     layout.write(loop.diagram, root, equilibrium + state)
     simulator = resumed(Simulator(loop.diagram, root))
     start, period = root.get_time(), loop.system.period
+    port = loop.diagram.GetOutputPort("state")
     ticks = round(duration / period) + 1
     linear, nonlinear = np.empty((ticks, len(vehicle))), np.empty((ticks, len(vehicle)))
     for tick in range(ticks):
         linear[tick] = state[vehicle]
-        nonlinear[tick] = layout.read(loop.diagram, root)[vehicle] - equilibrium[vehicle]
+        nonlinear[tick] = port.Eval(root) - equilibrium[vehicle]
         state = loop.system.A @ state
         simulator.AdvanceTo(tick_after(start, period, tick + 1))
     return StepResponse(period * np.arange(ticks), linear, nonlinear)

@@ -9,7 +9,6 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.analysis.link_margins import link_margins
-from drake_quad.analysis.lqg_design import middle_of
 from drake_quad.assembly.planning import plan_route
 from drake_quad.errors import InputError
 from drake_quad.evaluation.designs import design_file, designs_in
@@ -29,7 +28,7 @@ from drake_quad.evaluation.tuning import LATENCY
 from drake_quad.flight import StudyFleet
 from drake_quad.flight.fleet_simulation import simulate_fleet
 from drake_quad.laboratory.metrics import Metrics
-from drake_quad.scenario import Batch, Scenario
+from drake_quad.scenario import Batch, Scenario, middle_of
 
 # Flights of a lone vehicle whose time is taken.
 _TIMED = 3

@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 
 from drake_quad.errors import InputError
-from drake_quad.randomness.streams import parameter_numbers
+from drake_quad.scenario.correlation import drawn_values
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, replaced, steps_of
 
@@ -43,11 +43,10 @@ class Batch:
         for name, number, limit in [("seed", seed, 2**63), *(("sample", sample, 2**31) for sample in samples)]:
             if not 0 <= number < limit:
                 raise InputError(f"{name} is {number}, but must be at least 0 and below {limit}")
-        drawn = {
-            path: np.asarray(distribution.quantile(parameter_numbers(seed, samples, _label(path))))
-            for path, distribution in distributions_in(scenario).items()
-        }
-        return cls(scenario.model_copy(update={"seed": seed}), tuple(samples), drawn)
+        found = distributions_in(scenario)
+        drawn = drawn_values(seed, samples, {_label(path): each for path, each in found.items()})
+        varying = {path: drawn[_label(path)] for path in found}
+        return cls(scenario.model_copy(update={"seed": seed}), tuple(samples), varying)
 
     def __len__(self) -> int:
         """The number of vehicles, N."""
@@ -85,6 +84,17 @@ def draw_sample(scenario: Scenario, sample: int, *, seed: int | None = None) -> 
         InputError: the seed or the sample's number is negative or too large.
     """
     return Batch.draw(scenario, [sample], seed=seed).scenario_of(0)
+
+
+def at_quantile(scenario: Scenario, share: float) -> Scenario:
+    """The scenario with the number of each distribution below which this share of all lies."""
+    varying = {path: np.array([each.quantile(share)]) for path, each in distributions_in(scenario).items()}
+    return Batch(scenario, (0,), varying).scenario_of(0)
+
+
+def middle_of(scenario: Scenario) -> Scenario:
+    """The scenario with the median of each of its distributions."""
+    return at_quantile(scenario, 0.5)
 
 
 def _label(path: str) -> str:

@@ -120,6 +120,13 @@ class GeometricAttitude(PdAttitude):
     """PD on the error of the rotation, which has no singularity; thrust is projected on its measured axis."""
 
     kind: Literal["geometric"]  # type: ignore[assignment]
+    k_i: Gains | None = Field(
+        default=None,
+        description="on the integral of the error of roll, pitch, yaw (1/s³); without integral if not given",
+    )
+    integral_limit: Positive = Field(
+        default=50.0, description="largest angular acceleration that the integral may ask for (rad/s²)"
+    )
 
 
 class IndiAttitude(PdAttitude):

@@ -1,17 +1,33 @@
 """Random numbers in a scenario: any physical quantity may be one of these in place of a number."""
 
+import math
+import re
 from collections.abc import Iterator
 from typing import TYPE_CHECKING, Annotated, Any, LiteralString
 
 import numpy as np
 import scipy
-from pydantic import BaseModel, ConfigDict, Discriminator, Field, Tag, model_validator
+from pydantic import (
+    BaseModel,
+    ConfigDict,
+    Discriminator,
+    Field,
+    SerializerFunctionWrapHandler,
+    Tag,
+    field_validator,
+    model_serializer,
+    model_validator,
+)
 from pydantic_core import PydanticCustomError
 
-from drake_quad.errors import listed
+from drake_quad.errors import listed, shown
 from drake_quad.scenario.limits import LARGEST, SMALLEST
 
 Real = Annotated[float, Field(ge=-LARGEST, le=LARGEST)]
+# What shared variables may be called.
+_IDENTIFIER = "[A-Za-z_][A-Za-z0-9_]{0,59}"
+# By which squares of correlations that sum to 1 may miss it when they are written in decimals of a float.
+_ROUNDING = 1e-12
 
 
 class Model(BaseModel):
@@ -75,6 +91,31 @@ class Bell(Model):
     )
     min: Real | None = Field(default=None, description="no value is smaller")
     max: Real | None = Field(default=None, description="no value is larger")
+    shared: dict[str, Annotated[float, Field(ge=-1.0, le=1.0)]] = Field(
+        default={},
+        description="correlation with each of some standard normal variables, by their names; they are drawn once a"
+        " sample for all fields that name them, and the squares of a field's correlations sum to at most 1",
+        json_schema_extra={"propertyNames": {"pattern": f"^{_IDENTIFIER}$"}},
+    )
+
+    @field_validator("shared")
+    @classmethod
+    def _sharing(cls, shared: dict[str, float]) -> dict[str, float]:
+        wrong = next((name for name in shared if not re.fullmatch(_IDENTIFIER, name)), None)
+        if wrong is not None:
+            demand = "must name normal variables by at most 60 letters, digits and '_', no digit first, not by {name}"
+            raise PydanticCustomError("identifier", demand, {"name": shown(wrong)})
+        total = math.fsum(each * each for each in shared.values())
+        if total > 1.0 + _ROUNDING:
+            demand = "must have correlations whose squares sum to at most 1, not {total}"
+            raise PydanticCustomError("correlation", demand, {"total": f"{total:.6g}"})
+        return shared
+
+    @model_serializer(mode="wrap")
+    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """What shares nothing says nothing of it: its studies are those from before it could."""
+        fields: dict[str, Any] = write(self)
+        return fields if self.shared else {name: value for name, value in fields.items() if name != "shared"}
 
     @model_validator(mode="after")
     def _limits_around_mean(self) -> "Bell":
@@ -118,7 +159,7 @@ class LogUniform(Model):
 
 
 class Normal(Model):
-    """A normal distribution; a bounded quantity needs limits."""
+    """A normal distribution, which may be correlated with others; a bounded quantity needs limits."""
 
     normal: Bell
 
@@ -128,7 +169,8 @@ class Normal(Model):
 
     def quantile(self, probability: Any) -> Any:
         """The value below which this share of all values lies."""
-        mean, deviation, low, high = (getattr(self.normal, name) for name in type(self.normal).model_fields)
+        mean, deviation = self.normal.mean, self.normal.standard_deviation
+        low, high = self.normal.min, self.normal.max
         below = 0.0 if low is None else scipy.special.ndtr((low - mean) / deviation)
         above = 1.0 if high is None else scipy.special.ndtr((high - mean) / deviation)
         value = mean + deviation * scipy.special.ndtri(below + probability * (above - below))

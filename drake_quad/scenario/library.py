@@ -36,7 +36,7 @@ class Library:
         Raises:
             InputError: a file or name does not exist, extensions go in a circle, or it is more than a scenario may be.
         """
-        path, name = _split(str(spec))
+        path, name = split_spec(str(spec))
         return self._resolve(Path(path), name, Mark(str(spec), 0), ())
 
     def mapping(self, path: Path) -> Tree:
@@ -105,7 +105,7 @@ class Library:
             self._bases -= 1
             if self._bases < 0:
                 raise InputError(f"{spec.mark}: extends too many scenarios: {MOST_BASES} in all, at most")
-            file, base_name = _split(spec.value)
+            file, base_name = split_spec(spec.value)
             in_this_file = not file.endswith(_SUFFIXES)
             base_path = path if in_this_file else path.parent / file
             _, base = self._resolve(base_path, spec.value if in_this_file else base_name, spec.mark, stack)
@@ -135,7 +135,8 @@ def merged(base: Tree, extension: Tree, silent: str | None = None) -> Tree:
     return Tree({**old, **joined}, extension.mark)
 
 
-def _split(spec: str) -> tuple[str, str | None]:
+def split_spec(spec: str) -> tuple[str, str | None]:
+    """The file, and the name in it if one is given, of FILE or FILE:NAME."""
     path, separator, name = spec.rpartition(":")
     if separator and path.endswith(_SUFFIXES):
         return path, name

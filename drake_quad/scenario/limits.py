@@ -24,6 +24,9 @@ MOST_RULES = 256
 # Of an input: of a lap of the laboratory's figure eight one every 36 cm.
 MOST_SETS = 60
 
+# Normal variables that distributions share: an identification has one for each of its numbers, at most.
+MOST_SHARED = 64
+
 # For numbers of any unit: so many powers of ten are left to a float beyond their products that no formula overflows,
 # and less than the smallest is nothing to a vehicle. The inertia of an insect with wings is 1e-9 kg m².
 LARGEST, SMALLEST = 1e9, 1e-12

@@ -9,7 +9,7 @@ from typing import Any, NamedTuple, TypeVar, get_args
 from pydantic import ValidationError
 
 from drake_quad.errors import InputError, shortened, shown
-from drake_quad.scenario.distributions import DISTRIBUTIONS
+from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
 from drake_quad.scenario.library import SILENT_KINDS, Library, merged
 from drake_quad.scenario.limits import MOST_LEVELS
 from drake_quad.scenario.marked_tree import Mark, Tree
@@ -20,7 +20,7 @@ from drake_quad.scenario.paths import joined, steps_of
 _TAGS = ("number", "pd", *DISTRIBUTIONS)
 # Characters of an override, or of the path of a field, that a message shows; the longest path has seventy.
 _MOST_OF_A_PATH = 80
-_Loaded = TypeVar("_Loaded", bound=Mission)
+_Valid = TypeVar("_Valid", bound=Model)
 
 
 class Override(NamedTuple):
@@ -55,7 +55,7 @@ def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequen
         InputError: something in the file or in an override is wrong; the message names file, line, field, value and
             what is allowed.
     """
-    return _validated(Scenario, _loaded(spec, overrides, layers))
+    return validated(Scenario, _loaded(spec, overrides, layers))
 
 
 # What a scenario has whose gains are still to be designed, unless it says otherwise: the gains do not matter.
@@ -79,7 +79,16 @@ def load_undesigned(spec: str | Path, overrides: Overrides = ()) -> Scenario:
     Raises:
         InputError: as `load_scenario`.
     """
-    return _validated(Scenario, _loaded(spec, overrides, beneath=_UNDESIGNED))
+    return validated(Scenario, _loaded(spec, overrides, beneath=_UNDESIGNED))
+
+
+def has_control(spec: str | Path) -> bool:
+    """Whether what is written of a scenario has a control; a vehicle alone has none.
+
+    Raises:
+        InputError: there is no such file or scenario, or it is not YAML.
+    """
+    return "control" in Library().find(spec)[1].value
 
 
 def load_mission(spec: str | Path, overrides: Overrides = ()) -> Mission:
@@ -101,7 +110,7 @@ def load_mission(spec: str | Path, overrides: Overrides = ()) -> Mission:
                 f"{shortened(source, _MOST_OF_A_PATH)}: a plan does not depend on {field}, only on {allowed}"
             )
     tree = _loaded(spec, overrides)
-    return _validated(Mission, Tree({key: value for key, value in tree.value.items() if key not in others}, tree.mark))
+    return validated(Mission, Tree({key: value for key, value in tree.value.items() if key not in others}, tree.mark))
 
 
 def _loaded(spec: str | Path, overrides: Overrides, layers: Sequence[str | Path] = (), *, beneath: str = "") -> Tree:
@@ -135,12 +144,17 @@ def _with_learned(tree: Tree, library: Library, path: tuple[str, ...] = ("contro
     return Tree({**tree.value, field: _with_learned(tree.value[field], library, tuple(inside))}, tree.mark)
 
 
-def _validated(model: type[_Loaded], tree: Tree) -> _Loaded:
+def validated(model: type[_Valid], tree: Tree) -> _Valid:
+    """What a document says, as a model of it.
+
+    Raises:
+        InputError: something in it is wrong; the message names file, line, field, value and what is allowed.
+    """
     data = tree.plain()
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise InputError(_explain(error, tree, data)) from None
+        raise InputError(_explain(error, model, tree, data)) from None
 
 
 def _parsed(override: Override, library: Library) -> Tree:
@@ -176,7 +190,7 @@ def _within_lists(tree: Tree, override: Tree) -> Tree:
     return override
 
 
-def _explain(error: ValidationError, tree: Tree, data: Any) -> str:
+def _explain(error: ValidationError, model: type[Model], tree: Tree, data: Any) -> str:
     """One sentence for the first of the errors."""
     problems = error.errors(include_url=False)
     problem = problems[0]
@@ -192,19 +206,19 @@ def _explain(error: ValidationError, tree: Tree, data: Any) -> str:
         more = f", and so {'is' if len(others) == 1 else 'are'} {', '.join(str(other[-1]) for other in others)}"
     place, depth = tree.at(path)
     if depth == len(path):
-        complaint = _complaint(problem, shown(place.plain()), path)
+        complaint = _complaint(problem, shown(place.plain()), path, model)
     else:  # of a default, which stands nowhere
-        complaint = _complaint(problem, f"{shown(context.get('value', problem['input']))} by default", path)
+        complaint = _complaint(problem, f"{shown(context.get('value', problem['input']))} by default", path, model)
     return f"{place.mark}: {_written(path)} {complaint}{more}"
 
 
-def _complaint(problem: Any, value: str, path: tuple[Any, ...]) -> str:
+def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Model]) -> str:
     """What is wrong with the value at a path, and what is allowed there."""
     context = problem.get("ctx", {})
     match problem["type"]:
         case "unknown_field":
             close = difflib.get_close_matches(str(path[-1]), context["fields"], 1)
-            deeper = _further_in(str(path[0])) if len(path) == 1 else []
+            deeper = _further_in(model, str(path[0])) if len(path) == 1 else []
             meant = " or ".join(close or deeper)
             return f"{problem['msg']}; did you mean {meant}?" if meant else problem["msg"]
         case "missing" | "union_tag_not_found":
@@ -215,15 +229,17 @@ def _complaint(problem: Any, value: str, path: tuple[Any, ...]) -> str:
             return f"is {value}, but must be a mapping of fields"
         case "path":
             return f"cannot be flown: {problem['msg']}"
+        case "dict_type":
+            return f"is {value}, but must be a mapping of names to numbers"
         case "tuple_type":
             return f"is {value}, but must be a list"
     demand = re.sub(r"^(Input|String|Tuple) should", "must", problem["msg"]).replace(" after validation", "")
     return f"is {value}, but {demand}"
 
 
-def _further_in(name: str) -> list[str]:
-    """The fields of that name in the mappings of a scenario."""
-    kinds = {field: (info.annotation, *get_args(info.annotation)) for field, info in Scenario.model_fields.items()}
+def _further_in(model: type[Model], name: str) -> list[str]:
+    """The fields of that name in the mappings of a model."""
+    kinds = {field: (info.annotation, *get_args(info.annotation)) for field, info in model.model_fields.items()}
     return [
         f"{field}.{name}"
         for field, mappings in kinds.items()

@@ -22,6 +22,7 @@ from pydantic_core import PydanticCustomError
 from drake_quad.errors import InputError
 from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse, Autopilot, NoAutopilot
 from drake_quad.scenario.controllers import AttitudeControl, PositionController
+from drake_quad.scenario.correlation import shared_names
 from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.effects import (
     Battery,
@@ -35,7 +36,7 @@ from drake_quad.scenario.effects import (
     SpeedMotors,
 )
 from drake_quad.scenario.layouts import Layout, PlusLayout, has_distances, implied_arms, rotors_of
-from drake_quad.scenario.limits import MOST_SOURCES, MOST_TICKS
+from drake_quad.scenario.limits import MOST_SHARED, MOST_SOURCES, MOST_TICKS
 from drake_quad.scenario.lqg import LqgControl
 from drake_quad.scenario.mpc import MpcControl
 from drake_quad.scenario.networks import Network
@@ -235,6 +236,9 @@ class MotionCapture(Model):
     derivative_bandwidth: Positive | None = Field(
         default=None,
         description="of the filters that make velocity and body rates (rad/s); if not given they are seen exactly",
+    )
+    velocity_error: Annotated[tuple[Share, Share, Share], Field(strict=False)] = Field(
+        default=(0.0, 0.0, 0.0), description="by which velocity along X, Y, Z is seen too large, as a share of it (1)"
     )
     dropout_rate: Probability = Field(default=0.0, description="share of the frames that are lost (1)")
     latency_frames: Ticks = Field(default=0, description="whole frames from exposure to arrival")
@@ -471,6 +475,18 @@ class Scenario(Mission):
                 if getattr(self.vehicle, name):
                     demand = "must be left out: laboratory.autopilot of kind response does not know it"
                     raise self.wrong("vehicle", name, kind="response", demand=demand)
+        return self
+
+    @model_validator(mode="after")
+    def _few_are_shared(self) -> "Scenario":
+        """No more normal variables are shared than can be looked over."""
+        names: set[str] = set()
+        for path, distribution in distributions_in(self).items():
+            names.update(shared_names([distribution]))
+            if len(names) > MOST_SHARED:
+                demand = "must share none but the {most} normal variables that a scenario may have"
+                steps = [int(step) if step.isdecimal() else step for step in steps_of(path)]
+                raise PydanticCustomError("shared", demand, {"most": MOST_SHARED, "path": (*steps, "normal", "shared")})
         return self
 
     @model_validator(mode="after")

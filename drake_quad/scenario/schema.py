@@ -82,6 +82,7 @@ def _limits() -> str:
 - A scenario: {limits.MOST_LEVELS} levels, {limits.MOST_BASES} extensions.
 - A name or text: {limits.MOST_CHARACTERS:,} characters.
 - A route: {limits.MOST_WAYPOINTS:,} waypoints. A laboratory: {limits.MOST_SOURCES} sources of wind.
+- All distributions: {limits.MOST_SHARED} shared variables.
 - A number: {limits.LARGEST:,.0f} in size, and at least {limits.SMALLEST:g} where it must be larger than 0.
 - A period: from {limits.SHORTEST:g} to 1 s. A duration: from {limits.SHORTEST:g} to {limits.LONGEST:,.0f} s, a day.
 - A flight: {limits.MOST_TICKS:,} times its shortest period."""
@@ -93,6 +94,17 @@ A file holds scenarios by their names. A scenario is a mapping of the fields bel
 what it `extends`: FILE, FILE:NAME, NAME of the same file, or a list of these, the last on top. Mappings are joined,
 anything else replaces, and so does a mapping of another `kind`. A `control` that does not say its kind is a cascade, or
 of the kind of what it is laid over. Where a distribution may stand, a study draws a number for each of its samples.
+Numbers of several fields are drawn independently, unless they are normal and share variables ([Bell](#bell)): here mass
+and lag have a correlation of 0.9 · (-0.5) = -0.45, and each has the distribution that is written for it.
+
+```yaml
+correlated:
+  extends: ../diagrams/figure_eight.yaml
+  vehicle:
+    mass: {{normal: {{mean: 0.68, standard_deviation: 0.01, min: 0.6, shared: {{battery: 0.9}}}}}}
+    rotor_time_constant:
+      normal: {{mean: 0.05, standard_deviation: 0.004, min: 0.02, max: 0.08, shared: {{battery: -0.5}}}}
+```
 
 A single field is named by the way to it: `vehicle.inertia.0`. Items of lists count from 0; only rotors have names, and
 count from 1, as everywhere: `vehicle.thrust_factor_error.rotor_1`.
@@ -145,7 +157,7 @@ def _section(name: str, model: dict[str, Any]) -> str:
 
 
 def _default(value: Any) -> str:
-    if value is None:
+    if value is None or value == {}:
         return "–"
     if isinstance(value, dict):
         return f"`{value['kind']}`" if "kind" in value else "its defaults"
@@ -172,6 +184,8 @@ def _takes(node: dict[str, Any]) -> str:
             items = [_takes(item) for item in node["prefixItems"]]
             return f"{len(items)} × {items[0]}" if len(set(items)) == 1 else f"[{', '.join(items)}]"
         return f"list of {_takes(node.get('items', {}))}"
+    if isinstance(node.get("additionalProperties"), dict):
+        return f"names, each with a {_takes(node['additionalProperties'])}"
     return f"{node.get('type', 'anything')}{_bounds(node)}"
 
 

@@ -11,10 +11,14 @@ import numpy as np
 import scipy
 
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.scenario import distributions_in
+from drake_quad.scenario.correlation import correlated_groups
 from drake_quad.studies.interval import Interval
 from drake_quad.studies.study import Study
 
 CONFIDENCE = 0.95
+# Of its spread, what must be left of a number when others are given, for it to be more than rounding.
+_DETERMINED = 1e-9
 
 
 def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
@@ -60,8 +64,38 @@ def rank_correlation(x: np.ndarray, y: np.ndarray, confidence: float = CONFIDENC
     """
     if len(x) < 4 or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
         return Interval(math.nan, math.nan, math.nan)
-    rho = float(scipy.stats.spearmanr(x, y).statistic)
-    reach = scipy.stats.norm.ppf(0.5 * (1.0 + confidence)) * math.sqrt((1.0 + 0.5 * rho * rho) / (len(x) - 3))
+    return _of_ranks(float(scipy.stats.spearmanr(x, y).statistic), len(x), confidence)
+
+
+def partial_rank_correlation(
+    x: np.ndarray, y: np.ndarray, given: np.ndarray, confidence: float = CONFIDENCE
+) -> Interval:
+    """The correlation of the ranks of (n,) numbers, less what the ranks of k others say of both.
+
+    The interval is that of `rank_correlation` for k samples less.
+
+    Args:
+        x: (n,) numbers.
+        y: (n,) numbers.
+        given: (k, n) the others.
+        confidence: of the interval.
+    """
+    if not len(given):
+        return rank_correlation(x, y, confidence)
+    if len(x) < 4 + len(given) or np.ptp(x) == 0.0 or np.ptp(y) == 0.0:
+        return Interval(math.nan, math.nan, math.nan)
+    ranks, others = scipy.stats.rankdata([x, y], axis=1), scipy.stats.rankdata(given, axis=1)
+    ranks, others = (each - each.mean(axis=1, keepdims=True) for each in (ranks, others))
+    rest = ranks.T - others.T @ np.linalg.lstsq(others.T, ranks.T, rcond=None)[0]
+    left, before = np.linalg.norm(rest, axis=0), np.linalg.norm(ranks, axis=1)
+    if np.any(left < _DETERMINED * before):
+        return Interval(math.nan, math.nan, math.nan)
+    return _of_ranks(float(rest[:, 0] @ rest[:, 1] / np.prod(left)), len(x) - len(given), confidence)
+
+
+def _of_ranks(rho: float, count: int, confidence: float) -> Interval:
+    """The interval of a correlation of so many ranks, see `rank_correlation`."""
+    reach = scipy.stats.norm.ppf(0.5 * (1.0 + confidence)) * math.sqrt((1.0 + 0.5 * rho * rho) / (count - 3))
     centre = math.atanh(max(min(rho, 1.0 - 1e-15), -1.0 + 1e-15))
     return Interval(rho, math.tanh(centre - reach), math.tanh(centre + reach))
 
@@ -106,13 +140,15 @@ class Influence(NamedTuple):
 
     Attributes:
         path: of the field.
-        correlation: of the ranks.
+        correlation: of the ranks. Of a number that is correlated with others, it holds what comes with these.
+        alone: of the ranks, less what the numbers say that are correlated with it; the same if there are none.
         low: mean of the metric over the tenth of the samples with the least numbers.
         high: over that with the largest.
     """
 
     path: str
     correlation: Interval
+    alone: Interval
     low: Interval
     high: Interval
 
@@ -128,12 +164,15 @@ def influences(study: Study, name: str = "rmse") -> list[Influence]:
     kept = ~np.isnan(values) & (~study.metrics.crashed | (name == "crashed"))
     values = values[kept]
     found = []
+    groups = correlated_groups(distributions_in(study.scenario))
     for path, numbers in study.parameters.items():
         drawn = numbers[kept]
         if len(drawn):
             low, high = np.quantile(drawn, (0.1, 0.9))
             ends = (_level(values[tenth], name) for tenth in (drawn <= low, drawn >= high))
-            found.append(Influence(path, rank_correlation(drawn, values), *ends))
+            others = [study.parameters[other][kept] for other in groups.get(path, ()) if other != path]
+            alone = partial_rank_correlation(drawn, values, np.array(others))
+            found.append(Influence(path, rank_correlation(drawn, values), alone, *ends))
     return sorted(found, key=lambda each: -abs(np.nan_to_num(each.correlation.value)))
 
 

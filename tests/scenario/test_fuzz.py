@@ -162,6 +162,11 @@ distributions = st.one_of(
     st.tuples(odd_numbers, odd_numbers).map(lambda ends: {"uniform": {"min": ends[0], "max": ends[1]}}),
     st.tuples(odd_numbers, odd_numbers).map(lambda ends: {"log_uniform": {"min": ends[0], "max": ends[1]}}),
     st.tuples(odd_numbers, odd_numbers).map(lambda bell: {"normal": {"mean": bell[0], "standard_deviation": bell[1]}}),
+    st.dictionaries(
+        st.sampled_from(["a", "b1", "", "1"]), st.one_of(st.floats(-1.0, 1.0), odd_numbers), max_size=3
+    ).map(
+        lambda shared: {"normal": {"mean": 1.0, "standard_deviation": 0.1, "min": 0.5, "max": 2.0, "shared": shared}}
+    ),
     st.lists(odd_numbers, max_size=3).map(lambda numbers: {"choice": numbers}),
     st.sampled_from([{"uniform": {}}, {"normal": 1}, {"choice": "x"}, {"uniform": {"min": 0}, "choice": [1]}]),
 )
@@ -185,6 +190,7 @@ def near(number):
         {"log_uniform": {"min": low, "max": high}},
         {"choice": [low, high]},
         {"normal": {"mean": number, "standard_deviation": 0.1, "min": low, "max": high}},
+        {"normal": {"mean": number, "standard_deviation": 0.1, "min": low, "max": high, "shared": {"a": -0.8}}},
     ]
     powers = st.integers(-12, 12).map(lambda power: (number or 1.0) * 10.0**power)
     return st.one_of(powers, powers, powers, st.sampled_from([-number, 0, 2 * number, *about]))

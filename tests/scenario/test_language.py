@@ -49,6 +49,8 @@ def test_the_schema_fits_the_pages(block):
         "a: {route: {kind: loop}}",
         "a: {laboratory: {wind: [{kind: fan, flow: fast}]}}",
         "a: {control: {position: {kind: pd, k_p: [1.0, 1.0]}}}",
+        "a: {vehicle: {mass: {normal: {mean: 1.0, standard_deviation: 0.1, min: 0.5, shared: {a: 1.5}}}}}",
+        "a: {vehicle: {mass: {normal: {mean: 1.0, standard_deviation: 0.1, min: 0.5, shared: {my drone: 0.5}}}}}",
         "a: {extends: 3}",
         "a: 3",
     ],

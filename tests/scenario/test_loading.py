@@ -10,6 +10,7 @@ from ruamel.yaml import YAML
 from drake_quad.errors import InputError
 from drake_quad.scenario import Scenario, distributions_in, load_scenario, load_undesigned, save_scenario
 from drake_quad.scenario.layouts import rotors_of
+from drake_quad.scenario.loading import has_control
 
 BODY = """\
   route: {kind: hover}
@@ -536,3 +537,11 @@ def test_a_scenario_written_and_read_again_is_the_same(diagrams, write):
     text = StringIO()
     YAML().dump({"again": scenario.model_dump(mode="json")}, text)
     assert load_scenario(write(text.getvalue())) == scenario
+
+
+def test_a_vehicle_alone_has_no_control(diagrams):
+    assert not has_control(diagrams / "vehicles" / "crazyflie.yaml")
+    assert has_control(diagrams / "figure_eight.yaml")
+    assert has_control(f"{diagrams / 'laboratory.yaml'}:low_wind")  # in what it extends
+    with pytest.raises(InputError, match="cannot be read"):
+        has_control(diagrams / "nothing.yaml")

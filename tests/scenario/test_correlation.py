@@ -1,0 +1,281 @@
+"""Correlated distributions: the covariance that was meant, the marginals that are written, the same numbers always."""
+
+import json
+
+import numpy as np
+import pytest
+import scipy
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from drake_quad import InputError
+from drake_quad.randomness.streams import parameter_numbers
+from drake_quad.scenario import Batch, correlation, distributions_in, draw_sample, load_scenario, save_scenario
+from drake_quad.scenario.correlation import (
+    correlated_groups,
+    correlated_normals,
+    correlated_pairs,
+    correlation_matrix,
+    joint_normal,
+    shared_names,
+)
+from drake_quad.scenario.distributions import Normal
+from drake_quad.scenario.limits import MOST_SHARED
+
+MASS, LAG, DRAG = "vehicle.mass", "vehicle.rotor_time_constant", "vehicle.linear_drag"
+DRAWN = "{uniform: {min: 0.0, max: 0.1}}"
+
+
+def bell(mean, deviation, shared="", limits=""):
+    return f"{{normal: {{mean: {mean}, standard_deviation: {deviation}{limits}{shared and f', shared: {shared}'}}}}}"
+
+
+def written(shared_of_mass="{a: 0.9, b: -0.3}", shared_of_lag="{a: -0.5}", shared_of_drag="{b: 1.0}"):
+    return (
+        f"{MASS}={bell(0.68, 0.02, shared_of_mass, ', min: 0.5')}",
+        f"{LAG}={bell(0.05, 0.004, shared_of_lag, ', min: 0.03, max: 0.07')}",
+        f"{DRAG}={bell(0.2, 0.1, shared_of_drag, ', min: 0.15')}",
+    )
+
+
+@pytest.fixture(scope="module")
+def study(diagrams):
+    return lambda *overrides: load_scenario(diagrams / "figure_eight.yaml", overrides)
+
+
+@pytest.fixture(scope="module")
+def drawn(study):
+    return Batch.draw(study(*written()), range(20_000)).varying
+
+
+def test_the_covariance_is_the_one_that_was_meant(study, drawn):
+    """Of what no limit cuts: a correlation of 20,000 has a deviation of at most 0.007."""
+    joint = joint_normal(distributions_in(study(*written())))
+    assert joint.paths == (MASS, DRAG, LAG)
+    deviation = np.array([0.02, 0.1, 0.004])
+    correlation = np.array([[1.0, -0.3, -0.45], [-0.3, 1.0, 0.0], [-0.45, 0.0, 1.0]])
+    np.testing.assert_allclose(joint.covariance, correlation * np.outer(deviation, deviation), atol=1e-15)
+    np.testing.assert_array_equal(joint.mean, [0.68, 0.2, 0.05])
+    uncut = np.ix_([0, 2], [0, 2])
+    found = np.cov([drawn[MASS], drawn[LAG]]) / np.outer(deviation, deviation)[uncut]
+    assert np.abs(found - correlation[uncut]).max() < 0.03
+
+
+def test_limits_leave_the_copula(drawn):
+    """Spearman's correlation under a Gaussian copula is 6/π asin(r/2), whatever limits make of the values."""
+    ranks = scipy.stats.spearmanr(np.stack([drawn[MASS], drawn[LAG], drawn[DRAG]]), axis=1).statistic
+    for i, j, normal in ((0, 1, -0.45), (0, 2, -0.3), (1, 2, 0.0)):
+        assert ranks[i, j] == pytest.approx(6.0 / np.pi * np.arcsin(0.5 * normal), abs=0.02)
+
+
+@pytest.mark.parametrize(
+    ("path", "arguments"),
+    [
+        (MASS, (-9.0, np.inf, 0.68, 0.02)),
+        (LAG, (-5.0, 5.0, 0.05, 0.004)),
+        (DRAG, (-0.5, np.inf, 0.2, 0.1)),
+    ],
+)
+def test_each_field_has_the_distribution_that_is_written(drawn, path, arguments):
+    assert scipy.stats.kstest(drawn[path], "truncnorm", arguments).pvalue > 1e-3
+
+
+def test_a_normal_that_shares_nothing_is_drawn_as_before(study):
+    """To the bit: from its own numbers alone."""
+    values = Batch.draw(study(*written("", "", "")), range(50), seed=3).varying
+    expected = 0.68 + 0.02 * scipy.special.ndtri(
+        (low := scipy.special.ndtr((0.5 - 0.68) / 0.02)) + parameter_numbers(3, range(50), MASS) * (1.0 - low)
+    )
+    np.testing.assert_array_equal(values[MASS], expected)
+    empty = Batch.draw(study(*written("{}", "{}", "{}")), range(50), seed=3).varying
+    np.testing.assert_array_equal(empty[MASS], values[MASS])
+
+
+def test_what_is_shared_stays_what_it_was(study):
+    """Numbers of the release in which variables were first shared."""
+    values = Batch.draw(study(written()[0]), [0, 1, 41], seed=7).varying[MASS]
+    np.testing.assert_allclose(values, [0.6461897527911218, 0.6293774984326039, 0.6691488411462073], rtol=1e-14)
+
+
+def test_a_field_that_shares_with_nobody_draws_what_it_would(study):
+    """Another field that comes, goes or becomes a number changes nothing of it, nor do other samples beside it."""
+    both = Batch.draw(study(*written()), range(20), seed=5).varying
+    alone = Batch.draw(study(written()[0]), range(20), seed=5).varying
+    np.testing.assert_array_equal(alone[MASS], both[MASS])
+    number = Batch.draw(study(*written(), f"{LAG}=0.05"), range(20), seed=5).varying
+    assert [*number] == [MASS, DRAG]
+    np.testing.assert_array_equal(number[DRAG], both[DRAG])
+    one = draw_sample(study(*written()), 13, seed=5)
+    assert (one.vehicle.mass, one.vehicle.rotor_time_constant) == (both[MASS][13], both[LAG][13])
+    assert not np.any(Batch.draw(study(*written()), range(20), seed=6).varying[MASS] == both[MASS])
+
+
+def test_shared_variables_are_told_apart_by_their_names(study):
+    """And fields that share all they have are one, or one turned round."""
+    one, same, other = (
+        Batch.draw(study(*written("{a: 1.0}", shared, "")), range(200)).varying
+        for shared in ("{a: 1.0}", "{a: -1.0}", "{vehicle: 1.0}")
+    )
+    assert scipy.stats.spearmanr(one[MASS], one[LAG]).statistic == pytest.approx(1.0)
+    assert scipy.stats.spearmanr(same[MASS], same[LAG]).statistic == pytest.approx(-1.0)
+    assert abs(scipy.stats.spearmanr(other[MASS], other[LAG]).statistic) < 0.3
+
+
+def test_no_number_is_infinite_however_many_a_field_shares(study, monkeypatch):
+    """Sixteen variables that are all far out are farther out than one can be."""
+    monkeypatch.setattr(correlation, "_standard_normal", lambda seed, samples, stream: np.full(len(samples), 8.0))
+    shared = ", ".join(f"x{i}: 0.25" for i in range(16))
+    scenario = study(f"vehicle.centre_of_mass=[{bell(0.0, 0.001, f'{{{shared}}}')}, 0]")
+    (drawn,) = Batch.draw(scenario, range(3)).varying.values()
+    np.testing.assert_allclose(drawn, 0.0082, rtol=0.01)
+
+
+def test_who_is_correlated_with_whom(study):
+    scenario = study(*written("{a: 0.9}", "{a: -0.5, b: 0.5}", "{b: 0.8}"), f"vehicle.quadratic_drag={DRAWN}")
+    found = distributions_in(scenario)
+    pairs = correlated_pairs(found)
+    assert [(pair.first, pair.second) for pair in pairs] == [(MASS, LAG), (DRAG, LAG)]
+    assert [pair.correlation for pair in pairs] == pytest.approx([-0.45, 0.4])
+    # Drag and mass share nothing, but each something with the lag.
+    assert correlated_groups(found) == dict.fromkeys((MASS, DRAG, LAG), (MASS, DRAG, LAG))
+    assert shared_names(found.values()) == ["a", "b"]
+    assert correlated_groups(distributions_in(study(written()[0]))) == {}
+    assert correlated_pairs({}) == []
+
+
+@pytest.mark.parametrize(
+    ("shared", "words"),
+    [
+        ("{a: 0.8, b: 0.7}", "shared is {'a': 0.8, 'b': 0.7}, but must have correlations whose squares sum to at most"),
+        ("{a: 1.1}", "shared.a is 1.1, but must be less than or equal to 1"),
+        ("{a: heavy}", "shared.a is 'heavy', but must be a valid number"),
+        ("{my drone: 0.1}", "by at most 60 letters, digits and '_', no digit first, not by 'my drone'"),
+        ("[a]", "is ['a'], but must be a mapping of names to numbers"),
+    ],
+)
+def test_what_cannot_be_shared_is_refused(study, shared, words):
+    with pytest.raises(InputError) as caught:
+        study(written(shared)[0])
+    assert words in str(caught.value)
+
+
+def test_correlations_that_are_a_whole_variance_are_allowed(study):
+    """As these are in decimals; the squares of their binary numbers sum to more."""
+    study(written("{a: 0.2, b: 0.4, c: 0.4, d: 0.8}")[0])
+
+
+def test_there_are_only_so_many_shared_variables(study):
+    def thirds(count):
+        names = [f"x{i}: 0.1" for i in range(count)]
+        parts = (names[:40], names[40:], names[:3])
+        bells = [bell(0.007, 0.001, f"{{{', '.join(part)}}}", ", min: 0.001") for part in parts]
+        return study(f"vehicle.inertia=[{', '.join(bells)}]")
+
+    assert len(shared_names(distributions_in(thirds(MOST_SHARED)).values())) == MOST_SHARED
+    with pytest.raises(InputError, match=r"vehicle\.inertia\.1\.normal\.shared is .* none but the 64 normal variables"):
+        thirds(MOST_SHARED + 1)
+
+
+def test_correlations_are_written_and_read_again(study, tmp_path):
+    scenario = study(*written())
+    save_scenario(scenario, tmp_path / "again.yaml")
+    assert load_scenario(tmp_path / "again.yaml") == scenario
+
+
+def test_what_shares_nothing_is_written_as_it_was_before(study):
+    """The rows of a study are known by what is written of its scenario."""
+    kept = json.loads(study(written("")[0]).model_dump_json())["vehicle"]["mass"]
+    assert kept == {"normal": {"mean": 0.68, "standard_deviation": 0.02, "min": 0.5, "max": None}}
+
+
+def test_an_extension_replaces_one_field_and_leaves_the_others(study, diagrams, tmp_path):
+    """A number, or a distribution as a whole: what it shared is gone with it."""
+    base = ", ".join(override.partition(".")[2].replace("=", ": ", 1) for override in written())
+    path = tmp_path / "mine.yaml"
+    quick = bell(0.05, 0.001, "", ", min: 0.03, max: 0.07")
+    path.write_text(
+        f"base: {{extends: {diagrams / 'figure_eight.yaml'}, vehicle: {{{base}}}}}\n"
+        f"light: {{extends: base, vehicle: {{mass: 0.5, rotor_time_constant: {quick}}}}}\n"
+    )
+    light = distributions_in(load_scenario(f"{path}:light"))
+    assert set(light) == {LAG, DRAG}
+    assert light[LAG].normal.shared == {}
+    whole, part = (Batch.draw(load_scenario(f"{path}:{name}"), range(9)).varying for name in ("base", "light"))
+    np.testing.assert_array_equal(part[DRAG], whole[DRAG])
+
+
+def normals(found):
+    return {name: Normal.model_validate(each) for name, each in found.items()}
+
+
+@settings(max_examples=40, deadline=None)
+@given(count=st.integers(1, 10), rank=st.integers(1, 12), seed=st.integers(0, 2**31))
+def test_a_covariance_comes_back(count, rank, seed):
+    """Of any rank and any units: standard deviations to the bit, those of all sums to a per cent."""
+    rng = np.random.default_rng(seed)
+    shape = rng.normal(size=(count, rank))
+    scale = 10.0 ** rng.uniform(-8.0, 3.0, count)
+    covariance = shape @ shape.T * np.outer(scale, scale)
+    mean, names = rng.normal(size=count), [f"p{i}" for i in range(count)]
+    joint = joint_normal(normals(correlated_normals(names, mean, covariance)))
+    assert joint.paths == tuple(names)
+    np.testing.assert_array_equal(joint.mean, mean)
+    deviation = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(np.diag(joint.covariance), deviation**2, rtol=1e-14)
+    found, meant = (each / np.outer(deviation, deviation) for each in (joint.covariance, covariance))
+    sums = rng.normal(size=(200, count))
+    np.testing.assert_allclose(*(np.einsum("ij,jk,ik->i", sums, each, sums) for each in (found, meant)), rtol=0.02)
+    size, vectors = np.linalg.eigh(meant)
+    weak = np.einsum("ji,jk,ki->i", vectors, found, vectors)
+    np.testing.assert_allclose(weak, size, rtol=0.02, atol=1e-9)
+
+
+def test_few_variables_are_shared():
+    """One for a pair, or for any number that one cause moves; none for what is hardly correlated."""
+    pair = correlated_normals("ab", np.zeros(2), np.array([[4.0, -1.0], [-1.0, 1.0]]))
+    assert pair["a"] == {"normal": {"mean": 0.0, "standard_deviation": 2.0, "shared": {"common_1": 0.7071}}}
+    assert pair["b"]["normal"]["shared"] == {"common_1": -0.7071}
+    uniform = np.full((6, 6), 0.3) + 0.7 * np.eye(6)
+    assert len(shared_names(normals(correlated_normals("abcdef", np.zeros(6), uniform)).values())) == 1
+    blocks = scipy.linalg.block_diag([[1.0, 0.5], [0.5, 1.0]], [[1.0]], [[1.0, 0.9], [0.9, 1.0]])
+    found = correlated_normals("abcde", np.zeros(5), blocks + 1e-4, prefix="mine")
+    assert [[*each["normal"].get("shared", {})] for each in found.values()] == [
+        ["mine_1"],
+        ["mine_1"],
+        [],
+        ["mine_2"],
+        ["mine_2"],
+    ]
+
+
+def test_a_sum_that_is_known_better_than_its_parts_stays_so():
+    """Of the coefficients of a curve that was fitted around hover: their correlations are 0.99, the thrust is sure."""
+    throttle = np.linspace(0.5, 0.7, 200)
+    powers = np.stack([throttle**0, throttle, throttle**2])
+    covariance = 1e-6 * np.linalg.inv(powers @ powers.T)
+    joint = joint_normal(normals(correlated_normals("abc", np.zeros(3), covariance)))
+    hover = np.array([1.0, 0.6, 0.36])
+    sure = np.sqrt(hover @ covariance @ hover)
+    assert sure < 5e-3 * np.sqrt(covariance[1, 1])
+    assert np.sqrt(hover @ joint.covariance @ hover) == pytest.approx(sure, rel=0.011)
+
+
+@pytest.mark.parametrize(
+    ("names", "covariance", "words"),
+    [
+        ("ab", [[1.0, 2.0], [2.0, 1.0]], "is not positive semidefinite"),
+        ("ab", [[1.0, 0.5], [0.4, 1.0]], "is not symmetric"),
+        ("ab", [[1.0, np.nan], [np.nan, 1.0]], "is not symmetric"),
+        ("ab", [[1.0, 0.0], [0.0, 0.0]], "'b' has mean 0 and variance 0"),
+        ("ab", [[1.0]], "2 names need"),
+    ],
+)
+def test_what_is_no_covariance_is_refused(names, covariance, words):
+    with pytest.raises(InputError, match=words):
+        correlated_normals(names, np.zeros(len(names)), np.array(covariance))
+
+
+def test_distributions_of_other_kinds_are_correlated_with_nothing(study):
+    scenario = study(written()[0], f"{DRAG}={DRAWN}")
+    assert np.array_equal(correlation_matrix([*distributions_in(scenario).values()]), np.eye(2))
+    assert joint_normal(distributions_in(scenario)).paths == (MASS,)
