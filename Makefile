@@ -16,7 +16,7 @@ PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --co
 
 # Scenarios whose diagrams are drawn in diagrams/drawings
 DRAWN = figure_eight.yaml hover.yaml slalom.yaml laboratory.yaml:low_wind neural_fly.yaml:wind_8 onboard.yaml outdoor.yaml \
-	robustness.yaml paper.yaml:low_wind_pd_t2fnn
+	robustness.yaml paper.yaml:low_wind_pd_t2fnn crazyswarm2.yaml:log08
 
 # Drawn evenly over the lines
 MUTANTS ?= 500

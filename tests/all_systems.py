@@ -26,7 +26,11 @@ from drake_quad.control.fuzzy.systems import (
     WeightLearning,
     build_fuzzy_network,
 )
-from drake_quad.control.geometric import GeometricAttitudeController
+from drake_quad.control.geometric import (
+    GeometricAttitudeController,
+    IntegratingAttitudeController,
+    IntegratingAttitudeNumbers,
+)
 from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.lqg.chains import AttitudeChain, TorqueChain, VerticalChain
@@ -43,7 +47,7 @@ from drake_quad.framework.records import layout_of
 from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
 from drake_quad.laboratory.flight_monitor import FlightMonitor
 from drake_quad.laboratory.laboratory import build_laboratory
-from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture
+from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture, VelocityError
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence, PerDirection, Turbulence, TurbulenceNumbers
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
@@ -187,7 +191,7 @@ JETS = (
     Jet(Outlet(-1.5, 2.5, 0.8), Direction(-0.6, -0.48, 0.64), 5.0, 0.8, 0.25),
 )
 GUST = GustNumbers(Wind(1.0, 2.0, 3.0), 1.1, 2.2, 3.3)
-CAMERAS = CameraNumbers(1e-3, 4e-3, 0.1, Attitude(0.1, 0.2, 0.3), 100.0, 2.0)
+CAMERAS = CameraNumbers(1e-3, 4e-3, 0.1, Attitude(0.1, 0.2, 0.3), 100.0, 2.0, VelocityError(0.05, -0.1, 0.2))
 LINK = LinkNumbers(2.0, 0.1, Wrench(6.0, 0.1, 0.2, 0.3))
 TARGETS = LinkNumbers(2.0, 0.1, AttitudeTarget(6.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
 AUTOPILOT = AutopilotNumbers(
@@ -214,7 +218,14 @@ STREAMS = (
     Stream("here", Kind.WIND, 3, RandomDistribution.kGaussian, 0.01),
     Stream("there", Kind.NOISE, 1, RandomDistribution.kUniform, 0.02),
 )
-ALL_ERRORS = {"noisy": True, "loses_frames": True, "misaligned": True, "filtered": True, "longest_latency": 2}
+ALL_ERRORS = {
+    "noisy": True,
+    "loses_frames": True,
+    "misaligned": True,
+    "mistaken": True,
+    "filtered": True,
+    "longest_latency": 2,
+}
 LOSSY = {"longest_delay": 3, "loses_packets": True}
 
 
@@ -294,6 +305,13 @@ FLEET_SYSTEMS = [
     Example(IncrementalAttitudeController, INCREMENTAL, num_vehicles=2),
     Example(SineWind, SineNumbers(Wind(1.0, 2.0, 3.0), 1.1, 2.2)),
     Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), num_vehicles=2),
+    Example(IntegratingAttitudeController, IntegratingAttitudeNumbers(ATTITUDE, PerAngle(9.0, 7.0, 5.0), 3.0)),
+    Example(
+        IntegratingAttitudeController,
+        IntegratingAttitudeNumbers(ATTITUDE, PerAngle(9.0, 7.0, 5.0), 3.0),
+        {"period": 0.01},
+        num_vehicles=2,
+    ),
     Example(
         LinearQuadraticGaussian, WITH_TORQUES, {"takes_correction": True, "takes_perturbation": True}, num_vehicles=2
     ),

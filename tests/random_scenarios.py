@@ -83,7 +83,7 @@ STRUCTURES = {
         "body_drag rotor_aerodynamics ground_effect reaction_torque rotor_time_constant_down motors payload battery",
     ],
     "autopilot": ["none", "attitude", "none", "response"],
-    "attitude": ["pd", "geometric", "indi"],
+    "attitude": ["pd", "geometric", "indi", "geometric with integral"],
     "response": ["commanded", "tilt"],
     "on_board": ["", "gyroscope", "attitude", "gyroscope attitude"],
     "network_leads": [False, True],
@@ -150,6 +150,7 @@ def _tree(structure, rng, duration):
         cameras["misalignment"] = [draw.signed(0.02) for _ in range(3)]
     if structure["filtered"]:
         cameras["derivative_bandwidth"] = draw(50.0, 90.0)
+        cameras["velocity_error"] = [draw.signed(0.05) for _ in range(3)]
     if structure["loses_frames"]:
         cameras["dropout_rate"] = draw(0.05, 0.3)
     link = {"period": ticks, "delay_ticks": {"choice": structure["delay"]}}
@@ -259,6 +260,8 @@ def _attitude(structure, draw):
     match structure["attitude"]:
         case "geometric":
             return {"kind": "geometric", **gains}
+        case "geometric with integral":
+            return {"kind": "geometric", **gains, "k_i": [draw(2.0, 4.0) for _ in range(3)]}
         case "indi":
             delay = len(structure["axes"]) - 1
             return {"kind": "indi", **gains, "lag": draw(0.05, 0.1), "bandwidth": draw(2.0, 4.0), "delay_ticks": delay}

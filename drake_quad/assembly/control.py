@@ -31,7 +31,11 @@ from drake_quad.control.fuzzy.systems import (
     WeightLearning,
     build_fuzzy_network,
 )
-from drake_quad.control.geometric import GeometricAttitudeController
+from drake_quad.control.geometric import (
+    GeometricAttitudeController,
+    IntegratingAttitudeController,
+    IntegratingAttitudeNumbers,
+)
 from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
@@ -132,11 +136,14 @@ def _attitude(scenario: Scenario, attitude: Any, inertia: Inertia) -> dict[str, 
     if attitude is None:
         return {}
     numbers = AttitudeNumbers(PerAngle(*attitude.k_p), PerAngle(*attitude.k_d), *inertia)
+    period = scenario.laboratory.command_link.period
     match attitude.kind:
-        case "geometric":
+        case "geometric" if attitude.k_i is None:
             return {"attitude": Recipe(GeometricAttitudeController, {}, numbers)}
+        case "geometric":
+            integrating = IntegratingAttitudeNumbers(numbers, PerAngle(*attitude.k_i), attitude.integral_limit)
+            return {"attitude": Recipe(IntegratingAttitudeController, {"period": period}, integrating)}
         case "indi":
-            period = scenario.laboratory.command_link.period
             structure = {"period": period, "delay_ticks": attitude.delay_ticks}
             law = IncrementalLaw(attitude.bandwidth)
             incremental = IncrementalAttitudeNumbers(numbers, law, attitude.lag, attitude.disturbance_limit)

@@ -14,7 +14,7 @@ from drake_quad.framework.elementary import sin_cos, where
 from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
 from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor, Window
 from drake_quad.laboratory.laboratory import build_laboratory
-from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture
+from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture, VelocityError
 from drake_quad.laboratory.wind.dryden import WIND_AT_20_FEET, DrydenTurbulence, Turbulence, TurbulenceNumbers
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
@@ -197,6 +197,7 @@ def _motion_capture(cameras: models.MotionCapture, fleet: Any) -> Recipe:
         or _can_differ(cameras.attitude_noise, fleet.attitude_noise),
         "loses_frames": _can_differ(cameras.dropout_rate, fleet.dropout_rate),
         "misaligned": any(map(_can_differ, cameras.misalignment, fleet.misalignment)),
+        "mistaken": any(map(_can_differ, cameras.velocity_error, fleet.velocity_error)),
         "filtered": fleet.derivative_bandwidth is not None,
         "longest_latency": _longest(cameras.latency_frames, fleet.latency_frames),
     }
@@ -207,6 +208,7 @@ def _motion_capture(cameras: models.MotionCapture, fleet: Any) -> Recipe:
         misalignment=Attitude(*fleet.misalignment),
         bandwidth=0.0 if fleet.derivative_bandwidth is None else fleet.derivative_bandwidth,
         latency_frames=fleet.latency_frames,
+        velocity_error=VelocityError(*fleet.velocity_error),
     )
     return Recipe(MotionCapture, structure, numbers)
 

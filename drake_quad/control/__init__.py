@@ -11,7 +11,11 @@ from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
 from drake_quad.control.fuzzy.set_learning import AdaptationNumbers, SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, LearningNumbers, WeightLearning, build_fuzzy_network
-from drake_quad.control.geometric import GeometricAttitudeController
+from drake_quad.control.geometric import (
+    GeometricAttitudeController,
+    IntegratingAttitudeController,
+    IntegratingAttitudeNumbers,
+)
 from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
@@ -36,6 +40,8 @@ __all__ = [
     "IncrementalLaw",
     "IntegralCorrection",
     "IntegralGains",
+    "IntegratingAttitudeController",
+    "IntegratingAttitudeNumbers",
     "KalmanLaw",
     "LearningNumbers",
     "Limits",

@@ -50,6 +50,14 @@ class RotationMatrix(NamedTuple):
         )
 
 
+class VelocityError(NamedTuple):
+    """By how much velocity along X, Y, Z is seen too large, as a share of it."""
+
+    x: Number
+    y: Number
+    z: Number
+
+
 class CameraNumbers(NamedTuple):
     """By how much cameras are wrong.
 
@@ -60,6 +68,7 @@ class CameraNumbers(NamedTuple):
         misalignment: roll, pitch and yaw of the frame of the markers in B.
         bandwidth: ω of the filter that makes velocity and body rates.
         latency_frames: whole number of frames after which one can be read.
+        velocity_error: of the velocity on each axis, as a share of it.
     """
 
     position_noise: Annotated[Row, Quantity("m")] = 0.0
@@ -68,6 +77,7 @@ class CameraNumbers(NamedTuple):
     misalignment: Attitude = Attitude(0.0, 0.0, 0.0)
     bandwidth: Annotated[Row, Quantity("rad/s")] = 0.0
     latency_frames: Number = 0.0
+    velocity_error: VelocityError = VelocityError(0.0, 0.0, 0.0)
 
 
 class Cameras(NamedTuple):
@@ -79,13 +89,14 @@ class Cameras(NamedTuple):
     R_BM: RotationMatrix
     bandwidth: Row
     latency_frames: Row
+    velocity_error: VelocityError
 
     @classmethod
     def of(cls, numbers: CameraNumbers) -> "Cameras":
         """The parameter of these numbers."""
-        position_noise, attitude_noise, dropout_rate, misalignment, bandwidth, latency_frames = numbers
+        position_noise, attitude_noise, dropout_rate, misalignment, bandwidth, latency_frames, velocity_error = numbers
         R_BM = RotationMatrix.of(*misalignment)
-        return cls(position_noise, attitude_noise, dropout_rate, R_BM, bandwidth, latency_frames)
+        return cls(position_noise, attitude_noise, dropout_rate, R_BM, bandwidth, latency_frames, velocity_error)
 
 
 class Pose(NamedTuple):
@@ -143,12 +154,17 @@ def seen_pose(state: State, noise: Pose | None, cameras: Cameras, misaligned: bo
 
 
 def first_frame(
-    state: State, noise: Pose | None, cameras: Cameras, misaligned: bool, filtered: bool, num_under_way: int
+    state: State,
+    noise: Pose | None,
+    cameras: Cameras,
+    misaligned: bool,
+    mistaken: bool,
+    filtered: bool,
+    num_under_way: int,
 ) -> Any:
     """What the states of a `MotionCapture` hold at the beginning; a filter begins at rest."""
     pose = seen_pose(state, noise, cameras, misaligned)
-    motion = (0.0,) * 6 if filtered else (state.v_x, state.v_y, state.v_z, state.p, state.q, state.r)
-    frame = State(*pose, *motion)
+    frame = State(*pose, *(0.0,) * 6) if filtered else _exact(pose, state, _factors(cameras, mistaken))
     states = [frame, *([(frame,) * num_under_way] if num_under_way else []), *([pose] if filtered else [])]
     return tuple(states) if len(states) > 1 else frame
 
@@ -162,6 +178,7 @@ def next_frame(
     random: Dropout | None,
     cameras: Cameras,
     misaligned: bool,
+    mistaken: bool,
     period: float,
 ) -> Any:
     """What the states of a `MotionCapture` hold after a frame.
@@ -175,33 +192,46 @@ def next_frame(
         random: None if no frame can be lost.
         cameras: their errors.
         misaligned: whether the frame of the markers is not B.
+        mistaken: whether velocity is seen too large or too small.
         period: h, s.
     """
+    factors = _factors(cameras, mistaken)
     last, pose = newest(out, under_way), seen_pose(state, noise, cameras, misaligned)
     lost = False if random is None else random.frame < cameras.dropout_rate
     if before is None:
-        return carried(where(lost, last, _exact(pose, state)), under_way, cameras.latency_frames)
-    frame = _filtered(where(lost, Pose.of(last), pose), last, before, cameras.bandwidth, period)
+        return carried(where(lost, last, _exact(pose, state, factors)), under_way, cameras.latency_frames)
+    frame = _filtered(where(lost, Pose.of(last), pose), last, before, cameras.bandwidth, factors, period)
     line = carried(frame, under_way, cameras.latency_frames)
     return (*line, Pose.of(last)) if under_way else (line, Pose.of(last))
 
 
-def _exact(pose: Pose, state: State) -> State:
-    """A frame with the true velocity and body rates."""
-    return State(*pose, state.v_x, state.v_y, state.v_z, state.p, state.q, state.r)
+def _factors(cameras: Cameras, mistaken: bool) -> VelocityError | None:
+    """What velocity is multiplied by; None if it is seen as it is."""
+    return VelocityError._make(1.0 + error for error in cameras.velocity_error) if mistaken else None
 
 
-def _filtered(pose: Pose, last: State, before: Pose, bandwidth: Row, period: float) -> State:
+def _exact(pose: Pose, state: State, factors: VelocityError | None) -> State:
+    """A frame with the true velocity, or a multiple of it, and the true body rates."""
+    velocity = state.v_x, state.v_y, state.v_z
+    if factors is not None:
+        velocity = factors.x * state.v_x, factors.y * state.v_y, factors.z * state.v_z
+    return State(*pose, *velocity, state.p, state.q, state.r)
+
+
+def _filtered(
+    pose: Pose, last: State, before: Pose, bandwidth: Row, factors: VelocityError | None, period: float
+) -> State:
     """A frame whose velocity and body rates are filtered differences; see `MotionCapture`."""
     steps = Attitude(pose.roll - before.roll, pose.pitch - before.pitch, pose.yaw - before.yaw)
     p, q, r = small_rotation(steps, Attitude(last.roll, last.pitch, last.yaw))
     decay = exp(-bandwidth * period)
     gain = (1.0 - decay) / (2.0 * period)
+    x, y, z = (gain, gain, gain) if factors is None else (gain * factor for factor in factors)
     return State(
         *pose,
-        decay * last.v_x + gain * (pose.x - before.x),
-        decay * last.v_y + gain * (pose.y - before.y),
-        decay * last.v_z + gain * (pose.z - before.z),
+        decay * last.v_x + x * (pose.x - before.x),
+        decay * last.v_y + y * (pose.y - before.y),
+        decay * last.v_z + z * (pose.z - before.z),
         decay * last.p + gain * p,
         decay * last.q + gain * q,
         decay * last.r + gain * r,
@@ -238,6 +268,9 @@ class MotionCapture(FleetSystem):
     those of eq (2): it turns the differences of roll, pitch and yaw at the attitude in their middle. Without a filter
     velocity and body rates are seen exactly. A frame can be read `latency_frames` periods after it was taken.
 
+    Estimators on board of a vehicle, which make velocity with an accelerometer, may see it too large by a share, as
+    those of the Crazyflie do in some flights; `velocity_error` is this share on each axis of W.
+
     By default cameras are ideal: they sample the state and hold it until the next frame.
 
     The random ports are there if there is need for them: `camera_noise` has normal numbers for position and attitude,
@@ -252,6 +285,7 @@ class MotionCapture(FleetSystem):
         noisy: whether there is noise.
         loses_frames: whether frames can be lost.
         misaligned: whether the frame of the markers is not B.
+        mistaken: whether velocity is seen too large or too small.
         filtered: whether velocity and body rates are made by filters.
         longest_latency: that there will ever be, in frames.
         numbers: the errors.
@@ -264,6 +298,7 @@ class MotionCapture(FleetSystem):
         noisy: bool = False,
         loses_frames: bool = False,
         misaligned: bool = False,
+        mistaken: bool = False,
         filtered: bool = False,
         longest_latency: int = 0,
         numbers: CameraNumbers = CameraNumbers(),
@@ -280,8 +315,8 @@ class MotionCapture(FleetSystem):
         if filtered:
             before = self.state("pose_before", lambda numbers: Pose.of(_nothing(numbers)))
             writes = [*writes, before]
-        first = state, noise, cameras, misaligned, filtered, longest_latency
+        first = state, noise, cameras, misaligned, mistaken, filtered, longest_latency
         self.initialize(first_frame, *first, writes=writes)
-        later = state, line.out, line.under_way, before, noise, random, cameras, misaligned, period
+        later = state, line.out, line.under_way, before, noise, random, cameras, misaligned, mistaken, period
         self.update(period, next_frame, *later, writes=writes)
         self.state_output(line.out)

@@ -14,7 +14,11 @@ from drake_quad.control.disturbance.response import Command
 from drake_quad.control.fuzzy.inference import Antecedents, FuzzySets
 from drake_quad.control.fuzzy.laws import CovarianceLaw, GradientLaw, Limits, SignLaw
 from drake_quad.control.fuzzy.systems import FuzzyRules, Lead, LearningNumbers, RulesNumbers, WeightLearning
-from drake_quad.control.geometric import GeometricAttitudeController
+from drake_quad.control.geometric import (
+    GeometricAttitudeController,
+    IntegratingAttitudeController,
+    IntegratingAttitudeNumbers,
+)
 from drake_quad.control.incremental_attitude import IncrementalAttitudeController, IncrementalAttitudeNumbers
 from drake_quad.control.integral import IntegralCorrection, IntegralGains
 from drake_quad.control.position import PdGains, ProportionalDerivative
@@ -97,6 +101,13 @@ def test_attitude_control_is_of_the_kind_of_the_scenario_and_thrust_vectoring_wi
     assert geometric["attitude"].numbers == pd["attitude"].numbers
     projects = [found["thrust_vectoring"].structure["projects"] for found in (pd, geometric)]
     assert projects == [False, True]
+    integral = "k_i: [3.0, 2.0, 1.0], integral_limit: 7.0"
+    found, _ = recipes_of(asymmetric("pid", f"control.attitude={{kind: geometric, {gains}, {integral}}}"))
+    attitude = found["attitude"]
+    assert attitude.system is IntegratingAttitudeController
+    assert attitude.structure == {"period": 0.02}
+    assert attitude.numbers == IntegratingAttitudeNumbers(pd["attitude"].numbers, PerAngle(3.0, 2.0, 1.0), 7.0)
+    assert found["thrust_vectoring"].structure["projects"]
     numbers = "delay_ticks: 2, lag: 0.08, bandwidth: 6.0, disturbance_limit: 9.0"
     found, _ = recipes_of(asymmetric("pid", f"control.attitude={{kind: indi, {gains}, {numbers}}}"))
     attitude = found["attitude"]

@@ -136,6 +136,7 @@ def test_the_cameras_have_the_errors_of_the_scenario(recipes):
         "noisy": True,
         "loses_frames": True,
         "misaligned": True,
+        "mistaken": False,
         "filtered": True,
         "longest_latency": 2,
     }
@@ -150,6 +151,8 @@ def test_the_cameras_have_the_errors_of_the_scenario(recipes):
         ("dropout_rate={choice: [0.0, 0.1]}", "loses_frames", True),
         ("misalignment=[0, 0.0, 0]", "misaligned", False),
         ("misalignment=[0, 0, {normal: {mean: 0, standard_deviation: 0.1}}]", "misaligned", True),
+        ("velocity_error=[0, 0.0, 0]", "mistaken", False),
+        ("velocity_error=[0, {uniform: {min: 0, max: 0.1}}, 0]", "mistaken", True),
         ("derivative_bandwidth=null", "filtered", False),
         ("latency_frames=0", "longest_latency", 0),
         ("latency_frames={choice: [0, 3, 1]}", "longest_latency", 3),

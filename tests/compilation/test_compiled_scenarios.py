@@ -52,7 +52,7 @@ def plan_of():
 def test_every_scenario_that_is_shipped_flies_as_wired(spec, plan_of):
     scenario = load_scenario(spec, ["duration=1.0", "metrics={start: 0, end: null}"])
     (flight,) = assert_flown_alike(Batch.draw(scenario, [3]), plan=plan_of(scenario))
-    assert len(flight.time) == 51
+    assert len(flight.time) == round(1.0 / scenario.laboratory.command_link.period) + 1
 
 
 @pytest.mark.parametrize("number", range(STRUCTURES))

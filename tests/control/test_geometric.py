@@ -8,12 +8,17 @@ import scipy
 from pydrake.autodiffutils import ExtractGradient, InitializeAutoDiff
 from pydrake.systems.analysis import Simulator
 
-from drake_quad import load_scenario
+from drake_quad import load_scenario, simulate
 from drake_quad.assembly.planning import plan_route
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.control.attitude import AttitudeNumbers, attitude_law
 from drake_quad.control.axes import PerAngle
-from drake_quad.control.geometric import geometric_law
+from drake_quad.control.geometric import (
+    IntegratingAttitudeNumbers,
+    geometric_law,
+    integrated_rotation,
+    integrating_law,
+)
 from drake_quad.flight.fleet_simulation import fly
 from drake_quad.framework.wiring import subsystem
 from drake_quad.scenario import Batch
@@ -127,3 +132,55 @@ def test_vehicles_come_home_from_any_attitude_under_the_paper_s_rates_and_delay(
     np.testing.assert_allclose(np.transpose([end.x, end.y, end.z]), [HOME] * len(attitudes), atol=0.05)
     np.testing.assert_allclose([end.v_x, end.v_y, end.v_z], 0.0, atol=0.05)
     np.testing.assert_allclose([np.cos(end.roll) * np.cos(end.pitch), np.cos(end.yaw)], 1.0, atol=1e-4)
+
+
+COMMANDED = Attitude(0.2, -0.3, 0.7)
+MEASURED = State(0.0, 0.0, 0.0, -0.4, 0.5, 1.1, 0.0, 0.0, 0.0, 0.3, -0.2, 0.6)
+INTEGRATING = IntegratingAttitudeNumbers(
+    AttitudeNumbers(PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1), *INERTIA), PerAngle(9.0, 7.0, 5.0), 0.35
+)
+
+
+def rotation_error():
+    """½ (R_dᵀ R - Rᵀ R_d)^∨ by SciPy's rotations."""
+    R_d, R = (
+        scipy.spatial.transform.Rotation.from_euler("ZYX", [each.yaw, each.pitch, each.roll]).as_matrix()
+        for each in (COMMANDED, MEASURED)
+    )
+    skew = 0.5 * (R_d.T @ R - R.T @ R_d)
+    return np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
+
+
+def test_the_integral_grows_by_gain_period_and_error_and_keeps_to_its_limit():
+    period, before = 0.02, np.array([0.1, -0.2, 0.3])
+    step = period * np.array(INTEGRATING.k_i) * rotation_error()
+    after = integrated_rotation(AngularAcceleration(*before), MEASURED, COMMANDED, INTEGRATING, period)
+    np.testing.assert_allclose(after, before + step, atol=1e-15)
+    assert np.abs(step).min() > 0.01
+    for sign in (1.0, -1.0):
+        full = AngularAcceleration(*(0.35 * sign * np.sign(step)))
+        held = np.array(integrated_rotation(full, MEASURED, COMMANDED, INTEGRATING, period))
+        np.testing.assert_allclose(held, full if sign > 0.0 else full + step, atol=1e-15)
+
+
+def test_the_torque_lacks_what_the_integral_holds():
+    """About each axis its moment of inertia times the integral: what is held pushes against the error."""
+    integral = np.array([0.1, -0.2, 0.3])
+    commanded = COMMANDED, BodyRates(0.1, 0.2, 0.3), AngularAcceleration(0.4, 0.5, 0.6)
+    without = geometric_law(MEASURED, *commanded, INTEGRATING.attitude)
+    found = integrating_law(AngularAcceleration(*integral), MEASURED, *commanded, INTEGRATING)
+    np.testing.assert_allclose(found, without - INERTIA * integral, atol=1e-15)
+
+
+def test_an_integral_holds_a_centre_of_mass_beside_the_middle(diagrams):
+    """The PD leans until its torque is that of the offset; the integral takes over, and the body is level again."""
+    gains = "k_p: [30.0, 30.0, 5.0], k_d: [8.0, 8.0, 3.5]"
+    offset = ["vehicle.centre_of_mass=[0.0, 0.002]", "duration=6"]
+    wanted = np.empty(2)
+    for i, integral in enumerate(("", ", k_i: [30.0, 30.0, 2.0]")):
+        attitude = f"control.attitude={{kind: geometric, {gains}{integral}}}"
+        flight = simulate(load_scenario(diagrams / "hover.yaml", [attitude, *offset]), compiled=True)
+        lean = flight.record("attitude_command").roll - flight.record("state").roll
+        wanted[i] = np.abs(lean[-50:]).max()
+    assert wanted[0] > 0.02
+    assert wanted[1] < 0.02 * wanted[0]

@@ -114,6 +114,26 @@ FLIGHTS = {
             "control.attitude={kind: geometric, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1]}",
         ],
     ),
+    "geometric attitude control with an integral, velocity that is seen too large, filtered": (
+        "pid",
+        [
+            "duration=5",
+            "control.attitude={kind: geometric, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1], k_i: [9.0, 6.0, 2.0],"
+            " integral_limit: 0.4}",
+            "laboratory.motion_capture.velocity_error=[0.1, -0.05, 0.2]",
+        ],
+    ),
+    "the same as on board: fast, without a link, velocity from elsewhere": (
+        "pid",
+        [
+            "duration=2",
+            "vehicle.time_step=0.0025",
+            "laboratory.command_link={period: 0.005, delay_ticks: 0, loss_rate: 0}",
+            "laboratory.motion_capture={period: 0.0025, velocity_error: [0.1, -0.05, 0.2]}",
+            "control.attitude={kind: geometric, k_p: [170.0, 140.0, 50.0], k_d: [24.0, 22.0, 12.0], k_i: [200.0, 100.0,"
+            " 50.0]}",
+        ],
+    ),
     "L1 and INDI of the attitude, within limits": (
         "pid",
         [

@@ -18,6 +18,7 @@ from drake_quad.laboratory.motion_capture import (
     MotionCapture,
     Pose,
     RotationMatrix,
+    VelocityError,
     attitude_of_markers,
     seen_pose,
 )
@@ -214,3 +215,20 @@ def test_each_row_of_the_pose_has_a_noise_of_its_own():
     cameras = Cameras.of(CameraNumbers(position_noise=0.1, attitude_noise=0.5))
     found = seen_pose(state, noise, cameras, misaligned=True)
     np.testing.assert_allclose(found, Pose(1.1, 1.8, 3.3, -1.99, 2.52, -2.97))
+
+
+@pytest.mark.parametrize("filtered", [False, True])
+def test_velocity_is_seen_too_large_by_its_share_and_nothing_else(filtered):
+    """Of each vehicle its own share, on each axis; also where a filter makes velocity of positions."""
+    shares = np.array([[0.1, -0.2, 0.05], [0.3, 0.0, -0.1]])
+    state = np.random.default_rng(3).normal(scale=0.3, size=(12, 3))
+    line = PiecewisePolynomial.FirstOrderHold([0.0, 1.0, 2.0], np.repeat(state, 2, axis=0))
+    numbers = CameraNumbers(bandwidth=40.0)
+    mistaken = numbers._replace(velocity_error=VelocityError(*shares.T))
+    _, true = seen(line, MotionCapture(num_vehicles=2, filtered=filtered, numbers=numbers), duration=2.0, n=2)
+    camera = MotionCapture(num_vehicles=2, filtered=filtered, mistaken=True, numbers=mistaken)
+    _, frames = seen(line, camera, duration=2.0, n=2)
+    expected = true.copy()
+    expected[6:9] *= 1.0 + shares.T[:, :, None]
+    assert np.abs(expected - true).max() > 0.01
+    np.testing.assert_allclose(frames, expected, atol=1e-13)

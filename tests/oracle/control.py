@@ -320,6 +320,7 @@ class Controller:
                 self.estimator = Estimator(position, h, start)
         if self.numbers.attitude is not None and self.numbers.attitude.kind == "indi":
             self.turning = IncrementalTurning(self.numbers.attitude, h)
+        self.held = np.zeros(3)  # by the integral of the attitude, an angular acceleration
 
     def phase(self, time):
         """The share of the route that should be over."""
@@ -406,7 +407,13 @@ class Controller:
         inertia, gains = np.diag(self.believed.inertia), self.numbers.attitude
         k_p, k_d = np.array(gains.k_p), np.array(gains.k_d)
         if gains.kind == "geometric":
-            return geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, inertia)
+            without = geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, inertia)
+            if gains.k_i is None:
+                return without
+            torque = without - inertia @ self.held
+            step = self.h * np.array(gains.k_i) * rotation_error(measured, attitude)
+            self.held = np.clip(self.held + step, -gains.integral_limit, gains.integral_limit)
+            return torque
         error = attitude - measured[3:6]
         error[2] = math.remainder(error[2], math.tau)
         wanted = k_p * error + k_d * (rates - measured[9:12]) + accelerations
@@ -415,11 +422,17 @@ class Controller:
         return inertia @ wanted + np.cross(rates, inertia @ rates)
 
 
+def rotation_error(measured, attitude):
+    """e_R of the same paper."""
+    R, R_d = rotation(*measured[3:6]), rotation(*attitude)
+    skew = 0.5 * (R_d.T @ R - R.T @ R_d)
+    return np.array([skew[2, 1], skew[0, 2], skew[1, 0]])
+
+
 def geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, J):
     """Lee, Leok and McClamroch (2010), eqs (10), (11) and (16), with gains over the moments of inertia."""
     R, R_d, Omega = rotation(*measured[3:6]), rotation(*attitude), measured[9:12]
-    skew = 0.5 * (R_d.T @ R - R.T @ R_d)
-    e_R, e_Omega = np.array([skew[2, 1], skew[0, 2], skew[1, 0]]), Omega - R.T @ R_d @ rates
+    e_R, e_Omega = rotation_error(measured, attitude), Omega - R.T @ R_d @ rates
     follow = np.cross(Omega, R.T @ R_d @ rates) - R.T @ R_d @ accelerations
     return -J @ (k_p * e_R) - J @ (k_d * e_Omega) + np.cross(Omega, J @ Omega) - J @ follow
 

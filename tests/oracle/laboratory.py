@@ -66,7 +66,8 @@ class Cameras(Line):
         self.noise = Stream(seed, sample, NOISE, "motion_capture.camera_noise", 6)
         self.loss = Stream(seed, sample, NOISE, "motion_capture.dropout", 1)
         pose = self.pose(0, state)
-        rates = state[6:12] if numbers.derivative_bandwidth is None else np.zeros(6)
+        self.factors = np.array([*(1.0 + share for share in numbers.velocity_error), 1.0, 1.0, 1.0])
+        rates = self.factors * state[6:12] if numbers.derivative_bandwidth is None else np.zeros(6)
         self.before = pose
         super().__init__(np.concatenate([pose, rates]), numbers.latency_frames)
 
@@ -89,13 +90,13 @@ class Cameras(Line):
         lost = numbers.dropout_rate > 0.0 and self.loss.uniform(k)[0] < numbers.dropout_rate
         pose = last[0:6] if lost else self.pose(k, state)
         if numbers.derivative_bandwidth is None:
-            self.put(last if lost else np.concatenate([pose, state[6:12]]))
+            self.put(last if lost else np.concatenate([pose, self.factors * state[6:12]]))
             return
         h = numbers.period
         a = math.exp(-numbers.derivative_bandwidth * h)
         # Differences over two frames, those of the attitude turned at the frame in their middle by (2).
         steps = pose - self.before
         steps[3:6] = euler_to_body(last[3], last[4]) @ steps[3:6]
-        rates = a * last[6:12] + (1.0 - a) * steps / (2.0 * h)
+        rates = a * last[6:12] + (1.0 - a) * self.factors * steps / (2.0 * h)
         self.before = last[0:6]
         self.put(np.concatenate([pose, rates]))
