@@ -1,13 +1,14 @@
 """What the command lines of all scripts share: arguments, progress bars, tables and exit codes."""
 
 import argparse
+import math
 import os
 import re
 import sys
 from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from contextlib import contextmanager
 from pathlib import Path
-from typing import Any, get_args
+from typing import TYPE_CHECKING, Any, get_args
 
 from interruption import SENTENCE, raise_interruptions
 
@@ -15,6 +16,17 @@ from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.scenario import Mission, Override, load_mission
 from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector
+
+if TYPE_CHECKING:
+    from drake_quad.identification.flown_again.prediction import Predictions
+
+# Of what is predicted: factor and unit for the eye.
+_PREDICTED = {
+    "position": (1e2, "cm"),
+    "height": (1e2, "cm"),
+    "attitude": (180.0 / math.pi, "°"),
+    "body_rates": (1.0, "rad/s"),
+}
 
 
 def parser(description: str, example: str, *, output: str | None, scenario: str) -> argparse.ArgumentParser:
@@ -202,6 +214,19 @@ def print_margins(found: dict[str, Any]) -> None:
 def remark(sentence: str) -> None:
     """Prints something that the user may not have meant, to the standard error."""
     print(f"remark: {sentence}", file=sys.stderr)
+
+
+def print_predictions(predictions: "Predictions") -> None:
+    """Prints how far off vehicles are at horizons, and by how much the first of two is better than the other."""
+    names, rows = predictions.vehicles, []
+    for quantity, (size, unit) in _PREDICTED.items():
+        for horizon in predictions.horizons if quantity in predictions.errors else ():
+            if predictions.starts(horizon):
+                errors = [predictions.rmse(quantity, name, horizon).text(".3g", size=1.0 / size) for name in names]
+                if len(names) == 2:
+                    errors.append(predictions.better(quantity, *names, horizon).text(".0f", size=0.01))
+                rows.append((quantity.replace("_", " "), f"{horizon:g} s", *errors, unit))
+    print_columns(("", "horizon", *names, *(["better by, %"] if len(names) == 2 else []), ""), rows)
 
 
 def print_files(files: list[Path]) -> None:

@@ -30,6 +30,7 @@ SHORT = {
     "replay.py": ["--samples", "3", "--set", "duration=1"],
     "stability_map.py": ["--quick", "--size", "4"],
     "compare_controllers.py": ["--quick", "--samples", "2"],
+    "compare_with_log.py": ["--samples", "3"],
     "tune_controller.py": ["--rounds", "1", "--samples", "1", "--set", "duration=1", "--sensitivity", "100"],
 }
 
@@ -45,7 +46,7 @@ def blocks(language):
 @pytest.fixture
 def elsewhere(tmp_path, monkeypatch):
     """An empty folder that has what the pages speak of."""
-    for name in ("diagrams", "scripts", "Makefile", "pyproject.toml", "constraints.txt", ".ci", "docs"):
+    for name in ("diagrams", "scripts", "Makefile", "pyproject.toml", "constraints.txt", ".ci", "docs", "tests"):
         (tmp_path / name).symlink_to(ROOT / name)
     monkeypatch.chdir(tmp_path)
     return tmp_path

@@ -400,18 +400,20 @@ def test_analyses_of_an_attitude_that_responds(run, tmp_path):
 @pytest.mark.slow
 def test_gains_are_designed_for_a_vehicle_alone_and_fly(run, tmp_path):
     vehicle = (
-        "{nominal: {mass: 0.5, inertia: [0.003, 0.0032, 0.006], thrust_factor: 3.0e-5}, vehicle: {battery_sag: 0.01}}"
+        "{nominal: {mass: 0.5, inertia: [0.003, 0.0032, 0.006], thrust_factor: 3.0e-5},"
+        " vehicle: {battery_sag: {uniform: {min: 0.0, max: 0.02}}}}"
     )
     (tmp_path / "vehicle.yaml").write_text(f"small: {vehicle}\n", encoding="utf-8")
     result = run("design_gains.py", tmp_path / "vehicle.yaml", "--output", tmp_path / "gains")
-    assert (result.returncode, result.stderr) == (0, "")
-    command = re.search(r"python scripts/simulate.py (\S+)", result.stdout)
-    assert run("simulate.py", command[1], "--output", tmp_path / "flight").returncode == 0
+    assert (result.returncode, result.stderr) == (0, "remark: gains are designed for the median of each distribution\n")
+    command = re.search(r"python scripts/monte_carlo.py (\S+) --samples 32", result.stdout)
+    assert run("simulate.py", command[1], "--sample", 3, "--output", tmp_path / "flight").returncode == 0
     with (tmp_path / "flight" / "metrics.csv").open() as file:
         (metrics,) = csv.DictReader(file)
     assert float(metrics["rmse"]) < 0.1
     scenario = load_scenario(command[1])
-    assert (scenario.vehicle.mass, scenario.vehicle.battery_sag, scenario.route.kind) == (0.5, 0.01, "figure_eight")
+    assert (scenario.vehicle.mass, scenario.route.kind) == (0.5, "figure_eight")
+    assert scenario.vehicle.battery_sag.uniform.max == 0.02
 
 
 @pytest.mark.slow
@@ -597,6 +599,17 @@ def test_monte_carlo_prints_what_the_samples_did(run, tmp_path):
 
 
 @pytest.mark.slow
+def test_monte_carlo_says_which_drawn_numbers_are_correlated(run, tmp_path):
+    shared = "vehicle.{}={{normal: {{mean: {}, standard_deviation: {}, min: 0.0001, shared: {{a: {}}}}}}}"
+    mass, drag = shared.format("mass", 0.68, 0.02, 0.9), shared.format("linear_drag", 0.2, 0.05, -0.5)
+    result = monte_carlo(run, tmp_path, "--set", mass, "--set", drag)
+    assert (result.returncode, result.stderr) == (0, "")
+    words = "drawn numbers are correlated (vehicle.mass and vehicle.linear_drag by -0.45): an influence of one holds"
+    assert words in result.stdout
+    assert "are correlated" not in monte_carlo(run, tmp_path / "none").stdout
+
+
+@pytest.mark.slow
 def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
     """With the metrics of its row, to 1e-9."""
     result = monte_carlo(run, tmp_path, "--seed", 3)
@@ -750,3 +763,55 @@ def test_simulators_are_compared_as_far_as_they_are_there():
     for package in ("crazyflow", "rotorpy"):
         told = f"{package} is not installed, so it is not measured" in result.stderr
         assert told != bool(re.search(rf"^\| {package} ", result.stdout, re.MULTILINE))
+
+
+LOG = "tests/data/crazyflie/crazyswarm2/log100.xz"
+
+
+@pytest.mark.slow
+def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
+    mine = tmp_path / "mine.yaml"
+    result = run("identify.py", LOG, "--mass", "0.0375", "--output", mine, "--name", "log_100")
+    assert result.returncode == 0
+    assert re.search(r"^thrust_factor +3\.0\d+e-08 ± ", result.stdout, re.MULTILINE)
+    assert re.search(r"^position +0\.5 s ", result.stdout, re.MULTILINE)
+    assert "remark: log100: 1 gap" in result.stderr
+    written = [Path(line.strip()) for line in result.stdout.split("wrote\n")[1].splitlines()]
+    assert [path.name for path in written] == [
+        "mine.yaml",
+        "fit.png",
+        "residuals.png",
+        "correlations.png",
+        "predictions.png",
+    ]
+    assert all(path.stat().st_size > 1000 for path in written)
+    loop = tmp_path / "loop.yaml"
+    gains = ROOT / "diagrams" / "hover.yaml"
+    loop.write_text(f"loop:\n  extends: [{gains}, mine.yaml]\n  vehicle: {{time_step: 0.0025}}\n")
+    assert load_scenario(loop).nominal.mass == 0.0375
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["nothing.bin"], "nothing.bin: cannot be read"),
+        (["README.md"], "README.md: none of the shipped mappings .* fits its columns"),
+        ([LOG, "--output", "mine.txt"], "--output mine.txt: must end in .yaml or .yml"),
+        ([LOG, "--mass", "-1"], "--mass -1"),
+        ([LOG, "--vehicle", "nowhere.yaml"], "nowhere.yaml"),
+        ([LOG, "--name", "a b"], "--name 'a b': allowed are letters"),
+        ([LOG, "--set", "nominal.mas=1"], "nominal.mas"),
+        (
+            [LOG, "--vehicle", "diagrams/laboratory.yaml:uncertain"],
+            "is a distribution, and an identification begins with numbers|uncertain",
+        ),
+    ],
+)
+def test_what_cannot_be_identified_gets_one_sentence_and_status_2(run, tmp_path, arguments, words, monkeypatch):
+    output = [] if "--output" in arguments else ["--output", tmp_path / "mine.yaml"]
+    result = run("identify.py", *arguments, *output)
+    assert result.returncode == 2
+    sentence = result.stderr.splitlines()[-1]
+    assert sentence.startswith("error: ")
+    assert re.search(words, sentence)
+    assert not (tmp_path / "mine.yaml").exists()

@@ -21,7 +21,7 @@ from drake_quad.control.disturbance.estimator import DisturbanceEstimator
 from drake_quad.control.disturbance.tilt import TiltDisturbanceEstimator
 from drake_quad.control.fuzzy.set_learning import SetLearning
 from drake_quad.control.fuzzy.systems import FuzzyRules, WeightLearning
-from drake_quad.control.geometric import GeometricAttitudeController
+from drake_quad.control.geometric import GeometricAttitudeController, IntegratingAttitudeController
 from drake_quad.control.incremental_attitude import IncrementalAttitudeController
 from drake_quad.control.integral import IntegralCorrection
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
@@ -297,6 +297,7 @@ DEFAULTS = {
     IncrementalAttitudeController: {"period": 0.02, "delay_ticks": 0},
     SineWind: {"period": 0.01},
     IntegralCorrection: {"period": 0.02},
+    IntegratingAttitudeController: {"period": 0.02},
     LinearQuadraticGaussian: {
         "signal": "wrench",
         "period": 0.01,
@@ -310,9 +311,10 @@ DEFAULTS = {
         "noisy": False,
         "loses_frames": False,
         "misaligned": False,
+        "mistaken": False,
         "filtered": False,
         "longest_latency": 0,
-        "numbers": (0.0, 0.0, 0.0, (0.0, 0.0, 0.0), 0.0, 0.0),
+        "numbers": (0.0, 0.0, 0.0, (0.0, 0.0, 0.0), 0.0, 0.0, (0.0, 0.0, 0.0)),
     },
     NoiseSource: {},
     PredictiveProgramme: {

@@ -1,0 +1,66 @@
+"""How well a model tells what follows, on flight that it was not identified from.
+
+In each window the predictor settles, and from then on only the commands are told. Of an output y, the share of
+variance that the model explains over a horizon is 1 - Σ (y - ŷ)² / Σ (y - ȳ)², where ȳ is what would be if nothing
+acted any more: a position goes on at its velocity, an attitude at its body rates, rates stay; a specific force has its
+mean.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.identification.fitting.flown_model import ROWS
+from drake_quad.identification.fitting.predictor import FORCE, Noise, Predictor
+
+_AXES = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("p", "q", "r")
+_ROWS_OF_RATES = {"position": 6, "attitude": 9}
+
+
+class Forecast(NamedTuple):
+    """What was measured in windows, and what was told of it.
+
+    Attributes:
+        names: (m,) of the outputs, as in "body rate p".
+        time: (T,) from the last measurement that was used, s.
+        measured: (T, m, W).
+        predicted: (T, m, W).
+        explained: (m,) share of the variance over the whole horizon, in all windows.
+    """
+
+    names: tuple[str, ...]
+    time: np.ndarray
+    measured: np.ndarray
+    predicted: np.ndarray
+    explained: np.ndarray
+
+
+def forecast(predictor: Predictor, parameters: np.ndarray, noise: Noise) -> Forecast:
+    """What the model of a predictor tells over the length of its windows, for (p,) parameters."""
+    gains = predictor.gains(parameters, noise)
+    held = gains._replace(gain=np.where(predictor.counted[:, None, None, None], 0.0, gains.gain))
+    kept = np.flatnonzero(predictor.counted)
+    errors, state = predictor.errors(parameters[None], held, noise, keep=int(kept[0]))
+    measured = predictor.measured[kept]
+    predicted = measured - errors[kept][:, :, 0]
+    time = predictor.period * np.arange(len(kept))
+    off = np.empty_like(measured)
+    for i, (signal, column) in enumerate(predictor.outputs):
+        if signal == FORCE:
+            off[:, i] = measured[:, i] - measured[:, i].mean()
+            continue
+        start = state[ROWS[signal] + column, 0]
+        rate = state[_ROWS_OF_RATES[signal] + column, 0] if signal in _ROWS_OF_RATES else 0.0 * start
+        off[:, i] = measured[:, i] - start - time[:, None] * rate
+    missed = np.sum((measured - predicted) ** 2, axis=(0, 2))
+    names = tuple(named(signal, column) for signal, column in predictor.outputs)
+    return Forecast(names, time, measured, predicted, 1.0 - missed / np.sum(off**2, axis=(0, 2)))
+
+
+def named(signal: str, column: int) -> str:
+    """What an output is called: body rate p, specific force along z, position y, roll."""
+    if signal == "attitude":
+        return _AXES[1][column]
+    if signal == "body_rates":
+        return f"body rate {_AXES[2][column]}"
+    return f"{signal.replace('_', ' ')} {'along ' if signal == FORCE else ''}{_AXES[0][column]}"

@@ -1,0 +1,259 @@
+"""Parameters by the smallest errors of prediction, the noise by its likelihood, and honest intervals.
+
+With L_t the Cholesky factor of the covariance that the filter expects of its errors e_t(θ), and its gains held,
+
+    θ = argmin ½ Σ_t |L_t⁻¹ e_t(θ)|²
+
+by SciPy's trust-region least squares. Then the noise is that of the largest likelihood
+Σ_t -log det L_t - ½ |L_t⁻¹ e_t|², the gains are computed anew, and so on until θ rests.
+
+If model and noise were right, the covariance of θ would be H⁻¹ with H = Σ Jᵀ J, J = L⁻¹ ∂e/∂θ. They are not quite: what
+a model leaves out acts for seconds. So it is taken from how much θ moves as blocks of consecutive windows are left out
+(the jackknife over blocks; to first order the sandwich CR3 of R. M. Bell and D. F. McCaffrey, Survey Methodology 28,
+2002, which does not come out too small where blocks are few)
+
+    θ₋ᵦ - θ = -(H - H_b)⁻¹ Σ_block Jᵀ L⁻¹ e,   P = (B - 1)/B Σ_b (θ₋ᵦ - θ)(θ₋ᵦ - θ)ᵀ
+
+A parameter that only a few of the blocks tell has as few degrees of freedom: with c_b the diagonal of H⁻¹ H_b H⁻¹,
+(Σ c_b)² / Σ c_b² - 1.
+"""
+
+from typing import NamedTuple
+
+import numpy as np
+import scipy
+
+from drake_quad.identification.fitting.predictor import Gains, Noise, Predictor
+
+# Steps of differences, of a parameter's scale; and of the delay, in samples, over which it is taken to both sides,
+# since the slope has a jump at every sample.
+_STEP = 1e-5
+_DELAY_STEP = 0.5
+# Iterations between parameters and noise, at most, and of how many deviations the parameters may still move.
+_ROUNDS = 6
+_RESTS = 0.2
+# Measurements that the noise is estimated from in a round, at most; steps of differences of the logarithms of its
+# numbers, how far they may go in a round, and in how many steps, until the likelihood gains no more than so much.
+_NOISE_SAMPLES = 3000
+_NOISE_STEP = 1e-4
+_REACH = 2.5
+_SCORINGS = 6
+_GAINED = 0.1
+_DAMPING = 1e-3
+# Limits of its numbers, in their SI units: of what is measured, of disturbances and their memories (s).
+_LEAST = 1e-5, 1e-3, 0.02
+_MOST = 100.0, 1e3, 20.0
+# And of the memory of a force along the axes of B, s. One that lasts longer is an error of the thrust curve. Where it
+# could be taken for a disturbance, the level of the curve would be that which suits the rotors' large motions best.
+_FORGOTTEN = 0.25
+
+
+class Choice(NamedTuple):
+    """Parameters to be found.
+
+    Attributes:
+        start: (p,) where to begin.
+        scale: (p,) by how much they may well be off.
+        least: (p,) limit.
+        most: (p,) limit.
+    """
+
+    start: np.ndarray
+    scale: np.ndarray
+    least: np.ndarray
+    most: np.ndarray
+
+
+class Fitted(NamedTuple):
+    """What came out.
+
+    Attributes:
+        parameters: (p,).
+        noise: of measurement and disturbance.
+        gains: of the filter.
+        slopes: (W, k, p) L⁻¹ ∂e/∂θ, of k whitened errors in each window.
+        errors: (W, k) L⁻¹ e.
+        rounds: between parameters and noise.
+    """
+
+    parameters: np.ndarray
+    noise: Noise
+    gains: Gains
+    slopes: np.ndarray
+    errors: np.ndarray
+    rounds: int
+
+    @property
+    def information(self) -> np.ndarray:
+        """(W, p, p) Jᵀ J of each window."""
+        return np.asarray(self.slopes.swapaxes(1, 2) @ self.slopes)
+
+    def covariance(self, blocks: np.ndarray) -> "Uncertainty":
+        """The covariance over (W,) numbers of blocks, from 0 on."""
+        scores = np.einsum("wkp,wk->wp", self.slopes, self.errors)
+        number = int(blocks.max()) + 1
+        own = np.stack([self.information[blocks == b].sum(axis=0) for b in range(number)])
+        pulls = np.stack([scores[blocks == b].sum(axis=0) for b in range(number)])
+        whole = own.sum(axis=0)
+        moves = np.linalg.solve(whole - own, pulls[:, :, None])[:, :, 0]
+        inverse = np.linalg.inv(whole)
+        shares = np.einsum("ij,bjk,ki->bi", inverse, own, inverse)
+        freedom = shares.sum(axis=0) ** 2 / (shares**2).sum(axis=0) - 1.0
+        return Uncertainty((number - 1) / number * moves.T @ moves, np.maximum(freedom, 1.0), inverse)
+
+
+class Uncertainty(NamedTuple):
+    """How sure parameters are.
+
+    Attributes:
+        covariance: (p, p) of blocks.
+        degrees_of_freedom: (p,) of Student's t.
+        model: (p, p) the covariance if model and noise were right.
+    """
+
+    covariance: np.ndarray
+    degrees_of_freedom: np.ndarray
+    model: np.ndarray
+
+
+def fit(predictor: Predictor, choice: Choice, noise: Noise) -> Fitted:
+    """Parameters and noise of the model of a predictor."""
+    parameters = choice.start
+    for number in range(1, _ROUNDS + 1):
+        gains = predictor.gains(parameters, noise)
+        before, parameters = parameters, _least_squares(predictor, choice, parameters, gains, noise)
+        errors, slopes, states, moves = whitened(predictor, choice, parameters, gains, noise)
+        predictor.hand_on(states, moves, parameters, gains)
+        expected = np.linalg.inv(np.einsum("wkp,wkq->pq", slopes, slopes))
+        if number > 2 and np.all(np.abs(parameters - before) < _RESTS * np.sqrt(np.diag(expected))):
+            break
+        noise = _noise_of(predictor, predictor.gains(parameters, noise), noise)
+    return Fitted(parameters, noise, gains, slopes, errors, number)
+
+
+def _least_squares(predictor: Predictor, choice: Choice, start: np.ndarray, gains: Gains, noise: Noise) -> np.ndarray:
+    found = scipy.optimize.least_squares(
+        lambda x: _whitened_errors(predictor, x[None], gains, noise)[0][..., 0].ravel(),
+        np.clip(start, choice.least, choice.most),
+        jac=lambda x: whitened(predictor, choice, x, gains, noise)[1].reshape(-1, len(x)),
+        bounds=(choice.least, choice.most),
+        x_scale=choice.scale,
+        xtol=1e-5,
+        ftol=1e-6,
+        max_nfev=8,
+    )
+    return np.asarray(found.x)
+
+
+def _whitened_errors(
+    predictor: Predictor, parameters: np.ndarray, gains: Gains, noise: Noise
+) -> tuple[np.ndarray, np.ndarray]:
+    """(W, k, K) of what counts, for (K, p) parameters, and the states where the next window begins."""
+    counted = predictor.counted
+    found, states = predictor.errors(parameters, gains, noise)
+    white = (gains.whitening[counted] @ found[counted].transpose(0, 3, 1, 2)).swapaxes(0, 1)
+    return white.reshape(len(white), -1, len(parameters)), states
+
+
+def whitened(
+    predictor: Predictor, choice: Choice, parameters: np.ndarray, gains: Gains, noise: Noise
+) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray]:
+    """(W, k) whitened errors and their (W, k, p) derivatives; the states where the next window begins and theirs."""
+    delay, up = predictor.vehicle.delay, _STEP * choice.scale
+    down = np.zeros(len(parameters))
+    if delay is not None:
+        up[delay] = down[delay] = _DELAY_STEP * predictor.inputs.period
+    points = np.vstack([parameters, parameters + np.diag(up), (parameters - down)])
+    errors, states = _whitened_errors(predictor, points, gains, noise)
+    return (
+        errors[:, :, 0],
+        _slopes(errors, up, delay),
+        states[:, 0],
+        _slopes(states.swapaxes(1, 2), up, delay).swapaxes(1, 2),
+    )
+
+
+def _slopes(values: np.ndarray, up: np.ndarray, delay: int | None) -> np.ndarray:
+    """(a, b, p) derivatives of (a, b, 1 + p + 1) values: at a point, with each parameter more, and with less delay."""
+    found = (values[:, :, 1:-1] - values[:, :, :1]) / up
+    if delay is not None:
+        found[:, :, delay] = (values[:, :, 1 + delay] - values[:, :, -1]) / (2.0 * up[delay])
+    return np.asarray(found)
+
+
+def _noise_of(predictor: Predictor, gains: Gains, noise: Noise) -> Noise:
+    """The noise of the largest likelihood, by Fisher's scoring of the logarithms of its numbers.
+
+    With ∂e, ∂S the derivatives of errors and of their covariance, whitened, the score is
+    Σ ½ eᵀ ∂S e - ½ tr ∂S - eᵀ ∂e, and the information Σ ½ tr ∂S ∂S + ∂eᵀ ∂e.
+    """
+    alike = predictor.alike
+    _, first = np.unique(alike, return_index=True)
+    rows = int(np.sum(predictor.counted))
+    windows, m = len(predictor.windows), len(noise.measured)
+    chosen = np.linspace(0, windows - 1, min(windows, max(5, _NOISE_SAMPLES // rows))).astype(int)
+    logs = start = np.log(np.concatenate(noise))[first]
+    lower = np.maximum(np.log(np.repeat(_LEAST, [m, 6, 6]))[first], start - _REACH)
+    most = np.repeat(_MOST, [m, 6, 6])
+    if predictor.vehicle.kind == "body":
+        most[m + 6 : m + 9] = _FORGOTTEN
+    upper = np.minimum(np.log(most)[first], start + _REACH)
+    best, damping = -np.inf, _DAMPING
+    score, information = np.zeros(len(logs)), np.eye(len(logs))
+    trial = logs
+    for _ in range(_SCORINGS):
+        found, *slopes = _noise_slopes(predictor, gains, noise, trial, chosen)
+        gained, best_before = found - best, best
+        if gained > 0.0:
+            logs, best, damping = trial, found, 0.2 * damping
+            score, information = slopes
+        else:
+            damping *= 10.0
+        step = np.linalg.solve(information + damping * np.diag(np.diag(information) + 1.0), score)
+        trial = np.clip(logs + step, lower, upper)
+        if 0.0 < gained < _GAINED and np.isfinite(best_before):
+            break
+    return Noise.of(np.exp(logs)[alike])
+
+
+def noise_covariance(predictor: Predictor, fitted: Fitted) -> np.ndarray:
+    """(m + 12, m + 12) covariance of the errors of the noise's numbers, over their product: of their logarithms.
+
+    It is the inverse of the information, if the model is right; what the log does not tell has a large one.
+    """
+    alike = predictor.alike
+    _, first = np.unique(alike, return_index=True)
+    logs, windows = np.log(np.concatenate(fitted.noise))[first], np.arange(len(predictor.windows))
+    _, _, information = _noise_slopes(predictor, fitted.gains, fitted.noise, logs, windows)
+    return np.asarray(np.linalg.inv(information + _DAMPING * np.eye(len(logs)))[np.ix_(alike, alike)])
+
+
+def _noise_slopes(
+    predictor: Predictor, gains: Gains, own: Noise, logs: np.ndarray, chosen: np.ndarray
+) -> tuple[float, np.ndarray, np.ndarray]:
+    """What `scored` says of a noise of some logarithms, around the filter of another noise."""
+    points = np.vstack([logs, logs + _NOISE_STEP * np.eye(len(logs))])
+    noises = [Noise.of(np.exp(point)[predictor.alike]) for point in points]
+    return scored(*predictor.expected(gains, own, noises, chosen), _NOISE_STEP)
+
+
+def scored(errors: np.ndarray, spreads: np.ndarray, step: float) -> tuple[float, np.ndarray, np.ndarray]:
+    """Log-likelihood of a noise, its score and its information.
+
+    Args:
+        errors: (T, 1 + c, W, m) of the noise, and of such as are a step off it in each of c numbers.
+        spreads: (T, 1 + c, W, m, m) covariances that are expected of them.
+        step: the step.
+    """
+    factor = np.linalg.cholesky(spreads[:, 0])
+    whitening = np.linalg.inv(factor)
+    white = (whitening[:, None] @ errors[..., None])[..., 0]
+    own = white[:, 0]
+    found = -np.log(np.diagonal(factor, axis1=-2, axis2=-1)).sum() - 0.5 * np.sum(own**2)
+    slopes = (white[:, 1:] - white[:, :1]) / step
+    wider = whitening[:, None] @ (spreads[:, 1:] - spreads[:, :1]) @ whitening[:, None].swapaxes(-1, -2) / step
+    score = 0.5 * np.einsum("twi,tcwij,twj->c", own, wider, own, optimize=True)
+    score -= 0.5 * np.einsum("tcwii->c", wider) + np.einsum("twi,tcwi->c", own, slopes)
+    information = 0.5 * np.einsum("tawij,tbwij->ab", wider, wider, optimize=True)
+    information += np.einsum("tawi,tbwi->ab", slopes, slopes, optimize=True)
+    return float(found), score, information

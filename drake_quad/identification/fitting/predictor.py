@@ -1,0 +1,355 @@
+"""One-step predictions of what is measured, by an extended Kalman filter in each window of a log.
+
+The state of the filter are rows of the vehicle's and of a disturbance d, a force and a turning that forget. With Δ
+between measurements
+
+    x⁺ = f(x, d, u; θ),   d⁺ = exp(-Δ/T) d + σ_d √(1 - exp(-2Δ/T)) w,   y = h(x, d; θ) + σ_y w
+
+with w white and of unit variance. What a filter did not foresee, e = y - ŷ, is white if model and noise are right, and
+owes nothing to the past: this is why parameters from it are right though a controller feeds what is measured back
+into the commands, which parameters from simulated windows with free initial states are not (L. Ljung, System
+Identification, 2nd ed., 1999, §13.4).
+
+Gains are those of the base: of one set of parameters, around whose predictions the filter linearises. Other sets of
+parameters are then predicted with the same gains, so that predictions are smooth in the parameters.
+"""
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.identification.fitting.flown_model import BODY, PUSH, ROWS, Flown, Inputs, Vehicle
+from drake_quad.identification.fitting.windows import Cut, Window
+from drake_quad.identification.logs.record import FlightRecord
+
+FORCE = "specific_force"
+# Steps of the differences that linearise the filter, in the unit of each row of the state.
+_STEPS = np.repeat([1e-4, 1e-5, 1e-4, 1e-4, 1e-3, 1e-2], 3)
+# What is not known at the beginning of a window of a row that is not measured: position (m), attitude (rad), velocity
+# (m/s), body rates (rad/s).
+_UNKNOWN = np.repeat([1.0, 0.5, 2.0, 10.0], 3)
+
+
+class Output(NamedTuple):
+    """One column of a signal of a record."""
+
+    signal: str
+    column: int
+
+
+class Noise(NamedTuple):
+    """Standard deviations.
+
+    Attributes:
+        measured: (m,) of each output, in its unit.
+        disturbance: (6,) σ_d, m/s² and rad/s².
+        memory: (6,) T of the disturbance, s.
+    """
+
+    measured: np.ndarray
+    disturbance: np.ndarray
+    memory: np.ndarray
+
+    @classmethod
+    def of(cls, values: np.ndarray) -> "Noise":
+        """The noise of (m + 12,) numbers in a row."""
+        return cls(values[:-12], values[-12:-6], values[-6:])
+
+    @property
+    def force(self) -> np.ndarray:
+        """(3,) that of the disturbance that is a force, over mass, m/s²."""
+        force, _ = np.split(self.disturbance, 2)
+        return force
+
+
+class Gains(NamedTuple):
+    """What a filter does at each of T measurements in W windows, and what it expects.
+
+    Attributes:
+        gain: (T, n, m, W).
+        whitening: (T, W, m, m) the inverse of the Cholesky factor of the covariance of what it does not foresee.
+        transition: (T, W, n, n) derivative of the next state by this one.
+        output: (T, W, m, n) derivative of the outputs by the state.
+        errors: (T, m, W) what it did not foresee.
+        disturbance: (T, n, W) what is expected of the disturbance in the next state; 0 in its other rows.
+        beginning: (W, n, n) covariance of the state that it begins with.
+        handed_on: (W, n, n) covariance where the next window begins.
+    """
+
+    gain: np.ndarray
+    whitening: np.ndarray
+    transition: np.ndarray
+    output: np.ndarray
+    errors: np.ndarray
+    disturbance: np.ndarray
+    beginning: np.ndarray
+    handed_on: np.ndarray
+
+
+class Beginnings(NamedTuple):
+    """What filters begin with, to first order in the parameters.
+
+    Attributes:
+        state: (BODY + PUSH, W).
+        slopes: (BODY + PUSH, p, W) by the parameters.
+        parameters: (p,) at which that is so.
+        covariance: (W, n, n); that of `known` windows counts, the others know little.
+        known: (W,) True for those that go on where another one was.
+    """
+
+    state: np.ndarray
+    slopes: np.ndarray
+    parameters: np.ndarray
+    covariance: np.ndarray
+    known: np.ndarray
+
+
+class Predictor:
+    """Predicts what is measured in windows of records.
+
+    Args:
+        vehicle: the model.
+        records: that the windows are of.
+        windows: W of them.
+        sizes: of the windows.
+        outputs: m columns of the records.
+        split: steps of the model to a sample.
+        longest: delay that is possible, s.
+    """
+
+    def __init__(
+        self,
+        vehicle: Vehicle,
+        records: Sequence[FlightRecord],
+        windows: Sequence[Window],
+        sizes: Cut,
+        outputs: Sequence[Output],
+        *,
+        split: int = 1,
+        longest: float = 0.05,
+    ) -> None:
+        self.vehicle, self.windows, self.sizes, self.outputs, self.split = vehicle, windows, sizes, outputs, split
+        self.inputs = Inputs.of(records, vehicle.signal, windows, sizes, split=split, longest=longest)
+        index = np.arange(-sizes.settle, sizes.length)
+        self.counted = index >= 0
+        self.measured = np.stack(
+            [
+                np.stack([records[number].of(signal)[start + index, column] for number, start in windows], axis=1)
+                for signal, column in outputs
+            ],
+            axis=1,
+        )
+        signals = {signal for signal, _ in outputs}
+        self._angles = np.array([signal == "attitude" for signal, _ in outputs])
+        # Of what is not measured and decides nothing that is: position and yaw.
+        needed = set(range(BODY + PUSH))
+        if "position" not in signals:
+            needed -= {0, 1, 2}
+            if "attitude" not in signals:
+                needed -= {5}
+            if "velocity" not in signals and FORCE not in signals:
+                needed -= {6, 7, 8, 12, 13, 14}
+        self.free = np.array(sorted(needed))
+        p = len(vehicle.paths)
+        state, n, W = self._start(records, index[0]), len(self.free), len(windows)
+        slopes, nothing = np.zeros((BODY + PUSH, p, W)), np.zeros((W, n, n))
+        self.beginnings = Beginnings(state, slopes, np.zeros(p), nothing, np.zeros(W, dtype=bool))
+        # Windows that go on where the one before them ends.
+        self._follows = np.array(
+            [i > 0 and windows[i - 1] == (number, start - sizes.length) for i, (number, start) in enumerate(windows)]
+        )
+
+    @property
+    def alike(self) -> np.ndarray:
+        """(m + 12,) which numbers of the noise are one: those of a direction along x and along y, and all of a pose."""
+        shared = {"position": (0, 0, 0), "attitude": (0, 0, 0)}
+        names = [f"{signal}{shared.get(signal, (0, 0, 2))[column]}" for signal, column in self.outputs]
+        names += [
+            f"{what}{axis}" for what in ("force", "turning", "force memory", "turning memory") for axis in (0, 0, 2)
+        ]
+        return np.unique(names, return_inverse=True)[1]
+
+    @property
+    def period(self) -> float:
+        """Between measurements, s."""
+        return self.split * self.inputs.period
+
+    def _start(self, records: Sequence[FlightRecord], first: int) -> np.ndarray:
+        """(BODY + PUSH, W) where the filters begin: as measured, at rest where it is not."""
+        state = np.zeros((BODY + PUSH, len(self.windows)))
+        for signal, row in ROWS.items():
+            for w, (number, start) in enumerate(self.windows):
+                values = getattr(records[number], signal)
+                if values is not None:
+                    state[row : row + 3, w] = values[start + first]
+        return state
+
+    def _fly(self, parameters: np.ndarray) -> tuple[Flown, np.ndarray]:
+        flown = Flown(self.vehicle, parameters, self.inputs, self.split * self.sizes.warm_up)
+        state, slopes, own, _, _ = self.beginnings
+        return flown, state[:, None, :] + np.einsum("rpw,kp->rkw", slopes, parameters - own)
+
+    def hand_on(self, states: np.ndarray, slopes: np.ndarray, parameters: np.ndarray, gains: Gains) -> None:
+        """Lets windows begin with what the ones before them expect there, where these go on without a gap.
+
+        A filter whose model is good forgets slowly. One that begins anew in each window, as if nothing were known of
+        the past, would take for noise what a controller made of it.
+
+        Args:
+            states: (BODY + PUSH, W) in each window where the next begins, for (p,) parameters.
+            slopes: (BODY + PUSH, p, W) of them by the parameters.
+            parameters: (p,).
+            gains: of the filter.
+        """
+        then, before = np.flatnonzero(self._follows), np.flatnonzero(self._follows) - 1
+        old = self.beginnings
+        state, slope, covariance = old.state.copy(), old.slopes.copy(), old.covariance.copy()
+        state[:, then], slope[:, :, then] = states[:, before], slopes[:, :, before]
+        covariance[then] = gains.handed_on[before]
+        self.beginnings = Beginnings(state, slope, parameters, covariance, self._follows)
+
+    def _predicted(self, flown: Flown, state: np.ndarray) -> np.ndarray:
+        """(m, K, W) outputs."""
+        force = flown.felt(state) if any(signal == FORCE for signal, _ in self.outputs) else np.empty(0)
+        return np.stack(
+            [state[ROWS[signal] + column] if signal != FORCE else force[column] for signal, column in self.outputs]
+        )
+
+    def _errors(self, j: int, predicted: np.ndarray) -> np.ndarray:
+        """(m, K, W) what was not foreseen at a measurement."""
+        errors = self.measured[j][:, None, :] - predicted
+        errors[self._angles] = (errors[self._angles] + np.pi) % (2.0 * np.pi) - np.pi
+        return errors
+
+    def _fades(self, noise: Noise) -> np.ndarray:
+        return np.exp(-self.period / noise.memory)
+
+    def pushes(self, noise: Noise) -> np.ndarray:
+        """(n,) variance that is added to each row of the state from one measurement to the next."""
+        pushed = np.zeros(BODY + PUSH)
+        pushed[BODY:] = noise.disturbance**2 * (1.0 - self._fades(noise) ** 2)
+        return pushed[self.free]
+
+    def gains(self, parameters: np.ndarray, noise: Noise) -> Gains:
+        """The filter around the predictions of (p,) parameters."""
+        n, free = len(self.free), self.free
+        steps = _STEPS[free]
+        flown, state = self._fly(np.tile(parameters, (1 + n, 1)))
+        covariance = beginning = self._first(noise)
+        pushes, fades = np.diag(self.pushes(noise)), self._fades(noise)
+        variances = np.diag(noise.measured**2)
+        kept: list[tuple[np.ndarray, ...]] = []
+        for j in range(len(self.measured)):
+            if j == self.sizes.length:
+                handed_on = covariance
+            state[:, 1:] = state[:, :1]
+            state[free, 1 + np.arange(n)] += steps[:, None]
+            predicted = self._predicted(flown, state)
+            output = ((predicted[:, 1:] - predicted[:, :1]) / steps[:, None]).transpose(2, 0, 1)
+            errors = self._errors(j, predicted[:, :1])[:, 0]
+            update = _updated(covariance, output, variances)
+            gain = update.gain.transpose(1, 2, 0)
+            state[free] += np.einsum("nmw,mw->nw", gain, errors)[:, None, :]
+            for _ in range(self.split):
+                flown.step(state)
+            state[BODY:] *= fades[:, None, None]
+            transition = ((state[free, 1:] - state[free, :1]) / steps[:, None]).transpose(2, 0, 1)
+            covariance = transition @ update.covariance @ transition.transpose(0, 2, 1) + pushes
+            expected = np.where(free[:, None] >= BODY, state[free, 0], 0.0)
+            kept.append((gain, update.whitening, transition, output, errors, expected))
+        gain, whitening, transition, output, errors, expected = (np.stack(values) for values in zip(*kept, strict=True))
+        return Gains(gain, whitening, transition, output, errors, expected, beginning, handed_on)
+
+    def _first(self, noise: Noise) -> np.ndarray:
+        """(W, n, n) covariance at the beginning."""
+        first = np.concatenate([_UNKNOWN[:BODY], noise.disturbance]) ** 2
+        _, _, _, covariance, known = self.beginnings
+        return np.where(known[:, None, None], covariance, np.diag(first[self.free]))
+
+    def errors(
+        self, parameters: np.ndarray, gains: Gains, noise: Noise, *, keep: int | None = None
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What filters with these gains do not foresee.
+
+        Args:
+            parameters: (K, p) of them.
+            gains: of all.
+            noise: of the disturbance, which fades.
+            keep: measurement before which the state is kept; where the next window begins if not given.
+
+        Returns:
+            (T, m, K, W) errors, and (BODY + PUSH, K, W) states.
+        """
+        keep = self.sizes.length if keep is None else keep
+        flown, state = self._fly(parameters)
+        fades, found = self._fades(noise), np.empty((*self.measured.shape[:2], *state.shape[1:]))
+        for j in range(len(self.measured)):
+            if j == keep:
+                handed_on = state.copy()
+            found[j] = self._errors(j, self._predicted(flown, state))
+            state[self.free] += np.einsum("nmw,mkw->nkw", gains.gain[j], found[j])
+            for _ in range(self.split):
+                flown.step(state)
+            state[BODY:] *= fades[:, None, None]
+        return found, handed_on
+
+    def expected(
+        self, gains: Gains, own: Noise, noises: Sequence[Noise], chosen: np.ndarray
+    ) -> tuple[np.ndarray, np.ndarray]:
+        """What filters of other noise do not foresee, to first order around the predictions of a filter.
+
+        Args:
+            gains: of the filter.
+            own: its noise.
+            noises: C of them.
+            chosen: w windows.
+
+        Returns:
+            (T, C, w, m) errors and (T, C, w, m, m) covariances that the filters expect of them, where they count.
+        """
+        n, C, W = len(self.free), len(noises), len(chosen)
+        covariance = np.stack([self._first(noise)[chosen] for noise in noises])
+        variances = np.stack([np.diag(noise.measured**2) for noise in noises])[:, None]
+        pushes = np.stack([np.diag(self.pushes(noise)) for noise in noises])[:, None]
+        last = self.free >= BODY
+        fading = np.ones((C, 1, n, 1))
+        for c, noise in enumerate(noises):
+            fading[c, 0, last, 0] = (self._fades(noise) / self._fades(own))[self.free[last] - BODY]
+        both = fading * fading.swapaxes(-1, -2)
+        off, errors, spreads = np.zeros((C, W, n, 1)), [], []
+        for j in range(len(self.measured)):
+            output, transition = gains.output[j][chosen], gains.transition[j][chosen]
+            foreseen = gains.errors[j][:, chosen].T[:, :, None]
+            update = _updated(covariance, output, variances)
+            rest = foreseen - output @ off
+            if self.counted[j]:
+                errors.append(rest[..., 0])
+                spreads.append(update.spread)
+            step = gains.gain[j][:, :, chosen].transpose(2, 0, 1) @ foreseen
+            moved = off + update.gain @ rest - step
+            # What fades otherwise than in the filter at hand does so as a whole, not only in what differs.
+            disturbance = gains.disturbance[j][:, chosen].T[:, :, None]
+            off = fading * (transition @ moved) + (fading - 1.0) * disturbance
+            covariance = both * (transition @ update.covariance @ transition.swapaxes(-1, -2)) + pushes
+        return np.stack(errors), np.stack(spreads)
+
+
+class _Update(NamedTuple):
+    """The gain, the covariance afterwards, and that of the errors with what whitens them."""
+
+    gain: np.ndarray
+    covariance: np.ndarray
+    spread: np.ndarray
+    whitening: np.ndarray
+
+
+def _updated(covariance: np.ndarray, output: np.ndarray, variances: np.ndarray) -> _Update:
+    """A measurement: (..., n, n) covariances before, (..., m, n) outputs, (m, m) variances."""
+    seen = output @ covariance
+    spread = seen @ output.swapaxes(-1, -2) + variances
+    whitening = np.linalg.inv(np.linalg.cholesky(spread))
+    half = whitening @ seen
+    gain = half.swapaxes(-1, -2) @ whitening
+    after = covariance - half.swapaxes(-1, -2) @ half
+    return _Update(gain, 0.5 * (after + after.swapaxes(-1, -2)), spread, whitening)

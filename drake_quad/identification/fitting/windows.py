@@ -1,0 +1,156 @@
+"""Windows of flight records: where a vehicle is in the air, without gaps, taken apart into stretches of equal length.
+
+A predictor runs in each window from some time before it, in which it forgets where it began, and rotors follow their
+commands from longer before:
+
+    |- rotors follow -|- the predictor settles -|- what is predicted counts -|
+    start - settle - warm-up   start - settle     start                        start + length
+"""
+
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.identification.logs.record import FlightRecord
+
+# Steps of the clock beyond so many medians are gaps.
+_GAP = 3.0
+# Of the specific force beyond which something was hit, m/s²; a vehicle's rotors give two to three times its weight at
+# most along z, and hardly anything across it.
+_COLLISION = 2.0 * 9.81
+# What is left out before a collision and after a gap that ends a landing, s: a vehicle on its way into a crash, and
+# rotors in the wash of the ground.
+_MARGIN = 1.0
+# Of the median command of the flight, below which rotors do not carry.
+_IDLE = 0.5
+
+
+class Window(NamedTuple):
+    """A stretch of a record.
+
+    Attributes:
+        record: which, by its place among the records.
+        start: sample at which predictions begin to count.
+    """
+
+    record: int
+    start: int
+
+
+class Cut(NamedTuple):
+    """How records are cut into windows, in samples.
+
+    Attributes:
+        length: of what counts.
+        settle: before it, in which the predictor settles.
+        warm_up: before that, in which rotors follow their commands.
+    """
+
+    length: int
+    settle: int
+    warm_up: int
+
+
+def pieces(record: FlightRecord) -> np.ndarray:
+    """(n,) number of the piece that each sample is in; a new one begins after each gap."""
+    steps = np.diff(record.time)
+    return np.concatenate([[0], np.cumsum(steps > _GAP * np.median(steps))])
+
+
+def airborne(record: FlightRecord) -> np.ndarray:
+    """(n,) True where the vehicle is in the air, as far as the record tells.
+
+    In the air commands are, in the mean over a second, at least half of their median; the second after they begin to be
+    and the one before they cease to be are left out, and so are those around a collision.
+    """
+    command = _effort(record)
+    flying = np.ones(len(record.time), dtype=bool)
+    around = min(max(1, round(_MARGIN / record.period)), len(record.time))
+    if command is not None:
+        working = command > 0.0
+        mean = np.convolve(command, np.ones(around) / around, "same")
+        flying &= ~_near(mean < _IDLE * np.median(command[working]) if working.any() else ~working, around)
+    if record.specific_force is not None:
+        flying &= ~_near(np.abs(record.specific_force).max(axis=1) > _COLLISION, around)
+    return flying
+
+
+def coarser(record: FlightRecord, step: int) -> FlightRecord:
+    """A record with one sample in so many: commands in the mean until the next, all else in the mean around it.
+
+    A mean over half a step to both sides keeps an instant in its middle, and vibration out.
+    """
+    if step == 1:
+        return record
+    count = (len(record.time) - step) // step
+    first = step * np.arange(count) + step // 2
+    around = np.ones(step + 1 - step % 2)
+    if step % 2 == 0:
+        around[[0, -1]] = 0.5
+    around /= around.sum()
+    reach = len(around) // 2
+    values = {}
+    for name, signal in record.signals():
+        columns = signal.reshape(len(signal), -1)
+        offsets = (
+            (np.arange(step), np.full(step, 1.0 / step))
+            if "command" in name
+            else (
+                np.arange(-reach, reach + 1),
+                around,
+            )
+        )
+        mean = sum(weight * columns[first + offset] for offset, weight in zip(*offsets, strict=True))
+        values[name] = mean.reshape(count, *signal.shape[1:])
+    return replace(record, time=record.time[first], **values)
+
+
+def _effort(record: FlightRecord) -> np.ndarray | None:
+    """(n,) something that rises with the thrust that is commanded; None if nothing is logged of it."""
+    if record.motor_command is not None:
+        return np.asarray(record.motor_command.mean(axis=1))
+    if record.rotor_speed_command is not None:
+        return np.asarray((record.rotor_speed_command**2).mean(axis=1))
+    return record.thrust_command if record.thrust_command is not None else record.thrust_share
+
+
+def _near(found: np.ndarray, samples: int) -> np.ndarray:
+    """(n,) True within so many samples of those that are found."""
+    total = np.concatenate([[0], np.cumsum(found)])
+    index = np.arange(len(found))
+    return np.asarray(
+        total[np.minimum(index + samples + 1, len(found))] > total[np.maximum(index - samples, 0)], dtype=bool
+    )
+
+
+def cut(records: Sequence[FlightRecord], flying: Sequence[np.ndarray], sizes: Cut) -> list[Window]:
+    """Cuts records into windows, one after another.
+
+    Args:
+        records: that are cut.
+        flying: (n,) of each record, True for samples that may be used.
+        sizes: of the windows.
+    """
+    found = []
+    for number, (record, usable) in enumerate(zip(records, flying, strict=True)):
+        piece = pieces(record)
+        broken = np.cumsum(~usable)
+        start = sizes.settle
+        while start + sizes.length < len(record.time):
+            first, last = start - sizes.settle, start + sizes.length
+            if piece[first] == piece[last] and usable[first] and broken[first] == broken[last]:
+                found.append(Window(number, start))
+                start += sizes.length
+            else:
+                # The next place at which a window can begin at the earliest.
+                bad = np.flatnonzero(~usable[first : last + 1] | (piece[first : last + 1] != piece[last]))
+                start = first + int(bad[-1]) + 1 + sizes.settle
+    return found
+
+
+def held_out(flying: np.ndarray, share: float) -> np.ndarray:
+    """(n,) True for the last samples in the air, of which there is this share."""
+    total = np.cumsum(flying)
+    return np.asarray(flying & (total > (1.0 - share) * total[-1]), dtype=bool)

@@ -1,0 +1,234 @@
+"""A flight of a log beside the same flight as a scenario predicts it: its reference, under the scenario's control."""
+
+from collections.abc import Callable
+from dataclasses import dataclass, replace
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.assembly.planning import flight_duration, plan_route
+from drake_quad.errors import InputError, shown
+from drake_quad.flight import Flight, simulate
+from drake_quad.flight.fleet_simulation import simulate_fleet
+from drake_quad.identification.flown_again.reference import LoggedReference, logged_reference
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.reference.plan import Plan
+from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.scenario import Batch, Scenario
+from drake_quad.signals import Reference, State
+
+# Of what an error is told: along each axis of W, and its norm.
+AXES = ("x", "y", "z", "all")
+# Probabilities between which a prediction lies.
+INTERVAL = (0.025, 0.975)
+# Before the log, s: integrators of on-board controllers find what they have to hold within some seconds.
+REST = 8.0
+# What the reference has moved by when it is on its way, m.
+_MOVED = 1e-2
+# Vehicles that fly side by side, and so are recorded at once.
+_FLEET = 32
+
+
+class ErrorFigures(NamedTuple):
+    """What is told of position errors along x, y, z, and of their norm, m.
+
+    Attributes:
+        rmse: (..., 4) root of the mean square.
+        mean: (..., 4) mean, with its sign along an axis.
+        largest: (..., 4) what 95 % of the errors do not exceed in size.
+    """
+
+    rmse: np.ndarray
+    mean: np.ndarray
+    largest: np.ndarray
+
+    @classmethod
+    def of(cls, error: np.ndarray) -> "ErrorFigures":
+        """Those of errors (..., samples, 3) in m; NaN where a vehicle did not get to the end."""
+        size = np.concatenate([error, np.linalg.norm(error, axis=-1, keepdims=True)], axis=-1)
+        return cls(np.sqrt(np.mean(size**2, axis=-2)), np.mean(size, axis=-2), np.quantile(np.abs(size), 0.95, axis=-2))
+
+
+@dataclass(frozen=True, eq=False)
+class Comparison:
+    """A flown flight and its predictions.
+
+    Attributes:
+        record: of the log.
+        scenario: that predicts, with the reference of the log as its route.
+        reference: of the log.
+        plan: of the route.
+        time: (n,) the log's samples from which on both are compared, s of the log.
+        target: (n, 3) position of the route then, in W, m.
+        flown: (n, 3) position error as it is logged, reference minus position in W, m.
+        predicted: (samples, n, 3) the same of each flight of the scenario, as it is measured, NaN from a crash on, m.
+    """
+
+    record: FlightRecord
+    scenario: Scenario
+    reference: LoggedReference
+    plan: Plan
+    time: np.ndarray
+    target: np.ndarray
+    flown: np.ndarray
+    predicted: np.ndarray
+
+    @property
+    def crashes(self) -> int:
+        """Number of predictions that end in a crash."""
+        return int(np.isnan(self.predicted).any(axis=(1, 2)).sum())
+
+    @property
+    def varies(self) -> bool:
+        """Whether the predictions differ; they do not without distributions, wind and noise."""
+        return not np.allclose(self.predicted, self.predicted[:1], rtol=0.0, atol=1e-9, equal_nan=True)
+
+    @property
+    def flown_figures(self) -> ErrorFigures:
+        """(4,) of the log."""
+        return ErrorFigures.of(self.flown)
+
+    def predicted_figures(self) -> ErrorFigures:
+        """(samples, 4) of each flight; a crash is an infinite error."""
+        figures = ErrorFigures.of(self.predicted)
+        return ErrorFigures(*(np.where(np.isnan(values), np.inf, values) for values in figures))
+
+    def interval(self, name: str) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """(4,) median, lower and upper end of the 95 % interval of a figure, by its name."""
+        values = getattr(self.predicted_figures(), name)
+        # Ranks, not interpolation: a share of flights may be at infinity.
+        median, low, high = np.quantile(values, (0.5, *INTERVAL), axis=0, method="nearest")
+        return median, low, high
+
+    def within(self, name: str) -> np.ndarray:
+        """(4,) whether a figure of the log lies within the interval of the predictions."""
+        _, low, high = self.interval(name)
+        flown = getattr(self.flown_figures, name)
+        return np.asarray((flown >= low) & (flown <= high))
+
+    def typical_sample(self) -> int:
+        """Number of the sample whose RMSE is the median of all."""
+        rmse = self.predicted_figures().rmse[:, -1]
+        return int(np.argsort(rmse, kind="stable")[(len(rmse) - 1) // 2])
+
+
+def compare_with_log(
+    record: FlightRecord,
+    scenario: Scenario,
+    *,
+    samples: int = 1000,
+    rest: float = REST,
+    start: float | None = None,
+    progress: Callable[[int, int], None] | None = None,
+) -> Comparison:
+    """Flies the reference of a log under a scenario's control, and compares what becomes of it with what was flown.
+
+    The simulated vehicle hovers at the first point of the reference, for `rest`, and then flies with the log's clock.
+    Both are compared from the moment on which the log's reference has begun to move (1 cm), so that what came before
+    the log, as a take-off, does not count; where it never moves, over all of the log. Positions are those that are
+    measured, here as there: what a log holds is what the controller knew.
+
+    Args:
+        record: of the log, with position and reference position.
+        scenario: whose route gives way to the reference of the log; where it has distributions, each sample draws its
+            own vehicle, and sample i of any scenario of the same seed has the same wind and noise.
+        samples: number of flights.
+        rest: before the log, s.
+        start: from when on errors count, s of the log.
+        progress: called with the flights flown and to fly.
+
+    Raises:
+        InputError: the log lacks a position, its reference cannot be flown, nothing is left to compare, or the vehicle
+            has no time step.
+    """
+    if scenario.vehicle.time_step == 0.0:
+        raise InputError("vehicle.time_step is 0; flights are compared with a log only with a time step")
+    flown = record.of("reference_position") - record.of("position")
+    reference = logged_reference(record, rest=rest)
+    begun = _moves_from(record) if start is None else start
+    chosen = record.time >= begun
+    if chosen.sum() < 2:
+        raise InputError(f"nothing of the log {shown(record.name)} is left to compare from {begun:g} s on")
+    flying = on_route(scenario, reference)
+    plan = plan_route(flying)
+    instants = record.time[chosen] + reference.start
+    target = evaluate(plan.path, instants).T
+    predicted = _positions(flying, plan, instants, samples, progress)
+    return Comparison(record, flying, reference, plan, record.time[chosen], target, flown[chosen], target - predicted)
+
+
+def on_route(scenario: Scenario, reference: LoggedReference) -> Scenario:
+    """The scenario with the reference of a log in the place of its route; its whole flight is flown and counts."""
+    window = scenario.metrics.model_copy(update={"start": reference.start, "first_lap": None, "end": None})
+    return scenario.model_copy(update={"route": reference.route, "duration": None, "metrics": window})
+
+
+def side_by_side(comparison: Comparison) -> dict[str, Flight]:
+    """The flight of the log and the typical one of the predictions as two flights of one reference, for a replay.
+
+    Where the log has no speeds of the rotors, they turn as in the prediction. One that crashes before the log begins
+    is left out.
+    """
+    record, start = comparison.record, comparison.reference.start
+    flight = simulate(comparison.scenario, sample=comparison.typical_sample(), plan=comparison.plan, compiled=True)
+    rotor_speed = record.rotor_speed
+    if rotor_speed is None:
+        rotor_speed = _at(record.time + start, flight.time, flight["rotor_speed"])
+    signals = {
+        "state": _state(record),
+        "reference": comparison.plan.reference().vector_values(record.time + start)[: len(Reference._fields)].T,
+        "rotor_speed": rotor_speed,
+        "wind": np.zeros((len(record.time), 3)),
+    }
+    nothing = Metrics._make(np.nan for _ in Metrics._fields)._replace(crash_time=np.inf)
+    flights = {"flown": replace(flight, time=record.time, signals=signals, metrics=nothing)}
+    kept = flight.time >= start
+    if kept.any():
+        shown_signals = {name: flight[name][kept] for name in signals}
+        flights["predicted"] = replace(flight, time=flight.time[kept] - start, signals=shown_signals)
+    return flights
+
+
+def _moves_from(record: FlightRecord) -> float:
+    """The last moment at which the reference is still where it began, s; 0 if it stays there."""
+    position = record.of("reference_position")
+    moved = np.linalg.norm(position - position[0], axis=1) > _MOVED
+    return float(record.time[max(int(np.argmax(moved)) - 1, 0)])
+
+
+def _positions(
+    scenario: Scenario, plan: Plan, instants: np.ndarray, samples: int, progress: Callable[[int, int], None] | None
+) -> np.ndarray:
+    """(samples, n, 3) the measured positions of samples of a scenario at instants (n,), m; NaN from a crash on."""
+    size = min(samples, _FLEET)
+    duration = flight_duration(scenario, plan)
+    simulation = simulate_fleet(Batch.draw(scenario, range(size)), plan, record=True, compiled=True)
+    found = np.empty((samples, len(instants), 3))
+    for first in range(0, samples, size):
+        numbers = range(first, min(first + size, samples))
+        if first:
+            simulation.reset(Batch.draw(scenario, numbers).padded(size))
+        simulation.fly(duration)
+        crash_time = np.asarray(simulation.metrics().crash_time)
+        time, signals = simulation.recording()
+        measured = State(*signals["measurement"].reshape(len(time), -1, size).transpose(1, 0, 2))
+        places = [np.asarray(row) for row in (measured.x, measured.y, measured.z)]
+        for vehicle, number in enumerate(numbers):
+            found[number] = _at(instants, time, np.column_stack([row[:, vehicle] for row in places]))
+            found[number, instants > crash_time[vehicle]] = np.nan
+        if progress is not None:
+            progress(numbers[-1] + 1, samples)
+    return found
+
+
+def _at(instants: np.ndarray, time: np.ndarray, rows: np.ndarray) -> np.ndarray:
+    """(n, columns) rows at other instants (n,), by linear interpolation."""
+    return np.column_stack([np.interp(instants, time, column) for column in rows.T])
+
+
+def _state(record: FlightRecord) -> np.ndarray:
+    """(n, 12) the logged state; at rest and level where it is not logged."""
+    nothing = np.zeros((len(record.time), 3))
+    parts = (record.of("position"), record.attitude, record.velocity, record.body_rates)
+    return np.hstack([nothing if part is None else part for part in parts])

@@ -1,0 +1,78 @@
+"""What an identification hands back: estimates, the vehicle they make, and how well it predicts what was held out."""
+
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.identification.results.estimates import Estimates
+from drake_quad.scenario import Scenario
+
+
+class Fitted(NamedTuple):
+    """An output of the model beside what was measured, in windows one after another.
+
+    Attributes:
+        name: of the output, as in "position x".
+        unit: of it.
+        log: (W,) name of the log of each window.
+        time: (W, T) of the samples, s.
+        measured: (W, T).
+        predicted: (W, T) from an initial state that is fitted in each window.
+        held_out: (W,) True for windows that the parameters have not seen.
+        share: of the variance explained in windows that were held out: beyond what a straight line explains that is
+            fitted in each window, as the initial state is; NaN if none was held out.
+        share_fitted: the same in windows that were fitted.
+        deviation: of the white part of the residuals, unit.
+    """
+
+    name: str
+    unit: str
+    log: np.ndarray
+    time: np.ndarray
+    measured: np.ndarray
+    predicted: np.ndarray
+    held_out: np.ndarray
+    share: float
+    share_fitted: float
+    deviation: float
+
+    @property
+    def residual(self) -> np.ndarray:
+        """(W, T) measured minus predicted."""
+        return self.measured - self.predicted
+
+
+class Spread(NamedTuple):
+    """A number that is not of the vehicle's language, with its standard deviation.
+
+    Attributes:
+        value: of it.
+        deviation: of its error.
+        unit: of both.
+    """
+
+    value: float
+    deviation: float
+    unit: str
+
+
+@dataclass(frozen=True, eq=False)
+class Identification:
+    """What logs tell of a vehicle.
+
+    Attributes:
+        estimates: numbers with their covariance, and why others are not seen.
+        vehicle: the scenario that was begun with, with the estimates in the place of its numbers.
+        outputs: of the model, beside what was measured.
+        delay: from a command to what is measured of it; None if the log does not tell.
+        further: numbers for the report, by what they are.
+        remarks: sentences.
+    """
+
+    estimates: Estimates
+    vehicle: Scenario
+    outputs: tuple[Fitted, ...]
+    delay: Spread | None = None
+    further: dict[str, Spread] | None = None
+    remarks: tuple[str, ...] = ()

@@ -1,0 +1,1 @@
+"""What was identified: estimates with their covariance, and the vehicle that they make."""

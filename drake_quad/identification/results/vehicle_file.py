@@ -1,0 +1,434 @@
+"""What was identified as a vehicle of the scenario language: a file that is ready for `extends` and for studies.
+
+It extends the vehicle that the identification began with. `nominal` has the values, as planner and controllers believe
+them; `vehicle` and `laboratory` have the same as numbers, or as normal distributions with the correlation of the
+estimates' errors. What Student's distribution makes wider than the normal one is in the standard deviations: the 95 %
+interval of each is that of the estimate.
+"""
+
+import math
+import os
+import re
+import textwrap
+from collections.abc import Iterator, Mapping, Sequence
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+import scipy
+from ruamel.yaml import YAML
+from ruamel.yaml.comments import CommentedMap, CommentedSeq
+from ruamel.yaml.representer import RoundTripRepresenter
+
+from drake_quad.errors import InputError, shown
+from drake_quad.files import output_folder, write_whole
+from drake_quad.identification.results.estimates import CONFIDENCE, KINDS, Estimates, field_path, kind_of, split
+from drake_quad.scenario import Scenario, load_undesigned
+from drake_quad.scenario.autopilots import AttitudeResponse
+from drake_quad.scenario.correlation import correlated_normals
+from drake_quad.scenario.library import split_spec
+from drake_quad.scenario.limits import LARGEST
+from drake_quad.scenario.models import NAME, Nominal
+from drake_quad.scenario.paths import value_at
+from drake_quad.vehicle.motors import ThrustCurve, thrust_of
+
+# Characters of a line of comment, and of the file: what an estimate shares stands on one line.
+_COMMENT, _WIDTH = 100, 400
+# Of a positive number, that it is at least: it cannot vanish, and a vehicle that weighs nothing cannot be flown.
+_AT_LEAST = 0.1
+# Standard deviations on each side of a number whose kind needs limits that are far away.
+_FAR = 6.0
+# Decimals of a number beyond the first of its standard deviation.
+_DIGITS = 5
+# Of the rows of a curve's fit, that at hover: there the believed thrust is the measured one to a thousandth.
+_AT_HOVER = 1e3
+_THROTTLES = np.linspace(0.0, 1.0, 101)
+# Of the top speed, above that of full throttle: with it a fifth more thrust, which is more than a curve is off by.
+_ABOVE = 1.1
+# Effects that an attitude's response does not know, which a flight shows as part of it.
+_IN_THE_RESPONSE = ("rotor_failure", "payload", "slung_load", "battery", "reaction_torque")
+
+
+class _Entry(NamedTuple):
+    """A value of the file with lines of comment above it."""
+
+    value: Any
+    comment: str = ""
+
+
+def write_vehicle(
+    path: Path,
+    name: str,
+    estimates: Estimates,
+    *,
+    base: str | Path,
+    distributions: bool = True,
+    given: Sequence[str] = (),
+) -> Path:
+    """Writes what was identified as a vehicle, whole or not at all, and returns the path.
+
+    What was not estimated is as in `base`, but for what would contradict an estimate: a lag of rotors that slow down
+    beside one that was found for both directions, and drag that is alike from all sides beside drag of the body.
+
+    Args:
+        path: of the file, `.yaml` or `.yml`; its folder is made if need be.
+        name: of the scenario in it.
+        estimates: at least one.
+        base: FILE or FILE:NAME of the vehicle that it extends, shipped or one's own.
+        distributions: whether `vehicle` and `laboratory` have distributions, for studies; else they have numbers.
+        given: what was set beside the base, such as a mass that was weighed: `nominal.mass=0.03`, values in YAML.
+
+    Raises:
+        InputError: a name or a path is wrong, the base cannot be loaded, estimates lack what they need beside them, or
+            their vehicle cannot fly.
+    """
+    if path.suffix not in (".yaml", ".yml"):
+        raise InputError(f"{shown(str(path))} must end in .yaml or .yml")
+    if not re.fullmatch(NAME, name):
+        raise InputError(f"a vehicle cannot be called {shown(name)}: allowed are letters, digits, '_', '.' and '-'")
+    if not estimates.names:
+        raise InputError("there is no estimate to write")
+    believed = load_undesigned(base, given)
+    folder = output_folder(path.parent)
+    scenario = {"extends": _Entry(_relative(base, folder)), **_fields(name, estimates, believed, distributions, given)}
+    document = CommentedMap({name: _commented(scenario, 2)})
+    document.yaml_set_start_comment(_wrapped(_introduction(estimates, distributions)))
+
+    def write(target: Path) -> None:
+        with target.open("w", encoding="utf-8") as file:
+            _yaml().dump(document, file)
+        try:
+            load_undesigned(target)
+        except InputError as error:
+            reason = str(error).replace(str(target), str(path))
+            raise InputError(f"the vehicle cannot be written: {reason}") from None
+
+    return write_whole(path, write)
+
+
+def _relative(base: str | Path, folder: Path) -> str:
+    """The base as the file names it: from its own folder on."""
+    file, name = split_spec(str(base))
+    try:
+        found = Path(os.path.relpath(Path(file).resolve(), folder.resolve())).as_posix()
+    except ValueError:  # on another drive
+        found = Path(file).resolve().as_posix()
+    return found if name is None else f"{found}:{name}"
+
+
+def _fields(
+    name: str, estimates: Estimates, base: Scenario, distributions: bool, given: Sequence[str]
+) -> dict[str, Any]:
+    """The mappings of the scenario, with an entry at each leaf."""
+    prefix = re.sub(r"\W", "_", name, flags=re.ASCII)[:50]
+    written = _values(estimates, f"v_{prefix}" if prefix[0].isdecimal() else prefix, distributions)
+    comments = {each: _comment(estimates, each, written[each]) for each in estimates.names}
+    tree: dict[str, Any] = {"nominal": {}, "vehicle": {}, "laboratory": {}, "control": {}}
+    for path in dict.fromkeys(split(each)[0] for each in estimates.names):
+        whole = {each: _Entry(written[each], comments[each]) for each in estimates.names if split(each)[0] == path}
+        value = _listed(path, whole, base) if KINDS[path].items else whole[path]
+        *steps, last = field_path(path).split(".")
+        node = tree
+        for step in steps:
+            node = node.setdefault(step, {})
+        node[last] = value
+        if path in Nominal.model_fields:
+            tree["nominal"][path] = _believed(path, estimates, base)
+    for assignment in given:
+        _put(tree, assignment)
+    _with_motors(tree, base)
+    _with_response(tree, base)
+    _without_contradictions(tree["vehicle"])
+    return {field: value for field, value in tree.items() if value}
+
+
+def _put(tree: dict[str, Any], assignment: str) -> None:
+    """Puts what was given in its place, unless an estimate is there.
+
+    Raises:
+        InputError: it is no whole field of the vehicle, its laboratory or its control.
+    """
+    path, _, value = assignment.partition("=")
+    top, *steps = path.strip().split(".")
+    if top not in tree or not steps or any(re.fullmatch(r"(rotor_)?\d", step) for step in steps):
+        raise InputError(
+            f"{assignment} cannot be written with a vehicle: allowed are whole fields of"
+            f" {', '.join(tree)}, no items of lists"
+        )
+    node = tree[top]
+    for step in steps[:-1]:
+        node = node.setdefault(step, {})
+    if isinstance(node, dict):
+        node.setdefault(steps[-1], _Entry(YAML(typ="safe").load(value), "given, not identified"))
+
+
+def _values(estimates: Estimates, prefix: str, distributions: bool) -> dict[str, Any]:
+    """What is written for each estimate: a number, or a distribution within the limits of its kind."""
+    numbers = {
+        name: _number(name, _rounded(value, deviation))
+        for name, value, deviation in zip(estimates.names, estimates.values, estimates.deviations, strict=True)
+    }
+    drawn = [name for name in estimates.names if not kind_of(name).whole]
+    if not (distributions and drawn):
+        return numbers
+    part = estimates.part(drawn)
+    # So that the normal distribution has the interval of Student's.
+    wider = part.quantiles() / scipy.stats.norm.ppf(0.5 * (1.0 + CONFIDENCE))
+    covariance = part.covariance * np.outer(wider, wider)
+    for name, each in correlated_normals(drawn, part.values, covariance, prefix=prefix).items():
+        bell = each["normal"]
+        spread = float(f"{bell['standard_deviation']:.6g}")
+        shared = {"shared": bell["shared"]} if "shared" in bell else {}
+        limits = _limits(name, numbers[name], spread)
+        numbers[name] = {"normal": {"mean": numbers[name], "standard_deviation": spread, **limits, **shared}}
+    return numbers
+
+
+def _rounded(value: float, deviation: float) -> float:
+    """A number to the decimals that its deviation leaves."""
+    return round(float(value), _DIGITS - math.floor(math.log10(deviation)))
+
+
+def _number(name: str, value: float) -> Any:
+    """An estimate as a number that its kind allows.
+
+    Raises:
+        InputError: it must be positive, and is not.
+    """
+    kind = kind_of(name)
+    if kind.least > 0.0 >= value:
+        raise InputError(
+            f"the estimate of {name}, {value:.4g} {kind.unit}, must be larger than 0; one that is not belongs to what"
+            " the log does not tell"
+        )
+    value = min(max(value, kind.least), kind.most)
+    return round(value) if kind.whole else value
+
+
+def _limits(name: str, mean: float, deviation: float) -> dict[str, float]:
+    """The limits of a distribution that its kind needs, none but these."""
+    kind = kind_of(name)
+    limits: dict[str, float] = {}
+    if kind.least > 0.0:
+        limits["min"] = max(kind.least, float(f"{_AT_LEAST * mean:.4g}"))
+    elif kind.least == 0.0:
+        limits["min"] = 0.0
+    elif kind.least > -LARGEST:
+        limits["min"] = max(kind.least, float(f"{mean - _FAR * deviation:.4g}"))
+    if name.startswith("rotor_time_constant"):
+        limits["max"] = min(kind.most, float(f"{mean + _FAR * deviation:.4g}"))
+    elif kind.most <= 1.0:
+        limits["max"] = kind.most
+    return limits
+
+
+def _comment(estimates: Estimates, name: str, written: Any) -> str:
+    """What is known of an estimate: unit, interval, what it explains, where it is from."""
+    place = estimates.names.index(name)
+    unit = "" if kind_of(name).unit == "1" else f" {kind_of(name).unit}"
+    low, high = estimates.intervals()[place]
+    value, digits = estimates.values[place], 2 - math.floor(math.log10(estimates.deviations[place]))
+    shown_ends = " to ".join(_plain(round(float(end), digits)) for end in (low, high))
+    parts = [f"{_plain(round(float(value), digits + 1))}{unit}, 95 % interval {shown_ends}"]
+    if name in estimates.explained:
+        share, output = estimates.explained[name]
+        parts.append(f"explains {100.0 * share:.3g} % of the variance of {output}")
+    parts.append(" and ".join(map(str, estimates.sources_of(place))))
+    mean = written["normal"]["mean"] if isinstance(written, dict) else written
+    if kind_of(name).whole:
+        parts.append("written as a whole number")
+    elif abs(mean - value) > estimates.deviations[place]:
+        parts.append("beyond the limit of what there is, which is written")
+    return "; ".join(parts)
+
+
+def _plain(number: float) -> str:
+    return f"{number:.6g}"
+
+
+def _listed(path: str, whole: Mapping[str, _Entry], base: Scenario) -> list[_Entry]:
+    """All items of a list, what was not estimated as in the base.
+
+    Raises:
+        InputError: the base has no such list.
+    """
+    items = []
+    for place in range(KINDS[path].items):
+        name = f"{path}[{place}]"
+        items.append(whole[name] if name in whole else _Entry(_of_base(base, path, place), "as in what this extends"))
+    return items
+
+
+def _of_base(base: Scenario, path: str, place: int) -> Any:
+    """An item of a list as the base has it, in YAML.
+
+    Raises:
+        InputError: it has none, and a default would be an invention.
+    """
+    holder, _, field = field_path(path).rpartition(".")
+    owner = value_at(base, holder)
+    if owner is None:  # an effect that is switched off
+        return 0.0
+    if not hasattr(owner, field):
+        raise InputError(
+            f"{path}[{place}] is not estimated, and what the vehicle extends has none; all {KINDS[path].items} are"
+            " needed"
+        )
+    value = getattr(owner, field)[place]
+    return value if isinstance(value, float) else value.model_dump(mode="json", exclude_none=True)
+
+
+def _believed(path: str, estimates: Estimates, base: Scenario) -> Any:
+    """The same for `nominal`: numbers, whatever the vehicle has."""
+
+    def number(name: str) -> float:
+        place = estimates.names.index(name)
+        value: float = _number(name, _rounded(estimates.values[place], estimates.deviations[place]))
+        return value
+
+    if not KINDS[path].items:
+        return _Entry(number(path))
+    own: Any = getattr(base.nominal, path)
+    names = [f"{path}[{place}]" for place in range(KINDS[path].items)]
+    return [_Entry(number(name) if name in estimates.names else own[place]) for place, name in enumerate(names)]
+
+
+def _with_motors(tree: dict[str, Any], base: Scenario) -> None:
+    """Throttles, where their curve was estimated: as measured in the vehicle, and in `nominal` so that it rises."""
+    if "motors" not in tree["vehicle"]:
+        return
+    curve = tree["vehicle"]["motors"]["curve"]
+    numbers = [_median(entry.value) for entry in curve]
+    tree["vehicle"]["motors"] = {"kind": _Entry("throttle"), "curve": curve}
+    factor = tree["nominal"].get("thrust_factor", _Entry(base.nominal.thrust_factor)).value
+    mass = tree["nominal"].get("mass", _Entry(base.nominal.mass)).value
+    rising = rising_curve(ThrustCurve(*numbers), hover_thrust=0.25 * mass * base.nominal.gravity)
+    same = np.allclose(rising, numbers, rtol=1e-6, atol=1e-6 * max(map(abs, numbers)))
+    comment = "" if same else "a curve that the autopilot can invert: it rises, and is the measured one at hover"
+    believed = numbers if same else [_significant(each) for each in rising]
+    tree["nominal"]["motors"] = {"kind": _Entry("throttle"), "curve": [_Entry(each) for each in believed]}
+    tree["nominal"]["motors"]["curve"][0] = _Entry(believed[0], comment)
+    top = math.sqrt(max(0.0, float(thrust_of(1.0, ThrustCurve(*numbers)))) / factor)
+    if base.nominal.max_rotor_speed < _ABOVE * top:
+        why = "above that of full throttle by the measured curve, which a lower one would cut off"
+        for part in ("nominal", "vehicle"):
+            tree[part]["max_rotor_speed"] = _Entry(float(f"{_ABOVE * top:.4g}"), why)
+
+
+def _significant(number: float) -> float:
+    return float(f"{number:.6g}")
+
+
+def _median(value: Any) -> float:
+    return float(value["normal"]["mean"] if isinstance(value, dict) else value)
+
+
+def rising_curve(curve: ThrustCurve, *, hover_thrust: float) -> ThrustCurve:
+    """The curve next to a measured one that rises over all throttles and is never negative.
+
+    Least squares over throttles from 0 to 1 on 1, u - u²/2 and u²/2, whose factors K0, K1 and K1 + 2 K2 must not be
+    negative; the measured curve's throttle of hover counts so much that the thrust there is the same.
+
+    Args:
+        curve: as measured.
+        hover_thrust: of a rotor, N.
+    """
+    evenly: Any = _THROTTLES
+    measured = np.asarray(thrust_of(evenly, curve))
+    hover = _THROTTLES[int(np.argmin(np.abs(measured - hover_thrust)))]
+    throttles: Any = np.append(_THROTTLES, hover)
+    weights = np.append(np.ones(len(_THROTTLES)), _AT_HOVER)
+    thrusts = np.asarray(thrust_of(throttles, curve))
+    basis = np.stack([np.ones(len(throttles)), throttles - 0.5 * throttles**2, 0.5 * throttles**2], axis=1)
+    k_0, slope, end_slope = scipy.optimize.nnls(weights[:, None] * basis, weights * thrusts)[0]
+    return ThrustCurve(float(k_0), float(slope), float(0.5 * (end_slope - slope)))
+
+
+def _with_response(tree: dict[str, Any], base: Scenario) -> None:
+    """What a response of the attitude needs beside it, where the base has none."""
+    autopilot = tree["laboratory"].get("autopilot", {})
+    responds = "natural_frequency" in autopilot or "damping" in autopilot
+    if not responds or isinstance(base.laboratory.autopilot, AttitudeResponse):
+        return
+    missing = next((each for each in ("natural_frequency", "damping") if each not in autopilot), None)
+    if missing is not None:
+        raise InputError(f"autopilot.{missing} must be estimated, too: what the vehicle extends has no such response")
+    tree["laboratory"]["autopilot"] = {"kind": _Entry("response"), **autopilot}
+    tree["control"] = {"attitude": _Entry(None, "on board"), "position": {"feed_forward": _Entry("acceleration")}}
+    for effect in _IN_THE_RESPONSE:
+        if getattr(base.vehicle, effect):
+            off = False if effect == "reaction_torque" else None
+            tree["vehicle"][effect] = _Entry(off, "is in the response of the attitude")
+
+
+def _without_contradictions(vehicle: dict[str, Any]) -> None:
+    """Switches off what is in an estimate already, whatever lies beneath."""
+    if "rotor_time_constant" in vehicle and "rotor_time_constant_down" not in vehicle:
+        vehicle["rotor_time_constant_down"] = _Entry(None, "one lag was found for both directions")
+    if "body_drag" in vehicle:
+        for name in ("linear_drag", "quadratic_drag"):
+            vehicle.setdefault(name, _Entry(0.0, "is in body_drag"))
+
+
+def _introduction(estimates: Estimates, distributions: bool) -> list[str]:
+    """The comment at the top, a paragraph an item."""
+    logs = dict.fromkeys(source.log for i in range(len(estimates.names)) for source in estimates.sources_of(i))
+    drawn = " Fields that share a variable are correlated as the errors of their estimates." if distributions else ""
+    unseen = [f"{name} is as in what this extends: {why}" for name, why in estimates.not_seen.items()]
+    return [f"Identified from {', '.join(logs)}.{drawn}", *estimates.remarks, *unseen]
+
+
+def _wrapped(paragraphs: list[str], width: int = _COMMENT) -> str:
+    lines: Iterator[str] = (line for text in paragraphs for line in textwrap.wrap(text, width, break_long_words=False))
+    return "\n".join(lines)
+
+
+def _commented(node: Any, indent: int) -> Any:
+    """Mappings and lists of entries in YAML with comments."""
+    if isinstance(node, _Entry):
+        return _block(node.value)
+    if isinstance(node, dict):
+        mapping = CommentedMap({key: _commented(value, indent + 2) for key, value in node.items()})
+        return _with_comments(mapping, node.items(), indent)
+    if any(item.comment or isinstance(item.value, dict) for item in node):
+        items = CommentedSeq([_commented(item, indent + 2) for item in node])
+        return _with_comments(items, enumerate(node), indent)
+    sequence = CommentedSeq([item.value for item in node])
+    sequence.fa.set_flow_style()
+    return sequence
+
+
+def _with_comments(container: Any, items: Any, indent: int) -> Any:
+    for key, item in items:
+        if isinstance(item, _Entry) and item.comment:
+            text = _wrapped([item.comment])
+            container.yaml_set_comment_before_after_key(key, before=text, indent=indent)
+    return container
+
+
+def _block(value: Any) -> Any:
+    """A number, or a distribution whose innermost mapping is on one line."""
+    if not isinstance(value, dict):
+        return value
+    mapping = CommentedMap({key: _block(each) for key, each in value.items()})
+    if not any(isinstance(each, dict) for each in value.values()):
+        mapping.fa.set_flow_style()
+    return mapping
+
+
+class _Representer(RoundTripRepresenter):
+    """Says `null` where a field is switched off."""
+
+    def represent_none(self, data: None) -> Any:
+        return self.represent_scalar("tag:yaml.org,2002:null", "null")
+
+
+_Representer.add_representer(type(None), _Representer.represent_none)
+
+
+def _yaml() -> YAML:
+    yaml = YAML()
+    yaml.Representer = _Representer
+    yaml.width = _WIDTH
+    yaml.indent(mapping=2, sequence=4, offset=2)
+    return yaml

@@ -1,0 +1,234 @@
+"""Pictures of an identification: fit and residuals, thrust, correlations, and how far ahead the vehicle predicts."""
+
+import math
+import textwrap
+from collections.abc import Sequence
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.ticker import NullFormatter
+
+from drake_quad.identification.flown_again.prediction import Predictions
+from drake_quad.identification.identified import Fitted, Identification
+from drake_quad.identification.results.estimates import CONFIDENCE, Estimates
+from drake_quad.vehicle.motors import ThrustCurve, thrust_of
+from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, REFERENCE, VERMILION, new_figure, styled
+
+# Windows on each side of where those begin that are held out.
+_WINDOWS = 5
+# Characters of a line beside an axis.
+_LABEL = 15
+_HELD_OUT = "0.92"
+_COLOURS = (BLUE, VERMILION, GREEN, ORANGE, PURPLE, BLACK)
+# Of units, for the eye: factor and how it is written.
+_SHOWN = {"m": (1e2, "cm"), "rad": (180.0 / math.pi, "°"), "rad/s": (180.0 / math.pi, "°/s"), "m/s": (1.0, "m/s")}
+_SHORT = {
+    "laboratory.motion_capture.": "",
+    "laboratory.command_link.": "",
+    "rotor_aerodynamics.": "",
+    "body_drag.": "drag ",
+    "autopilot.": "",
+    "_": " ",
+}
+
+
+def plot_fit(identification: Identification) -> Figure:
+    """Plots what was measured and predicted in windows around those that are held out, and what is left."""
+    outputs = identification.outputs
+    with styled():
+        figure = new_figure(10.0, 0.6 + 1.25 * len(outputs))
+        rows = figure.subplots(len(outputs), 2, sharex=True, squeeze=False, width_ratios=[1.6, 1.0])
+        for (left, right), output in zip(rows, outputs, strict=True):
+            _draw_windows(left, right, output)
+        rows[0][0].set_title("measured, and predicted in windows")
+        rows[0][1].set_title("measured minus predicted")
+        for axes in rows[-1]:
+            axes.set_xlabel(f"time (s) in {_shown_log(outputs[0])}")
+        handles, labels = rows[0][0].get_legend_handles_labels()
+        figure.legend(handles, labels, loc="outside upper right", ncols=3)
+        figure.align_ylabels(rows[:, 0])
+        return figure
+
+
+def _shown_log(output: Fitted) -> str:
+    return str(output.log[_shown_windows(output)[0]])
+
+
+def _shown_windows(output: Fitted) -> np.ndarray:
+    """The windows that are drawn: of the first log, around where those begin that are held out."""
+    places = np.flatnonzero(output.log == output.log[0])
+    unseen = np.flatnonzero(output.held_out[places])
+    first = unseen[0] if len(unseen) else len(places)
+    return places[max(0, first - _WINDOWS) : first + _WINDOWS]
+
+
+def _draw_windows(left: Axes, right: Axes, output: Fitted) -> None:
+    factor, unit = _SHOWN.get(output.unit, (1.0, output.unit))
+    for place, window in enumerate(_shown_windows(output)):
+        time = output.time[window]
+        if output.held_out[window]:
+            for axes in (left, right):
+                axes.axvspan(time[0], time[-1], color=_HELD_OUT, linewidth=0.0, zorder=0)
+        label = place == 0
+        left.plot(
+            time, factor * output.measured[window], color="0.45", linewidth=2.2, label="measured" if label else None
+        )
+        left.plot(
+            time, factor * output.predicted[window], color=BLUE, linewidth=1.1, label="predicted" if label else None
+        )
+        right.plot(time, factor * output.residual[window], color=VERMILION, linewidth=0.8)
+    if output.held_out.any():
+        left.fill_between([], [], [], color=_HELD_OUT, label="held out")
+    left.set_ylabel("\n".join([*textwrap.wrap(output.name, _LABEL), f"({unit})"]))
+    right.axhline(0.0, color="0.3", linewidth=0.8)
+    share = output.share if math.isfinite(output.share) else output.share_fitted
+    said = f"explained {100.0 * share:.1f} %" if share > -1.0 else "nothing explained"
+    right.text(0.99, 0.97, said, transform=right.transAxes, ha="right", va="top", fontsize=8)
+
+
+def plot_residuals(identification: Identification) -> Figure:
+    """Plots the autocorrelation and the spectrum of what is left in windows: flat where it is white noise."""
+    with styled():
+        figure = new_figure(9.0, 3.4)
+        left, right = figure.subplots(1, 2)
+        for i, output in enumerate(identification.outputs):
+            colour, style = _COLOURS[i % len(_COLOURS)], ("-", "--", ":")[i // len(_COLOURS) % 3]
+            lags, correlation = _autocorrelation(output)
+            left.plot(lags, correlation, color=colour, linestyle=style, linewidth=1.1, label=output.name)
+            frequency, density = _spectrum(output)
+            right.loglog(frequency, density, color=colour, linestyle=style, linewidth=1.1)
+        reach = 1.96 / math.sqrt(identification.outputs[0].residual.size)
+        left.axhspan(-reach, reach, color=_HELD_OUT, zorder=0)
+        left.set(xlabel="lag (s)", ylabel="autocorrelation (1)", ylim=(-0.6, 1.05))
+        right.xaxis.set_minor_formatter(NullFormatter())
+        right.set(xlabel="frequency (Hz)", ylabel="spectral density over variance (s)")
+        figure.legend(*left.get_legend_handles_labels(), loc="outside right upper")
+        return figure
+
+
+def _autocorrelation(output: Fitted) -> tuple[np.ndarray, np.ndarray]:
+    residual = output.residual - output.residual.mean()
+    samples = residual.shape[1]
+    most = samples // 2
+    variance = float(np.mean(residual**2)) or 1.0
+    found = [float(np.mean(residual[:, lag:] * residual[:, : samples - lag])) / variance for lag in range(most)]
+    return (output.time[0, :most] - output.time[0, 0]), np.array(found)
+
+
+def _spectrum(output: Fitted) -> tuple[np.ndarray, np.ndarray]:
+    residual, samples = output.residual, output.residual.shape[1]
+    period = float(np.median(np.diff(output.time[0])))
+    taper = np.hanning(samples)
+    power = np.mean(np.abs(np.fft.rfft(residual * taper, axis=1)) ** 2, axis=0)
+    density = 2.0 * period * power / float(np.sum(taper**2)) / (float(np.mean(residual**2)) or 1.0)
+    return np.fft.rfftfreq(samples, period)[1:], density[1:]
+
+
+def plot_thrust(identification: Identification, commands: np.ndarray | None = None) -> Figure | None:
+    """Plots the thrust of a rotor over its throttle with its 95 % band; None if no curve was identified.
+
+    Args:
+        identification: that was made.
+        commands: throttles that were flown, to mark them.
+    """
+    estimates = identification.estimates
+    names = [f"motors.curve[{i}]" for i in range(3)]
+    found = [name for name in names if name in estimates.names]
+    if not found:
+        return None
+    curve = identification.vehicle.vehicle.motors.curve  # type: ignore[union-attr]
+    throttle = np.linspace(0.0, 1.0, 101)
+    places = [estimates.names.index(name) for name in found]
+    slopes = np.stack([throttle ** names.index(name) for name in found], axis=1)
+    covariance = estimates.covariance[np.ix_(places, places)]
+    deviation = np.sqrt(np.einsum("ti,ij,tj->t", slopes, covariance, slopes))
+    reach = float(estimates.quantiles(CONFIDENCE)[places].max()) * deviation
+    thrust = np.asarray(thrust_of(throttle, ThrustCurve(*map(float, curve))))  # type: ignore[arg-type]
+    vehicle = identification.vehicle.vehicle
+    with styled():
+        figure = new_figure(5.6, 3.8)
+        axes = figure.subplots()
+        axes.fill_between(throttle, thrust - reach, thrust + reach, color=BLUE, alpha=0.25, linewidth=0.0, label="95 %")
+        axes.plot(throttle, thrust, color=BLUE, label="identified")
+        hover = 0.25 * float(vehicle.mass) * float(vehicle.gravity)
+        axes.axhline(hover, **REFERENCE, label="hover")
+        if commands is not None:
+            low, high = np.quantile(commands, [0.01, 0.99])
+            axes.axvspan(low, high, color=_HELD_OUT, zorder=0, label="flown")
+        axes.set(xlabel="throttle (1)", ylabel="thrust of a rotor (N)", xlim=(0.0, 1.0), ylim=(0.0, None))
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=4)
+        return figure
+
+
+def plot_correlations(estimates: Estimates) -> Figure:
+    """Plots the correlations of the errors of estimates, as shades and numbers."""
+    count = len(estimates.names)
+    labels = [short_name(name) for name in estimates.names]
+    size = 2.6 + 0.42 * count
+    with styled():
+        figure = new_figure(size + 0.6, size)
+        axes = figure.subplots()
+        shades = axes.imshow(estimates.correlation, cmap="RdBu_r", vmin=-1.0, vmax=1.0)
+        axes.set_xticks(range(count), labels, rotation=60, ha="right", rotation_mode="anchor")
+        axes.set_yticks(range(count), labels)
+        axes.grid(visible=False)
+        for i in range(count):
+            for j in range(count):
+                value = estimates.correlation[i, j]
+                if i != j and abs(value) >= 0.05:
+                    colour = "white" if abs(value) > 0.7 else "black"
+                    axes.text(j, i, f"{value:.1f}", ha="center", va="center", fontsize=7, color=colour)
+        figure.colorbar(shades, ax=axes, shrink=0.7, label="correlation of errors (1)")
+        return figure
+
+
+def short_name(name: str) -> str:
+    """The name of a number as axes and tables have it."""
+    for long, short in _SHORT.items():
+        name = name.replace(long, short)
+    return name
+
+
+def plot_predictions(predictions: Predictions, quantities: Sequence[str] = ("position", "attitude")) -> Figure:
+    """Plots the RMS errors of vehicles that predict flights over the horizon, with 95 % intervals."""
+    there = [name for name in quantities if name in predictions.errors] or list(predictions.errors)[:2]
+    units = {
+        "position": "m",
+        "height": "m",
+        "velocity": "m/s",
+        "climb": "m/s",
+        "attitude": "rad",
+        "body_rates": "rad/s",
+    }
+    with styled():
+        figure = new_figure(4.4 * len(there) + 0.4, 3.6)
+        for axes, quantity in zip(figure.subplots(1, len(there), squeeze=False)[0], there, strict=True):
+            factor, unit = _SHOWN[units[quantity]]
+            for i, vehicle in enumerate(predictions.vehicles):
+                found = [predictions.rmse(quantity, vehicle, horizon) for horizon in predictions.horizons]
+                values = factor * np.array([each.value for each in found])
+                known = np.isfinite(values)
+                low, high = (factor * np.array([getattr(each, end) for each in found]) for end in ("low", "high"))
+                ends = np.array([values - low, np.where(np.isfinite(high), high, values) - values])[:, known]
+                shift = 1.0 + 0.03 * (i - 0.5 * (len(predictions.vehicles) - 1))
+                axes.errorbar(
+                    shift * np.array(predictions.horizons)[known],
+                    values[known],
+                    yerr=ends,
+                    color=_COLOURS[i],
+                    marker="o",
+                    markersize=4,
+                    capsize=3,
+                    label=vehicle,
+                )
+            axes.set(
+                xscale="log",
+                yscale="log",
+                xlabel="horizon (s)",
+                ylabel=f"RMS error of {quantity.replace('_', ' ')} ({unit})",
+            )
+            axes.set_xticks(predictions.horizons, [f"{horizon:g}" for horizon in predictions.horizons])
+            axes.minorticks_off()
+        axes.legend(loc="upper left")
+        return figure

@@ -1,0 +1,55 @@
+"""A flight of a log beside what a scenario predicts of it, over time."""
+
+from typing import Any
+
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from drake_quad.identification.flown_again.comparison import INTERVAL, Comparison
+from drake_quad.visualization.style import BLUE, REFERENCE, VERMILION, new_figure, styled
+
+_BAND: dict[str, Any] = {"color": BLUE, "alpha": 0.25, "linewidth": 0}
+# Of which a step of the clock is longer than the median, where the log has a gap.
+_GAP = 10.0
+
+
+def plot_log_comparison(comparison: Comparison) -> Figure:
+    """Plots position and error on each axis: flown, and the median and the 95 % band of the predictions.
+
+    Lines are broken where the log has a gap. A prediction counts until it crashes.
+    """
+    time, target = comparison.time, comparison.target
+    steps = np.diff(time)
+    gaps = np.flatnonzero(steps > _GAP * np.median(steps)) + 1
+    with styled():
+        figure = new_figure(10.0, 6.6)
+        grid = figure.subplots(3, 2, sharex=True, squeeze=False)
+        for i, (place, error) in enumerate(grid):
+            curves = np.vstack([time, target[:, i], comparison.flown[:, i], _spread(comparison.predicted[:, :, i])])
+            when, reference, flown, low, middle, high = np.insert(curves, gaps, np.nan, axis=1)
+            place.plot(when, reference, **REFERENCE, label="reference", zorder=3)
+            _draw(place, when, reference - flown, reference - middle, (reference - high, reference - low))
+            _draw(error, when, 100.0 * flown, 100.0 * middle, (100.0 * low, 100.0 * high))
+            place.set_ylabel(f"{'xyz'[i]} (m)")
+            error.set_ylabel(f"error on {'XYZ'[i]} (cm)")
+        for axes in grid[-1]:
+            axes.set_xlabel("time of the log (s)")
+        figure.legend(*grid[0, 0].get_legend_handles_labels(), loc="outside upper left", ncols=4)
+        return figure
+
+
+def _spread(values: np.ndarray) -> np.ndarray:
+    """(3, n) lower end, median and upper end of the band of (samples, n) values; NaN where none is left."""
+    band = np.full((3, values.shape[1]), np.nan)
+    there = np.isfinite(values).any(axis=0)
+    band[:, there] = np.nanquantile(values[:, there], (INTERVAL[0], 0.5, INTERVAL[1]), axis=0)
+    return band
+
+
+def _draw(
+    axes: Axes, time: np.ndarray, flown: np.ndarray, middle: np.ndarray, band: tuple[np.ndarray, np.ndarray]
+) -> None:
+    axes.fill_between(time, *band, **_BAND, label="95 % of the predictions")
+    axes.plot(time, middle, color=BLUE, linewidth=1.0, label="predicted")
+    axes.plot(time, flown, color=VERMILION, label="flown")

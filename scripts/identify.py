@@ -1,0 +1,212 @@
+"""Identifies a vehicle from flight logs, and writes it with its uncertainty.
+
+What the logs hold, what was identified with 95 % intervals, what the logs do not tell and why, how much of the held-out
+end of the flights is explained, and how far ahead the vehicle predicts it beside the one that it began with.
+"""
+
+import argparse
+import math
+import os
+import re
+from pathlib import Path
+
+from command_line import add_vector, overrides_of, print_columns, print_files, print_predictions, remark, run
+
+import numpy as np
+
+from drake_quad import InputError, Scenario
+from drake_quad.errors import shown
+from drake_quad.files import output_folder
+from drake_quad.identification.flown_again.prediction import Predictions, joined, predict
+from drake_quad.identification.hover import trim, white_noise
+from drake_quad.identification.identified import Identification
+from drake_quad.identification.identify import identify
+from drake_quad.identification.logs.reading import read_log
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.results.vehicle_file import write_vehicle
+from drake_quad.scenario import Override, load_undesigned
+from drake_quad.scenario.models import NAME
+from drake_quad.scenario.paths import distributions_in
+from drake_quad.visualization import identification_plots as plots
+from drake_quad.visualization.style import save_figures
+
+_VEHICLE = os.path.relpath(Path(__file__).parent.parent / "diagrams" / "vehicles" / "crazyflie.yaml")
+# Of the time in the air, at its end, that is only predicted.
+_HELD_OUT = 1.0 / 3.0
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="example: python scripts/identify.py tests/data/crazyflie/crazyswarm2/log100.xz --mass 0.0375",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    options.add_argument("log", nargs="+", type=Path, help="of the same vehicle: a Crazyflie's, ULog, or CSV")
+    options.add_argument("--vehicle", default=_VEHICLE, help="FILE or FILE:NAME to begin with (default: %(default)s)")
+    options.add_argument("--mapping", help="of columns to signals: a YAML file, or the name of a shipped one")
+    options.add_argument("--mass", type=float, metavar="KG", help="by a scale, which no log replaces")
+    options.add_argument(
+        "--set",
+        metavar="FIELD=VALUE",
+        action="append",
+        default=[],
+        help="override a field of the vehicle to begin with",
+    )
+    options.add_argument("--output", type=Path, metavar="FILE", help="to write (default: out/identified/NAME.yaml)")
+    options.add_argument("--name", help="of the vehicle (default: that of the file, or of the first log)")
+    add_vector(options)
+    arguments = options.parse_args()
+    name = name_of(arguments)
+    path = arguments.output or Path("out/identified") / f"{name}.yaml"
+    if path.suffix not in (".yaml", ".yml"):
+        raise InputError(f"--output {path}: must end in .yaml or .yml")
+    output_folder(path.parent)
+    given = overrides_of(arguments.set)
+    if arguments.mass is not None:
+        given.append(Override(f"nominal.mass={arguments.mass}", f"--mass {arguments.mass:g}"))
+    base = vehicle_of(arguments.vehicle, given)
+    records = [read_log(log, arguments.mapping) for log in arguments.log]
+    if base.vehicle.motors.kind == "speed" and any(record.motor_command is not None for record in records):
+        given += throttle_motors(base)
+        base = vehicle_of(arguments.vehicle, given)
+    print_logs(records)
+    found = identify(records, base, held_out_share=_HELD_OUT)
+    print_estimates(found)
+    print_score(found)
+    print_hover(records)
+    predictions = predicted(records, found, base)
+    print("predicted ahead from logged commands, held out: RMS error at the horizon")
+    print_predictions(predictions)
+    write_vehicle(path, name, found.estimates, base=arguments.vehicle, given=[each.assignment for each in given])
+    figures = {
+        "fit": plots.plot_fit(found),
+        "residuals": plots.plot_residuals(found),
+        "thrust": plots.plot_thrust(found, throttles(records)),
+        "correlations": plots.plot_correlations(found.estimates),
+        "predictions": plots.plot_predictions(predictions),
+    }
+    drawn = {name: figure for name, figure in figures.items() if figure is not None}
+    folder = output_folder(path.with_suffix(""))
+    print_files([path, *save_figures(drawn, folder, vector=arguments.vector)])
+
+
+def name_of(arguments: argparse.Namespace) -> str:
+    """The name of the vehicle."""
+    if arguments.name is not None:
+        if not re.fullmatch(NAME, arguments.name):
+            raise InputError(f"--name {shown(arguments.name)}: allowed are letters, digits, '_', '.' and '-'")
+        return str(arguments.name)
+    source = arguments.output or arguments.log[0]
+    return re.sub(r"[^\w.-]", "_", source.name.partition(".")[0]) or "identified"
+
+
+def vehicle_of(spec: str, given: list[Override]) -> Scenario:
+    """The vehicle to begin with, in numbers."""
+    base = load_undesigned(spec, given)
+    drawn = distributions_in(base)
+    if drawn:
+        raise InputError(f"{spec}: {next(iter(drawn))} is a distribution, and an identification begins with numbers")
+    return base
+
+
+def throttle_motors(base: Scenario) -> list[Override]:
+    """Motors that take throttles for a vehicle whose motors take speeds: its full thrust at full throttle, to begin."""
+    nominal = base.nominal
+    full = f"{nominal.thrust_factor * nominal.max_rotor_speed**2:.4g}"
+    motors = f"motors={{kind: throttle, curve: [0.0, 0.0, {full}]}}"
+    ample = f"vehicle.max_rotor_speed={2.0 * nominal.max_rotor_speed:g}"
+    changes = (f"nominal.{motors}", f"vehicle.{motors}", ample, "vehicle.min_rotor_speed=0")
+    return [Override(change, "motors of the log") for change in changes]
+
+
+def throttles(records: list[FlightRecord]) -> np.ndarray | None:
+    """All throttles that were commanded."""
+    found = [each for record in records for each in (record.motor_command, record.thrust_share) if each is not None]
+    return np.concatenate([each.ravel() for each in found]) if found else None
+
+
+def predicted(records: list[FlightRecord], found: Identification, base: Scenario) -> Predictions:
+    """How the vehicle, and the one that it began with, predict the ends of the flights."""
+    vehicles = {"identified": found.vehicle, base.name: base}
+    return joined([predict(record, vehicles, believed=base, share=_HELD_OUT) for record in records])
+
+
+def print_logs(records: list[FlightRecord]) -> None:
+    """Prints what the logs hold."""
+    for record in records:
+        seconds = record.time[-1] - record.time[0]
+        print(f"{record.name}: {seconds:.1f} s, {len(record.time):,} samples at {1.0 / record.period:.0f} Hz")
+        print(f"  {', '.join(record.names)}")
+        for sentence in record.remarks:
+            remark(f"{record.name}: {sentence}")
+
+
+def print_estimates(found: Identification) -> None:
+    """Prints what was identified, and what was not."""
+    estimates = found.estimates
+    reaches = estimates.quantiles() * estimates.deviations
+    rows = []
+    for name, value, reach, unit in zip(estimates.names, estimates.values, reaches, estimates.units, strict=True):
+        digits = max(0, 1 - math.floor(math.log10(reach))) if reach > 0.0 else 6
+        plain = (
+            f"{value:.3e} ± {reach:.1e}"
+            if abs(value) < 1e-3 or reach < 1e-4
+            else f"{value:.{digits}f} ± {reach:.{digits}f}"
+        )
+        explained = estimates.explained.get(name)
+        share = (
+            ""
+            if explained is None or explained.share < 5e-4
+            else f"{100.0 * explained.share:.1f} % of {explained.output}"
+        )
+        rows.append((name, plain, "" if unit == "1" else unit, share))
+    print("identified, with 95 % intervals")
+    print_columns(("number", "value", "unit", "explains, held out"), [(n, v, u, s) for n, v, u, s in rows])
+    if found.delay is not None:
+        print(f"a command shows after {1e3 * found.delay.value:.1f} ± {1.96e3 * found.delay.deviation:.1f} ms")
+    for name, why in estimates.not_seen.items():
+        print(f"not told: {name}: {why}")
+    for sentence in (*found.remarks, *estimates.remarks):
+        remark(sentence)
+
+
+def print_score(found: Identification) -> None:
+    """Prints how much of the variance is explained."""
+    print("explained of the variance in windows")
+    rows = [
+        (
+            output.name,
+            percent(output.share_fitted),
+            percent(output.share),
+            f"{np.sqrt(np.mean(output.residual[output.held_out] ** 2)):.2g}",
+            f"{output.deviation:.2g}",
+            output.unit,
+        )
+        for output in found.outputs
+    ]
+    print_columns(("output", "fitted", "held out", "left, RMS", "white noise", ""), rows)
+
+
+def print_hover(records: list[FlightRecord]) -> None:
+    """Prints the white noise of what is measured, and the trim."""
+    rows = []
+    for record in records:
+        for noise in white_noise(record):
+            sizes = (f"{np.sqrt(np.mean(each**2)):.2g}" for each in (noise.at_rest, noise.in_flight))
+            rest, flown = ("–" if size == "nan" else size for size in sizes)
+            rows.append((f"{record.name}: white noise of {noise.signal.replace('_', ' ')}", rest, flown, noise.unit))
+    print_columns(("", "at rest", "in flight", ""), rows)
+    for record in records:
+        for name, spread in trim(record).items():
+            print(f"{record.name}: {name} in hover {spread.value:.3g} ± {2.0 * spread.deviation:.1g} {spread.unit}")
+
+
+def percent(share: float) -> str:
+    """A share of variance in words."""
+    if not math.isfinite(share):
+        return "–"
+    return f"{100.0 * share:.1f} %" if share > 0.0 else "none"
+
+
+if __name__ == "__main__":
+    run(main)

@@ -1,0 +1,62 @@
+"""A flight of the vehicle of Neural-Fly, as a log of that form."""
+
+import csv
+from pathlib import Path
+
+import numpy as np
+from scipy.spatial.transform import Rotation
+
+from drake_quad import load_scenario, simulate
+from drake_quad.scenario import Scenario
+
+DIAGRAM = Path(__file__).parent.parent.parent / "diagrams" / "neural_fly.yaml"
+# Thrust of a rotor at full throttle as the autopilot believes it, N.
+FULL = 14.27
+# What somebody believes who has not seen a log.
+GUESS = (
+    "laboratory.autopilot.natural_frequency=[10, 10, 10]",
+    "laboratory.autopilot.damping=[0.7, 0.7, 0.7]",
+    "laboratory.command_link.delay_ticks=0",
+    "vehicle.body_drag={linear: [0.3, 0.3, 0.0]}",
+    "vehicle.rotor_aerodynamics=null",
+    "vehicle.motors={kind: throttle, curve: [0.0, 14.27, 0.0]}",
+    "vehicle.rotor_time_constant=0.05",
+)
+
+
+def guessed(*overrides: str) -> Scenario:
+    """The scenario that an identification begins with."""
+    return load_scenario(f"{DIAGRAM}:still", [*GUESS, *overrides])
+
+
+def write_flight(path: Path, scenario: Scenario) -> Path:
+    """Flies a scenario and writes what is measured and commanded as Neural-Fly does: vectors in brackets."""
+    flight = simulate(scenario, compiled=True)
+    seen, target = flight["measurement"], flight["attitude_target"]
+
+    def cells(rows: np.ndarray) -> list[str]:
+        return [str([float(f"{value:.9g}") for value in row]) for row in rows]
+
+    def quaternions(angles: np.ndarray) -> list[str]:
+        return cells(Rotation.from_euler("ZYX", angles[:, ::-1]).as_quat())
+
+    state, mass = flight["state"], scenario.vehicle.mass
+    up = Rotation.from_euler("ZYX", state[:, 5:2:-1]).apply([0.0, 0.0, 1.0])
+    acceleration = np.gradient(state[:, 6:9], flight.time, axis=0) + np.array([0.0, 0.0, 9.81])
+    columns = {
+        "t": [f"{time:.6f}" for time in flight.time],
+        "p": cells(seen[:, 0:3]),
+        "v": cells(seen[:, 6:9]),
+        "q": quaternions(seen[:, 3:6]),
+        "w": cells(seen[:, 9:12]),
+        "p_d": cells(flight["reference"][:, 0:3]),
+        "v_d": cells(flight["reference"][:, 3:6]),
+        "T_sp": [f"{thrust / (4.0 * FULL):.9g}" for thrust in target[:, 0]],
+        "q_sp": quaternions(target[:, 1:4]),
+        "fa": cells(mass * acceleration - target[:, :1] * up),
+    }
+    with path.open("w", newline="", encoding="utf-8") as file:
+        writer = csv.writer(file)
+        writer.writerow(columns)
+        writer.writerows(zip(*columns.values(), strict=True))
+    return path

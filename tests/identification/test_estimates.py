@@ -1,0 +1,151 @@
+"""Estimates: what they are called, what they may be, and how sure they are."""
+
+import numpy as np
+import pytest
+import scipy
+
+from drake_quad import InputError
+from drake_quad.identification.results.estimates import KINDS, Estimates, Explained, Source, kind_of, scenario_path
+from drake_quad.scenario import load_undesigned
+from drake_quad.scenario.description import unit_at
+from drake_quad.scenario.limits import LARGEST
+from drake_quad.scenario.numbers import number_at, with_number
+
+FLIGHT = Source("least squares", "flight.bin")
+
+
+def estimates(**changes):
+    given = {
+        "names": ("mass", "inertia[2]"),
+        "values": np.array([0.033, 3e-5]),
+        "covariance": np.array([[4e-8, 1e-11], [1e-11, 1e-14]]),
+        "degrees_of_freedom": 12.0,
+        "sources": FLIGHT,
+        **changes,
+    }
+    return Estimates(**given)
+
+
+@pytest.fixture(scope="module")
+def vehicles(diagrams):
+    """With everything that can be identified, behind an autopilot of either kind."""
+    switched_on = [
+        "vehicle.body_drag={}",
+        "vehicle.rotor_aerodynamics={}",
+        "vehicle.rotor_time_constant_down=0.1",
+        "vehicle.motors={kind: throttle, curve: [0.1, 0.2, 3.0]}",
+        "nominal.motors={kind: throttle, curve: [0.1, 0.2, 3.0]}",
+        "laboratory.motion_capture.derivative_bandwidth=80.0",
+    ]
+    response = [
+        "laboratory.autopilot={kind: response, natural_frequency: [9, 9, 9], damping: [1, 1, 1]}",
+        "control={attitude: null, position: {feed_forward: none}}",
+    ]
+    file = diagrams / "onboard.yaml"
+    return load_undesigned(file, switched_on), load_undesigned(
+        diagrams / "figure_eight.yaml", [*switched_on, *response]
+    )
+
+
+def names_of(path):
+    return [f"{path}[{place}]" for place in range(KINDS[path].items)] or [path]
+
+
+@pytest.mark.parametrize("name", [name for path in KINDS for name in names_of(path)])
+def test_units_and_limits_are_those_of_the_language(vehicles, name):
+    """Each limit may be written, and nothing beyond it."""
+    kind, path = kind_of(name), scenario_path(name)
+    scenario = vehicles[name.startswith(("autopilot.natural", "autopilot.damping"))]
+    number_at(scenario, path)
+    # How a count is written in words is left to the language.
+    assert kind.whole or unit_at(scenario, path) == kind.unit
+    for limit, beyond in ((kind.least, -1.0), (kind.most, 1.0)):
+        if abs(limit) < LARGEST:
+            with_number(scenario, path, limit)
+            with pytest.raises(InputError):
+                with_number(scenario, path, limit + beyond * max(0.5 * abs(limit), 1e-9))
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("weight", "'weight' is no number that can be identified; allowed are mass, inertia"),
+        ("body_drag.linears[0]", "did you mean body_drag.linear?"),
+        ("inertia", "which are inertia[0] to inertia[2]"),
+        ("inertia[3]", "which are inertia[0] to inertia[2]"),
+        ("mass[0]", "which are mass"),
+        ("vehicle.mass", "'vehicle.mass' is no number"),
+        ("inertia[0].x", "is no number"),
+    ],
+)
+def test_names_are_those_of_the_language(name, words):
+    with pytest.raises(InputError) as caught:
+        estimates(names=("mass", name))
+    assert words in str(caught.value)
+
+
+def test_paths_are_those_of_scenarios():
+    assert scenario_path("inertia[2]") == "vehicle.inertia.2"
+    assert scenario_path("thrust_factor_error[2]") == "vehicle.thrust_factor_error.rotor_3"
+    assert scenario_path("autopilot.damping[0]") == "laboratory.autopilot.damping.0"
+    position_noise = "laboratory.motion_capture.position_noise"
+    assert scenario_path(position_noise) == position_noise
+
+
+def test_intervals_are_student_s():
+    found = estimates(degrees_of_freedom=np.array([5.0, np.inf]))
+    low, high = found.intervals(0.9).T
+    np.testing.assert_allclose(low, found.values - found.deviations * [2.015048, 1.644854], rtol=1e-6)
+    np.testing.assert_allclose(high - found.values, found.values - low)
+    np.testing.assert_allclose(found.deviations, [2e-4, 1e-7])
+    assert found.correlation[0, 1] == pytest.approx(0.5)
+    assert found.units == ("kg", "kg m²")
+    expected = scipy.stats.t.interval(0.95, 12, loc=0.033, scale=2e-4)
+    assert tuple(estimates().intervals()[0]) == pytest.approx(expected)
+
+
+def test_a_covariance_is_symmetric_whatever_rounding_left():
+    found = estimates(covariance=[[4e-8, 1e-11], [1e-11 * (1.0 + 1e-9), 1e-14]])
+    np.testing.assert_array_equal(found.covariance, found.covariance.T)
+
+
+def test_a_part_has_what_belongs_to_it():
+    found = estimates(
+        names=("mass", "inertia[2]", "arm_length"),
+        values=[0.033, 3e-5, 0.05],
+        covariance=np.diag([1.0, 4.0, 9.0]) + 0.1,
+        degrees_of_freedom=[1.0, 2.0, 3.0],
+        sources=((FLIGHT,), (FLIGHT, Source("scale", "none")), (FLIGHT,)),
+        explained={"mass": Explained(0.5, "thrust"), "arm_length": Explained(0.1, "roll")},
+        not_seen={"drag_factor": "yaw was not moved", "mass": "it was"},
+    )
+    part = found.part(["arm_length", "inertia[2]"])
+    assert part.names == ("arm_length", "inertia[2]")
+    np.testing.assert_array_equal(part.values, [0.05, 3e-5])
+    np.testing.assert_array_equal(part.covariance, [[9.1, 0.1], [0.1, 4.1]])
+    assert (tuple(part.degrees_of_freedom), part.sources_of(1)) == ((3.0, 2.0), (FLIGHT, Source("scale", "none")))
+    assert part.explained == {"arm_length": Explained(0.1, "roll")}
+    # What is estimated is seen.
+    assert found.not_seen == part.not_seen == {"drag_factor": "yaw was not moved"}
+    assert part.value("arm_length") == 0.05
+    with pytest.raises(InputError, match="no estimate of drag_factor: yaw was not moved"):
+        part.value("drag_factor")
+    with pytest.raises(InputError, match="no estimate of mass"):
+        part.part(["mass"])
+
+
+@pytest.mark.parametrize(
+    ("changes", "words"),
+    [
+        ({"names": ("mass", "mass")}, "'mass' is estimated twice"),
+        ({"values": [0.033]}, "2 names need"),
+        ({"values": [0.033, np.nan]}, "'inertia\\[2\\]' has mean nan"),
+        ({"covariance": np.diag([1.0, 0.0])}, "variance 0"),
+        ({"degrees_of_freedom": 0.0}, "degrees of freedom"),
+        ({"sources": ((FLIGHT,),)}, "2 estimates need as many sources"),
+        ({"not_seen": {"weight": "it was not weighed"}}, "'weight' is no number"),
+    ],
+)
+def test_what_is_no_record_of_estimates_is_refused(changes, words):
+    with pytest.raises(InputError, match=words):
+        estimates(**changes)

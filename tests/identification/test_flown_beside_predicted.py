@@ -1,0 +1,183 @@
+"""Flights of a log beside their predictions: of flights that this library has flown, where all is known."""
+
+import math
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.identification.flown_again.comparison import (
+    AXES,
+    Comparison,
+    ErrorFigures,
+    compare_with_log,
+    on_route,
+    side_by_side,
+)
+from drake_quad.identification.flown_again.reference import LoggedReference, logged_reference
+from drake_quad.identification.logs.record import FlightRecord
+
+ROUTE = (
+    "route={kind: waypoints, waypoints: [[0, 0, 1], [0.6, 0.2, 1.2], [0, 0.5, 1], [0, 0, 1]], times: [0, 1.5, 3, 4.5],"
+    " top_speed: null, top_acceleration: null}"
+)
+UNCERTAIN = "vehicle.mass={uniform: {min: 0.6, max: 0.76}}"
+REST = 2.0
+
+
+@pytest.fixture(scope="module")
+def scenario(diagrams):
+    return load_scenario(diagrams / "figure_eight.yaml", [ROUTE])
+
+
+@pytest.fixture(scope="module")
+def uncertain(diagrams):
+    return load_scenario(diagrams / "figure_eight.yaml", [ROUTE, UNCERTAIN])
+
+
+def record_of(flight, begin=0.0):
+    """The log of a flight as it is measured, from a time on (s); its clock begins at zero."""
+    state, reference = flight.record("measurement"), flight.record("reference")
+    columns = {
+        "position": (state.x, state.y, state.z),
+        "velocity": (state.v_x, state.v_y, state.v_z),
+        "attitude": (state.roll, state.pitch, state.yaw),
+        "body_rates": (state.p, state.q, state.r),
+        "reference_position": (reference.x, reference.y, reference.z),
+        "reference_velocity": (reference.v_x, reference.v_y, reference.v_z),
+    }
+    kept = flight.time >= begin
+    return FlightRecord(
+        "log", flight.time[kept] - begin, **{name: np.column_stack(rows)[kept] for name, rows in columns.items()}
+    )
+
+
+@pytest.fixture(scope="module")
+def flown(scenario):
+    """The log of a flight that rested before, as the prediction will."""
+    begun = logged_reference(record_of(simulate(scenario, compiled=True)), rest=REST)
+    return record_of(simulate(on_route(scenario, begun), compiled=True), REST)
+
+
+def test_figures_are_those_of_the_errors():
+    """By hand: 3 and 4 along x and y, and 5 in space."""
+    figures = ErrorFigures.of(np.array([[3.0, 4.0, 0.0], [-3.0, 4.0, 0.0]]))
+    np.testing.assert_allclose(figures.rmse, [3.0, 4.0, 0.0, 5.0])
+    np.testing.assert_allclose(figures.mean, [0.0, 4.0, 0.0, 5.0])
+    np.testing.assert_allclose(figures.largest, [3.0, 4.0, 0.0, 5.0])
+    steps = np.zeros((101, 3))
+    steps[:, 2] = -np.arange(101.0)
+    np.testing.assert_allclose(ErrorFigures.of(steps).largest, [0.0, 0.0, 95.0, 95.0])
+
+
+def test_what_flew_the_log_predicts_its_errors(scenario, flown):
+    """To what the path through the samples is off by: its acceleration is fed forward."""
+    found = compare_with_log(flown, scenario, samples=1, rest=REST)
+    assert found.predicted.shape == (1, *found.flown.shape)
+    assert np.abs(found.flown).max() > 0.02
+    np.testing.assert_allclose(found.predicted[0], found.flown, atol=1e-3)
+
+
+def test_both_count_from_when_the_reference_moves_or_from_what_is_said(scenario, flown):
+    found = compare_with_log(flown, scenario, samples=1, rest=REST)
+    gone = np.linalg.norm(flown.reference_position - flown.reference_position[0], axis=1)
+    first = np.searchsorted(flown.time, found.time[0])
+    assert gone[first] <= 0.01 < gone[first + 1]
+    assert found.time[-1] == flown.time[-1]
+    assert compare_with_log(flown, scenario, samples=1, rest=REST, start=2.0).time[0] == pytest.approx(2.0, abs=0.02)
+    with pytest.raises(InputError, match="nothing of the log 'log' is left to compare from 99 s on"):
+        compare_with_log(flown, scenario, samples=1, start=99.0)
+
+
+def test_samples_are_those_of_the_study_whatever_the_fleet(uncertain, flown, monkeypatch):
+    monkeypatch.setattr("drake_quad.identification.flown_again.comparison._FLEET", 3)
+    told = []
+    found = compare_with_log(flown, uncertain, samples=7, rest=REST, progress=lambda *done: told.append(done))
+    assert told == [(3, 7), (6, 7), (7, 7)]
+    for sample in (0, 4, 6):
+        flight = simulate(found.scenario, sample=sample, compiled=True)
+        z = np.interp(found.time + REST, flight.time, flight.record("measurement").z)
+        np.testing.assert_allclose(found.target[:, 2] - found.predicted[sample, :, 2], z, atol=1e-9)
+    heights = found.predicted[:, -1, 2]
+    assert len(np.unique(heights)) == 7
+    assert found.varies
+
+
+def test_flights_in_which_nothing_is_random_are_alike(scenario, flown):
+    assert not compare_with_log(flown, scenario, samples=3, rest=REST).varies
+
+
+def test_the_log_of_a_sample_lies_within_the_study_and_one_of_another_vehicle_without(scenario, uncertain, flown):
+    found = compare_with_log(flown, uncertain, samples=40, rest=REST)
+    assert found.within("rmse")[[2, 3]].all()
+    median, low, high = found.interval("rmse")
+    assert (low <= median).all()
+    assert (median <= high).all()
+    heavy = scenario.model_copy(update={"vehicle": scenario.vehicle.model_copy(update={"mass": 0.95})})
+    log = record_of(simulate(on_route(heavy, found.reference), compiled=True), REST)
+    assert not compare_with_log(log, uncertain, samples=40, rest=REST).within("rmse")[3]
+
+
+def comparison_of(flown, predicted):
+    """A comparison of errors alone."""
+    nothing = LoggedReference(None, 0.0, 0.0)
+    time = np.arange(float(len(flown)))
+    return Comparison(None, None, nothing, None, time, np.zeros_like(flown), flown, predicted)
+
+
+def test_a_crash_is_an_infinite_error():
+    errors = np.ones((40, 5, 3)) * np.arange(1.0, 41.0)[:, None, None]
+    errors[:2, 3:] = np.nan
+    found = comparison_of(np.full((5, 3), 20.0), errors)
+    assert found.crashes == 2
+    median, low, high = found.interval("rmse")
+    assert (low[0], high[0]) == (4.0, math.inf)
+    assert 20.0 < median[0] < 24.0
+    assert found.within("rmse").tolist() == [True] * len(AXES)
+
+
+def test_the_typical_sample_is_that_of_the_median_error():
+    errors = np.ones((5, 2, 3)) * np.array([5.0, 1.0, 4.0, 2.0, 3.0])[:, None, None]
+    assert comparison_of(np.zeros((2, 3)), errors).typical_sample() == 4
+
+
+def test_flown_and_predicted_fly_side_by_side_by_the_clock_of_the_log(uncertain, flown):
+    found = compare_with_log(flown, uncertain, samples=3, rest=REST)
+    flights = side_by_side(found)
+    assert list(flights) == ["flown", "predicted"]
+    log, predicted = flights.values()
+    np.testing.assert_array_equal(log["state"][:, :3], flown.position[: len(log.time)])
+    np.testing.assert_array_equal(log["state"][:, 3:6], flown.attitude[: len(log.time)])
+    assert (log.time[0], predicted.time[0]) == (0.0, pytest.approx(0.0, abs=1e-9))
+    # The reference is the same for both, and the one that is simulated is the typical sample.
+    flight = simulate(found.scenario, sample=found.typical_sample(), compiled=True)
+    np.testing.assert_array_equal(predicted["state"], flight["state"][flight.time >= REST])
+    np.testing.assert_allclose(log["reference"][:, :3], flown.reference_position[: len(log.time)], atol=1e-3)
+
+
+def test_a_log_is_replayed_to_its_end_whatever_becomes_of_the_prediction(scenario, flown):
+    """Of a vehicle that crashes on its way, and of one that does not live to see the log."""
+    for crash, there in ((0.05, ["flown", "predicted"]), (1e-9, ["flown"])):
+        limits = scenario.crash.model_copy(update={"position_error": crash})
+        fragile = scenario.model_copy(update={"crash": limits, "vehicle": unlike(scenario.vehicle)})
+        found = compare_with_log(flown, fragile, samples=1, rest=REST)
+        assert found.crashes == 1
+        flights = side_by_side(found)
+        assert list(flights) == there
+        np.testing.assert_array_equal(flights["flown"]["state"][:, :3], flown.position)
+
+
+def unlike(vehicle):
+    """The vehicle with a hundredth more mass, which sinks a little."""
+    return vehicle.model_copy(update={"mass": 1.01 * vehicle.mass})
+
+
+def test_a_vehicle_without_a_time_step_is_refused(diagrams, flown):
+    continuous = load_scenario(diagrams / "figure_eight.yaml", [ROUTE, "vehicle.time_step=0"])
+    with pytest.raises(InputError, match="vehicle.time_step is 0"):
+        compare_with_log(flown, continuous)
+
+
+def test_a_log_without_positions_is_refused(scenario, flown):
+    with pytest.raises(InputError, match="lacks position; it has reference_position"):
+        compare_with_log(FlightRecord("a", flown.time, reference_position=flown.reference_position), scenario)

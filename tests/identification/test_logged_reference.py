@@ -1,0 +1,140 @@
+"""The reference of a log as a route, against paths that are known."""
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError
+from drake_quad.identification.flown_again.reference import logged_reference
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.reference.minimum_snap import minimum_snap
+from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path
+
+POINTS = np.array([[0.0, 0.0, 1.0], [1.0, 0.4, 1.2], [0.3, -0.5, 0.9], [0.0, 0.0, 1.0]])
+PATH = minimum_snap(POINTS, np.array([0.0, 1.3, 2.9, 4.4]))
+
+
+def logged(path, *, period=0.004, held=1, begin=0.0, end=None, velocity=True, **signals):
+    """A record of a path, of which every so many samples hold the same, as a reference that is sent more slowly."""
+    end = path.times[-1] if end is None else end
+    time = np.arange(begin, end, period)
+    sent = time[np.arange(len(time)) // held * held]
+    faster = {"reference_velocity": evaluate(path, sent, 1).T} if velocity else {}
+    return FlightRecord("a", time - begin, reference_position=evaluate(path, sent).T, **faster, **signals)
+
+
+def route_path(route):
+    """The path of a route, from its knots."""
+    rows = [[knot.position, knot.velocity, knot.acceleration, knot.jerk] for knot in route.knots]
+    return hermite_path(np.array([knot.time for knot in route.knots]), np.array(rows))
+
+
+def distance(found, path: PolynomialPath, start, delay=0.0):
+    time = np.linspace(0.1, path.times[-1] - 0.1, 500)
+    return np.abs(evaluate(route_path(found.route), time + start) - evaluate(path, time - delay)).max()
+
+
+def test_a_path_is_found_again_and_its_acceleration_and_jerk_with_it():
+    found = logged_reference(logged(PATH), rest=2.0)
+    assert (found.start, found.route.knots[0].time) == (2.0, 0.0)
+    assert found.deviation < 2e-3
+    assert distance(found, PATH, 2.0) < 1e-4
+    time = np.linspace(0.2, 4.2, 300)
+    for order, allowed in ((1, 1e-3), (2, 0.02), (3, 0.5)):
+        ours = evaluate(route_path(found.route), time + 2.0, order)
+        np.testing.assert_allclose(ours, evaluate(PATH, time, order), atol=allowed)
+
+
+@pytest.mark.parametrize("velocity", [True, False])
+def test_millimetres_and_held_values_do_no_harm(velocity):
+    """What is cut to mm and sent at 50 Hz is found to half a mm: it lies half a hold, less half a sample, behind."""
+    record = logged(PATH, held=5, velocity=velocity)
+    cut = FlightRecord(
+        "a",
+        record.time,
+        reference_position=np.trunc(1e3 * record.reference_position) / 1e3,
+        reference_velocity=record.reference_velocity,
+    )
+    found = logged_reference(cut, rest=1.0)
+    assert distance(found, PATH, 1.0, delay=0.008) < 1.1e-3
+    assert found.deviation < 2e-3
+    # Without regard to that, the path would be as far away as it goes in a hold.
+    assert distance(found, PATH, 1.0) > 5e-3
+
+
+def test_before_the_log_the_route_is_at_rest_where_the_log_begins():
+    knots = logged_reference(logged(PATH), rest=3.0).route.knots
+    for knot in (knots[0], knots[1], knots[2]):
+        np.testing.assert_allclose(knot.position, POINTS[0], atol=1e-4)
+        np.testing.assert_allclose([knot.velocity, knot.acceleration], 0.0, atol=1e-3)
+    assert [knot.time for knot in knots[:3]] == [0.0, 1.5, 3.0]
+
+
+def test_a_log_that_begins_on_its_way_is_run_up_to():
+    record = logged(PATH, begin=0.7)
+    found = logged_reference(record, rest=4.0)
+    path = route_path(found.route)
+    np.testing.assert_allclose(evaluate(path, [4.0]).T[0], record.reference_position[0], atol=2e-3)
+    np.testing.assert_allclose(evaluate(path, [4.0], 1).T[0], record.reference_velocity[0], atol=1e-2)
+    assert np.linalg.norm(record.reference_velocity[0]) > 0.5
+    np.testing.assert_array_equal(found.route.knots[0].velocity, 0.0)
+    # It speeds up, and neither comes back nor has to hurry.
+    along = evaluate(path, np.linspace(0.0, 4.0, 200), 1).T @ record.reference_velocity[0]
+    full = np.linalg.norm(record.reference_velocity[0]) ** 2
+    assert -0.1 * full < along.min() <= along.max() < 1.3 * full
+    with pytest.raises(InputError, match="is on its way at once: rest must not be 0"):
+        logged_reference(record)
+
+
+def test_a_gap_is_filled_smoothly():
+    """The path of least snap through a gap of 0.9 s stays near the one that was flown there."""
+    record = logged(PATH)
+    found = logged_reference(record.part((record.time < 1.0) | (record.time > 1.9)), rest=1.0)
+    assert distance(found, PATH, 1.0) < 0.05
+
+
+def test_a_gap_at_the_beginning_is_filled_from_rest():
+    """Two samples that are alike tell that it rests, and the path of least snap is near the one that was flown."""
+    record = logged(PATH)
+    resting = FlightRecord(
+        "a",
+        np.array([0.0, 0.001, *record.time[200:]]),
+        reference_position=np.vstack([POINTS[:1], POINTS[:1], record.reference_position[200:]]),
+        reference_velocity=np.vstack([np.zeros((2, 3)), record.reference_velocity[200:]]),
+    )
+    found = logged_reference(resting, rest=1.0)
+    assert distance(found, PATH, 1.0) < 0.02
+    first = next(knot for knot in found.route.knots if knot.time == 1.0)
+    np.testing.assert_allclose([first.velocity, first.acceleration, first.jerk], 0.0, atol=1e-3)
+
+
+def test_yaw_is_the_logged_one_without_turns_that_are_none():
+    time = np.arange(0.0, 4.0, 0.004)
+    yaw = 3.0 + 0.8 * np.sin(time)
+    record = logged(PATH, end=4.0 - 1e-9, reference_yaw=(yaw + np.pi) % (2.0 * np.pi) - np.pi)
+    knots = logged_reference(record, rest=1.0).route.yaw_knots
+    assert (knots[0].time, knots[0].yaw_rate, knots[0].yaw) == (0.0, 0.0, knots[1].yaw)
+    found = {knot.time - 1.0: knot.yaw for knot in knots[1:]}
+    np.testing.assert_allclose([*found.values()], 3.0 + 0.8 * np.sin([*found]), atol=1e-3)
+
+
+@pytest.mark.parametrize("attitude", [None, 0.3])
+def test_without_a_yaw_it_is_that_which_was_flown(attitude):
+    record = logged(PATH)
+    if attitude is not None:
+        angles = np.tile([0.0, 0.0, attitude], (len(record.time), 1))
+        angles[:100] = 2.0  # as on the ground
+        record = logged(PATH, attitude=angles)
+    assert {knot.yaw for knot in logged_reference(record, rest=1.0).route.yaw_knots} == {attitude or 0.0}
+
+
+def test_a_reference_that_jumps_is_refused_with_the_place():
+    record = logged(PATH, velocity=False)
+    position = record.reference_position.copy()
+    position[600:] += [0.1, 0.0, 0.0]
+    with pytest.raises(InputError, match=r"to within 2 mm: at 2\.\d+ s the nearest is \d\d mm away; does it jump"):
+        logged_reference(FlightRecord("a", record.time, reference_position=position), rest=1.0)
+
+
+def test_a_log_without_a_reference_is_refused():
+    with pytest.raises(InputError, match="lacks reference_position; it has nothing"):
+        logged_reference(FlightRecord("a", np.array([0.0, 1.0])))

@@ -1,0 +1,152 @@
+"""Driven by the commands of a log, the vehicle flies as it flew."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.framework.elementary import sin_cos
+from drake_quad.identification.fitting.open_loop import OpenLoop, Starts, commands_of, delay_of
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.results.vehicle_numbers import number_of, with_numbers
+from drake_quad.kinematics import small_rotation
+from drake_quad.signals import Attitude
+
+
+@pytest.fixture(scope="module")
+def flight(root):
+    """A flight in wind of a vehicle with drag along its axes and a lag downwards of its own."""
+    overrides = (
+        "duration=4",
+        "vehicle.body_drag={linear: [0.1, 0.2, 0.05], centre_of_pressure: [0.0, 0.0, 0.02]}",
+        "vehicle.rotor_time_constant_down=0.08",
+        "laboratory.wind=[{kind: steady, velocity: [2.0, 1.0, 0.5]}]",
+        "laboratory.command_link.loss_rate=0",
+    )
+    return simulate(load_scenario(root / "diagrams" / "laboratory.yaml:low_wind", overrides), compiled=True)
+
+
+@pytest.fixture(scope="module")
+def record(flight):
+    wrench = flight["wrench"]
+    return FlightRecord(
+        "flown",
+        flight.time,
+        rotor_speed_command=flight["rotor_speed_command"],
+        thrust_command=wrench[:, 0],
+        torque_command=wrench[:, 1:4],
+        wind=flight["wind"],
+    )
+
+
+@pytest.fixture(scope="module")
+def responding(root):
+    """A flight behind an autopilot, whose commands take a tick of 20 ms."""
+    scenario = load_scenario(root / "diagrams" / "neural_fly.yaml:wind_8", ["laboratory.command_link.loss_rate=0"])
+    flight = simulate(scenario, compiled=True)
+    target = flight["attitude_target"]
+    commands = {"thrust_share": target[:, 0] / (4 * 14.27), "attitude_command": target[:, 1:4]}
+    return flight, FlightRecord("responding", flight.time, **commands, wind=flight["wind"])
+
+
+# A flight records what is held at a tick before the link brings what holds from then on.
+RECORDED = -0.02
+STARTS = Starts(np.array([60, 100, 133]), 40)
+
+
+def test_rotor_commands_fly_a_vehicle_where_it_flew(flight, record):
+    loop = OpenLoop(flight.scenario, record, delay=RECORDED)
+    flown = loop.fly(STARTS, flight["state"][STARTS.samples][None], every=20)
+    assert flown.shape == (3, 1, 3, 12)
+    for part, steps in enumerate((0, 20, 40)):
+        np.testing.assert_allclose(flown[part, 0], flight["state"][STARTS.samples + steps], atol=2e-5)
+
+
+def test_an_autopilot_with_its_delay_flies_a_vehicle_where_it_flew(responding):
+    flight, record = responding
+    state = flight["state"][STARTS.samples]
+    loop = OpenLoop(flight.scenario, record, delay=0.02)
+    flown = loop.fly(STARTS, rates_of_angles(state)[None])
+    np.testing.assert_allclose(loop.shown(flown[0, 0]), state, atol=1e-12)
+    error = loop.shown(flown[-1, 0]) - flight["state"][STARTS.samples + 40]
+    late = OpenLoop(flight.scenario, record, delay=0.03).fly(STARTS, rates_of_angles(state)[None])[-1, 0]
+    assert np.abs(error[:, 3:6]).max() < 1e-6
+    assert np.abs(late[:, 3:6] - flight["state"][STARTS.samples + 40, 3:6]).max() > 1e-3
+
+
+def rates_of_angles(state):
+    """States with rates of the angles in the place of body rates: the inverse of eq (2)."""
+    found = state.copy()
+    roll, pitch = state[:, 3], state[:, 4]
+    (s_r, c_r), (s_p, c_p) = sin_cos(roll), sin_cos(pitch)
+    across = state[:, 10] * s_r + state[:, 11] * c_r
+    found[:, 9] = state[:, 9] + s_p / c_p * across
+    found[:, 10] = state[:, 10] * c_r - state[:, 11] * s_r
+    found[:, 11] = across / c_p
+    back = small_rotation(Attitude(*found[:, 9:12].T), Attitude(roll, pitch, state[:, 5]))
+    np.testing.assert_allclose(np.stack(back, axis=1), state[:, 9:12], atol=1e-12)
+    return found
+
+
+def test_a_delay_of_one_sample_is_commands_a_sample_later(flight, record):
+    states = flight["state"][STARTS.samples][None]
+    delayed = OpenLoop(flight.scenario, record, delay=0.02).fly(STARTS, states)
+    later = np.concatenate([record.rotor_speed_command[:1], record.rotor_speed_command[:-1]])
+    shifted = OpenLoop(flight.scenario, replace(record, rotor_speed_command=later)).fly(STARTS, states)
+    np.testing.assert_allclose(delayed, shifted, atol=1e-9)
+    half = OpenLoop(flight.scenario, record, delay=0.01).fly(STARTS, states)
+    assert np.abs(half[-1] - delayed[-1]).max() > 1e-5
+
+
+def test_many_numbers_at_once_fly_as_each_alone(flight, record):
+    loop = OpenLoop(flight.scenario, record)
+    states = flight["state"][STARTS.samples]
+    numbers = {
+        "mass": np.array([0.6, 0.7]),
+        "inertia[1]": np.array([0.006, 0.009]),
+        "thrust_factor_error[2]": np.array([0.0, 0.05]),
+    }
+    both = loop.fly(STARTS, np.stack([states, states]), numbers)
+    for i in range(2):
+        own = with_numbers(flight.scenario, {name: values[i] for name, values in numbers.items()})
+        alone = OpenLoop(own, record, believed=flight.scenario).fly(STARTS, states[None])
+        np.testing.assert_allclose(both[:, i], alone[:, 0], atol=1e-12)
+    assert np.abs(both[-1, 0] - both[-1, 1]).max() > 0.01
+
+
+def test_states_that_are_given_stay_as_they_are(flight, record):
+    states = flight["state"][STARTS.samples][None]
+    before = states.copy()
+    OpenLoop(flight.scenario, record).fly(STARTS, states)
+    np.testing.assert_array_equal(states, before)
+
+
+def test_thrust_and_torque_go_through_the_allocation_of_the_firmware(flight, record):
+    wrench_alone = replace(record, rotor_speed_command=None)
+    commands = commands_of(wrench_alone, flight.scenario, flight.scenario)
+    np.testing.assert_allclose(commands.rotors[:-2], record.rotor_speed_command[2:], rtol=1e-9)
+    lighter = with_numbers(flight.scenario, {"thrust_factor": 2e-5})
+    same = commands_of(wrench_alone, lighter, flight.scenario)
+    np.testing.assert_array_equal(same.rotors, commands.rotors)
+
+
+def test_what_drives_no_vehicle_is_refused(flight, record):
+    without = replace(record, rotor_speed_command=None, torque_command=None)
+    with pytest.raises(InputError, match="no commands that drive the vehicle .*: it needs rotor_speed_command"):
+        OpenLoop(flight.scenario, without)
+    motors = replace(without, motor_command=np.zeros((len(record.time), 4)))
+    with pytest.raises(InputError, match="motors: {kind: throttle}"):
+        OpenLoop(flight.scenario, motors)
+
+
+def test_the_delay_of_a_scenario_is_that_of_link_and_cameras(responding):
+    scenario = responding[0].scenario
+    assert delay_of(scenario) == pytest.approx(0.02 + 0.01)
+    assert delay_of(scenario, 2.5) == pytest.approx(0.05 + 0.01)
+
+
+def test_a_number_of_an_effect_that_is_off_is_zero(flight):
+    assert number_of(flight.scenario, "rotor_aerodynamics.climb") == 0.0
+    assert number_of(flight.scenario, "body_drag.linear[1]") == 0.2
+    assert with_numbers(flight.scenario, {"rotor_aerodynamics.climb": 0.1}).vehicle.rotor_aerodynamics.climb == 0.1

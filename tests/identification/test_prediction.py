@@ -1,0 +1,140 @@
+"""Open-loop prediction: what a vehicle that is right, and one that is wrong, are off by."""
+
+import math
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.identification.flown_again.prediction import Predictions, joined, predict
+from drake_quad.identification.identify import identify
+from drake_quad.identification.logs.reading import read_log
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.results.vehicle_numbers import with_numbers, with_throttles
+from drake_quad.scenario import load_undesigned
+
+
+@pytest.fixture(scope="module")
+def scenario(root):
+    overrides = (
+        "duration=10",
+        "laboratory.wind=[{kind: steady, velocity: [1.0, 0.0, 0.0]}]",
+        # So that a command shows as late as the delay of a scenario says, of link and cameras.
+        "laboratory.motion_capture.period=0.01",
+        "laboratory.command_link.delay_ticks=0",
+        "laboratory.command_link.loss_rate=0",
+    )
+    return load_scenario(root / "diagrams" / "laboratory.yaml:low_wind", overrides)
+
+
+@pytest.fixture(scope="module")
+def record(scenario):
+    """The state without noise, 10 ms after it was, and the commands as they acted."""
+    flight = simulate(scenario, compiled=True)
+    state = np.array([np.interp(flight.time - 0.01, flight.time, row) for row in flight["state"].T]).T
+    command = np.concatenate([flight["rotor_speed_command"][1:], flight["rotor_speed_command"][-1:]])
+    rows = {"position": state[:, :3], "attitude": state[:, 3:6], "velocity": state[:, 6:9], "body_rates": state[:, 9:]}
+    return FlightRecord("flown", flight.time, **rows, rotor_speed_command=command)
+
+
+@pytest.fixture(scope="module")
+def predictions(record, scenario):
+    factor = 1.1 * scenario.vehicle.thrust_factor
+    stronger = with_numbers(scenario, {"thrust_factor": factor})
+    return predict(record, {"right": scenario, "stronger": stronger}, horizons=(0.1, 0.5, 1.0))
+
+
+def test_a_vehicle_that_is_right_is_off_by_next_to_nothing(predictions):
+    assert predictions.rmse("position", "right", 0.5).value < 2e-3
+    assert predictions.rmse("attitude", "right", 0.5).value < 5e-3
+
+
+@pytest.mark.parametrize("horizon", [0.1, 0.5])
+def test_a_tenth_more_thrust_lifts_by_that_of_gravity(predictions, horizon):
+    """From rotors that turn as they are told: they have followed the same commands, and lift a tenth more at once."""
+    expected = 0.5 * 0.1 * 9.81 * horizon**2
+    assert predictions.rmse("position", "stronger", horizon).value == pytest.approx(expected, rel=0.1)
+    better = predictions.better("position", "right", "stronger", horizon)
+    assert better.low > 0.8
+    assert better.value == pytest.approx(
+        1.0 - predictions.rmse("position", "right", horizon).value / expected, abs=0.05
+    )
+
+
+def test_fewer_starts_reach_farther_horizons(predictions):
+    starts = [predictions.starts(horizon) for horizon in predictions.horizons]
+    assert starts[0] > starts[1] > starts[2] > 50
+
+
+def test_intervals_are_those_of_blocks():
+    """Of blocks of a second with one start each: Student's t of the mean square, on the scale of its logarithm."""
+    errors = np.array([1.0, 2.0, 1.5, 0.5, 1.0, 3.0])
+    squares = errors**2
+    given = Predictions(
+        ("one", "other"),
+        (0.5,),
+        np.array(["a"] * 6),
+        np.arange(6.0),
+        {"position": np.stack([errors, 2.0 * errors])[:, None]},
+    )
+    found = given.rmse("position", "one", 0.5)
+    reach = 2.570582 * np.std(squares, ddof=1) / math.sqrt(6) / (2.0 * np.mean(squares))
+    assert found.value == pytest.approx(math.sqrt(np.mean(squares)))
+    assert found.high == pytest.approx(found.value * math.exp(reach), rel=1e-6)
+    assert given.better("position", "one", "other", 0.5) == pytest.approx((0.5, 0.5, 0.5))
+    both = joined([given, given])
+    assert both.starts(0.5) == 12
+    single = Predictions(
+        ("one",), (0.5,), np.array(["a"] * 2), np.array([0.0, 0.1]), {"position": errors[None, None, :2]}
+    )
+    assert single.rmse("position", "one", 0.5).high == math.inf
+
+
+def test_starts_are_after_gaps_and_before_the_end(record, scenario):
+    kept = (record.time < 4.0) | (record.time > 4.5)
+    found = predict(record.part(kept), {"right": scenario}, horizons=(0.5,))
+    error = found.errors["position"][0, 0]
+    over_gap = (found.time > 3.45) & (found.time < 4.0)
+    assert np.isnan(error[over_gap]).all() or not over_gap.any()
+    assert not ((found.time > 4.5) & (found.time < 4.85)).any()
+    assert np.nanmax(error) < 0.02
+
+
+def test_only_the_end_is_predicted_where_that_is_asked_for(record, scenario):
+    found = predict(record, {"right": scenario}, horizons=(0.1,), share=0.25)
+    assert found.time.min() > 7.4
+
+
+def test_a_log_of_which_nothing_can_be_predicted_is_refused(record, scenario):
+    bare = FlightRecord("bare", record.time, rotor_speed_command=record.rotor_speed_command)
+    with pytest.raises(InputError, match="needs position, velocity, attitude or body_rates"):
+        predict(bare, {"right": scenario})
+    with pytest.raises(InputError, match="no stretch in the air that lasts 0.65 s"):
+        predict(record.part(slice(0, 20)), {"right": scenario}, horizons=(0.5,))
+    with pytest.raises(InputError, match="no stretch in the air that lasts 2.1 s"):
+        predict(record.part(slice(0, 100)), {"right": scenario}, horizons=(2.0,))
+    with pytest.raises(InputError, match="no log to predict"):
+        joined([])
+
+
+@pytest.mark.slow
+def test_a_crazyflie_is_predicted_better_by_a_third_at_least(root):
+    """Fitted to the first two thirds of a flight, beside the data sheet on the last."""
+    base = load_undesigned(root / "diagrams" / "vehicles" / "crazyflie.yaml", ["nominal.mass=0.0375"])
+    record = read_log(root / "tests" / "data" / "crazyflie" / "crazyswarm2" / "log100.xz")
+    found = identify([record], base)
+    predictions = predict(record, {"identified": found.vehicle, "data sheet": base}, believed=base, share=1 / 3)
+    assert predictions.better("position", "identified", "data sheet", 0.5).low > 0.3
+    assert predictions.rmse("position", "identified", 0.5).value < 0.1
+
+
+@pytest.mark.slow
+def test_a_flight_without_attitude_tells_its_height(root):
+    """Fitted to one flight, predicting another."""
+    base = with_throttles(load_undesigned(root / "diagrams" / "vehicles" / "crazyflie.yaml", ["nominal.mass=0.0287"]))
+    folder = root / "tests" / "data" / "crazyflie" / "crazypad"
+    first, second = (read_log(folder / f"normal_flight_E8_log0{i}.xz") for i in (0, 1))
+    found = identify([first], base)
+    predictions = predict(second, {"identified": found.vehicle, "data sheet": base}, believed=base)
+    assert set(predictions.errors) == {"height", "climb"}
+    assert predictions.better("height", "identified", "data sheet", 0.5).low > 0.8

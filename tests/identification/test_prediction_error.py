@@ -1,0 +1,69 @@
+"""Covariances, degrees of freedom and noise, against closed forms and against leaving blocks out by hand."""
+
+import numpy as np
+import pytest
+import scipy
+
+from drake_quad.identification.fitting.prediction_error import Fitted, scored
+from drake_quad.identification.fitting.predictor import Gains, Noise
+
+NOTHING = Gains(*(np.empty(0) for _ in Gains._fields))
+NO_NOISE = Noise(np.ones(1), np.ones(6), np.ones(6))
+
+
+def line_fit(windows: int, samples: int, seed: int) -> tuple[Fitted, np.ndarray, np.ndarray]:
+    """A least-squares fit of two parameters to windows of samples; its rows and values."""
+    rng = np.random.default_rng(seed)
+    rows = rng.normal(size=(windows, samples, 2)) * rng.uniform(0.5, 2.0, size=(windows, 1, 1))
+    values = rows @ [1.0, -2.0] + rng.normal(size=(windows, 1)) + 0.3 * rng.normal(size=(windows, samples))
+    found = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
+    # An error is measured minus predicted.
+    return Fitted(found, NO_NOISE, NOTHING, -rows, values - rows @ found, 1), rows, values
+
+
+def test_covariance_is_the_jackknife_over_blocks() -> None:
+    """For a linear model one step of Gauss and Newton is exact: each block is left out by hand."""
+    fitted, rows, values = line_fit(12, 7, seed=0)
+    blocks = np.arange(12) // 3
+    moves = []
+    for b in range(4):
+        kept = blocks != b
+        found = np.linalg.lstsq(rows[kept].reshape(-1, 2), values[kept].ravel(), rcond=None)[0]
+        moves.append(found - fitted.parameters)
+    expected = 3 / 4 * np.array(moves).T @ np.array(moves)
+    np.testing.assert_allclose(fitted.covariance(blocks).covariance, expected, rtol=1e-9)
+
+
+def test_degrees_of_freedom_are_those_of_the_blocks_that_tell() -> None:
+    """Of ten blocks alike nine; if only two of them tell a parameter, one."""
+    slopes = np.zeros((10, 5, 2))
+    slopes[:, :3, 0] = 1.0
+    slopes[:2, 3:, 1] = 1.0
+    fitted = Fitted(np.zeros(2), NO_NOISE, NOTHING, slopes, np.zeros((10, 5)), 1)
+    found = fitted.covariance(np.arange(10)).degrees_of_freedom
+    np.testing.assert_allclose(found, [9.0, 1.0])
+
+
+@pytest.mark.slow
+def test_intervals_of_correlated_errors_cover() -> None:
+    """Errors that are shared by a window make intervals of independent samples far too short; these cover."""
+    inside = 0
+    for seed in range(400):
+        fitted, *_ = line_fit(15, 6, seed)
+        found = fitted.covariance(np.arange(15))
+        reach = scipy.stats.t.ppf(0.975, found.degrees_of_freedom) * np.sqrt(np.diag(found.covariance))
+        inside += np.sum(np.abs(fitted.parameters - [1.0, -2.0]) < reach)
+    assert 0.93 < inside / 800 < 0.99
+
+
+def test_score_and_information_are_those_of_normal_errors() -> None:
+    """For e of variance s², by log s: score Σ e²/s² - 1, information 2 a sample."""
+    rng = np.random.default_rng(1)
+    errors, deviation, step = rng.normal(0.0, 2.0, size=(50, 1, 3, 1)), 1.5, 1e-4
+    spreads = np.full((50, 2, 3, 1, 1), deviation**2)
+    spreads[:, 1] *= np.exp(2.0 * step)
+    found, score, information = scored(np.tile(errors, (1, 2, 1, 1)), spreads, step)
+    squares = (errors / deviation) ** 2
+    assert found == pytest.approx(-150 * np.log(deviation) - 0.5 * squares.sum())
+    assert score[0] == pytest.approx((squares - 1.0).sum(), rel=1e-3)
+    assert information[0, 0] == pytest.approx(300.0, rel=1e-3)

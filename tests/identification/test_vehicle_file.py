@@ -1,0 +1,325 @@
+"""The file of an identified vehicle: it loads, flies, is drawn from in studies, and says what is known."""
+
+import os
+import re
+
+import numpy as np
+import pytest
+import scipy
+
+from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
+from drake_quad.identification.results.estimates import Estimates, Explained, Source, scenario_path
+from drake_quad.identification.results.vehicle_file import rising_curve, write_vehicle
+from drake_quad.scenario import Batch, distributions_in, load_undesigned
+from drake_quad.scenario.correlation import joint_normal
+from drake_quad.scenario.distributions import Normal
+from drake_quad.scenario.paths import value_at
+from drake_quad.vehicle.motors import ThrustCurve, thrust_of
+
+# As flights of a Crazyflie give them, or nearly so: value and standard deviation.
+FOUND = {
+    "mass": (0.03345, 2e-4),
+    "inertia[0]": (1.7e-5, 1.5e-6),
+    "inertia[1]": (1.6e-5, 1.2e-6),
+    "rotor_time_constant": (0.072, 0.002),
+    "motors.curve[0]": (0.0227, 0.002),
+    "motors.curve[1]": (-0.0119, 0.007),
+    "motors.curve[2]": (0.1284, 0.006),
+    "body_drag.linear[0]": (0.0102, 0.004),
+    "body_drag.linear[1]": (-0.001, 0.004),
+    "thrust_factor_error[2]": (0.012, 0.01),
+    "centre_of_mass[0]": (-4e-4, 1e-4),
+    "laboratory.motion_capture.position_noise": (0.0011, 1e-4),
+    "laboratory.command_link.delay_ticks": (1.2, 0.1),
+}
+FLIGHT = Source("multiple shooting", "hover_1.bin")
+CRAZYFLIE = "diagrams/vehicles/crazyflie_onboard.yaml"
+NOT_DRAWN = ("laboratory.command_link.delay_ticks", "body_drag.linear[1]")
+
+
+def correlated(count):
+    """Correlations at random, of no special structure; the curve's are strong, as a fit around hover makes them."""
+    shape = np.random.default_rng(4).normal(size=(count, count + 8))
+    shape[5] = 0.05 * shape[5] - shape[6]
+    covariance = shape @ shape.T
+    deviation = np.sqrt(np.diag(covariance))
+    return covariance / np.outer(deviation, deviation)
+
+
+def estimates_of(found, **options):
+    values, deviations = np.array([*found.values()]).T
+    covariance = correlated(13)[: len(found), : len(found)] * np.outer(deviations, deviations)
+    return Estimates(tuple(found), values, covariance, **{"degrees_of_freedom": 40.0, "sources": FLIGHT, **options})
+
+
+@pytest.fixture(scope="module")
+def estimates():
+    return estimates_of(
+        FOUND,
+        explained={"mass": Explained(0.43, "acceleration along z")},
+        not_seen={"inertia[2]": "the vehicle never turned about its vertical axis"},
+        remarks=("A gap of 0.2 s at 12.3 s was left out.",),
+    )
+
+
+@pytest.fixture(scope="module")
+def base(root):
+    return root / CRAZYFLIE
+
+
+@pytest.fixture(scope="module")
+def written(estimates, base, tmp_path_factory):
+    return write_vehicle(tmp_path_factory.mktemp("own") / "folder" / "my_drone.yaml", "my-drone", estimates, base=base)
+
+
+@pytest.fixture(scope="module")
+def vehicle(written):
+    return load_undesigned(written)
+
+
+def text_of(path):
+    """The text without line breaks in comments."""
+    return re.sub(r"\n *# ", " ", path.read_text(encoding="utf-8"))
+
+
+def test_values_and_covariance_are_read_back(estimates, vehicle):
+    """As a normal distribution with the intervals of Student's; a deviation to 1e-5, and that of any sum to 1 %."""
+    joint = joint_normal(distributions_in(vehicle))
+    drawn = [name for name in estimates.names if name not in NOT_DRAWN[:1]]
+    assert set(joint.paths) == {scenario_path(name) for name in drawn}
+    part = estimates.part(drawn)
+    order = [joint.paths.index(scenario_path(name)) for name in drawn]
+    wider = scipy.stats.t.ppf(0.975, 40.0) / scipy.stats.norm.ppf(0.975)
+    scale = wider**2 * np.outer(part.deviations, part.deviations)
+    # A drag that pushes is none; else what is written is the estimate.
+    values = np.where(np.array(drawn) == NOT_DRAWN[1], 0.0, part.values)
+    np.testing.assert_allclose((joint.mean[order] - values) / part.deviations, 0.0, atol=1e-5)
+    found = joint.covariance[np.ix_(order, order)] / scale
+    np.testing.assert_allclose(np.diag(found), 1.0, rtol=2e-5)
+    size, vectors = np.linalg.eigh(part.correlation)
+    assert size[0] < 0.01
+    np.testing.assert_allclose(np.einsum("ji,jk,ki->i", vectors, found, vectors), size, rtol=0.02)
+
+
+def test_what_is_drawn_has_the_covariance_of_the_estimates(estimates, vehicle):
+    names = ["mass", "motors.curve[0]", "motors.curve[1]", "motors.curve[2]", "centre_of_mass[0]"]
+    batch = Batch.draw(vehicle, range(20_000)).varying
+    part = estimates.part(names)
+    wider = (scipy.stats.t.ppf(0.975, 40.0) / scipy.stats.norm.ppf(0.975)) ** 2
+    found = np.cov([batch[scenario_path(name)] for name in names]) / np.outer(part.deviations, part.deviations)
+    np.testing.assert_allclose(found, wider * part.correlation, atol=0.03)
+    low, high = part.intervals().T
+    for name, least, most in zip(names, low, high, strict=True):
+        drawn = batch[scenario_path(name)]
+        assert np.mean((drawn > least) & (drawn < most)) == pytest.approx(0.95, abs=0.006)
+
+
+def test_the_ground_believes_the_values(estimates, vehicle):
+    """Numbers, and those that are not estimated as in the base."""
+    assert vehicle.nominal.mass == pytest.approx(0.03345)
+    assert vehicle.nominal.inertia == pytest.approx((1.7e-5, 1.6e-5, 2.98e-5))
+    assert distributions_in(vehicle.nominal) == {}
+    assert vehicle.vehicle.inertia[2] == 2.98e-5
+    assert vehicle.vehicle.body_drag.linear[2] == 0.01278
+    assert vehicle.laboratory.command_link.delay_ticks == 1.0
+    assert vehicle.laboratory.autopilot == load_undesigned(CRAZYFLIE).laboratory.autopilot
+
+
+def test_a_measured_curve_flies_and_a_rising_one_is_believed(vehicle):
+    """The measured one falls at first; they agree at hover, and nearly so above."""
+    curve = vehicle.vehicle.motors.curve
+    assert curve[1].normal.mean < 0.0
+    believed = ThrustCurve(*vehicle.nominal.motors.curve)
+    measured = ThrustCurve(*(each.normal.mean for each in curve))
+    hover = 0.25 * 0.03345 * 9.81
+    throttle = scipy.optimize.brentq(lambda u: thrust_of(u, measured) - hover, 0.3, 1.0)
+    assert thrust_of(throttle, believed) == pytest.approx(hover, rel=2e-3)
+    above = np.linspace(throttle, 1.0)
+    np.testing.assert_allclose(thrust_of(above, believed), thrust_of(above, measured), rtol=0.03)
+    # The limit of the rotors' speed, which is the data sheet's, cuts nothing off.
+    assert vehicle.nominal.thrust_factor * vehicle.nominal.max_rotor_speed**2 > 1.15 * thrust_of(1.0, measured)
+    assert vehicle.vehicle.max_rotor_speed == vehicle.nominal.max_rotor_speed
+
+
+@pytest.mark.parametrize("curve", [(0.0, 0.1, 0.2), (0.02, 0.0, 0.1), (0.01, 0.4, -0.2)])
+def test_a_curve_that_rises_is_believed_as_it_is(curve):
+    np.testing.assert_allclose(rising_curve(ThrustCurve(*curve), hover_thrust=0.08), curve, atol=1e-9)
+
+
+@pytest.mark.parametrize("curve", [(-0.05, 0.1, 0.3), (0.1, -0.2, 0.4), (0.01, 0.5, -0.4), (-0.01, -0.1, 0.5)])
+def test_a_curve_that_does_not_rise_is_believed_as_near_as_one_that_does(curve):
+    """Nearer than others that rise, where it flies as well as on the whole."""
+    measured = ThrustCurve(*curve)
+    rising = rising_curve(measured, hover_thrust=0.1)
+    k_0, k_1, k_2 = rising
+    assert min(k_0, k_1, k_1 + 2.0 * k_2) >= -1e-12
+    throttles = np.linspace(0.0, 1.0, 101)
+    there = throttles[np.argmin(np.abs(thrust_of(throttles, measured) - 0.1))]
+    assert thrust_of(there, rising) == pytest.approx(thrust_of(there, measured), abs=1e-4)
+
+
+def test_what_would_contradict_an_estimate_is_switched_off(vehicle, base):
+    """Whatever the base or a laboratory beneath has: one lag was found, and all drag is in the estimate."""
+    assert load_undesigned(base).vehicle.rotor_time_constant_down is not None
+    assert vehicle.vehicle.rotor_time_constant_down is None
+    assert {"linear_drag", "quadratic_drag"} <= vehicle.vehicle.model_fields_set
+
+
+def test_lags_that_were_found_for_each_direction_are_both_written(base, tmp_path):
+    found = estimates_of({"rotor_time_constant": (0.05, 0.001), "rotor_time_constant_down": (0.08, 0.002)})
+    vehicle = load_undesigned(write_vehicle(tmp_path / "lags.yaml", "lags", found, base=base)).vehicle
+    assert vehicle.rotor_time_constant.normal.mean == 0.05
+    assert vehicle.rotor_time_constant_down.normal.mean == 0.08
+
+
+def test_a_limit_that_the_base_has_for_its_vehicle_cuts_no_curve_off(base, tmp_path):
+    own = tmp_path / "own.yaml"
+    own.write_text(f"own: {{extends: {base}, vehicle: {{max_rotor_speed: 2400.0}}}}")
+    found = estimates_of({f"motors.curve[{place}]": FOUND[f"motors.curve[{place}]"] for place in range(3)})
+    vehicle = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", found, base=own)).vehicle
+    assert vehicle.thrust_factor * vehicle.max_rotor_speed**2 > 1.15 * (0.0227 - 0.0119 + 0.1284)
+
+
+def test_numbers_are_written_with_the_digits_that_their_deviation_asks_for(base, tmp_path):
+    """Many, since sums of them may be known much better than any of them."""
+    found = estimates_of({"mass": (0.0334512345678, 2e-7), "inertia[0]": (1.712345678e-5, 1.5e-6)})
+    path = write_vehicle(tmp_path / "new.yaml", "new", found, base=base)
+    joint = joint_normal(distributions_in(load_undesigned(path)))
+    assert np.all(np.abs(joint.mean - found.values) < 1e-5 * found.deviations)
+    assert "mean: 0.033451234568\n" in path.read_text()
+
+
+def test_every_number_says_what_is_known_of_it(written):
+    text = text_of(written)
+    for words in (
+        "0.03345 kg, 95 % interval 0.033046 to 0.033854; explains 43 % of the variance of acceleration along z;"
+        " multiple shooting, hover_1.bin\n    mass:",
+        "0.072 s, 95 % interval 0.06796 to 0.07604; multiple shooting, hover_1.bin\n    rotor_time_constant:",
+        "1.2, 95 % interval 0.998 to 1.402; multiple shooting, hover_1.bin; written as a whole number\n"
+        "      delay_ticks: 1",
+        "inertia[2] is as in what this extends: the vehicle never turned about its vertical axis",
+        "A gap of 0.2 s at 12.3 s was left out.",
+        "one lag was found for both directions\n    rotor_time_constant_down: null",
+    ):
+        assert words in text
+    assert all(len(line) <= 120 for line in written.read_text().splitlines() if line.lstrip().startswith("#"))
+
+
+def test_distributions_keep_to_what_a_vehicle_can_be(vehicle):
+    found = distributions_in(vehicle)
+    assert found["vehicle.mass"].normal.min == pytest.approx(0.003345)
+    assert found["vehicle.body_drag.linear.0"].normal.min == 0.0
+    lag = found["vehicle.rotor_time_constant"].normal
+    assert (lag.min, lag.max) == pytest.approx((0.0072, 0.072 + 6.0 * lag.standard_deviation), rel=1e-3)
+    error = found["vehicle.thrust_factor_error.rotor_3"].normal
+    assert error.min == pytest.approx(0.012 - 6.0 * error.standard_deviation, rel=1e-3)
+    assert all(value.normal.max is None for path, value in found.items() if path == "vehicle.centre_of_mass.0")
+    assert all(isinstance(value, Normal) for value in found.values())
+
+
+GAINS = (
+    "{attitude: null, network: null, position: {kind: pd, feed_forward: acceleration, k_p: [6.1, 6.7, 6.8],"
+    " k_d: [3.5, 3.5, 3.9]}}"
+)
+
+
+@pytest.fixture(scope="module")
+def loop(written, diagrams):
+    """Over a laboratory and its figure eight, with gains of its own."""
+    path = written.parent / "loop.yaml"
+    laboratory = os.path.relpath(diagrams / "laboratory.yaml", path.parent)
+    path.write_text(
+        f"loop:\n  extends: [{laboratory}:low_wind, my_drone.yaml]\n  control: {GAINS}\n  duration: 1.5\n",
+        encoding="utf-8",
+    )
+    return path
+
+
+def test_it_is_laid_over_a_laboratory_and_flies(loop):
+    scenario = load_scenario(loop)
+    assert scenario.vehicle.linear_drag == 0.0
+    metrics = simulate(scenario, sample=3).metrics
+    assert not metrics.crashed
+    assert metrics.rmse < 0.4
+
+
+def test_it_is_drawn_from_in_a_study(loop, vehicle):
+    study = run_monte_carlo(load_scenario(loop), 40, 2, num_workers=1)
+    assert (study.failures, study.metrics.crashed.any()) == ({}, np.False_)
+    assert set(study.parameters) == set(distributions_in(vehicle))
+    # The curve's numbers are off together, so that the thrust of hover is off by little.
+    curve = np.array([study.parameters[f"vehicle.motors.curve.{place}"] for place in range(3)])
+    assert np.corrcoef(curve[1:])[0, 1] < -0.95
+
+
+def test_numbers_alone_can_be_written(estimates, base, tmp_path):
+    path = write_vehicle(
+        tmp_path / "plain.yml", "plain", estimates, base=f"{base}:crazyflie_onboard", distributions=False
+    )
+    plain = load_undesigned(path)
+    assert distributions_in(plain) == {}
+    for name, value in zip(estimates.names, estimates.values, strict=True):
+        if name not in NOT_DRAWN:
+            assert value_at(plain, scenario_path(name)) == pytest.approx(value, rel=1e-5)
+    assert "share" not in path.read_text().replace("Fields that share", "")
+
+
+def test_an_attitude_s_response_takes_the_place_of_what_is_on_board(root, tmp_path):
+    """With what it needs beside it, and without what is in it."""
+    found = {
+        f"autopilot.{name}[{axis}]": (9.0 + axis, 0.2) for name in ("natural_frequency", "damping") for axis in range(3)
+    }
+    base = root / "diagrams" / "vehicles" / "crazyflie.yaml"
+    path = write_vehicle(tmp_path / "answers.yaml", "answers", estimates_of(found), base=base)
+    scenario = load_undesigned(path)
+    assert load_undesigned(base).vehicle.reaction_torque
+    assert not scenario.vehicle.reaction_torque
+    assert scenario.laboratory.autopilot.kind == "response"
+    assert scenario.laboratory.autopilot.damping[2].normal.mean == pytest.approx(11.0)
+    assert scenario.control.attitude is None
+    with pytest.raises(InputError, match=r"autopilot\.damping must be estimated, too"):
+        write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:3])), base=base)
+    with pytest.raises(InputError, match=r"autopilot\.damping\[2\] is not estimated, and what the vehicle extends has"):
+        write_vehicle(tmp_path / "half.yaml", "half", estimates_of(dict([*found.items()][:5])), base=base)
+
+
+def test_what_a_base_draws_is_still_drawn(base, tmp_path):
+    """Of a list, the items that were not estimated."""
+    own = tmp_path / "own.yaml"
+    own.write_text(
+        f"own: {{extends: {base}, vehicle: {{inertia: [1.7e-5, 1.7e-5, {{uniform: {{min: 2e-5, max: 4e-5}}}}]}}}}"
+    )
+    found = estimates_of({"inertia[1]": (1.6e-5, 1e-6)})
+    scenario = load_undesigned(write_vehicle(tmp_path / "new.yaml", "new", found, base=own))
+    drawn = distributions_in(scenario)
+    assert set(drawn) == {"vehicle.inertia.1", "vehicle.inertia.2"}
+    assert tuple(drawn["vehicle.inertia.2"].extremes()) == (2e-5, 4e-5)
+    assert "shared" not in (tmp_path / "new.yaml").read_text()
+
+
+@pytest.mark.parametrize(
+    ("found", "options", "words"),
+    [
+        ({"mass": (-0.1, 1.0)}, {}, "the estimate of mass, -0.1 kg, must be larger than 0"),
+        ({"arm_length": (0.04, 0.001)}, {}, "the vehicle cannot be written: {path}:"),
+        ({"mass": (0.03, 0.1)}, {"name": "my drone"}, "a vehicle cannot be called 'my drone'"),
+        ({"mass": (0.03, 0.1)}, {"path": "drone.txt"}, "must end in .yaml or .yml"),
+        ({"mass": (0.03, 0.1)}, {"base": "nowhere.yaml"}, "nowhere.yaml"),
+        (
+            {"motors.curve[0]": (0.03, 0.1)},
+            {},
+            "motors.curve[1] is not estimated, and what the vehicle extends has none",
+        ),
+    ],
+)
+def test_what_cannot_be_written_leaves_nothing(base, tmp_path, found, options, words):
+    path = tmp_path / options.get("path", "drone.yaml")
+    with pytest.raises(InputError) as caught:
+        write_vehicle(path, options.get("name", "drone"), estimates_of(found), base=options.get("base", base))
+    assert words.format(path=path) in str(caught.value)
+    assert list(tmp_path.iterdir()) == []
+
+
+def test_no_estimates_are_no_vehicle(estimates, base, tmp_path):
+    with pytest.raises(InputError, match="no estimate to write"):
+        write_vehicle(tmp_path / "none.yaml", "none", estimates.part([]), base=base)
