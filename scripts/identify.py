@@ -18,7 +18,7 @@ from drake_quad import InputError, Scenario
 from drake_quad.errors import shown
 from drake_quad.files import output_folder
 from drake_quad.identification.flown_again.prediction import Predictions, joined, predict
-from drake_quad.identification.hover import trim, white_noise
+from drake_quad.identification.hover import delay_by_correlation, trim, white_noise
 from drake_quad.identification.identified import Identification
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
@@ -199,6 +199,9 @@ def print_hover(records: list[FlightRecord]) -> None:
     for record in records:
         for name, spread in trim(record).items():
             print(f"{record.name}: {name} in hover {spread.value:.3g} ± {2.0 * spread.deviation:.1g} {spread.unit}")
+        behind = delay_by_correlation(record)
+        if behind is not None:
+            print(f"{record.name}: attitude is most like its command {1e3 * behind:.0f} ms later")
 
 
 def percent(share: float) -> str:

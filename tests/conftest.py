@@ -1,7 +1,10 @@
 import gc
 import os
+import runpy
 import signal
+import sys
 from pathlib import Path
+from typing import NamedTuple
 
 import pytest
 
@@ -9,6 +12,7 @@ from drake_quad import load_scenario
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
+_ROOT = Path(__file__).parent.parent
 # Files that wait for other processes or take long: they begin first, and the others fill the gaps.
 _FIRST = ("test_cluster", "test_docs", "test_scripts", "test_replay", "test_report", "test_fuzz")
 
@@ -76,3 +80,30 @@ def asymmetric_vehicle() -> QuadrotorParameters:
         max_rotor_speed=290.0,
         centre_of_mass=CentreOfMass(-0.003, 0.008),
     )
+
+
+class Result(NamedTuple):
+    """What a script leaves behind."""
+
+    returncode: int
+    stdout: str
+    stderr: str
+
+
+@pytest.fixture
+def run(capsys, monkeypatch):
+    """Runs a script in this process, which has imported Drake already, and returns what it leaves behind."""
+    monkeypatch.chdir(_ROOT)
+    monkeypatch.syspath_prepend(_ROOT / "scripts")
+
+    def call(script, *arguments):
+        path = str(_ROOT / "scripts" / script)
+        monkeypatch.setattr(sys, "argv", [path, *map(str, arguments)])
+        status = 0
+        try:
+            runpy.run_path(path, run_name="__main__")
+        except SystemExit as stop:
+            status = stop.code or 0
+        return Result(status, *capsys.readouterr())
+
+    return call

@@ -2,13 +2,11 @@
 
 import csv
 import re
-import runpy
 import shutil
 import signal
 import subprocess
 import sys
 from pathlib import Path
-from typing import NamedTuple
 
 import pytest
 
@@ -21,31 +19,6 @@ SCRIPTS = sorted(
     for path in (ROOT / "scripts").glob("*.py")
     if path.name not in ("command_line.py", "contestants.py", "interruption.py")
 )
-
-
-class Result(NamedTuple):
-    returncode: int
-    stdout: str
-    stderr: str
-
-
-@pytest.fixture
-def run(capsys, monkeypatch):
-    """Runs a script in this process, which has imported Drake already, and returns what it leaves behind."""
-    monkeypatch.chdir(ROOT)
-    monkeypatch.syspath_prepend(ROOT / "scripts")
-
-    def call(script, *arguments):
-        path = str(ROOT / "scripts" / script)
-        monkeypatch.setattr(sys, "argv", [path, *map(str, arguments)])
-        status = 0
-        try:
-            runpy.run_path(path, run_name="__main__")
-        except SystemExit as stop:
-            status = stop.code or 0
-        return Result(status, *capsys.readouterr())
-
-    return call
 
 
 @pytest.mark.parametrize("script", SCRIPTS, ids=lambda path: path.name)

@@ -55,7 +55,7 @@ def _by_prediction_errors(records: Sequence[FlightRecord]) -> bool:
 
 
 def _translated(
-    found: rotor_identification.Identification, scenario: Scenario, records: Sequence[FlightRecord]
+    found: rotor_identification.RotorIdentification, scenario: Scenario, records: Sequence[FlightRecord]
 ) -> Identification:
     """The result of prediction errors."""
     vehicle, delay = with_estimates(scenario, found.estimates), None

@@ -1,9 +1,9 @@
 """The vehicle behind its autopilot, from logs with commands of attitude and thrust.
 
 Each angle follows its command as a lag of second order, and the thrust moves the vehicle against its drag: the formulas
-of `drake_quad.vehicle.responding`. Windows of a second are flown again from free initial states, driven by the logged
-commands, and what comes out is compared with measured positions and attitudes (velocities, where there is no position;
-body rates and velocities are filtered by whoever logs them, positions and attitudes hardly). Sought are
+of `drake_quad.vehicle.responding`. Windows of some seconds are flown again from free initial states, driven by the
+logged commands, and what comes out is compared with measured positions and attitudes (velocities, where there is no
+position; body rates and velocities are filtered by whoever logs them, positions and attitudes hardly). Sought are
 
     natural frequency and damping of roll, pitch, yaw      a delay that all commands share
     thrust over throttle: level and slope                  lag of the thrust

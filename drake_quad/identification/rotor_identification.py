@@ -97,7 +97,7 @@ class Delay(NamedTuple):
 
 
 @dataclass(frozen=True, eq=False)
-class Identification:
+class RotorIdentification:
     """What was identified from logs.
 
     Attributes:
@@ -115,7 +115,7 @@ class Identification:
     fitted: Fitted
 
 
-def identify(records: Sequence[FlightRecord], scenario: Scenario, *, share: float = 1.0 / 3.0) -> Identification:
+def identify(records: Sequence[FlightRecord], scenario: Scenario, *, share: float = 1.0 / 3.0) -> RotorIdentification:
     """Identifies the vehicle of a scenario from logs of it.
 
     Args:
@@ -143,13 +143,13 @@ def identify(records: Sequence[FlightRecord], scenario: Scenario, *, share: floa
     if share > 0.0:
         spared = [held_out(usable, share) for usable in flying]
         training = problem.predictor(sought, [a & ~b for a, b in zip(flying, spared, strict=True)])
-        sought, _ = _told(training, sought, problem.values(sought), started[1])
+        sought = _told(training, sought, problem.values(sought), started[1])
         training = problem.predictor(sought, [a & ~b for a, b in zip(flying, spared, strict=True)])
         first = fit(training, _choice(sought, problem.values(sought)), started[1])
         shown = forecast(problem.predictor(sought, spared, horizon=True), first.parameters, first.noise)
         started = first.parameters, first.noise
     else:
-        sought, _ = _told(problem.predictor(sought, flying), sought, problem.values(sought), started[1])
+        sought = _told(problem.predictor(sought, flying), sought, problem.values(sought), started[1])
         started = problem.values(sought), started[1]
     predictor = problem.predictor(sought, flying)
     fitted = fit(predictor, _choice(sought, started[0]), started[1])
@@ -313,10 +313,8 @@ def _choice(sought: Sequence[_Sought], start: np.ndarray) -> Choice:
     return Choice(start, scale, least, most)
 
 
-def _told(
-    predictor: Predictor, sought: Sequence[_Sought], start: np.ndarray, noise: Noise
-) -> tuple[list[_Sought], list[str]]:
-    """Those numbers that a log tells, by the information at the start, and the names of the others.
+def _told(predictor: Predictor, sought: Sequence[_Sought], start: np.ndarray, noise: Noise) -> list[_Sought]:
+    """Those numbers that a log tells, by the information at the start.
 
     One after another the number that is told worst is left out, until all are told well, even without the block that
     tells most of it: what a single block tells has no interval.
@@ -334,8 +332,7 @@ def _told(
         if scipy.stats.norm.ppf(0.5 * (1.0 + CONFIDENCE)) * np.sqrt(variances[worst]) < _TOLD:
             break
         del left[worst]
-    kept = [sought[i] for i in left]
-    return kept, [each.name for each in sought if each not in kept]
+    return [sought[i] for i in left]
 
 
 def _identified(
@@ -346,7 +343,7 @@ def _identified(
     fitted: Fitted,
     uncertainty: Uncertainty,
     shown: Forecast | None,
-) -> Identification:
+) -> RotorIdentification:
     names = [each.name for each in sought]
     swamped = _swamped(vehicle, predictor, sought, fitted) | _wide(sought, fitted, uncertainty)
     own = [i for i, name in enumerate(names) if name != DELAY and name not in swamped]
@@ -381,7 +378,7 @@ def _identified(
         i = names.index(DELAY)
         deviation = float(np.sqrt(uncertainty.covariance[i, i]))
         delay = Delay(float(fitted.parameters[i]), deviation, float(uncertainty.degrees_of_freedom[i]))
-    return Identification(estimates, delay, fitted.noise, shown, fitted)
+    return RotorIdentification(estimates, delay, fitted.noise, shown, fitted)
 
 
 def _wide(sought: Sequence[_Sought], fitted: Fitted, uncertainty: Uncertainty) -> dict[str, str]:

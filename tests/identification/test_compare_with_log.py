@@ -2,8 +2,6 @@
 
 import csv
 import re
-import runpy
-import sys
 from pathlib import Path
 
 import pytest
@@ -16,29 +14,16 @@ SCENARIOS = Path("diagrams") / "crazyswarm2.yaml"
 
 
 @pytest.fixture
-def run(capsys, monkeypatch):
+def compare(run):
     """Runs the script and returns its status, and what it prints."""
-    monkeypatch.chdir(ROOT)
-    monkeypatch.syspath_prepend(ROOT / "scripts")
-
-    def call(*arguments):
-        path = str(ROOT / "scripts" / "compare_with_log.py")
-        monkeypatch.setattr(sys, "argv", [path, *map(str, arguments)])
-        status = 0
-        try:
-            runpy.run_path(path, run_name="__main__")
-        except SystemExit as stop:
-            status = stop.code or 0
-        return status, *capsys.readouterr()
-
-    return call
+    return lambda *arguments: run("compare_with_log.py", *arguments)
 
 
 @pytest.mark.slow
-def test_a_flight_is_within_what_its_log_predicts(run, tmp_path):
+def test_a_flight_is_within_what_its_log_predicts(compare, tmp_path):
     """And without the velocity that its estimate sees too large it is far outside."""
     log, scenario = LOGS / "log100.xz", f"{SCENARIOS}:log100"
-    status, printed, _ = run(log, scenario, "--samples", 40, "--output", tmp_path)
+    status, printed, _ = compare(log, scenario, "--samples", 40, "--output", tmp_path)
     assert status == 0
     assert re.search(r"^The flown RMSE, 3\.58 cm, lies within the 95 % interval of 40 flights, ", printed, re.MULTILINE)
     assert re.search(r"^reference: \d+ pieces of degree 7, within 0\.\d\d mm of the log's$", printed, re.MULTILINE)
@@ -52,14 +37,14 @@ def test_a_flight_is_within_what_its_log_predicts(run, tmp_path):
     again = load_scenario(tmp_path / "scenario.yaml")
     assert (again.route.kind, again.metrics.start) == ("trajectory", 8.0)
     exact = "laboratory.motion_capture.velocity_error=[0, 0, 0]"
-    status, printed, _ = run(log, scenario, "--samples", 40, "--set", exact, "--output", tmp_path)
+    status, printed, _ = compare(log, scenario, "--samples", 40, "--set", exact, "--output", tmp_path)
     assert re.search(r"lies outside the 95 % interval of 40 flights, 2\.\d\d to 2\.\d\d cm", printed)
 
 
 @pytest.mark.slow
-def test_the_vehicle_of_the_data_sheet_crashes_and_that_is_told(run, tmp_path):
+def test_the_vehicle_of_the_data_sheet_crashes_and_that_is_told(compare, tmp_path):
     """Its rotors are too slow for the gains that were flown."""
-    status, printed, _ = run(LOGS / "log08.xz", f"{SCENARIOS}:sheet_08", "--samples", 1, "--output", tmp_path)
+    status, printed, _ = compare(LOGS / "log08.xz", f"{SCENARIOS}:sheet_08", "--samples", 1, "--output", tmp_path)
     assert status == 0
     assert re.search(r"^RMSE +all +5\.65 +crash +– +–$", printed, re.MULTILINE)
     assert "1 of 1 predictions crash" in printed
@@ -67,12 +52,12 @@ def test_the_vehicle_of_the_data_sheet_crashes_and_that_is_told(run, tmp_path):
 
 
 @pytest.mark.slow
-def test_a_vehicle_without_a_control_predicts_on_open_loop(run, tmp_path):
+def test_a_vehicle_without_a_control_predicts_on_open_loop(compare, tmp_path):
     """With the thrust that its rotors have it is better than with that of the data sheet."""
     errors = []
     for thrust_factor in (1.983e-8, 3.025e-8):
         given = ["--set", "nominal.mass=0.0375", "--set", f"vehicle.thrust_factor={thrust_factor}"]
-        status, printed, _ = run(LOGS / "log100.xz", "diagrams/vehicles/crazyflie.yaml", *given)
+        status, printed, _ = compare(LOGS / "log100.xz", "diagrams/vehicles/crazyflie.yaml", *given)
         assert status == 0
         assert printed.startswith("log100: predicted ahead from its commands by crazyflie, which has no control;")
         errors.append(float(re.search(r"^position +0\.2 s +(\S+) \[", printed, re.MULTILINE)[1]))
@@ -89,8 +74,8 @@ def test_a_vehicle_without_a_control_predicts_on_open_loop(run, tmp_path):
         ([LOGS / "log08.xz", f"{SCENARIOS}:log08", "--rest", -1], "--rest is -1, but must be between 0 and"),
     ],
 )
-def test_wrong_input_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
-    status, printed, told = run(*arguments, "--output", tmp_path / "out")
+def test_wrong_input_gets_one_sentence_and_status_2(compare, tmp_path, arguments, words):
+    status, printed, told = compare(*arguments, "--output", tmp_path / "out")
     assert (status, printed) == (2, "")
     errors = [line for line in told.splitlines() if line.startswith("error: ")]
     assert len(errors) == 1

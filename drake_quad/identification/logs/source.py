@@ -3,13 +3,14 @@
 import gzip
 import io
 import lzma
-import stat
+import os
 import zlib
 from pathlib import Path
 from typing import IO, Any, NamedTuple
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.marked_tree import Mark
+from drake_quad.scenario.reading import opened
 
 # Of a log, unpacked: an hour at 1 kHz of 50 bytes each has 180 million.
 MOST_BYTES = 200_000_000
@@ -48,20 +49,10 @@ def read_file(path: Path) -> LogFile:
         InputError: it is no file, cannot be read, is empty, or too large.
     """
     mark = Mark(str(path), 0)
-    try:
-        mode = path.stat().st_mode
-        if stat.S_ISDIR(mode):
-            raise InputError(f"{mark}: is a folder, not a log" + _inside(path))
-        if not stat.S_ISREG(mode):
-            raise InputError(f"{mark}: cannot be read: it is not a file")
-        with path.open("rb") as file:
-            data, whole = _unpacked(file)
-    except OSError as error:
-        raise InputError(f"{mark}: cannot be read: {(error.strerror or str(error)).lower()}") from None
-    except ValueError as error:
-        if isinstance(error, InputError):
-            raise
-        raise InputError(f"{mark}: cannot be read: a path cannot have such characters") from None
+    if os.path.isdir(path):  # noqa: PTH112 - Path.is_dir raises where a name is too long
+        raise InputError(f"{mark}: is a folder, not a log" + _inside(path))
+    with opened(path) as file:
+        data, whole = _unpacked(file)
     if len(data) > MOST_BYTES:
         raise InputError(f"{mark}: is too large: a log may have {MOST_BYTES:,} bytes, unpacked")
     if not data:

@@ -193,7 +193,7 @@ class Estimates:
             split(name)
         twice = next((name for name in names if names.count(name) > 1), None)
         if twice is not None:
-            raise InputError(f"{shown(twice)} is estimated twice; merged() makes one of several estimates")
+            raise InputError(f"{shown(twice)} is estimated twice")
         values, covariance = np.array(self.values, dtype=float), np.array(self.covariance, dtype=float)
         checked_deviations(names, values, covariance)
         freedom = np.broadcast_to(np.asarray(self.degrees_of_freedom, dtype=float), (len(names),)).copy()
