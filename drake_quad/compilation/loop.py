@@ -5,29 +5,26 @@ while many events pass, and are copied back at the end:
 
     fleet  ──gather──▶  rows of 8 vehicles  ──event──▶──event──▶ ... ──scatter──▶  fleet
 
-What follows from parameters alone is computed before the first event and kept beside these rows. An event is a few
-thousand lines; LLVM takes more than twice as long for twice as many. So it is written as a sequence of functions, and
-what one computes for a later one is kept there, too.
+What follows from parameters alone is computed before the first event and kept beside these rows.
 """
 
 import ctypes
 import functools
-from collections import defaultdict
 from collections.abc import Callable, Iterable, Mapping, Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
 
 from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
-from drake_quad.framework.instructions import LANES, Rows, Store, declarations, function
+from drake_quad.framework.instructions import Rows, Store, declarations, function
 from drake_quad.framework.kernels import copying, elements_of
-from drake_quad.framework.machine_code import address
+from drake_quad.framework.machine_code import LANES, address
 from drake_quad.framework.symbols import LEAVES, Kind, Listing, Operation, Symbol
 
 # Groups beside those of a trace: what is kept for later, and what is logged.
 _KEPT, _LOG = 3, 4
-# Lines of a function.
-_LENGTH = 800
+# Bytes of a line of the processor's cache: rows begin with one.
+_CACHE_LINE = 64
 
 
 class Sizes(NamedTuple):
@@ -70,12 +67,12 @@ class Loop:
         lone: bool,
     ) -> None:
         self._lanes, self.num_logged = 1 if lone else LANES, len(logged)
-        before, event, results = _divided(listing, [*changes.values(), *logged])
+        before, rest, results = _divided(listing, [*changes.values(), *logged])
         targets = [*((STATE, row) for row in changes), *((_LOG, row) for row in range(len(logged)))]
-        parts, num_kept = _cut(event, list(zip(targets, results, strict=True)), len(before.stores))
+        event = _Part(rest, list(zip(targets, results, strict=True)))
         # The function runs under Python's lock, one call at a time.
-        self._scratch = np.empty((sum(sizes) + num_kept) * self._lanes)
-        text = _module(before, parts, sizes, len(logged), max(1, width), self._lanes)
+        self._scratch = _aligned((sum(sizes) + len(before.stores)) * self._lanes)
+        text = _module(before, event, sizes, len(logged), max(1, width), self._lanes)
         arguments: list[Any] = [ctypes.c_int64, ctypes.c_int64, *[ctypes.py_object] * 6]
         self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(address(text))
 
@@ -115,6 +112,13 @@ class _Part(NamedTuple):
 
     listing: Listing
     stores: list[tuple[tuple[int, int], Symbol]]
+
+
+def _aligned(size: int) -> np.ndarray:
+    """An array of so many numbers that begins with a line of the cache."""
+    array = np.empty(size + _CACHE_LINE // 8)
+    first = -array.ctypes.data % _CACHE_LINE // 8
+    return array[first : first + size]
 
 
 def _divided(listing: Listing, results: Sequence[Any]) -> tuple[_Part, Listing, list[Symbol]]:
@@ -179,111 +183,7 @@ def _needed(listing: Listing, lines: Iterable[int]) -> list[int]:
     return [line for line, is_needed in enumerate(needed) if is_needed]
 
 
-def _cut(listing: Listing, results: Sequence[tuple[tuple[int, int], Symbol]], num_kept: int) -> tuple[list[_Part], int]:
-    """Cuts a listing into parts of `_LENGTH` lines, which keep for each other what they need.
-
-    Args:
-        listing: to cut.
-        results: of it, each with the group and row where it is written.
-        num_kept: rows of `_KEPT` that are taken.
-
-    Returns:
-        The parts, and the rows of `_KEPT` that are taken then.
-    """
-    operations = listing.operations
-    homes, count = [], 0
-    for operation in operations:
-        homes.append(count // _LENGTH)
-        count += operation.name not in LEAVES
-    num_parts = homes[-1] + 1 if homes else 1
-    # Where a row of the state is read last: it must not be overwritten before.
-    last_read: dict[int, int] = defaultdict(int)
-    last_use: dict[int, int] = {}
-
-    def use(line: int, part: int) -> None:
-        name, operands, _ = operations[line]
-        if name not in LEAVES:
-            last_use[line] = max(part, last_use.get(line, part))
-        elif name == "row" and operands[0] == STATE:
-            last_read[operands[1]] = max(part, last_read[operands[1]])
-
-    for line, operation in enumerate(operations):
-        if operation.name not in LEAVES:
-            for operand in operation.operands:
-                use(operand, homes[line])
-    written: dict[int, list[tuple[tuple[int, int], int]]] = defaultdict(list)
-    # First what is only moved from row to row: a row that is moved must not be overwritten before.
-    for target, symbol in sorted(results, key=lambda result: operations[result[1].line].name not in LEAVES):
-        part = num_parts - 1
-        if operations[symbol.line].name not in LEAVES:
-            part = homes[symbol.line]
-            if target[0] == STATE:
-                part = max(part, last_read[target[1]])
-        use(symbol.line, part)
-        written[part].append((target, symbol.line))
-    return _linked(listing, homes, num_parts, last_use, written, num_kept)
-
-
-def _linked(
-    listing: Listing,
-    homes: Sequence[int],
-    num_parts: int,
-    last_use: Mapping[int, int],
-    written: Mapping[int, list[tuple[tuple[int, int], int]]],
-    num_kept: int,
-) -> tuple[list[_Part], int]:
-    """The parts of a listing: given the part of each line, where it is used last, and what is written in each."""
-    operations = listing.operations
-    rows: dict[int, int] = {}
-    free: list[int] = []
-    parts = []
-    lines_of: dict[int, list[int]] = defaultdict(list)
-    for line, operation in enumerate(operations):
-        if operation.name not in LEAVES:
-            lines_of[homes[line]].append(line)
-    for number in range(num_parts):
-        part = Listing()
-        known: dict[int, Symbol] = {}
-
-        def symbol_of(line: int, part: Listing = part, known: dict[int, Symbol] = known) -> Symbol:
-            operation = operations[line]
-            if line not in known:
-                if operation.name in LEAVES:
-                    known[line] = part.add(*operation)
-                else:
-                    known[line] = _from_row(part, rows[line], operation.kind)
-            return known[line]
-
-        for line in lines_of[number]:
-            known[line] = _copied(part, operations[line], symbol_of)
-        stores = [(target, symbol_of(line)) for target, line in written.get(number, [])]
-        # What is not used beyond this part leaves its row to others; but all reads come before all writes.
-        for line in [line for line in rows if last_use[line] <= number]:
-            free.append(rows.pop(line))
-        for line in lines_of[number]:
-            if last_use.get(line, -1) > number:
-                if not free:
-                    free.append(num_kept)
-                    num_kept += 1
-                rows[line] = free.pop()
-                stores.append(((_KEPT, rows[line]), _to_row(part, known[line])))
-        parts.append(_Part(part, stores))
-    return parts, num_kept
-
-
-def _to_row(listing: Listing, symbol: Symbol) -> Symbol:
-    """A symbol in a form that a row can hold."""
-    return listing.add("word_of_truth", (symbol.line,), Kind.WORD) if symbol.kind is Kind.TRUTH else symbol
-
-
-def _from_row(listing: Listing, row: int, kind: Kind) -> Symbol:
-    """The symbol that a row of `_KEPT` holds."""
-    if kind is not Kind.TRUTH:
-        return listing.row(_KEPT, row, kind)
-    return listing.add("truth_of_word", (listing.row(_KEPT, row, Kind.WORD).line,), kind)
-
-
-def _module(before: _Part, parts: Sequence[_Part], sizes: Sizes, num_logged: int, width: int, lanes: int) -> str:
+def _module(before: _Part, event: _Part, sizes: Sizes, num_logged: int, width: int, lanes: int) -> str:
     """The text of a loop in LLVM's language."""
     groups = {
         STATE: Rows("%state", lanes),
@@ -295,15 +195,15 @@ def _module(before: _Part, parts: Sequence[_Part], sizes: Sizes, num_logged: int
 
     def written(head: str, part: _Part) -> str:
         stores = [Store(groups[group], row, symbol) for (group, row), symbol in part.stores]
-        return function(head, part.listing, stores, groups, shared="%shared", lanes=lanes)
+        return function(head, part.listing, stores, groups, shared="%shared", lanes=lanes, overlapping=False)
 
     return "\n".join(
         [
             declarations(lanes),
             copying(lanes),
             written("@prepare(ptr %parameters, ptr %kept, ptr %shared) noinline", before),
-            *(written(f"@part_{number}({_ARGUMENTS}) noinline", part) for number, part in enumerate(parts)),
-            _driver(len(parts), sizes, num_logged, width, lanes),
+            written(f"@event({_ARGUMENTS}) noinline", event),
+            _driver(sizes, num_logged, width, lanes),
         ]
     )
 
@@ -311,7 +211,7 @@ def _module(before: _Part, parts: Sequence[_Part], sizes: Sizes, num_logged: int
 _ARGUMENTS = "ptr %state, ptr %inputs, ptr %kept, ptr %shared, ptr %log, i64 %padded"
 
 
-def _driver(num_parts: int, sizes: Sizes, num_logged: int, width: int, lanes: int) -> str:
+def _driver(sizes: Sizes, num_logged: int, width: int, lanes: int) -> str:
     """The function that Python calls."""
     arrays = ("state_rows", "parameter_rows", "input_rows", "shared_rows", "log_rows", "scratch")
     copied = {"state": sizes.state, "parameters": sizes.parameters, "inputs": sizes.inputs}
@@ -349,7 +249,7 @@ def _driver(num_parts: int, sizes: Sizes, num_logged: int, width: int, lanes: in
             "  %shared = getelementptr double, ptr %shared_rows, i64 %shared_row",
             "  %log_row = mul i64 %k, %logged",
             "  %log = getelementptr double, ptr %log_first, i64 %log_row",
-            *(f"  call void @part_{number}({_ARGUMENTS})" for number in range(num_parts)),
+            f"  call void @event({_ARGUMENTS})",
             "  %k1 = add i64 %k, 1",
             "  %more = icmp ult i64 %k1, %events",
             "  br i1 %more, label %event, label %passed",

@@ -1,22 +1,22 @@
 """A listing, written as a function in LLVM's language.
 
-Each line of the listing becomes one instruction on a vector of vehicles, `LANES` of them, or one for a lone vehicle:
+Each line of the listing becomes one instruction on a vector of vehicles, or on one for a lone vehicle:
 
     %v12 = load <8 x double>, ptr %v12_at, align 8
     %v13 = fmul <8 x double> %v12, %v7
     %v14 = fadd <8 x double> %v13, %v2
 
-Arithmetic is as the formula has it: nothing is reordered, and a product is rounded before it is added. So a vehicle
-flies the same alone and in a fleet, on any processor.
+Arithmetic is as the formula has it: no sum is taken in another order, and a product is rounded before it is added. So a
+vehicle flies the same alone and in a fleet, on any processor. The lines themselves are written in the order in which a
+processor does them soonest (`drake_quad.framework.scheduling`).
 """
 
+from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+from drake_quad.framework.scheduling import scheduled
 from drake_quad.framework.symbols import Kind, Listing, Symbol
-
-# Vehicles in a vector: what the widest registers of today hold.
-LANES = 8
 
 # What an operation is in LLVM's language, {t} being the type of its first operand and {r} that of the result.
 INSTRUCTIONS = {
@@ -93,11 +93,16 @@ def declarations(lanes: int) -> str:
 
 
 def function(
-    head: str, listing: Listing, stores: Sequence[Store], sources: Mapping[int, Rows], *, shared: str, lanes: int
+    head: str,
+    listing: Listing,
+    stores: Sequence[Store],
+    sources: Mapping[int, Rows],
+    *,
+    shared: str,
+    lanes: int,
+    overlapping: bool,
 ) -> str:
     """The function that does what is listed for the vehicles of one vector.
-
-    All rows are read before the first is written.
 
     Args:
         head: the function's name with its arguments, and its attributes.
@@ -106,16 +111,34 @@ def function(
         sources: the groups of the listing.
         shared: a pointer to the numbers that are the same for all vehicles.
         lanes: vehicles of a vector.
+        overlapping: whether a row may be written that is read by another name. Then all rows are read before the first
+            is written; else a row is written as soon as it has been read and computed.
     """
-    names: list[str] = []
+    order = scheduled(listing)
+    position = {line: k for k, line in enumerate(order)}
+    read = {
+        (sources[operation.operands[0]].pointer, operation.operands[1]): position[line]
+        for line, operation in enumerate(listing.operations)
+        if operation.name == "row"
+    }
+    last = max(read.values(), default=0)
+    due: dict[int, list[tuple[int, Store]]] = defaultdict(list)
+    for count, store in enumerate(stores):
+        free = last if overlapping else read.get((store.target.pointer, store.place), 0)
+        due[max(position[store.symbol.line], free)].append((count, store))
+    names: dict[int, str] = {}
     lines: list[str] = []
-    for number in range(len(listing.operations)):
-        names.append(_written(lines, names, listing, number, sources, shared, lanes))
-    for count, (target, place, symbol) in enumerate(stores):
-        pointer = f"%store_{count}"
-        lines += _pointer(pointer, target, place)
-        lines.append(f"store {_type(symbol.kind, lanes)} {names[symbol.line]}, ptr {pointer}, align 8")
-    return "\n".join([f"define internal void {head} {{", *(f"  {line}" for line in lines), "  ret void", "}"])
+    for k, number in enumerate(order):
+        names[number] = _written(lines, names, listing, number, sources, shared, lanes)
+        for count, (target, place, symbol) in due[k]:
+            pointer = f"%store_{count}"
+            lines += _pointer(pointer, target, place)
+            lines.append(f"store {_type(symbol.kind, lanes)} {names[symbol.line]}, ptr {pointer}, align 8")
+    # A processor is slow with vectors on the stack that do not begin where its registers would.
+    attributes = "" if lanes == 1 else f" alignstack({8 * lanes})"
+    return "\n".join(
+        [f"define internal void {head}{attributes} {{", *(f"  {line}" for line in lines), "  ret void", "}"]
+    )
 
 
 def _type(kind: Kind, lanes: int) -> str:
@@ -124,7 +147,7 @@ def _type(kind: Kind, lanes: int) -> str:
 
 def _written(
     lines: list[str],
-    names: Sequence[str],
+    names: Mapping[int, str],
     listing: Listing,
     number: int,
     sources: Mapping[int, Rows],

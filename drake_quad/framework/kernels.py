@@ -13,8 +13,8 @@ import ctypes
 from collections.abc import Callable, Sequence
 from typing import Any
 
-from drake_quad.framework.instructions import LANES, Rows, Store, declarations, function
-from drake_quad.framework.machine_code import POINTER, address
+from drake_quad.framework.instructions import Rows, Store, declarations, function
+from drake_quad.framework.machine_code import LANES, POINTER, address
 from drake_quad.framework.symbols import Listing, Symbol
 
 
@@ -52,7 +52,7 @@ def _module(
     groups = {group: Rows(f"%source_{group}", "%stride") for group in range(len(sources))}
     pointers = [f"ptr %target_{i}" for i in range(len(targets))] + [f"ptr %source_{i}" for i in range(len(sources))]
     head = f"@block(i64 %stride, ptr %time, {', '.join(pointers)}) {'alwaysinline' if lanes == 1 else 'noinline'}"
-    body = function(head, listing, stores, groups, shared="%time", lanes=lanes)
+    body = function(head, listing, stores, groups, shared="%time", lanes=lanes, overlapping=True)
     driver = _lone(sources, targets) if lanes == 1 else _fleet(sources, targets)
     return "\n".join([declarations(lanes), body, driver])
 

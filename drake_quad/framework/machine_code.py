@@ -20,8 +20,21 @@ import numpy as np
 from drake_quad.files import write_whole
 
 _CHECKSUM_SIZE = 32
+# So that LLVM leaves instructions in the order of `drake_quad.framework.scheduling`, since its own schedulers look less
+# far. These are options of the whole process.
+_AS_WRITTEN = ("-pre-RA-sched=source", "-enable-misched=false")
 # A NumPy array's pointer to its elements stands behind what all Python objects begin with (NumPy's C interface).
 POINTER = object.__basicsize__
+
+
+@functools.cache
+def _features() -> str:
+    """What this processor can do, in LLVM's words."""
+    return str(llvm.get_host_cpu_features().flatten())
+
+
+# Vehicles in a vector: what the processor's widest registers hold.
+LANES = 8 if "+avx512f" in _features() else 4
 
 
 def _check_pointer() -> None:
@@ -39,9 +52,10 @@ def _machine() -> Any:
     """LLVM's idea of this processor."""
     llvm.initialize_native_target()
     llvm.initialize_native_asmprinter()
+    for option in _AS_WRITTEN:
+        llvm.set_option("drake_quad", option)
     target = llvm.Target.from_default_triple()
-    features = llvm.get_host_cpu_features().flatten()
-    return target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=features, opt=1, jit=True)
+    return target.create_target_machine(cpu=llvm.get_host_cpu_name(), features=_features(), opt=1, jit=True)
 
 
 @functools.cache
@@ -54,7 +68,7 @@ def address(text: str) -> int:
     """The address of the function `kernel` of a module's text, from the disk or compiled."""
     machine = _machine()
     made_by = llvmlite.__version__, llvm.llvm_version_info, machine.triple, llvm.get_host_cpu_name()
-    identity = repr((*made_by, llvm.get_host_cpu_features().flatten(), text))
+    identity = repr((*made_by, _features(), _AS_WRITTEN, text))
     name = f"kernel_{hashlib.sha256(identity.encode()).hexdigest()[:32]}"
     code = _kept(name)
     if code is None:
@@ -69,8 +83,8 @@ def address(text: str) -> int:
 def _compiled(text: str) -> bytes:
     """The object file of a module's text.
 
-    A listing has no line twice and none that is not needed: LLVM's passes over its language, which take a third of the
-    time, made nothing faster, and nor did a higher level of optimisation.
+    A listing has no line twice and none that is not needed, and it comes in its order: LLVM's passes over its language,
+    which take a third of the time, made nothing faster, and nor did a higher level of optimisation.
     """
     code: bytes = _machine().emit_object(llvm.parse_assembly(text))
     return code

@@ -14,7 +14,7 @@ from hypothesis import strategies as st
 
 from drake_quad.framework import elementary
 from drake_quad.framework.formulas import TIME, kernel
-from drake_quad.framework.instructions import LANES
+from drake_quad.framework.machine_code import LANES
 from drake_quad.framework.records import ROW, layout_of
 from drake_quad.signals import Row
 
