@@ -116,11 +116,13 @@ def function(
     """
     order = scheduled(listing)
     position = {line: k for k, line in enumerate(order)}
-    read = {
-        (sources[operation.operands[0]].pointer, operation.operands[1]): position[line]
-        for line, operation in enumerate(listing.operations)
-        if operation.name == "row"
-    }
+    # Where each row is read last.
+    read: dict[tuple[str, int], int] = {}
+    for k, line in enumerate(order):
+        operation = listing.operations[line]
+        if operation.name == "row":
+            group, place = operation.operands
+            read[sources[group].pointer, place] = k
     last = max(read.values(), default=0)
     due: dict[int, list[tuple[int, Store]]] = defaultdict(list)
     for count, store in enumerate(stores):
