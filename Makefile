@@ -27,6 +27,8 @@ SEED ?= 0
 fly: $(VENV)/.installed
 	$(VENV)/bin/python scripts/simulate.py diagrams/figure_eight.yaml
 
+# Tests start many processes: what one has compiled, the others need not.
+test: export PYTHONDONTWRITEBYTECODE =
 test: $(VENV)/.installed-test
 	$(VENV)/bin/python -m pytest --numprocesses auto --dist loadfile --no-loadscope-reorder $(TESTS)
 

@@ -101,6 +101,7 @@ def test_simulate_prints_a_table_and_the_files_it_wrote(run, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_simulate_flies_another_layout(run, tmp_path):
     """An x flies as well as the plus, with as long arms; what is flown is what is saved."""
     short = ["diagrams/figure_eight.yaml", "--set", "duration=2", "--output"]
@@ -131,6 +132,7 @@ def test_simulate_refuses_a_broken_layout_in_one_sentence(run, tmp_path, layout,
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_simulate_saves_what_a_network_has_learned_to_be_flown_again(run, tmp_path):
     file, short = tmp_path / "learned.yaml", ["--set", "duration=1", "--set", "metrics.start=0", "--output", tmp_path]
     study = ["diagrams/paper.yaml:no_wind_pd_t2fnn", "--sample", 0, *short]
@@ -153,6 +155,7 @@ def test_simulate_flies_one_sample_of_a_study_in_the_wind(run, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_a_crash_is_reported_and_is_no_failure(run, tmp_path):
     result = run("simulate.py", "--set", "control.position.k_p=[20,20,20]", "--output", tmp_path)
     assert result.returncode == 0
@@ -270,6 +273,7 @@ def test_design_gains_states_margins_and_writes_what_a_scenario_extends(run, tmp
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_design_gains_designs_a_pid_that_a_scenario_extends(run, tmp_path):
     result = run("design_gains.py", "--integral", "0.2", "--output", tmp_path)
     assert (result.returncode, result.stderr) == (0, "")
@@ -281,6 +285,7 @@ def test_design_gains_designs_a_pid_that_a_scenario_extends(run, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_design_gains_designs_the_integral_of_what_is_a_pid(run, tmp_path):
     pid = "control.position={kind: pid, k_p: [1, 1, 1], k_d: [1, 1, 1], k_i: [0, 0, 0]}"
     result = run("design_gains.py", "--set", pid, "--output", tmp_path)
@@ -296,6 +301,7 @@ RESPONDING = [
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_design_lqg_states_margins_and_writes_what_a_scenario_extends(run, tmp_path, monkeypatch):
     monkeypatch.setattr("drake_quad.analysis.lqg_design._EVALUATIONS", 20)
     result = run("design_lqg.py", ONBOARD, "--sensitivity", "2.5", "--output", tmp_path)
@@ -312,6 +318,7 @@ def test_design_lqg_states_margins_and_writes_what_a_scenario_extends(run, tmp_p
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_tune_controller_finds_less_error_and_says_what_margins_are_left(run, tmp_path):
     soft = ["diagrams/laboratory.yaml:low_wind", "--controller", "diagrams/gains/laboratory.yaml"]
     soft += ["--set", "duration=3", "--rounds", "1", "--samples", "1"]
@@ -358,6 +365,7 @@ def test_design_gains_designs_loops_on_board_and_the_position_around_them(run, t
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_analyses_of_an_attitude_that_responds(run, tmp_path):
     """Gains of the position alone; and what the error of a flight depends on is how the attitude responds."""
     result = run("design_gains.py", ONBOARD, *RESPONDING, "--output", tmp_path)
@@ -371,6 +379,7 @@ def test_analyses_of_an_attitude_that_responds(run, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_gains_are_designed_for_a_vehicle_alone_and_fly(run, tmp_path):
     vehicle = (
         "{nominal: {mass: 0.5, inertia: [0.003, 0.0032, 0.006], thrust_factor: 3.0e-5},"
@@ -399,6 +408,7 @@ def test_stability_map_counts_and_draws(run, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_with_an_autopilot_the_gains_on_board_are_mapped(run, tmp_path):
     result = run(
         *("stability_map.py", ONBOARD, "--loop", "attitude", "--size", "3", "--set", "duration=1"),
@@ -480,6 +490,7 @@ def test_sensitivities_are_sorted_by_effect(run, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_sensitivities_are_by_the_distances_that_the_layout_has(run, tmp_path):
     for layout, fields in (
         ("{kind: x}", {"vehicle.arm_length"}),
@@ -572,6 +583,7 @@ def test_monte_carlo_prints_what_the_samples_did(run, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_monte_carlo_says_which_drawn_numbers_are_correlated(run, tmp_path):
     shared = "vehicle.{}={{normal: {{mean: {}, standard_deviation: {}, min: 0.0001, shared: {{a: {}}}}}}}"
     mass, drag = shared.format("mass", 0.68, 0.02, 0.9), shared.format("linear_drag", 0.2, 0.05, -0.5)
@@ -583,6 +595,7 @@ def test_monte_carlo_says_which_drawn_numbers_are_correlated(run, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
     """With the metrics of its row, to 1e-9."""
     result = monte_carlo(run, tmp_path, "--seed", 3)
@@ -643,6 +656,7 @@ def test_a_controller_whose_name_is_no_folder_s_is_refused(run, tmp_path, name):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_a_study_says_which_rows_were_altered_and_flown_again(run, tmp_path):
     monte_carlo(run, tmp_path)
     path = tmp_path / "results.csv"
@@ -655,6 +669,7 @@ def test_a_study_says_which_rows_were_altered_and_flown_again(run, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_monte_carlo_remarks_on_a_scenario_without_distributions(run, tmp_path):
     options = ("--set", "duration=0.2", "--samples", 3, "--workers", 1, "--output", tmp_path)
     result = run("monte_carlo.py", "diagrams/figure_eight.yaml", *options)
@@ -663,6 +678,7 @@ def test_monte_carlo_remarks_on_a_scenario_without_distributions(run, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_a_study_that_is_there_is_neither_overwritten_nor_mixed_with_another(run, tmp_path):
     assert monte_carlo(run, tmp_path).returncode == 0
     before = (tmp_path / "results.csv").read_bytes()
@@ -680,6 +696,7 @@ def test_calibrate_paper_refuses_too_few_samples(run, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_a_study_in_which_everything_crashes_is_told_too(run, tmp_path):
     result = monte_carlo(run, tmp_path, "--set", "crash.position_error=0.001")
     assert (result.returncode, result.stderr) == (0, "")

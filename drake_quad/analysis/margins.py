@@ -1,6 +1,7 @@
 """How far a sampled loop is from instability."""
 
 import math
+from collections.abc import Callable
 from typing import NamedTuple
 
 import numpy as np
@@ -9,6 +10,8 @@ from drake_quad.analysis.sampled_system import SampledSystem
 
 # Lowest frequency that is looked at, rad/s, and how many up to half the sampling rate.
 _LOWEST, _POINTS = 1e-4, 2000
+# Into how many parts the stretch between two frequencies is divided, twice, to find where L crosses something.
+_PARTS = 32
 # Size of L at standstill that only integrators reach.
 _INTEGRATES = 1e6
 
@@ -41,16 +44,16 @@ class Margins(NamedTuple):
 def margins(loop: SampledSystem) -> Margins:
     """The margins of a stable loop with one input and one output.
 
-    Gain and phase margins are python-control's, of the frequency response at 2,000 points, interpolated by splines: a
-    polynomial in z for a dozen states loses the digits that they need.
+    Gain and phase margins are those of the frequency response itself, where it crosses the negative real axis and the
+    unit circle between two of 2,000 points: a polynomial in z for a dozen states loses the digits that they need.
     """
-    import control
-
     grid = frequencies(loop.period)
-    response = loop.response(np.exp(1j * grid * loop.period))[:, 0, 0]
-    data = control.FrequencyResponseData(response, grid, smooth=True)
-    gains, phases, _, _, crossovers, _ = control.stability_margins(data, returnall=True)
-    gains = np.concatenate([gains, [_gain_at_half_the_rate(response), _gain_at_standstill(loop)]])
+    response = _response(loop, grid)
+    crossovers = _crossings(loop, grid, response, lambda L: 1.0 - 2.0 / (1.0 + np.abs(L)))
+    phases = np.degrees(np.angle(-_response(loop, crossovers)))
+    turns = _crossings(loop, grid, response, lambda L: np.angle(-L))
+    sizes = np.abs(_response(loop, turns))
+    gains = np.array([*1.0 / sizes, _gain_at_half_the_rate(response), _gain_at_standstill(loop)])
     complementary = np.abs(response / (1.0 + response))
     below = np.flatnonzero(complementary < math.sqrt(0.5))
     return Margins(
@@ -104,6 +107,40 @@ def fast_margins(responses: np.ndarray, grid: np.ndarray) -> FastMargins:
 def frequencies(period: float, *, points: int = _POINTS, lowest: float = _LOWEST) -> np.ndarray:
     """(points,) frequencies from the lowest (rad/s) up to just below half the sampling rate, rad/s."""
     return np.geomspace(lowest, 0.9999 * math.pi / period, points)
+
+
+def _response(loop: SampledSystem, grid: np.ndarray) -> np.ndarray:
+    """(frequencies,) L of a loop with one input and one output."""
+    return loop.response(np.exp(1j * grid * loop.period))[:, 0, 0]
+
+
+def _crossings(
+    loop: SampledSystem, grid: np.ndarray, response: np.ndarray, of: Callable[[np.ndarray], np.ndarray]
+) -> np.ndarray:
+    """(crossings,) frequencies at which a function of L passes zero without a jump, to 1e-9 of themselves.
+
+    Args:
+        loop: with one input and one output.
+        grid: (frequencies,) rad/s, so dense that the function passes zero once between two of them.
+        response: (frequencies,) L there.
+        of: the function, elementwise; steps by π or more are jumps.
+    """
+    values = of(response)
+    ends = np.stack([grid[:-1], grid[1:]], axis=1)[_passes_zero(values)]
+    for _ in range(2):
+        inside = np.linspace(ends[:, 0], ends[:, 1], _PARTS + 1, axis=1)
+        values = of(_response(loop, inside.ravel())).reshape(inside.shape)
+        first = np.argmax(_passes_zero(values), axis=1)
+        places = np.stack([first, first + 1], axis=1)
+        ends, values = (np.take_along_axis(each, places, axis=1) for each in (inside, values))
+    (low, high), (start, end) = ends.T, values.T
+    share = np.divide(start, start - end, out=np.zeros_like(start), where=start != end)
+    return low + np.clip(share, 0.0, 1.0) * (high - low)
+
+
+def _passes_zero(values: np.ndarray) -> np.ndarray:
+    """The mask of the steps along the last axis that do."""
+    return np.diff(values > 0.0, axis=-1) & (np.abs(np.diff(values, axis=-1)) < np.pi)
 
 
 def _gain_at_half_the_rate(responses: np.ndarray) -> np.ndarray:

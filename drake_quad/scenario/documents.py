@@ -18,7 +18,7 @@ from drake_quad.scenario.marked_tree import Mark, Tree
 _SCALARS = ("float", "int", "bool", "null", "str")
 
 
-@functools.lru_cache(maxsize=32)
+@functools.lru_cache(maxsize=256)
 def parse_document(text: str, source: str, *, numbered: bool = True, most: int = MOST_NODES) -> Tree:
     """Parses YAML 1.2 text; the tree is not to be changed.
 

@@ -49,11 +49,13 @@ def quantile_interval(values: np.ndarray, probability: float, confidence: float 
 
 
 def share_interval(count: int, total: int, confidence: float = CONFIDENCE) -> Interval:
-    """A probability from so many of a total, with the exact interval of Clopper and Pearson."""
+    """A probability from so many of a total, with the exact interval of Clopper and Pearson: quantiles of beta laws."""
     if total == 0:
         return Interval(math.nan, 0.0, 1.0)
-    found = scipy.stats.binomtest(count, total).proportion_ci(confidence, method="exact")
-    return Interval(count / total, float(found.low), float(found.high))
+    missed, others = 0.5 * (1.0 - confidence), total - count
+    low = scipy.special.betaincinv(count, others + 1, missed) if count else 0.0
+    high = scipy.special.betaincinv(count + 1, others, 1.0 - missed) if others else 1.0
+    return Interval(count / total, float(low), float(high))
 
 
 def rank_correlation(x: np.ndarray, y: np.ndarray, confidence: float = CONFIDENCE) -> Interval:

@@ -56,6 +56,21 @@ def test_the_gain_margin_is_where_the_closed_loop_gives_up(k_p, k_d):
     assert not is_stable(loop, 1.0001 * factor)
 
 
+@pytest.mark.parametrize(("k_p", "k_d"), CASES[:2])
+def test_margins_are_those_of_python_control(k_p, k_d):
+    """Of the same frequency response, interpolated by splines; its polynomial in z has too few digits."""
+    import control
+
+    loop = loop_of(k_p, k_d)
+    grid = frequencies(PERIOD)
+    data = control.FrequencyResponseData(loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0], grid, smooth=True)
+    gain, phase, _, _, crossover, _ = control.stability_margins(data)
+    found = margins(loop)
+    assert found.gain == pytest.approx(20.0 * np.log10(gain), rel=1e-8)
+    assert found.phase == pytest.approx(phase, rel=1e-8)
+    assert found.crossover == pytest.approx(crossover, rel=1e-8)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("ticks", [1, 2, 5])
 def test_the_delay_margin_is_where_the_closed_loop_gives_up(ticks):
@@ -79,13 +94,9 @@ def nearest(L):
     return np.degrees(np.abs(np.angle(-L[passes]))).min()
 
 
-@pytest.mark.slow
-def test_a_resonance_that_is_late_by_more_than_a_turn_stands_what_is_left_of_the_turn():
-    """Of 4 rad/s, damped to 0.02, with a gain of 0.1 and 55 ticks of delay: 0.497 s, as closed loops confirm.
-
-    At its two crossovers the phase is far beyond -180°; it is the delay to the next -180° that counts, not the nearest.
-    """
-    frequency, damping, gain, delay_ticks = 4.0, 0.02, 0.1, 55
+def resonance(*, gain, delay_ticks):
+    """A loop of 4 rad/s, damped to 0.02, behind whole ticks of delay; and what is sampled of it without them."""
+    frequency, damping = 4.0, 0.02
     A = np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]])
     B = np.array([[0.0], [gain * frequency**2]])
     Ad, Bd, *_ = scipy.signal.cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), PERIOD)
@@ -94,7 +105,28 @@ def test_a_resonance_that_is_late_by_more_than_a_turn_stands_what_is_left_of_the
     whole[:2, :2], whole[:2, 2:3] = Ad, Bd
     whole[2:-1, 3:] = np.eye(delay_ticks - 1)
     into[-1], out[0, 0] = 1.0, 1.0
-    loop = SampledSystem(whole, into, out, np.zeros((1, 1)), PERIOD, tuple(map(str, range(n))), ("u",), ("y",))
+    names = tuple(map(str, range(n)))
+    return SampledSystem(whole, into, out, np.zeros((1, 1)), PERIOD, names, ("u",), ("y",)), (Ad, Bd)
+
+
+def test_where_the_response_is_real_and_positive_there_is_no_gain_margin():
+    """A resonance of the wrong sign passes there, larger than where it is negative."""
+    loop, _ = resonance(gain=-0.02, delay_ticks=2)
+    factor = 10.0 ** (margins(loop).gain / 20.0)
+    response = loop.response(np.exp(1j * frequencies(PERIOD) * PERIOD))[:, 0, 0]
+    assert response.real[np.abs(response.imag) < 0.1 * np.abs(response.real)].max() > 2.0 / factor
+    assert is_stable(loop, 0.999 * factor)
+    assert not is_stable(loop, 1.001 * factor)
+
+
+@pytest.mark.slow
+def test_a_resonance_that_is_late_by_more_than_a_turn_stands_what_is_left_of_the_turn():
+    """Of 4 rad/s, damped to 0.02, with a gain of 0.1 and 55 ticks of delay: 0.497 s, as closed loops confirm.
+
+    At its two crossovers the phase is far beyond -180°; it is the delay to the next -180° that counts, not the nearest.
+    """
+    delay_ticks = 55
+    loop, (Ad, Bd) = resonance(gain=0.1, delay_ticks=delay_ticks)
     grid = frequencies(PERIOD)
     fast = fast_margins(loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0], grid)
     z = np.exp(1j * np.geomspace(1.0, 20.0, 200_001) * PERIOD)

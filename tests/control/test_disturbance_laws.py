@@ -2,7 +2,6 @@
 
 import math
 
-import control
 import numpy as np
 import pytest
 import scipy
@@ -39,6 +38,8 @@ def test_what_is_fed_forward_has_a_lag_of_its_own():
 )
 def test_the_gain_is_python_control_s(deviation, time_constant, noise):
     """`dlqe` has the gain of the prediction, A L, and wants the noise in discrete time, here by quadrature."""
+    import control
+
     law = KalmanLaw.of(deviation=deviation, time_constant=time_constant, position_noise=noise, period=H)
     slope = np.array([[0.0, 1.0, 0.0], [0.0, 0.0, 1.0], [0.0, 0.0, -1.0 / time_constant]])
     A = scipy.linalg.expm(H * slope)

@@ -31,11 +31,16 @@ def load(cell):
 
 
 @pytest.fixture(scope="module")
-def run(tmp_path_factory):
+def workers():
+    with Workers(2) as found:
+        yield found
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory, workers):
     folder = tmp_path_factory.mktemp("paper")
     told = []
-    with Workers(2) as workers:
-        flights = fly_experiment(load, SIZES, folder, workers, progress=lambda *each: told.append(each))
+    flights = fly_experiment(load, SIZES, folder, workers, progress=lambda *each: told.append(each))
     (folder / "calibration.csv").write_bytes((DOCS / "calibration.csv").read_bytes())
     return folder, flights, told
 
@@ -143,13 +148,12 @@ def test_the_page_needs_nothing_else(run, report):
 
 
 @pytest.mark.slow
-def test_a_resumed_experiment_keeps_its_cells(run):
+def test_a_resumed_experiment_keeps_its_cells(run, workers):
     folder, *_ = run
     kept = {path: path.read_bytes() for path in (folder / "cells").rglob("results.csv")}
     path = folder / "cells" / "no_wind_pid" / "results.csv"
     path.write_bytes(b"".join(kept[path].splitlines(keepends=True)[:2]))
-    with Workers(2) as workers:
-        fly_experiment(load, SIZES, folder, workers, resume=True)
+    fly_experiment(load, SIZES, folder, workers, resume=True)
     assert {path: path.read_bytes() for path in kept} == kept
 
 

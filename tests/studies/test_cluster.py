@@ -163,17 +163,6 @@ def check_end(study, cluster, folder, words):
 
 
 @pytest.mark.slow
-def test_a_scheduler_that_dies_ends_a_study(tmp_path):
-    cluster = Cluster(tmp_path)
-    folder = tmp_path / "study"
-    try:
-        cluster.add_worker()
-        check_end(signalled(cluster, folder, signal.SIGKILL), cluster, folder, "is gone")
-    finally:
-        cluster.end()
-
-
-@pytest.mark.slow
 def test_a_worker_with_other_code_is_refused(tmp_path):
     """A copy of this package in which one number is another."""
     copy = tmp_path / "copy" / "drake_quad"
@@ -208,3 +197,10 @@ def test_a_cluster_that_is_not_there_is_named(unreachable):
 @pytest.mark.slow
 def test_a_scheduler_that_freezes_ends_a_study(frozen):
     check_end(*frozen, "does not answer")
+
+
+@pytest.mark.slow
+def test_a_scheduler_that_dies_ends_a_study(cluster, tmp_path):
+    """The last test, since the others need it alive."""
+    folder = tmp_path / "study"
+    check_end(signalled(cluster, folder, signal.SIGKILL), cluster, folder, "is gone")

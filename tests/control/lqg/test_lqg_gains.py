@@ -1,6 +1,5 @@
 """Chains and gains against python-control, SciPy and closed forms."""
 
-import control
 import numpy as np
 import pytest
 import scipy.signal
@@ -77,6 +76,8 @@ def test_coloured_noises_have_their_deviation_and_their_time(model):
 
 @models
 def test_gains_are_those_of_python_control(model):
+    import control
+
     A, _ = sampled(model.A, model.B, H)
     Q, R = sampled_noise(model.A, model.Q, H), np.diag([1e-6, 1e-3])[: len(model.C), : len(model.C)]
     # dlqe has the gain of the prediction: A times that of the correction.
