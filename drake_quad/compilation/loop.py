@@ -3,7 +3,7 @@
 The rows of a vector's vehicles are copied out of the fleet, so that they lie together in the processor's nearest cache
 while many events pass, and are copied back at the end:
 
-    fleet  ──gather──▶  rows of 8 vehicles  ──event──▶──event──▶ ... ──scatter──▶  fleet
+    fleet  ──gather──▶  rows of a vector's vehicles  ──event──▶──event──▶ ... ──scatter──▶  fleet
 
 What follows from parameters alone is computed before the first event and kept beside these rows.
 """

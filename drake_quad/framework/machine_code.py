@@ -33,8 +33,8 @@ def _features() -> str:
     return str(llvm.get_host_cpu_features().flatten())
 
 
-# Vehicles in a vector: what the processor's widest registers hold.
-LANES = 8 if "+avx512f" in _features() else 4
+# Registers for vectors, and vehicles in a vector: what the widest of them hold.
+REGISTERS, LANES = (32, 8) if "+avx512f" in _features() else (16, 4)
 
 
 def _check_pointer() -> None:

@@ -12,11 +12,13 @@ It changes when something is computed, and nothing of what is computed.
 
 from heapq import heappop, heappush
 
+from drake_quad.framework.machine_code import REGISTERS
 from drake_quad.framework.symbols import LEAVES, Listing
 
-# Lines that are looked at, beginning with the first that is not written. Measured on a tick of 8,800 lines by AVX-512:
-# with 300 it takes 4 % longer, with 1,000 as long.
-_WINDOW = 600
+# Lines that are looked at, beginning with the first that is not written: fewer where registers are few, since more of
+# them wait meanwhile. With 32 registers a tick of 8,800 lines takes 4 % longer if it is 300, as long if it is 1,000.
+# With 16 it takes 2 % longer if it is 60, and 6 % if it is 400.
+_WINDOW = 600 if REGISTERS > 16 else 150
 # Lines that begin in a cycle.
 _WIDTH = 3
 # Cycles until a result can be used, on AMD's Zen 4 (A. Fog, "Instruction tables"); one of all others. A number and its
