@@ -8,6 +8,7 @@ import argparse
 import math
 import os
 import re
+from dataclasses import replace
 from pathlib import Path
 
 from command_line import add_vector, overrides_of, print_columns, print_files, print_predictions, remark, run
@@ -30,7 +31,12 @@ from drake_quad.scenario.paths import distributions_in
 from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.style import save_figures
 
-_VEHICLE = os.path.relpath(Path(__file__).parent.parent / "diagrams" / "vehicles" / "crazyflie.yaml")
+_DIAGRAMS = Path(__file__).parent.parent / "diagrams"
+# Of a log that does not say what it is of, by its commands.
+_LIKE_AUTOPILOT = "vehicles/neural_fly.yaml:neural_fly", "whose autopilot takes attitudes and thrust"
+_LIKE_ROTORS = "vehicles/hummingbird.yaml", "whose rotors are commanded"
+# Of what --wind may say, m/s: as of scenarios.
+_FASTEST_WIND = 100.0
 # Of the time in the air, at its end, that is only predicted.
 _HELD_OUT = 1.0 / 3.0
 
@@ -42,8 +48,18 @@ def main() -> None:
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
     options.add_argument("log", nargs="+", type=Path, help="of the same vehicle: a Crazyflie's, ULog, or CSV")
-    options.add_argument("--vehicle", default=_VEHICLE, help="FILE or FILE:NAME to begin with (default: %(default)s)")
+    options.add_argument(
+        "--vehicle",
+        help="FILE or FILE:NAME to begin with (default: that of the mapping, or of a flight that was saved)",
+    )
     options.add_argument("--mapping", help="of columns to signals: a YAML file, or the name of a shipped one")
+    options.add_argument(
+        "--wind",
+        metavar="X,Y,Z",
+        action="append",
+        default=[],
+        help="velocity of the air in the world, m/s, where a log does not have it: once for all logs, or once for each",
+    )
     options.add_argument("--mass", type=float, metavar="KG", help="by a scale, which no log replaces")
     options.add_argument(
         "--set",
@@ -64,12 +80,14 @@ def main() -> None:
     given = overrides_of(arguments.set)
     if arguments.mass is not None:
         given.append(Override(f"nominal.mass={arguments.mass}", f"--mass {arguments.mass:g}"))
-    base = vehicle_of(arguments.vehicle, given)
-    records = [read_log(log, arguments.mapping) for log in arguments.log]
+    records = with_winds([read_log(log, arguments.mapping) for log in arguments.log], arguments.wind)
+    vehicle = arguments.vehicle or vehicle_to_begin_with(records, arguments.log)
+    base = vehicle_of(vehicle, given)
     if base.vehicle.motors.kind == "speed" and any(record.motor_command is not None for record in records):
         given += throttle_motors(base)
-        base = vehicle_of(arguments.vehicle, given)
+        base = vehicle_of(vehicle, given)
     print_logs(records)
+    print(f"begins with {vehicle}")
     found = identify(records, base, held_out_share=_HELD_OUT)
     print_estimates(found)
     print_score(found)
@@ -77,7 +95,7 @@ def main() -> None:
     predictions = predicted(records, found, base)
     print("predicted ahead from logged commands, held out: RMS error at the horizon")
     print_predictions(predictions)
-    write_vehicle(path, name, found.estimates, base=arguments.vehicle, given=[each.assignment for each in given])
+    write_vehicle(path, name, found.estimates, base=vehicle, given=[each.assignment for each in given])
     figures = {
         "fit": plots.plot_fit(found),
         "residuals": plots.plot_residuals(found),
@@ -98,6 +116,46 @@ def name_of(arguments: argparse.Namespace) -> str:
         return str(arguments.name)
     source = arguments.output or arguments.log[0]
     return re.sub(r"[^\w.-]", "_", source.name.partition(".")[0]) or "identified"
+
+
+def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightRecord]:
+    """The logs with the winds that were given."""
+    if not winds:
+        return records
+    if len(winds) not in (1, len(records)):
+        raise InputError(f"--wind is given {len(winds)} times: give it once, or once for each of {len(records)} logs")
+    given = winds * len(records) if len(winds) == 1 else winds
+    found = []
+    for record, text in zip(records, given, strict=True):
+        try:
+            wind = [float(each) for each in text.split(",")]
+        except ValueError:
+            wind = []
+        if len(wind) != 3 or not np.all(np.abs(wind) < _FASTEST_WIND):
+            raise InputError(f"--wind {shown(text)}: must be three numbers below {_FASTEST_WIND:g} m/s, as in -8.5,0,0")
+        if record.wind is not None:
+            remark(f"{record.name}: has its wind, which --wind does not replace")
+        found.append(record if record.wind is not None else replace(record, wind=np.tile(wind, (len(record.time), 1))))
+    return found
+
+
+def vehicle_to_begin_with(records: list[FlightRecord], logs: list[Path]) -> str:
+    """That of the mapping, or of the scenario beside a flight that was saved here."""
+    beside = logs[0].parent / "scenario.yaml"
+    named = sorted({record.vehicle for record in records if record.vehicle is not None})
+    if len(named) > 1:
+        raise InputError(f"the logs are of different vehicles, {' and '.join(named)}: identify each by itself")
+    if named:
+        return os.path.relpath(_DIAGRAMS / named[0])
+    if logs[0].name.startswith("flight.csv") and beside.is_file():
+        return str(beside)
+    has = {name for record in records for name in record.names}
+    onboard = {"attitude", "attitude_command"} <= has and not has & {"motor_command", "rotor_speed_command"}
+    like, what = _LIKE_AUTOPILOT if onboard else _LIKE_ROTORS
+    raise InputError(
+        f"the log {shown(records[0].name)} does not say which vehicle it is of: --vehicle says what to begin with, such"
+        f" as {os.path.relpath(_DIAGRAMS / like)}, {what}, and --mass what a scale shows"
+    )
 
 
 def vehicle_of(spec: str, given: list[Override]) -> Scenario:
@@ -145,8 +203,12 @@ def print_estimates(found: Identification) -> None:
     """Prints what was identified, and what was not."""
     estimates = found.estimates
     reaches = estimates.quantiles() * estimates.deviations
+    elsewhere = estimates.elsewhere()
+    farther = elsewhere.quantiles() * elsewhere.deviations
     rows = []
-    for name, value, reach, unit in zip(estimates.names, estimates.values, reaches, estimates.units, strict=True):
+    known = estimates.variation_known
+    columns = zip(estimates.names, estimates.values, reaches, farther, known, estimates.units, strict=True)
+    for name, value, reach, far, varies, unit in columns:
         digits = max(0, 1 - math.floor(math.log10(reach))) if reach > 0.0 else 6
         plain = (
             f"{value:.3e} ± {reach:.1e}"
@@ -159,15 +221,28 @@ def print_estimates(found: Identification) -> None:
             if explained is None or explained.share < 5e-4
             else f"{100.0 * explained.share:.1f} % of {explained.output}"
         )
-        rows.append((name, plain, "" if unit == "1" else unit, share))
-    print("identified, with 95 % intervals")
-    print_columns(("number", "value", "unit", "explains, held out"), [(n, v, u, s) for n, v, u, s in rows])
+        another = f"± {far:.2g}" if varies else "–"
+        rows.append((name, plain, "" if unit == "1" else unit, another, covered(found, name), share))
+    print("identified, with 95 % intervals, and those for another stretch of flight: in how many held out these hold")
+    print_columns(("number", "value", "unit", "another stretch", "interval holds", "explains, held out"), rows)
     if found.delay is not None:
-        print(f"a command shows after {1e3 * found.delay.value:.1f} ± {1.96e3 * found.delay.deviation:.1f} ms")
+        print(f"a command shows after {1e3 * found.delay.value:.1f} ± {1e3 * found.delay.reach:.1f} ms")
+    for name, spread in (found.further or {}).items():
+        if math.isfinite(spread.deviation):
+            unit = "" if spread.unit == "1" else f" {spread.unit}"
+            print(f"{name}: {spread.value:.3g} ± {spread.reach:.1g}{unit}")
     for name, why in estimates.not_seen.items():
         print(f"not told: {name}: {why}")
     for sentence in (*found.remarks, *estimates.remarks):
         remark(sentence)
+
+
+def covered(found: Identification, name: str) -> str:
+    """In how many stretches that were held out the interval of a number holds."""
+    if name not in found.held_out:
+        return ""
+    each = found.held_out[name]
+    return f"{each.covered} of {len(each.off)}"
 
 
 def print_score(found: Identification) -> None:
@@ -198,7 +273,7 @@ def print_hover(records: list[FlightRecord]) -> None:
     print_columns(("", "at rest", "in flight", ""), rows)
     for record in records:
         for name, spread in trim(record).items():
-            print(f"{record.name}: {name} in hover {spread.value:.3g} ± {2.0 * spread.deviation:.1g} {spread.unit}")
+            print(f"{record.name}: {name} in hover {spread.value:.3g} ± {spread.reach:.1g} {spread.unit}")
         behind = delay_by_correlation(record)
         if behind is not None:
             print(f"{record.name}: attitude is most like its command {1e3 * behind:.0f} ms later")

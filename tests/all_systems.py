@@ -47,7 +47,7 @@ from drake_quad.framework.records import layout_of
 from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
 from drake_quad.laboratory.flight_monitor import FlightMonitor
 from drake_quad.laboratory.laboratory import build_laboratory
-from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture, VelocityError
+from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture, VelocityDrift, VelocityError
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence, PerDirection, Turbulence, TurbulenceNumbers
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
@@ -191,7 +191,17 @@ JETS = (
     Jet(Outlet(-1.5, 2.5, 0.8), Direction(-0.6, -0.48, 0.64), 5.0, 0.8, 0.25),
 )
 GUST = GustNumbers(Wind(1.0, 2.0, 3.0), 1.1, 2.2, 3.3)
-CAMERAS = CameraNumbers(1e-3, 4e-3, 0.1, Attitude(0.1, 0.2, 0.3), 100.0, 2.0, VelocityError(0.05, -0.1, 0.2))
+CAMERAS = CameraNumbers(
+    1e-3,
+    4e-3,
+    0.1,
+    Attitude(0.1, 0.2, 0.3),
+    100.0,
+    2.0,
+    VelocityError(0.05, -0.1, 0.2),
+    VelocityDrift(0.03, 0.02, 0.01),
+    0.4,
+)
 LINK = LinkNumbers(2.0, 0.1, Wrench(6.0, 0.1, 0.2, 0.3))
 TARGETS = LinkNumbers(2.0, 0.1, AttitudeTarget(6.0, 0.1, 0.2, 0.3, 0.4, 0.5, 0.6))
 AUTOPILOT = AutopilotNumbers(
@@ -224,6 +234,7 @@ ALL_ERRORS = {
     "misaligned": True,
     "mistaken": True,
     "filtered": True,
+    "wanders": True,
     "longest_latency": 2,
 }
 LOSSY = {"longest_delay": 3, "loses_packets": True}

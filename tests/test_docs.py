@@ -32,6 +32,7 @@ SHORT = {
     "compare_controllers.py": ["--quick", "--samples", "2"],
     "compare_with_log.py": ["--samples", "3"],
     "reproduce_paper.py": ["--workers", "1"],
+    "identify_crazyswarm2.py": ["--log", "180", "--output", "mine.yaml"],
     "tune_controller.py": ["--rounds", "1", "--samples", "1", "--set", "duration=1", "--sensitivity", "100"],
 }
 

@@ -8,9 +8,11 @@ import subprocess
 import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from drake_quad import load_scenario
+from drake_quad.identification.logs.record import FlightRecord
 
 ROOT = Path(__file__).parent.parent
 # What a person runs: not what the others import or begin.
@@ -756,6 +758,38 @@ def test_simulators_are_compared_as_far_as_they_are_there():
 
 
 LOG = "tests/data/crazyflie/crazyswarm2/log100.xz"
+PX4 = "tests/data/px4/sample_px4_events.ulg.xz"
+
+
+@pytest.mark.slow
+def test_a_crazyflie_of_crazyswarm2_is_identified_as_it_is_shipped(run, tmp_path):
+    """The file that the script writes from a log has the scenario of the one that is shipped, to 2 %."""
+    result = run("identify_crazyswarm2.py", "--log", "180", "--output", tmp_path / "mine.yaml")
+    assert result.returncode == 0
+    assert load_scenario(f"{tmp_path / 'mine.yaml'}:log180").name == "log180"
+    assert re.search(r"^log180 +rotor_time_constant +0\.05", result.stdout, re.MULTILINE)
+    lines = [
+        (path.read_text(encoding="utf-8").partition("\nlog180:")[2]).splitlines()
+        for path in (tmp_path / "mine.yaml", ROOT / "diagrams" / "crazyswarm2.yaml")
+    ]
+    # Along no axis is the centre of mass of log180 told to 2 % of itself: 2 µm of some 30.
+    atol = 0.0
+    for mine, shipped in zip(*lines, strict=True):
+        if mine.endswith(":"):
+            atol = 2e-6 if "centre_of_mass" in mine else 0.0
+        found, expected = (
+            [float(number) for number in re.findall(r"(?<![\w.])-?\d+\.\d+(?:e-?\d+)?", line.partition("shared")[0])]
+            for line in (mine, shipped)
+        )
+        np.testing.assert_allclose(found, expected, rtol=0.02, atol=atol)
+
+
+def test_the_shipped_crazyflies_are_not_overwritten_by_some_of_them(run):
+    shipped = (ROOT / "diagrams" / "crazyswarm2.yaml").read_bytes()
+    result = run("identify_crazyswarm2.py", "--log", "180")
+    sentence = "error: --log: the shipped file has all four; --output says where to write some\n"
+    assert (result.returncode, result.stderr) == (2, sentence)
+    assert (ROOT / "diagrams" / "crazyswarm2.yaml").read_bytes() == shipped
 
 
 @pytest.mark.slow
@@ -764,6 +798,10 @@ def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
     result = run("identify.py", LOG, "--mass", "0.0375", "--output", mine, "--name", "log_100")
     assert result.returncode == 0
     assert re.search(r"^thrust_factor +3\.0\d+e-08 ± ", result.stdout, re.MULTILINE)
+    # Of each number, in how many stretches that were held out its interval holds.
+    held = re.findall(r"  (\d+) of 10\b", result.stdout)
+    assert len(held) == 11
+    assert min(map(int, held)) >= 9
     assert re.search(r"^position +0\.5 s ", result.stdout, re.MULTILINE)
     assert "remark: log100: 1 gap" in result.stderr
     written = [Path(line.strip()) for line in result.stdout.split("wrote\n")[1].splitlines()]
@@ -781,6 +819,92 @@ def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
     assert load_scenario(loop).nominal.mass == 0.0375
 
 
+def test_intervals_that_hold_are_counted(run, tmp_path):
+    """Of a run that is done: nothing is flown; one flight told nothing, and another did not tell of the drag."""
+    path = tmp_path / "rotors.csv"
+    rows = ["0,inertia[0],1.0,1.2,0.1,inf", "0,linear_drag,0.1,0.3,0.1,inf", "1,inertia[0],1.0,0.9,0.1,inf", "2,,,,,"]
+    head = ["# rotors seed=11", "sample,name,true,value,deviation,degrees_of_freedom"]
+    path.write_text("\n".join([*head, *rows, ""]), encoding="utf-8")
+    result = run("check_identification.py", "rotors", "--samples", "3", "--output", path)
+    assert (result.returncode, result.stderr) == (0, "")
+    lines = [line.split() for line in result.stdout.splitlines() if "of" in line.split()]
+    assert result.stdout.startswith("3 flights")
+    # Two off by 2 and by -1 deviations of what is said: their mean over their spread is 0.05 / 0.15.
+    assert lines[0] == ["inertia[0]", "1", "of", "2", "1", "to", "99", "%", "+0.33", "0.63", "0.16", "1"]
+    assert lines[1][:4] == ["linear_drag", "0", "of", "1"]
+    assert lines[1][-1] == "2"
+    assert path.read_text(encoding="utf-8").count("\n") == 6
+
+
+@pytest.mark.slow
+def test_a_known_vehicle_is_identified_and_the_next_run_goes_on(run, tmp_path):
+    path = tmp_path / "autopilot.csv"
+    result = run("check_identification.py", "autopilot", "--samples", "1", "--output", path)
+    assert result.returncode == 0
+    assert re.search(r"^autopilot.damping\[0\] +[01] of 1 ", result.stdout, re.MULTILINE)
+    rows = [line.split(",") for line in path.read_text(encoding="utf-8").splitlines()[2:]]
+    assert len(rows) > 15
+    off = [abs(float(value) - float(true)) / float(deviation) for _, _, true, value, deviation, _ in rows]
+    assert max(off) < 5.0
+    done = path.read_bytes()
+    again = run("check_identification.py", "autopilot", "--samples", "1", "--output", path)
+    assert (again.returncode, again.stdout, path.read_bytes()) == (0, result.stdout, done)
+    more = run("check_identification.py", "autopilot", "--samples", "2", "--output", path)
+    assert more.returncode == 0
+    assert path.read_bytes().startswith(done)
+    assert {line.split(",")[0] for line in path.read_text(encoding="utf-8").splitlines()[2:]} == {"0", "1"}
+
+
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        (["rotors", "--samples", "0"], "--samples is 0, but must be between 1"),
+        (["rotors", "--output", "mine.txt"], "--output mine.txt: must end in .csv"),
+        (["rotors", "--set", "vehicle.mas=1"], "vehicle.mas"),
+        (["rotors", "--output", "other.csv"], "is not of this script, or was cut off"),
+        (["rotors", "--output", "cut.csv"], "is not of this script, or was cut off"),
+        (["rotors", "--output", "row.csv"], "is not of this script, or was cut off"),
+        (["rotors", "--output", "binary.csv"], "is not of this script, or was cut off"),
+        (["rotors", "--seed", "12", "--output", "before.csv"], "is of 'rotors seed=11', not of 'rotors seed=12'"),
+    ],
+)
+def test_what_cannot_be_checked_gets_one_sentence_and_status_2(run, tmp_path, arguments, words):
+    (tmp_path / "other.csv").write_text("time,x\n0,1\n", encoding="utf-8")
+    head = "# rotors seed=11\nsample,name,true,value,deviation,degrees_of_freedom\n"
+    (tmp_path / "before.csv").write_text(head, encoding="utf-8")
+    (tmp_path / "cut.csv").write_text(f"{head}0,inertia[0],1.0,1.2,0.1,2", encoding="utf-8")
+    (tmp_path / "row.csv").write_text(f"{head}0,inertia[0],1.0\n", encoding="utf-8")
+    (tmp_path / "binary.csv").write_bytes(bytes(range(256)))
+    given = [str(tmp_path / each) if (tmp_path / each).is_file() else each for each in arguments]
+    result = run("check_identification.py", *given)
+    assert result.returncode == 2
+    assert words in result.stderr.splitlines()[-1]
+
+
+def test_a_wind_is_that_of_logs_that_have_none(monkeypatch, capsys):
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+    from identify import with_winds
+
+    time = np.array([0.0, 0.1])
+    still, logged = FlightRecord("still", time), FlightRecord("logged", time, wind=np.ones((2, 3)))
+    for winds in (["-8.5,0,0.25"], ["-8.5,0,0.25", "1,2,3"]):
+        found = with_winds([still, logged], winds)
+        np.testing.assert_array_equal(found[0].wind, [[-8.5, 0.0, 0.25]] * 2)
+        np.testing.assert_array_equal(found[1].wind, np.ones((2, 3)))
+        assert "remark: logged: has its wind, which --wind does not replace" in capsys.readouterr().err
+
+
+def test_logs_of_different_vehicles_are_not_taken_together(run, tmp_path):
+    cells = ['"[0, 0, 1]"', '"[0, 0, 0]"', '"[0, 0, 0, 1]"', '"[0, 0, 0]"', "0.4", '"[0, 0, 0, 1]"']
+    rows = [",".join([time, *cells]) for time in ("0.0", "0.02", "0.04")]
+    (tmp_path / "other.csv").write_text("\n".join(["t,p,v,q,w,T_sp,q_sp", *rows, ""]), encoding="utf-8")
+    result = run("identify.py", LOG, tmp_path / "other.csv", "--output", tmp_path / "mine.yaml")
+    assert result.returncode == 2
+    sentence = result.stderr.splitlines()[-1]
+    named = "vehicles/crazyflie.yaml and vehicles/neural_fly.yaml:neural_fly"
+    assert sentence == f"error: the logs are of different vehicles, {named}: identify each by itself"
+
+
 @pytest.mark.parametrize(
     ("arguments", "words"),
     [
@@ -788,6 +912,12 @@ def test_a_vehicle_is_identified_written_and_flown(run, tmp_path):
         (["README.md"], "README.md: none of the shipped mappings .* fits its columns"),
         ([LOG, "--output", "mine.txt"], "--output mine.txt: must end in .yaml or .yml"),
         ([LOG, "--mass", "-1"], "--mass -1"),
+        ([LOG, "--wind", "1,2"], "--wind '1,2': must be three numbers below 100 m/s, as in -8.5,0,0"),
+        (
+            [LOG, "--wind", "0,0,0", "--wind", "1,0,0"],
+            "--wind is given 2 times: give it once, or once for each of 1 logs",
+        ),
+        ([PX4], "does not say which vehicle it is of: --vehicle says what to begin with, such as"),
         ([LOG, "--vehicle", "nowhere.yaml"], "nowhere.yaml"),
         ([LOG, "--name", "a b"], "--name 'a b': allowed are letters"),
         ([LOG, "--set", "nominal.mas=1"], "nominal.mas"),

@@ -313,8 +313,9 @@ DEFAULTS = {
         "misaligned": False,
         "mistaken": False,
         "filtered": False,
+        "wanders": False,
         "longest_latency": 0,
-        "numbers": (0.0, 0.0, 0.0, (0.0, 0.0, 0.0), 0.0, 0.0, (0.0, 0.0, 0.0)),
+        "numbers": (0.0, 0.0, 0.0, (0.0, 0.0, 0.0), 0.0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0),
     },
     NoiseSource: {},
     PredictiveProgramme: {

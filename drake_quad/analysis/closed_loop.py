@@ -82,7 +82,12 @@ def at_rest(scenario: Scenario) -> Scenario:
     laboratory = scenario.laboratory.model_copy(
         update={
             "motion_capture": cameras.model_copy(
-                update={"position_noise": 0.0, "attitude_noise": 0.0, "dropout_rate": 0.0}
+                update={
+                    "position_noise": 0.0,
+                    "attitude_noise": 0.0,
+                    "dropout_rate": 0.0,
+                    "velocity_drift": (0.0, 0.0, 0.0),
+                }
             ),
             "command_link": link.model_copy(update={"loss_rate": 0.0}),
             "autopilot": _with(autopilot, gyroscope_noise=0.0, attitude_noise=0.0),

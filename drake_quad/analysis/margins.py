@@ -130,7 +130,10 @@ def _crossings(
     for _ in range(2):
         inside = np.linspace(ends[:, 0], ends[:, 1], _PARTS + 1, axis=1)
         values = of(_response(loop, inside.ravel())).reshape(inside.shape)
-        first = np.argmax(_passes_zero(values), axis=1)
+        passes = _passes_zero(values)
+        # What changed sign from end to end may have done so by a jump inside.
+        real = passes.any(axis=1)
+        inside, values, first = inside[real], values[real], np.argmax(passes[real], axis=1)
         places = np.stack([first, first + 1], axis=1)
         ends, values = (np.take_along_axis(each, places, axis=1) for each in (inside, values))
     (low, high), (start, end) = ends.T, values.T

@@ -14,7 +14,7 @@ from drake_quad.framework.elementary import sin_cos, where
 from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
 from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor, Window
 from drake_quad.laboratory.laboratory import build_laboratory
-from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture, VelocityError
+from drake_quad.laboratory.motion_capture import CameraNumbers, MotionCapture, VelocityDrift, VelocityError
 from drake_quad.laboratory.wind.dryden import WIND_AT_20_FEET, DrydenTurbulence, Turbulence, TurbulenceNumbers
 from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
@@ -199,6 +199,7 @@ def _motion_capture(cameras: models.MotionCapture, fleet: Any) -> Recipe:
         "misaligned": any(map(_can_differ, cameras.misalignment, fleet.misalignment)),
         "mistaken": any(map(_can_differ, cameras.velocity_error, fleet.velocity_error)),
         "filtered": fleet.derivative_bandwidth is not None,
+        "wanders": any(map(_can_differ, cameras.velocity_drift, fleet.velocity_drift)),
         "longest_latency": _longest(cameras.latency_frames, fleet.latency_frames),
     }
     numbers = CameraNumbers(
@@ -209,6 +210,8 @@ def _motion_capture(cameras: models.MotionCapture, fleet: Any) -> Recipe:
         bandwidth=0.0 if fleet.derivative_bandwidth is None else fleet.derivative_bandwidth,
         latency_frames=fleet.latency_frames,
         velocity_error=VelocityError(*fleet.velocity_error),
+        velocity_drift=VelocityDrift(*fleet.velocity_drift),
+        drift_time=fleet.drift_time,
     )
     return Recipe(MotionCapture, structure, numbers)
 

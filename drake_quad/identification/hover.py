@@ -94,7 +94,7 @@ def _mean(values: np.ndarray, blocks: np.ndarray, unit: str) -> Spread:
     names, which = np.unique(blocks, return_inverse=True)
     means = np.bincount(which, weights=values) / np.bincount(which)
     deviation = float(np.std(means, ddof=1) / np.sqrt(len(names))) if len(names) > 1 else np.nan
-    return Spread(float(values.mean()), deviation, unit)
+    return Spread(float(values.mean()), deviation, unit, max(len(names) - 1.0, 1.0))
 
 
 def delay_by_correlation(record: FlightRecord, longest: float = 0.3) -> float | None:

@@ -1,11 +1,13 @@
 """What an identification hands back: estimates, the vehicle they make, and how well it predicts what was held out."""
 
-from dataclasses import dataclass
+from collections.abc import Mapping
+from dataclasses import dataclass, field
 from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.identification.results.estimates import Estimates
+from drake_quad.identification.results.estimates import Estimates, quantile
+from drake_quad.identification.results.held_out import HeldOut
 from drake_quad.scenario import Scenario
 
 
@@ -50,11 +52,18 @@ class Spread(NamedTuple):
         value: of it.
         deviation: of its error.
         unit: of both.
+        degrees_of_freedom: of Student's distribution of the error.
     """
 
     value: float
     deviation: float
     unit: str
+    degrees_of_freedom: float = np.inf
+
+    @property
+    def reach(self) -> float:
+        """Of the 95 % interval to each side."""
+        return float(quantile(self.degrees_of_freedom)) * self.deviation
 
 
 @dataclass(frozen=True, eq=False)
@@ -68,6 +77,8 @@ class Identification:
         delay: from a command to what is measured of it; None if the log does not tell.
         further: numbers for the report, by what they are.
         remarks: sentences.
+        held_out: how intervals hold for a tenth of the flights at a time, by the name of the number; empty if there is
+            too little flight.
     """
 
     estimates: Estimates
@@ -76,3 +87,4 @@ class Identification:
     delay: Spread | None = None
     further: dict[str, Spread] | None = None
     remarks: tuple[str, ...] = ()
+    held_out: Mapping[str, HeldOut] = field(default_factory=dict)

@@ -3,15 +3,19 @@
 from collections.abc import Sequence
 
 import numpy as np
+import scipy
 
 from drake_quad.errors import InputError
 from drake_quad.identification import rotor_identification
 from drake_quad.identification.fitting.forecast import Forecast
 from drake_quad.identification.fitting.open_loop import DELAY, delay_of
 from drake_quad.identification.fitting.windows import airborne
+from drake_quad.identification.force_identification import identify_forces, tells_forces
 from drake_quad.identification.identified import Fitted, Identification, Spread
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.response_identification import identify_from_poses
+from drake_quad.identification.response_identification import identify_attitude_response, identify_from_poses
+from drake_quad.identification.results.estimates import Estimates
+from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import with_estimates, with_numbers, with_throttles
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.autopilots import AttitudeResponse
@@ -26,9 +30,11 @@ def identify(
 ) -> Identification:
     """Identifies a vehicle from flight logs.
 
-    By prediction errors (`drake_quad.identification.rotor_identification`) where rotors are commanded and there is an
-    accelerometer, or half a minute of poses; by multiple shooting (`drake_quad.identification.response_identification`)
-    behind an autopilot, in short flights, and without attitude.
+    Behind an autopilot, where the residual force is logged, by the attitude's answer and by forces
+    (`drake_quad.identification.force_identification`). By prediction errors
+    (`drake_quad.identification.rotor_identification`) where rotors are commanded and there is an accelerometer, or half
+    a minute of poses; by multiple shooting (`drake_quad.identification.response_identification`) behind another
+    autopilot, in short flights, and without attitude.
 
     Args:
         records: of flights of the same vehicle.
@@ -40,11 +46,33 @@ def identify(
     """
     if not records:
         raise InputError("there is no log to identify a vehicle from")
-    if isinstance(scenario.laboratory.autopilot, AttitudeResponse) or not _by_prediction_errors(records):
+    responds = isinstance(scenario.laboratory.autopilot, AttitudeResponse)
+    if responds and all(map(tells_forces, records)):
+        return _from_attitudes_and_forces(records, scenario, held_out_share)
+    if responds or not _by_prediction_errors(records):
         return identify_from_poses(records, scenario, held_out_share=held_out_share)
     if any(record.motor_command is not None for record in records):
         scenario = with_throttles(scenario)
     return _translated(rotor_identification.identify(records, scenario, share=held_out_share), scenario, records)
+
+
+def _from_attitudes_and_forces(
+    records: Sequence[FlightRecord], scenario: Scenario, held_out_share: float
+) -> Identification:
+    """The answer of the attitude first, whose delay is that of the thrust, too; then the forces in it."""
+    turning = identify_attitude_response(records, scenario, held_out_share=held_out_share)
+    deviation = 0.0 if turning.delay is None else turning.delay.deviation
+    forces = identify_forces(records, turning.vehicle, delay_deviation=deviation, held_out_share=held_out_share)
+    estimates = _joined(turning.estimates, forces.estimates)
+    return Identification(
+        estimates,
+        with_estimates(turning.vehicle, estimates),
+        (*forces.outputs, *turning.outputs),
+        turning.delay,
+        {**forces.further, **(turning.further or {})},
+        (*turning.remarks, *forces.remarks),
+        turning.held_out,
+    )
 
 
 def _by_prediction_errors(records: Sequence[FlightRecord]) -> bool:
@@ -60,11 +88,13 @@ def _translated(
     """The result of prediction errors."""
     vehicle, delay = with_estimates(scenario, found.estimates), None
     if found.delay is not None:
-        delay = Spread(found.delay.value, found.delay.deviation, "s")
+        delay = Spread(found.delay.value, found.delay.deviation, "s", found.delay.degrees_of_freedom)
         link = scenario.laboratory.command_link
         vehicle = with_numbers(vehicle, {DELAY: (delay.value - float(delay_of(scenario, 0.0))) / link.period})
     outputs = () if found.forecast is None else _series(found.forecast, found.noise.measured, records[0].name)
-    return Identification(found.estimates, vehicle, outputs, delay)
+    told = {*found.estimates.names, rotor_identification.DELAY}
+    covered = {name: each for name, each in hold_out(found.evidence).items() if name in told}
+    return Identification(found.estimates, vehicle, outputs, delay, held_out=covered)
 
 
 def _series(forecast: Forecast, deviations: np.ndarray, log: str) -> tuple[Fitted, ...]:
@@ -86,4 +116,22 @@ def _series(forecast: Forecast, deviations: np.ndarray, log: str) -> tuple[Fitte
             float(deviations[i]),
         )
         for i, name in enumerate(forecast.names)
+    )
+
+
+def _joined(first: Estimates, second: Estimates) -> Estimates:
+    """Estimates of different numbers as one, without the correlation of errors of one part with those of the other.
+
+    The error of the delay is in the deviations of the numbers of forces, not in a correlation with the delay.
+    """
+    parts = (first, second)
+    return Estimates(
+        tuple(name for part in parts for name in part.names),
+        np.concatenate([part.values for part in parts]),
+        scipy.linalg.block_diag(*(part.covariance for part in parts)),
+        np.concatenate([np.asarray(part.degrees_of_freedom) for part in parts]),
+        tuple(part.sources_of(i) for part in parts for i in range(len(part.names))),
+        {name: share for part in parts for name, share in part.explained.items()},
+        {name: why for part in parts for name, why in part.not_seen.items()},
+        variation=None if first.variation is None else first.variation.beside(len(second.names)),
     )

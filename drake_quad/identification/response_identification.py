@@ -18,8 +18,9 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import InputError, shown
-from drake_quad.identification.fitting.multiple_shooting import Fit, Problem, covariance, fit, slopes_at
+from drake_quad.errors import InputError
+from drake_quad.identification.fitting.evidence import Evidence, Uncertainty
+from drake_quad.identification.fitting.multiple_shooting import Fit, Problem, evidence, fit, slopes_at, uncertainty
 from drake_quad.identification.fitting.open_loop import (
     DELAY,
     UNKNOWN,
@@ -29,11 +30,13 @@ from drake_quad.identification.fitting.open_loop import (
     level_vehicle,
     with_level_commands,
 )
+from drake_quad.identification.fitting.random_effects import Variation, of_the_mean, variation_of
 from drake_quad.identification.fitting.whitening import Noise, Shape, noise_of, still, straying
-from drake_quad.identification.fitting.windows import airborne, held_out, pieces
+from drake_quad.identification.fitting.windows import airborne, common_period, held_out, pieces
 from drake_quad.identification.identified import Fitted, Identification, Spread
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.results.estimates import Estimates, Explained, Source
+from drake_quad.identification.results.estimates import Estimates, Explained, Source, kind_of, quantile
+from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import number_of, with_effects, with_estimates, with_throttles
 from drake_quad.laboratory.motion_capture import RotationMatrix, attitude_of_markers
 from drake_quad.scenario import Scenario
@@ -44,7 +47,7 @@ METHOD = "multiple shooting on positions and attitudes"
 # Of a window, s. Commands follow measurements, and with them their noise, which is taken for the vehicle's answer as
 # far as initial states can follow it: the less, the longer a window is.
 _LENGTH = 3.0
-_RIGID_LENGTH, _LEVEL_LENGTH = 0.4, 1.0
+_RIGID_LENGTH, _LEVEL_LENGTH, _ATTITUDE_LENGTH = 0.4, 1.0, 6.0
 # Of a window, from which its initial state is guessed, s.
 _EARLY = 0.2
 # Of samples that are compared, s: more would cost time and tell next to nothing more of motions this slow.
@@ -55,6 +58,8 @@ _TOGETHER, _BLOCKS, _FEWEST = 1, 30, 5
 _TOLD = 0.5
 # Beliefs, in so many of these.
 _WEAK = 4.0
+# And of what is held, in the same unit.
+_HELD = 1e-9
 # Of the noise, at most.
 _ROUNDS = 8
 # Of the variance of an output, less of which the whole model explains by chance.
@@ -65,7 +70,9 @@ _SHORTEST_LAG = 2e-3
 # Cannot be zero or below, and are at least this share of what is believed.
 _POSITIVE = ("autopilot.natural_frequency", "inertia", "drag_factor", "thrust_factor")
 _LEAST = 0.02
-_NEVER_NEGATIVE = ("body_drag.quadratic", "body_drag.linear", "rotor_aerodynamics.lift")
+_NEVER_NEGATIVE = ("body_drag.quadratic", "body_drag.linear", "rotor_aerodynamics.lift", DELAY)
+# Standard deviations that are an error's.
+_ERRORS = 2.0
 
 
 class _Output(NamedTuple):
@@ -90,6 +97,14 @@ class _Output(NamedTuple):
     strays: float
 
 
+class _Task(NamedTuple):
+    """What is sought, from which outputs, in windows of which length, s."""
+
+    outputs: tuple[_Output, ...]
+    names: tuple[str, ...]
+    seconds: float
+
+
 # Of a log without attitude: the vehicle is taken for level, and its height is what its rotors do.
 _HEIGHT = (_Output("height", "m", "position", 2, 2, 3e-3, 0.3),)
 _LEVEL_CANDIDATES = (
@@ -98,6 +113,9 @@ _LEVEL_CANDIDATES = (
     "rotor_time_constant",
     "rotor_aerodynamics.climb",
 )
+
+
+_LEVEL_TASK = _Task(_HEIGHT, _LEVEL_CANDIDATES, _LEVEL_LENGTH)
 
 
 @dataclass(frozen=True)
@@ -167,12 +185,49 @@ def identify_from_poses(
         scenario = with_throttles(scenario)
     scenario = _of_one_lag(scenario)
     if isinstance(scenario.laboratory.autopilot, AttitudeResponse):
-        outputs, names, seconds, flown = _outputs(records, True), _candidates(scenario), _LENGTH, scenario
+        task = _Task(_outputs(records, True), _candidates(scenario), _LENGTH)
     elif any(record.attitude is None and record.body_rates is None for record in records):
         records = [with_level_commands(record) for record in records]
-        outputs, names, seconds, flown = _HEIGHT, _LEVEL_CANDIDATES, _LEVEL_LENGTH, level_vehicle(scenario)
+        return _identified(records, level_vehicle(scenario), _LEVEL_TASK, held_out_share, scenario)
     else:
-        outputs, names, seconds, flown = _outputs(records, False), _rigid_candidates(scenario), _RIGID_LENGTH, scenario
+        task = _Task(_outputs(records, False), _rigid_candidates(scenario), _RIGID_LENGTH)
+    return _identified(records, scenario, task, held_out_share, scenario)
+
+
+def identify_attitude_response(
+    records: Sequence[FlightRecord], scenario: Scenario, *, held_out_share: float = 1.0 / 3.0
+) -> Identification:
+    """Identifies how the attitude answers its command, from attitudes alone, whatever moves the vehicle.
+
+    Args:
+        records: of flights of the same vehicle, with attitude commands, commands of thrust, and attitudes.
+        scenario: to begin with; its autopilot is a response of the attitude.
+        held_out_share: of the time in the air, at the end of each log, that is only predicted.
+
+    Raises:
+        InputError: a log lacks a signal, or there is too little flight.
+    """
+    outputs = tuple(output for output in _outputs(records, True) if output.signal == "attitude")
+    names = tuple(
+        name for name in _candidates(scenario) if name.startswith(("autopilot.", _MISALIGNMENT)) or name == DELAY
+    )
+    task = _Task(outputs, names, _ATTITUDE_LENGTH)
+    return _identified(records, _of_one_lag(scenario), task, held_out_share, scenario)
+
+
+def _identified(
+    records: Sequence[FlightRecord], flown: Scenario, task: _Task, held_out_share: float, scenario: Scenario
+) -> Identification:
+    """Fits what is sought to windows of the logs.
+
+    Args:
+        records: of flights of the same vehicle.
+        flown: the vehicle whose numbers are sought.
+        task: what is sought, and from what.
+        held_out_share: of the time in the air.
+        scenario: that the estimates are put into.
+    """
+    outputs, names, seconds = task
     believed = with_effects(flown, names)
     windows = _cut(records, believed, held_out_share, seconds)
     seen = windows.chosen(~windows.unseen)
@@ -185,17 +240,18 @@ def identify_from_poses(
     not_seen: dict[str, str] = {}
     names, fitted, problem, noises = _told(model, seen, names, not_seen)
     blocks = _blocks(seen)
-    variance = covariance(problem, fitted, blocks)
+    variance, freedom, _ = uncertainty(problem, fitted, blocks)
     source = Source(METHOD, ", ".join(dict.fromkeys(record.name for record in records)))
-    values, deviations = fitted.parameters, np.sqrt(np.diag(variance))
+    parameters, deviations = fitted.parameters, np.sqrt(np.diag(variance))
+    values = parameters
     not_seen |= _untold(names, deviations, problem.scales)
     told = [name for name in names if name not in not_seen]
     if not told:
         raise InputError("the logs tell nothing of the vehicle: it hardly moves")
     # What is not told stays as believed, and what cannot be below zero is not: the rest of the vehicle goes with that.
-    below = np.array(
-        [name.startswith(_NEVER_NEGATIVE) and value < 0.0 for name, value in zip(names, values, strict=True)]
-    )
+    # A delay may be as much below as its error.
+    least = np.where([name == DELAY for name in names], -_ERRORS * deviations, 0.0)
+    below = np.array([name.startswith(_NEVER_NEGATIVE) for name in names]) & (values < least)
     fixed = below | np.array([name in not_seen for name in names])
     if fixed.any():
         target = np.where(below, 0.0, problem.believed)
@@ -205,7 +261,10 @@ def identify_from_poses(
         )
         fitted = fit(held, np.where(fixed, target, values), fitted.states, tolerance=1e-7)
         values = np.where(fixed, target, fitted.parameters)
-    everything = Estimates(names, values, variance, float(len(np.unique(blocks)) - 1), source)
+    free = [name for name, held in zip(names, fixed, strict=True) if not held]
+    parts = _evidence(model, windows, names, noises, fitted).given(free)
+    variance, freedom, variation = _of_stretches(variance, freedom, parts, np.flatnonzero(~fixed))
+    everything = Estimates(names, values, variance, freedom, source, variation=variation)
     estimates = replace(everything.part(told), not_seen=not_seen)
     whole = _refitted(model, windows, names, fitted)
     explained = _explained(model, windows, names, whole, values, outputs)
@@ -214,14 +273,35 @@ def identify_from_poses(
     delay = None
     if DELAY in told:
         i, period = told.index(DELAY), scenario.laboratory.command_link.period
-        delay = Spread(float(delay_of(scenario, estimates.values[i])), estimates.deviations[i] * period, "s")
+        own_freedom = float(np.asarray(estimates.degrees_of_freedom)[i])
+        late = float(delay_of(scenario, estimates.values[i]))
+        delay = Spread(late, float(estimates.deviations[i]) * period, "s", own_freedom)
     further = {
         f"white noise of {output.name}": Spread(noise.white, np.nan, output.unit)
         for output, noise in zip(outputs, noises, strict=True)
     }
+    reaches = quantile(freedom) * deviations
+    remarks = (*_remarks(windows, names), *_below_remarks(scenario, names, below, parameters, reaches))
     return Identification(
-        estimates, with_estimates(scenario, estimates), series, delay, further, _remarks(windows, names)
+        estimates, with_estimates(scenario, estimates), series, delay, further, remarks, hold_out(parts)
     )
+
+
+def _of_stretches(
+    variance: np.ndarray, freedom: np.ndarray, parts: Evidence, free: np.ndarray
+) -> tuple[np.ndarray, np.ndarray, Variation | None]:
+    """Covariance and degrees of freedom of the mean, and the variation, of all numbers; of some there is evidence."""
+    among = np.ix_(free, free)
+    found = variation_of(parts)
+    mean = of_the_mean(Uncertainty(variance[among], freedom[free], variance[among]), parts, found)
+    wider, own = np.ones(len(variance)), freedom.copy()
+    wider[free] = np.sqrt(np.diag(mean.covariance) / np.diag(variance)[free])
+    own[free] = mean.degrees_of_freedom
+    if found is not None:
+        whole = np.diag(np.full(len(variance), np.nan))
+        whole[among] = found.covariance
+        found = found._replace(covariance=whole)
+    return variance * np.outer(wider, wider), own, found
 
 
 def _of_one_lag(scenario: Scenario) -> Scenario:
@@ -244,6 +324,23 @@ def _remarks(windows: _Windows, names: Sequence[str]) -> tuple[str, ...]:
         )
     if "inertia[0]" in names:
         found.append("inertia about z is believed, and the drag factor goes with it: yaw tells their ratio alone")
+    return tuple(found)
+
+
+def _below_remarks(
+    scenario: Scenario, names: Sequence[str], below: np.ndarray, values: np.ndarray, reaches: np.ndarray
+) -> tuple[str, ...]:
+    """A sentence on each number that is held at zero, with its 95 % interval; ticks of the delay are in ms."""
+    found = []
+    for name, value, reach, held in zip(names, values, reaches, below, strict=True):
+        size, unit = (
+            (1e3 * scenario.laboratory.command_link.period, "ms") if name == DELAY else (1.0, kind_of(name).unit)
+        )
+        if held:
+            found.append(
+                f"{name} came out at {size * value:.2g} ± {size * reach:.2g} {unit}, and is held at zero, below which"
+                " it makes no sense"
+            )
     return tuple(found)
 
 
@@ -338,13 +435,7 @@ def _cut(records: Sequence[FlightRecord], scenario: Scenario, share: float, seco
     Raises:
         InputError: the logs are of different rates.
     """
-    period = float(np.median([record.period for record in records]))
-    odd = next((record for record in records if abs(record.period / period - 1.0) > 0.1), None)
-    if odd is not None:
-        raise InputError(
-            f"the log {shown(odd.name)} has {1.0 / odd.period:.0f} samples a second, and others {1.0 / period:.0f};"
-            " identify from logs of one rate, one after another"
-        )
+    period = common_period(records)
     every = max(1, round(min(_APART, 0.02 * seconds) / period))
     length = every * max(2, round(seconds / (every * period)))
     places, starts, unseen = [], [], []
@@ -432,8 +523,10 @@ class _Model(NamedTuple):
 
         def residuals(parameters: np.ndarray, states: np.ndarray) -> np.ndarray:
             off = self.predictions(windows, names, parameters, states) - measured
-            weighted = [off[:, :, o] @ whitener for o, whitener in enumerate(whiteners)]
-            return np.concatenate(weighted, axis=2)
+            # As one matrix: of a stack of rows that lie apart each would be multiplied by itself.
+            sets, count, _, samples = off.shape
+            weighted = [off[:, :, o].reshape(-1, samples) @ whitener for o, whitener in enumerate(whiteners)]
+            return np.concatenate([each.reshape(sets, count, -1) for each in weighted], axis=2)
 
         scales = np.array([self.scales[name] for name in names])
         believed = np.array([self.believed[name] for name in names])
@@ -535,11 +628,30 @@ class _Left(NamedTuple):
     slopes: np.ndarray
 
 
+def _evidence(model: _Model, windows: _Windows, names: Sequence[str], noises: Sequence[Noise], fitted: Fit) -> Evidence:
+    """What all windows say, in the order of flight; in those that were held out only initial states are fitted."""
+    scales = np.array([model.scales[name] for name in names])
+    seconds = len(windows.starts) * windows.length * windows.records[0].period
+    known = evidence(fitted, names, scales, seconds)
+    if not windows.unseen.any():
+        return known
+    unseen = windows.chosen(windows.unseen)
+    shape = model.shape(unseen)
+    problem = model.problem(unseen, names, [noise.whitener(shape) for noise in noises])
+    held = problem._replace(believed=fitted.parameters, beliefs=_HELD * scales)
+    more = evidence(fit(held, fitted.parameters, model.first_states(unseen)), names, scales, seconds)
+    order = np.argsort(np.concatenate([np.flatnonzero(~windows.unseen), np.flatnonzero(windows.unseen)]))
+    return known._replace(
+        information=np.concatenate([known.information, more.information])[order],
+        scores=np.concatenate([known.scores, more.scores])[order],
+    )
+
+
 def _refitted(model: _Model, windows: _Windows, names: Sequence[str], fitted: Fit) -> _Left:
     """What is left in all windows, with initial states fitted by plain least squares and parameters held."""
     shape = model.shape(windows)
     whole = model.problem(windows, names, [Noise(output.usual, 0.0).whitener(shape) for output in model.outputs])
-    held = whole._replace(believed=fitted.parameters, beliefs=1e-9 * whole.scales)
+    held = whole._replace(believed=fitted.parameters, beliefs=_HELD * whole.scales)
     found = fit(held, fitted.parameters, model.first_states(windows), iterations=15)
     plain = model.problem(windows, names, [np.eye(len(shape.values))] * len(model.outputs))
     slopes = slopes_at(plain, fitted.parameters, found.states)

@@ -15,20 +15,28 @@ import scipy
 from drake_quad.assembly.effects import thrust_curve
 from drake_quad.assembly.planning import nominal_parameters
 from drake_quad.errors import InputError, listed
+from drake_quad.identification.fitting.evidence import Evidence, Uncertainty
 from drake_quad.identification.fitting.flown_model import DELAY, DisturbanceKind, Vehicle
 from drake_quad.identification.fitting.forecast import Forecast, forecast
 from drake_quad.identification.fitting.prediction_error import (
     Choice,
     Fitted,
-    Uncertainty,
     fit,
     noise_covariance,
     whitened,
 )
 from drake_quad.identification.fitting.predictor import FORCE, Noise, Output, Predictor
+from drake_quad.identification.fitting.random_effects import of_the_mean, variation_of
 from drake_quad.identification.fitting.windows import Cut, airborne, coarser, cut, held_out
 from drake_quad.identification.logs.record import FlightRecord
-from drake_quad.identification.results.estimates import CONFIDENCE, Estimates, Explained, Source, scenario_path
+from drake_quad.identification.results.estimates import (
+    CONFIDENCE,
+    Estimates,
+    Explained,
+    Source,
+    quantile,
+    scenario_path,
+)
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.paths import value_at
 from drake_quad.signals import Wrench
@@ -46,6 +54,8 @@ _IMU_HORIZON, _POSE_HORIZON = 0.1, 0.5
 _LONGEST = 0.05
 # A number whose 95 % interval reaches farther to each side than so much of its scale is not told by a log.
 _TOLD = 1.0
+# Nor one with fewer degrees of freedom: hardly more than one stretch of the flights tells it.
+_FEWEST_DEGREES = 2.0
 # And one so near to a limit, in its scale, is not either.
 _AT_LIMIT = 1e-3
 # Information on numbers in their scales that is none, but for rounding.
@@ -92,7 +102,7 @@ class Delay(NamedTuple):
     @property
     def interval(self) -> tuple[float, float]:
         """Of 95 % confidence, s."""
-        reach = float(scipy.stats.t.ppf(0.5 * (1.0 + CONFIDENCE), self.degrees_of_freedom)) * self.deviation
+        reach = float(quantile(self.degrees_of_freedom)) * self.deviation
         return self.value - reach, self.value + reach
 
 
@@ -106,6 +116,7 @@ class RotorIdentification:
         noise: of measurements and of what disturbs.
         forecast: on the part that was held out, by what was identified from the rest; None if nothing was.
         fitted: the fit to all of the logs.
+        evidence: what parts of the logs say of all numbers that were fitted, the delay among them.
     """
 
     estimates: Estimates
@@ -113,6 +124,7 @@ class RotorIdentification:
     noise: Noise
     forecast: Forecast | None
     fitted: Fitted
+    evidence: Evidence
 
 
 def identify(records: Sequence[FlightRecord], scenario: Scenario, *, share: float = 1.0 / 3.0) -> RotorIdentification:
@@ -345,6 +357,10 @@ def _identified(
     shown: Forecast | None,
 ) -> RotorIdentification:
     names = [each.name for each in sought]
+    scales = np.array([each.scale for each in sought])
+    evidence = fitted.evidence(names, scales, len(predictor.windows) * predictor.sizes.length * predictor.period)
+    variation = variation_of(evidence)
+    uncertainty = of_the_mean(uncertainty, evidence, variation)
     swamped = _swamped(vehicle, predictor, sought, fitted) | _wide(sought, fitted, uncertainty)
     own = [i for i, name in enumerate(names) if name != DELAY and name not in swamped]
     if not own:
@@ -353,6 +369,7 @@ def _identified(
         )
     values, covariance = fitted.parameters[own], uncertainty.covariance[np.ix_(own, own)]
     freedom = uncertainty.degrees_of_freedom[own]
+    variation = None if variation is None else variation.part(own)
     signals = {output.signal for output in predictor.outputs}
     seen = [name for name in _POSE if name in signals]
     if seen:
@@ -361,6 +378,7 @@ def _identified(
         apart = noise_covariance(predictor, fitted)[np.ix_(places, places)] * np.outer(level, level)
         values, covariance = np.concatenate([values, level]), scipy.linalg.block_diag(covariance, apart)
         freedom = np.concatenate([freedom, np.full(len(seen), float(fitted.errors.size))])
+        variation = None if variation is None else variation.beside(len(seen))
     what = " and ".join(sorted(signal.replace("_", " ") for signal in signals))
     source = Source(f"prediction errors of {what}", ", ".join(record.name for record in records))
     estimates = Estimates(
@@ -372,21 +390,23 @@ def _identified(
         explained={} if shown is None else _explained([names[i] for i in own], shown),
         not_seen=_not_seen(vehicle, names, signals) | swamped,
         remarks=_remarks(predictor, fitted, names),
+        variation=variation,
     )
     delay = None
     if DELAY in names:
         i = names.index(DELAY)
         deviation = float(np.sqrt(uncertainty.covariance[i, i]))
         delay = Delay(float(fitted.parameters[i]), deviation, float(uncertainty.degrees_of_freedom[i]))
-    return RotorIdentification(estimates, delay, fitted.noise, shown, fitted)
+    return RotorIdentification(estimates, delay, fitted.noise, shown, fitted, evidence)
 
 
 def _wide(sought: Sequence[_Sought], fitted: Fitted, uncertainty: Uncertainty) -> dict[str, str]:
-    """Numbers whose interval is wider than they are themselves, or that ran into a limit, and why they are not told."""
-    quantiles = scipy.stats.t.ppf(0.5 * (1.0 + CONFIDENCE), uncertainty.degrees_of_freedom)
+    """Numbers at a limit, of too wide an interval, or that one stretch tells, and why they are not told."""
+    quantiles = quantile(uncertainty.degrees_of_freedom)
     reaches = quantiles * np.sqrt(np.diag(uncertainty.covariance))
     found = {}
-    for each, value, reach in zip(sought, fitted.parameters, reaches, strict=True):
+    columns = zip(sought, fitted.parameters, reaches, uncertainty.degrees_of_freedom, strict=True)
+    for each, value, reach, freedom in columns:
         size = min(each.scale, value) if each.least > 0.0 else each.scale
         near = _AT_LIMIT * each.scale
         if value - each.least < near or each.most - value < near:
@@ -395,6 +415,8 @@ def _wide(sought: Sequence[_Sought], fitted: Fitted, uncertainty: Uncertainty) -
             found[each.name] = (
                 f"its interval would be {value:.3g} ± {reach:.2g}, by what blocks of the flights say of it"
             )
+        elif freedom < _FEWEST_DEGREES:
+            found[each.name] = f"hardly more than one stretch of the flights tells it, as {value:.3g}"
     found.pop(DELAY, None)
     return found
 

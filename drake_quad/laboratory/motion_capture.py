@@ -13,7 +13,7 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydrake.common import RandomDistribution
 
-from drake_quad.framework.elementary import arcsin, arctan2, exp, sin_cos, where
+from drake_quad.framework.elementary import arcsin, arctan2, exp, sin_cos, sqrt, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.kinematics import small_rotation
 from drake_quad.laboratory.delay_line import carried, declare_delay_line, newest
@@ -58,6 +58,14 @@ class VelocityError(NamedTuple):
     z: Number
 
 
+class VelocityDrift(NamedTuple):
+    """A slowly changing error of velocity along X, Y, Z; or a normal number for each."""
+
+    x: Annotated[Row, Quantity("m/s", "W")]
+    y: Annotated[Row, Quantity("m/s", "W")]
+    z: Annotated[Row, Quantity("m/s", "W")]
+
+
 class CameraNumbers(NamedTuple):
     """By how much cameras are wrong.
 
@@ -69,6 +77,8 @@ class CameraNumbers(NamedTuple):
         bandwidth: ω of the filter that makes velocity and body rates.
         latency_frames: whole number of frames after which one can be read.
         velocity_error: of the velocity on each axis, as a share of it.
+        velocity_drift: standard deviation of a slowly changing error of the velocity on each axis.
+        drift_time: correlation time of the drift.
     """
 
     position_noise: Annotated[Row, Quantity("m")] = 0.0
@@ -78,6 +88,8 @@ class CameraNumbers(NamedTuple):
     bandwidth: Annotated[Row, Quantity("rad/s")] = 0.0
     latency_frames: Number = 0.0
     velocity_error: VelocityError = VelocityError(0.0, 0.0, 0.0)
+    velocity_drift: VelocityDrift = VelocityDrift(0.0, 0.0, 0.0)
+    drift_time: Annotated[Row, Quantity("s")] = 1.0
 
 
 class Cameras(NamedTuple):
@@ -90,13 +102,23 @@ class Cameras(NamedTuple):
     bandwidth: Row
     latency_frames: Row
     velocity_error: VelocityError
+    velocity_drift: VelocityDrift
+    drift_time: Row
 
     @classmethod
     def of(cls, numbers: CameraNumbers) -> "Cameras":
         """The parameter of these numbers."""
-        position_noise, attitude_noise, dropout_rate, misalignment, bandwidth, latency_frames, velocity_error = numbers
-        R_BM = RotationMatrix.of(*misalignment)
-        return cls(position_noise, attitude_noise, dropout_rate, R_BM, bandwidth, latency_frames, velocity_error)
+        return cls(
+            numbers.position_noise,
+            numbers.attitude_noise,
+            numbers.dropout_rate,
+            RotationMatrix.of(*numbers.misalignment),
+            numbers.bandwidth,
+            numbers.latency_frames,
+            numbers.velocity_error,
+            numbers.velocity_drift,
+            numbers.drift_time,
+        )
 
 
 class Pose(NamedTuple):
@@ -160,12 +182,15 @@ def first_frame(
     misaligned: bool,
     mistaken: bool,
     filtered: bool,
+    wanders: bool,
     num_under_way: int,
 ) -> Any:
     """What the states of a `MotionCapture` hold at the beginning; a filter begins at rest."""
     pose = seen_pose(state, noise, cameras, misaligned)
     frame = State(*pose, *(0.0,) * 6) if filtered else _exact(pose, state, _factors(cameras, mistaken))
     states = [frame, *([(frame,) * num_under_way] if num_under_way else []), *([pose] if filtered else [])]
+    if wanders:
+        states.append(VelocityDrift(0.0, 0.0, 0.0))
     return tuple(states) if len(states) > 1 else frame
 
 
@@ -174,8 +199,10 @@ def next_frame(
     out: State,
     under_way: tuple[State, ...],
     before: Pose | None,
+    drift: VelocityDrift | None,
     noise: Pose | None,
     random: Dropout | None,
+    wander: VelocityDrift | None,
     cameras: Cameras,
     misaligned: bool,
     mistaken: bool,
@@ -188,8 +215,10 @@ def next_frame(
         out: the frame that can be read.
         under_way: the last frames, the newest first.
         before: the pose in the frame before the last one; None without a filter.
+        drift: of the velocity in the frame before; None if there is none.
         noise: normal numbers; None if there is no noise.
         random: None if no frame can be lost.
+        wander: normal numbers; None if there is no drift.
         cameras: their errors.
         misaligned: whether the frame of the markers is not B.
         mistaken: whether velocity is seen too large or too small.
@@ -198,16 +227,42 @@ def next_frame(
     factors = _factors(cameras, mistaken)
     last, pose = newest(out, under_way), seen_pose(state, noise, cameras, misaligned)
     lost = False if random is None else random.frame < cameras.dropout_rate
+    after = None if drift is None or wander is None else _wandered(drift, wander, cameras, period)
     if before is None:
-        return carried(where(lost, last, _exact(pose, state, factors)), under_way, cameras.latency_frames)
-    frame = _filtered(where(lost, Pose.of(last), pose), last, before, cameras.bandwidth, factors, period)
+        frame = where(lost, last, _drifting(_exact(pose, state, factors), after, 1.0))
+    else:
+        # The filter goes on without the drift.
+        true = _drifting(last, drift, -1.0)
+        frame = _filtered(where(lost, Pose.of(last), pose), true, before, cameras.bandwidth, factors, period)
+        frame = _drifting(frame, after, 1.0)
     line = carried(frame, under_way, cameras.latency_frames)
-    return (*line, Pose.of(last)) if under_way else (line, Pose.of(last))
+    states = [*(line if under_way else [line]), *([] if before is None else [Pose.of(last)])]
+    if after is not None:
+        states.append(after)
+    return tuple(states) if len(states) > 1 else line
+
+
+def _drifting(frame: State, drift: VelocityDrift | None, sign: float) -> State:
+    """A frame with the drift added to its velocity, or taken from it."""
+    if drift is None:
+        return frame
+    x, y, z = (sign * each for each in drift)
+    return frame._replace(v_x=frame.v_x + x, v_y=frame.v_y + y, v_z=frame.v_z + z)
 
 
 def _factors(cameras: Cameras, mistaken: bool) -> VelocityError | None:
     """What velocity is multiplied by; None if it is seen as it is."""
     return VelocityError._make(1.0 + error for error in cameras.velocity_error) if mistaken else None
+
+
+def _wandered(drift: VelocityDrift, wander: VelocityDrift, cameras: Cameras, period: float) -> VelocityDrift:
+    """The drift of the velocity, a frame later: a Gauss-Markov process."""
+    decay = exp(-period / cameras.drift_time)
+    fresh = sqrt(1.0 - decay * decay)
+    return VelocityDrift._make(
+        decay * each + fresh * deviation * number
+        for each, deviation, number in zip(drift, cameras.velocity_drift, wander, strict=True)
+    )
 
 
 def _exact(pose: Pose, state: State, factors: VelocityError | None) -> State:
@@ -253,6 +308,7 @@ class MotionCapture(FleetSystem):
         - state
         - camera_noise
         - dropout
+        - velocity_drift
         output_ports:
         - measurement
 
@@ -269,15 +325,22 @@ class MotionCapture(FleetSystem):
     velocity and body rates are seen exactly. A frame can be read `latency_frames` periods after it was taken.
 
     Estimators on board of a vehicle, which make velocity with an accelerometer, may see it too large by a share, as
-    those of the Crazyflie do in some flights; `velocity_error` is this share on each axis of W.
+    those of the Crazyflie do in some flights; `velocity_error` is this share on each axis of W. What else they
+    are off by stays on for a while: `velocity_drift` is its standard deviation on each axis, of the process
+
+        d⁺ = a d + √(1 - a²) σ n,    a = exp(-h / T)
+
+    with the `drift_time` T and normal n; it begins at zero, and beside a filter it is added to what that makes.
 
     By default cameras are ideal: they sample the state and hold it until the next frame.
 
     The random ports are there if there is need for them: `camera_noise` has normal numbers for position and attitude,
-    `dropout` a number between 0 and 1 for each frame, which is lost if it is below the dropout rate.
+    `dropout` a number between 0 and 1 for each frame, which is lost if it is below the dropout rate, `velocity_drift`
+    normal numbers for the drift of the velocity.
 
     The states are those of a `DelayLine`, `measurement` and `measurement_under_way`; with a filter, `pose_before` is
-    that in the frame before the newest. The only parameter of the context is `cameras`.
+    that in the frame before the newest; with a drift, `drift` is that of the newest. The only parameter of the context
+    is `cameras`.
 
     Args:
         num_vehicles: N.
@@ -287,6 +350,7 @@ class MotionCapture(FleetSystem):
         misaligned: whether the frame of the markers is not B.
         mistaken: whether velocity is seen too large or too small.
         filtered: whether velocity and body rates are made by filters.
+        wanders: whether velocity has a drift.
         longest_latency: that there will ever be, in frames.
         numbers: the errors.
     """
@@ -300,12 +364,13 @@ class MotionCapture(FleetSystem):
         misaligned: bool = False,
         mistaken: bool = False,
         filtered: bool = False,
+        wanders: bool = False,
         longest_latency: int = 0,
         numbers: CameraNumbers = CameraNumbers(),
     ) -> None:
         """Declares the system."""
         state, cameras = self.input("state"), self.parameter("cameras", Cameras.of)
-        noise = random = before = None
+        noise = random = before = drift = wander = None
         if noisy:
             noise = self.random_input("camera_noise", Pose, RandomDistribution.kGaussian, period=period)
         if loses_frames:
@@ -315,8 +380,13 @@ class MotionCapture(FleetSystem):
         if filtered:
             before = self.state("pose_before", lambda numbers: Pose.of(_nothing(numbers)))
             writes = [*writes, before]
-        first = state, noise, cameras, misaligned, mistaken, filtered, longest_latency
+        if wanders:
+            wander = self.random_input("velocity_drift", VelocityDrift, RandomDistribution.kGaussian, period=period)
+            drift = self.state("drift", lambda numbers: VelocityDrift(0.0, 0.0, 0.0))
+            writes = [*writes, drift]
+        first = state, noise, cameras, misaligned, mistaken, filtered, wanders, longest_latency
         self.initialize(first_frame, *first, writes=writes)
-        later = state, line.out, line.under_way, before, noise, random, cameras, misaligned, mistaken, period
+        sources = noise, random, wander
+        later = state, line.out, line.under_way, before, drift, *sources, cameras, misaligned, mistaken, period
         self.update(period, next_frame, *later, writes=writes)
         self.state_output(line.out)

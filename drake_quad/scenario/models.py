@@ -240,6 +240,11 @@ class MotionCapture(Model):
     velocity_error: Annotated[tuple[Share, Share, Share], Field(strict=False)] = Field(
         default=(0.0, 0.0, 0.0), description="by which velocity along X, Y, Z is seen too large, as a share of it (1)"
     )
+    velocity_drift: Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)] = Field(
+        default=(0.0, 0.0, 0.0),
+        description="standard deviation of a slowly changing error of velocity along X, Y, Z (m/s)",
+    )
+    drift_time: Span = Field(default=1.0, description="correlation time of the drift (s)")
     dropout_rate: Probability = Field(default=0.0, description="share of the frames that are lost (1)")
     latency_frames: Ticks = Field(default=0, description="whole frames from exposure to arrival")
 

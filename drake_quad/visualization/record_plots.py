@@ -48,7 +48,7 @@ _PANELS = (
     _Panel("rotor speed", ("rotor_speed", "rotor_speed_command"), _FOUR),
     _Panel("motor command", ("motor_command",), _FOUR, 100.0, "%"),
     _Panel("thrust command", ("thrust_command",)),
-    _Panel("thrust, share of full", ("thrust_share",), (), 100.0, "%"),
+    _Panel("thrust, share of full, and in hover", ("thrust_share", "hover_share"), (), 100.0, "%"),
     _Panel("torque command", ("torque_command",), _AXES, 1e3, "mN m"),
     _Panel("wind", ("wind",), _AXES),
     _Panel("residual force", ("residual_force",), _AXES),

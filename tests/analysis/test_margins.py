@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 import scipy
 
-from drake_quad.analysis.margins import fast_margins, frequencies, margins
+from drake_quad.analysis.margins import _crossings, fast_margins, frequencies, margins
 from drake_quad.analysis.sampled_system import SampledSystem
 
 PERIOD = 0.02
@@ -94,9 +94,8 @@ def nearest(L):
     return np.degrees(np.abs(np.angle(-L[passes]))).min()
 
 
-def resonance(*, gain, delay_ticks):
-    """A loop of 4 rad/s, damped to 0.02, behind whole ticks of delay; and what is sampled of it without them."""
-    frequency, damping = 4.0, 0.02
+def resonance(*, gain, delay_ticks, frequency=4.0, damping=0.02):
+    """A loop of a frequency, rad/s, behind whole ticks of delay; and what is sampled of it without them."""
     A = np.array([[0.0, 1.0], [-(frequency**2), -2.0 * damping * frequency]])
     B = np.array([[0.0], [gain * frequency**2]])
     Ad, Bd, *_ = scipy.signal.cont2discrete((A, B, np.eye(2), np.zeros((2, 1))), PERIOD)
@@ -117,6 +116,19 @@ def test_where_the_response_is_real_and_positive_there_is_no_gain_margin():
     assert response.real[np.abs(response.imag) < 0.1 * np.abs(response.real)].max() > 2.0 / factor
     assert is_stable(loop, 0.999 * factor)
     assert not is_stable(loop, 1.001 * factor)
+
+
+def test_a_turn_that_jumps_between_two_frequencies_is_no_crossing():
+    """A sharp resonance turns by more than π within a step of the grid: its sign changes where L is positive."""
+    loop, _ = resonance(gain=0.1, delay_ticks=10, frequency=20.0, damping=1e-5)
+    grid = frequencies(PERIOD)
+
+    def response(frequencies):
+        return loop.response(np.exp(1j * frequencies * PERIOD))[:, 0, 0]
+
+    turns = _crossings(loop, grid, response(grid), lambda L: np.angle(-L))
+    assert len(turns) > 2
+    np.testing.assert_allclose(np.angle(-response(turns)), 0.0, atol=1e-3)
 
 
 @pytest.mark.slow

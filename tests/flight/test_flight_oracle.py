@@ -114,13 +114,14 @@ FLIGHTS = {
             "control.attitude={kind: geometric, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1]}",
         ],
     ),
-    "geometric attitude control with an integral, velocity that is seen too large, filtered": (
+    "geometric attitude control with an integral, velocity that is seen too large and wanders, filtered": (
         "pid",
         [
             "duration=5",
             "control.attitude={kind: geometric, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1], k_i: [9.0, 6.0, 2.0],"
             " integral_limit: 0.4}",
             "laboratory.motion_capture.velocity_error=[0.1, -0.05, 0.2]",
+            "laboratory.motion_capture.velocity_drift=[0.02, 0.0, 0.04]",
         ],
     ),
     "the same as on board: fast, without a link, velocity from elsewhere": (
@@ -132,6 +133,16 @@ FLIGHTS = {
             "laboratory.motion_capture={period: 0.0025, velocity_error: [0.1, -0.05, 0.2]}",
             "control.attitude={kind: geometric, k_p: [170.0, 140.0, 50.0], k_d: [24.0, 22.0, 12.0], k_i: [200.0, 100.0,"
             " 50.0]}",
+        ],
+    ),
+    "velocity of an estimator, which is too large and wanders": (
+        "pid",
+        [
+            "duration=2",
+            "laboratory.motion_capture.derivative_bandwidth=null",
+            "laboratory.motion_capture.velocity_error=[0.1, -0.05, 0.2]",
+            "laboratory.motion_capture.velocity_drift=[0.03, 0.02, 0.01]",
+            "laboratory.motion_capture.drift_time=0.4",
         ],
     ),
     "L1 and INDI of the attitude, within limits": (

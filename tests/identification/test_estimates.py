@@ -5,6 +5,8 @@ import pytest
 import scipy
 
 from drake_quad import InputError
+from drake_quad.identification.fitting.random_effects import Variation
+from drake_quad.identification.identified import Spread
 from drake_quad.identification.results.estimates import KINDS, Estimates, Explained, Source, kind_of, scenario_path
 from drake_quad.scenario import load_undesigned
 from drake_quad.scenario.description import unit_at
@@ -102,6 +104,35 @@ def test_intervals_are_student_s():
     assert found.units == ("kg", "kg m²")
     expected = scipy.stats.t.interval(0.95, 12, loc=0.033, scale=2e-4)
     assert tuple(estimates().intervals()[0]) == pytest.approx(expected)
+
+
+def test_elsewhere_numbers_are_off_by_the_mean_and_by_what_varies():
+    """Degrees of freedom are Satterthwaite's: near those of the larger part."""
+    varies = Variation(np.array([[12e-8, 0.0], [0.0, 0.0]]), 9.0, 8.0)
+    found = estimates(variation=varies).elsewhere()
+    np.testing.assert_allclose(found.covariance, [[16e-8, 1e-11], [1e-11, 1e-14]])
+    np.testing.assert_allclose(found.degrees_of_freedom, [16.0**2 / (4.0**2 / 12.0 + 12.0**2 / 9.0), 12.0])
+    assert found.variation is None
+    plain = estimates()
+    assert plain.elsewhere() is plain
+    part = estimates(variation=varies).part(["inertia[2]", "mass"])
+    np.testing.assert_array_equal(part.variation.covariance, [[0.0, 0.0], [0.0, 12e-8]])
+
+
+def test_numbers_that_nobody_looked_at_are_elsewhere_as_they_are():
+    varies = Variation(np.array([[12e-8]]), 9.0, 8.0).beside(1)
+    np.testing.assert_array_equal(varies.covariance, np.diag([12e-8, np.nan]))
+    found = estimates(variation=varies)
+    np.testing.assert_array_equal(found.variation_known, [True, False])
+    np.testing.assert_array_equal(estimates().variation_known, [False, False])
+    np.testing.assert_allclose(found.elsewhere().covariance, [[16e-8, 1e-11], [1e-11, 1e-14]])
+    assert found.elsewhere().degrees_of_freedom[1] == pytest.approx(12.0)
+
+
+def test_an_interval_of_few_degrees_of_freedom_is_students():
+    """Of eight logs: 2.36 standard deviations."""
+    assert Spread(1.0, 0.1, "N", 7.0).reach == pytest.approx(0.2365, abs=1e-4)
+    assert Spread(1.0, 0.1, "N").reach == pytest.approx(0.1960, abs=1e-4)
 
 
 def test_a_covariance_is_symmetric_whatever_rounding_left():

@@ -14,6 +14,7 @@ from drake_quad.identification.logs.mapping import load_mapping, shipped_mapping
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import COLUMNS
 from drake_quad.identification.logs.units import QUANTITIES, UNITS
+from drake_quad.scenario import load_undesigned
 
 
 @pytest.fixture
@@ -143,7 +144,7 @@ def test_neural_fly_s_format(tmp_path):
     np.testing.assert_allclose(record.thrust_share, 0.5 + 0.01 * np.arange(30))
     np.testing.assert_allclose(record.reference_position[:, 0] - record.position[:, 0], 0.1)
     np.testing.assert_allclose(record.residual_force[9], [-8.0, 0.5, -0.25])
-    assert said(record, "not read: R, hover_throttle, pwm")
+    assert said(record, "not read: R, pwm")
 
 
 def test_crazyflow_s_state(tmp_path):
@@ -306,3 +307,24 @@ def test_a_log_that_is_too_large_is_not_read(write, monkeypatch):
     monkeypatch.setattr("drake_quad.identification.logs.table.MOST_BYTES", 10)
     with pytest.raises(InputError, match="is too large: a CSV file may have 10 bytes"):
         read_log(write("log", TABLE))
+
+
+def test_the_name_of_a_log_tells_its_wind_and_the_mapping_a_vehicle(write):
+    mapping = MAPPING.replace("  wind: {columns: [x, 0.5, 0.0], factor: [0.001, 1.0, 1.0]}\n", "")
+    mapping += "wind_by_name: {gale: [-9, 1, 0.5], nogale: [0, 0, 0]}\nvehicle: vehicles/crazyflie.yaml\n"
+    path = write("m.yaml", mapping)
+    gale, calm, other = (read_log(write(f"{name}.csv", TABLE), path) for name in ("my_gale", "my_nogale", "my_other"))
+    np.testing.assert_allclose(gale.wind, np.tile([-9.0, 1.0, 0.5], (6, 1)))
+    assert said(gale, "wind is (-9, 1, 0.5) m/s, by the name of the log")
+    np.testing.assert_allclose(calm.wind, 0.0)
+    assert other.wind is None
+    assert gale.vehicle == "vehicles/crazyflie.yaml"
+    logged = read_log(write("a_gale.csv", TABLE), write("w.yaml", MAPPING + "wind_by_name: {gale: [-9, 1, 0.5]}\n"))
+    assert logged.wind[0, 1] == 0.5
+
+
+def test_vehicles_of_shipped_mappings_are_there(diagrams):
+    named = [load_mapping(name)[1].vehicle for name in shipped_mappings()]
+    assert any(named)
+    for vehicle in filter(None, named):
+        load_undesigned(f"{diagrams}/{vehicle}")

@@ -196,3 +196,27 @@ def test_without_pyulog_a_sentence_says_how_to_get_it(read, monkeypatch):
     monkeypatch.setattr(builtins, "__import__", without)
     with pytest.raises(InputError, match=r"pip install 'drake_quad\[ulog\]'"):
         read(GOOD)
+
+
+def test_rotors_are_where_the_parameters_say(read):
+    """Forward and right are positive in PX4; we count from the front right, clockwise from above."""
+    motors = {
+        "vehicle_attitude": (ATTITUDE, rows(4000, lambda t: quaternion_of(0.0, 0.0, 0.0))),
+        "actuator_motors": ([("float[12]", "control")], rows(4000, lambda t: (0.1, 0.2, 0.3, 0.4, *[np.nan] * 8))),
+    }
+    assumed = read(ulog(motors))
+    np.testing.assert_allclose(assumed.motor_command[0], [0.1, 0.4, 0.2, 0.3], rtol=1e-6)
+    assert said(assumed, "PX4's rotors 1 to 4 are our 1, 3, 4, 2, assumed, those of its quad-x")
+    # Front left, back left, back right, front right.
+    places = [(0.2, -0.3), (-0.2, -0.3), (-0.2, 0.3), (0.2, 0.3)]
+    parameters = {"CA_ROTOR_COUNT": 4}
+    for i, (x, y) in enumerate(places):
+        parameters |= {f"CA_ROTOR{i}_PX": x, f"CA_ROTOR{i}_PY": y}
+    known = read(ulog(motors, parameters=parameters))
+    np.testing.assert_allclose(known.motor_command[0], [0.4, 0.3, 0.2, 0.1], rtol=1e-6)
+    assert said(known, "PX4's rotors 1 to 4 are our 4, 3, 2, 1, by the places in CA_ROTOR0_PX")
+    named = read(ulog(motors, parameters=parameters), "px4")
+    np.testing.assert_array_equal(named.motor_command, known.motor_command)
+    assert named.remarks == known.remarks
+    odd = read(ulog(motors, parameters=parameters | {"CA_ROTOR0_PY": 0.3}))
+    assert said(odd, "assumed, those of its quad-x")

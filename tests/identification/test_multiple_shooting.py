@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from drake_quad.identification.fitting.multiple_shooting import Problem, covariance, fit
+from drake_quad.identification.fitting.multiple_shooting import Problem, fit, uncertainty
 from drake_quad.identification.fitting.whitening import Noise, noise_of, still, straying
 
 RNG = np.random.default_rng(3)
@@ -92,7 +92,7 @@ def test_white_residuals_have_the_covariance_of_least_squares():
         for values, kept in ((noise, white), (pushed, hanging)):
             own = problem(lambda p, s, y=values: linear(p, s) + Y - y)
             found = fit(own, np.zeros(PARAMETERS), np.zeros((WINDOWS, STATES)), iterations=3)
-            kept.append((found.parameters, np.sqrt(np.diag(covariance(own, found, blocks)))))
+            kept.append((found.parameters, np.sqrt(np.diag(uncertainty(own, found, blocks).covariance))))
     expected = np.sqrt(np.diag(np.linalg.inv(whole_matrix().T @ whole_matrix()))[:PARAMETERS])
     deviations = np.array([each[1] for each in white])
     assert np.all(deviations >= 0.999 * expected)
@@ -100,6 +100,45 @@ def test_white_residuals_have_the_covariance_of_least_squares():
     scatter = np.std([each[0] for each in hanging], axis=0)
     assert scatter[0] > 2.0 * expected[0]
     assert np.mean([each[1] for each in hanging], axis=0)[0] == pytest.approx(scatter[0], rel=0.3)
+
+
+def test_the_sandwich_makes_up_for_blocks_that_the_fit_follows():
+    """Over residuals: H⁻¹ Σ Xᵀ A e eᵀ A X H⁻¹ with A = (1 - X H⁻¹ Xᵀ)^(-1/2) of each block."""
+    blocks = np.arange(WINDOWS) // 2
+    pushed = 3.0 * np.random.default_rng(7).normal(size=(WINDOWS, 1)) * J[:, :, 0]
+    own = problem(lambda p, s: linear(p, s) + pushed)
+    found = fit(own, np.zeros(PARAMETERS), np.zeros((WINDOWS, STATES)), iterations=3)
+    residuals, slopes = found.slopes.projected()
+    inverse = np.linalg.inv(np.einsum("wmi,wmj->ij", slopes, slopes))
+    expected = np.zeros((PARAMETERS, PARAMETERS))
+    for b in np.unique(blocks):
+        X, e = slopes[blocks == b].reshape(-1, PARAMETERS), residuals[blocks == b].ravel()
+        values, vectors = np.linalg.eigh(np.eye(len(e)) - X @ inverse @ X.T)
+        A = (vectors / np.sqrt(values)) @ vectors.T
+        pull = inverse @ X.T @ A @ e
+        expected += np.outer(pull, pull)
+    larger = np.diag(expected) > np.diag(inverse)
+    assert larger[0]
+    np.testing.assert_allclose(
+        np.diag(uncertainty(own, found, blocks).covariance)[larger], np.diag(expected)[larger], rtol=1e-5
+    )
+
+
+def test_numbers_that_few_blocks_tell_have_few_degrees_of_freedom():
+    """Twice as many as blocks tell it, and one less than there are blocks at most."""
+
+    def residuals(parameters, states):
+        found = states + parameters[:, None, :1] * J[:, :, 0] + Y
+        found[:, :2] += parameters[:, 1:2, None] * J[:2, :, 1]
+        return found
+
+    flat = np.zeros(2)
+    few = Problem(residuals, np.ones(2), np.ones(1), flat, 1e9 * np.ones(2), np.full(2, -np.inf))
+    own = few._replace(residuals=lambda p, s: residuals(p, np.broadcast_to(s, (*s.shape[:2], SIZE))))
+    found = fit(own, flat, np.zeros((WINDOWS, 1)), iterations=3)
+    freedom = uncertainty(own, found, np.arange(WINDOWS)).degrees_of_freedom
+    assert freedom[0] == WINDOWS - 1
+    assert 2.0 < freedom[1] < 4.5
 
 
 def test_noise_and_straying_are_told_apart():

@@ -1,5 +1,7 @@
 """A vehicle behind its autopilot, found again from logs in Neural-Fly's form."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
 from neural_fly_flight import DIAGRAM, guessed, write_flight
@@ -9,7 +11,7 @@ from drake_quad.identification.fitting.open_loop import delay_of
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.results.vehicle_file import write_vehicle
-from drake_quad.identification.results.vehicle_numbers import number_of
+from drake_quad.identification.results.vehicle_numbers import number_of, with_numbers
 from drake_quad.scenario import load_undesigned
 
 NO_LOSS = "laboratory.command_link.loss_rate=0"
@@ -52,20 +54,33 @@ def test_the_numbers_of_the_vehicle_come_back_within_their_intervals(found, flow
 def test_what_was_not_flown_is_not_told_and_stays_as_it_was(found):
     not_seen = found.estimates.not_seen
     assert "the command of yaw varies by" in not_seen["autopilot.damping[2]"]
-    assert "does not excite" in not_seen["body_drag.quadratic[1]"]
+    assert "too little beside noise" in not_seen["body_drag.quadratic[1]"]
     assert found.vehicle.laboratory.autopilot.damping[2] == 0.7
 
 
 @pytest.mark.slow
 def test_flights_that_were_held_out_are_explained(found):
     share = {output.name: output.share for output in found.outputs}
-    assert min(share["position x"], share["position z"]) > 0.99
+    assert min(share["residual force x"], share["residual force z"]) > 0.9
     assert share["pitch"] > 0.95
     noise = {output.name: output.deviation for output in found.outputs}
-    assert noise["position x"] == pytest.approx(0.001, rel=0.1)
     assert noise["pitch"] == pytest.approx(0.004, rel=0.1)
     assert found.outputs[0].held_out.any()
     assert not found.outputs[0].held_out.all()
+
+
+@pytest.mark.slow
+def test_poses_tell_the_same_where_no_force_is_logged(log, flown):
+    found = identify([replace(read_log(log), residual_force=None)], guessed())
+    estimates = found.estimates
+    true = np.array([number_of(flown, name) for name in estimates.names])
+    off = np.abs(estimates.values - true) / (estimates.quantiles() * estimates.deviations)
+    assert off.max() < 1.5, dict(zip(estimates.names, off.round(2), strict=True))
+    assert np.mean(off < 1.0) > 0.8
+    assert "does not excite" in estimates.not_seen["body_drag.quadratic[1]"]
+    outputs = {output.name: output for output in found.outputs}
+    assert min(outputs["position x"].share, outputs["position z"].share) > 0.99
+    assert outputs["position x"].deviation == pytest.approx(0.001, rel=0.1)
 
 
 @pytest.mark.slow
@@ -121,3 +136,14 @@ def test_a_log_without_what_is_needed_gets_a_sentence(log):
     slow = record.part(np.arange(len(record.time)) % 2 == 0)
     with pytest.raises(InputError, match="identify from logs of one rate"):
         identify([record, slow], guessed())
+
+
+@pytest.mark.slow
+def test_a_delay_below_zero_is_said_in_milliseconds(log):
+    """Cameras that are believed to be 60 ms later than they are."""
+    late = with_numbers(guessed(), {"laboratory.motion_capture.latency_frames": 6})
+    remarks = identify([read_log(log)], late).remarks
+    (remark,) = (each for each in remarks if each.startswith("laboratory.command_link.delay_ticks came out at"))
+    value = float(remark.removeprefix("laboratory.command_link.delay_ticks came out at ").split()[0])
+    assert -55.0 < value < -25.0
+    assert "ms, and is held at zero" in remark

@@ -8,6 +8,7 @@ import pytest
 import scipy
 
 from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
+from drake_quad.identification.fitting.random_effects import Variation
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, scenario_path
 from drake_quad.identification.results.vehicle_file import rising_curve, write_vehicle
 from drake_quad.scenario import Batch, distributions_in, load_undesigned
@@ -99,6 +100,30 @@ def test_values_and_covariance_are_read_back(estimates, vehicle):
     size, vectors = np.linalg.eigh(part.correlation)
     assert size[0] < 0.01
     np.testing.assert_allclose(np.einsum("ji,jk,ki->i", vectors, found, vectors), size, rtol=0.02)
+
+
+def test_what_varies_between_stretches_is_drawn_and_said(base, tmp_path):
+    """The error of the mean alone would be an interval a third as wide."""
+    mean = Variation(np.diag([0.0, 8.0 * 1.5e-6**2]), 40.0, 8.2)
+    found = estimates_of({name: FOUND[name] for name in ("mass", "inertia[0]")}, variation=mean)
+    path = write_vehicle(tmp_path / "mine.yaml", "mine", found, base=base)
+    deviations = np.sqrt(np.diag(joint_normal(distributions_in(load_undesigned(path))).covariance))
+    wider = scipy.stats.t.ppf(0.975, 40.0) / scipy.stats.norm.ppf(0.975)
+    elsewhere = scipy.stats.t.ppf(0.975, 81.0 / (65.0 / 40.0)) / scipy.stats.norm.ppf(0.975)
+    np.testing.assert_allclose(sorted(deviations), sorted([2e-4 * wider, 4.5e-6 * elsewhere]), rtol=1e-4)
+    text = text_of(path)
+    assert "1.7e-05 kg m², 95 % interval 1.397e-05 to 2.003e-05; in another 8.2 s of flight" in text
+    assert text.count("in another") == 1
+    assert "say of a number and how it varies among them. Fields" in text
+
+
+def test_variation_that_nobody_looked_at_is_not_said_to_be_there(base, tmp_path):
+    found = {name: FOUND[name] for name in ("mass", "inertia[0]")}
+    text = text_of(write_vehicle(tmp_path / "none.yaml", "mine", estimates_of(found), base=base))
+    assert "say of a number. Fields" in text
+    some = estimates_of(found, variation=Variation(np.array([[1e-8]]), 40.0, 8.2).beside(1))
+    text = text_of(write_vehicle(tmp_path / "some.yaml", "mine", some, base=base))
+    assert "how it varies among them, which is not known of inertia[0]. Fields" in text
 
 
 def test_what_is_drawn_has_the_covariance_of_the_estimates(estimates, vehicle):

@@ -30,13 +30,14 @@ def crazyflie_log(kinds, records, *, version=2, checksum=True):
     return data + struct.pack("<I", zlib.crc32(data)) if checksum else data
 
 
-def ulog(topics, *, dropouts=(), start=1_000_000):
+def ulog(topics, *, dropouts=(), start=1_000_000, parameters=None):
     """The bytes of a ULog.
 
     Args:
         topics: by name, [(type, field), ...] after the time, and rows of (time in µs, values).
         dropouts: (time in µs, length in ms), written before the first row that is later.
         start: of the log, µs.
+        parameters: by name, of the vehicle.
     """
     data = b"ULog\x01\x12\x35\x01" + struct.pack("<Q", start)
     data += message(b"B", bytes(40))
@@ -44,6 +45,10 @@ def ulog(topics, *, dropouts=(), start=1_000_000):
     for name, (fields, _) in topics.items():
         text = ";".join(["uint64_t timestamp", *(f"{kind} {field}" for kind, field in fields)])
         data += message(b"F", f"{name}:{text};".encode())
+    for name, value in (parameters or {}).items():
+        key = f"{'float' if isinstance(value, float) else 'int32_t'} {name}".encode()
+        packed = struct.pack("<f" if isinstance(value, float) else "<i", value)
+        data += message(b"P", bytes([len(key)]) + key + packed)
     for number, name in enumerate(topics):
         data += message(b"A", struct.pack("<BH", 0, number) + name.encode())
     rows = []

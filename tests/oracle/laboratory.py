@@ -65,6 +65,8 @@ class Cameras(Line):
         self.numbers, self.R_BM = numbers, rotation(*numbers.misalignment)
         self.noise = Stream(seed, sample, NOISE, "motion_capture.camera_noise", 6)
         self.loss = Stream(seed, sample, NOISE, "motion_capture.dropout", 1)
+        self.wander = Stream(seed, sample, NOISE, "motion_capture.velocity_drift", 3)
+        self.drift, self.wanders = np.zeros(3), any(numbers.velocity_drift)
         pose = self.pose(0, state)
         self.factors = np.array([*(1.0 + share for share in numbers.velocity_error), 1.0, 1.0, 1.0])
         rates = self.factors * state[6:12] if numbers.derivative_bandwidth is None else np.zeros(6)
@@ -89,14 +91,20 @@ class Cameras(Line):
         numbers, last = self.numbers, self.newest
         lost = numbers.dropout_rate > 0.0 and self.loss.uniform(k)[0] < numbers.dropout_rate
         pose = last[0:6] if lost else self.pose(k, state)
+        before = np.concatenate([self.drift, np.zeros(3)])
+        if self.wanders:
+            d = math.exp(-numbers.period / numbers.drift_time)
+            fresh = np.array(numbers.velocity_drift) * math.sqrt(1.0 - d * d)
+            self.drift = d * self.drift + fresh * self.wander.normal(k)
+        drift = np.concatenate([self.drift, np.zeros(3)])
         if numbers.derivative_bandwidth is None:
-            self.put(last if lost else np.concatenate([pose, self.factors * state[6:12]]))
+            self.put(last if lost else np.concatenate([pose, self.factors * state[6:12] + drift]))
             return
         h = numbers.period
         a = math.exp(-numbers.derivative_bandwidth * h)
         # Differences over two frames, those of the attitude turned at the frame in their middle by (2).
         steps = pose - self.before
         steps[3:6] = euler_to_body(last[3], last[4]) @ steps[3:6]
-        rates = a * last[6:12] + (1.0 - a) * self.factors * steps / (2.0 * h)
+        rates = a * (last[6:12] - before) + (1.0 - a) * self.factors * steps / (2.0 * h) + drift
         self.before = last[0:6]
         self.put(np.concatenate([pose, rates]))

@@ -13,21 +13,32 @@ equations of θ what is orthogonal to Q, P = 1 - Q Qᵀ (variable projection, G.
 
 If the weights make residuals white, the covariance of θ is H⁻¹ with H = Σ_w (P J_θ)ᵀ (P J_θ). What a model leaves out
 makes them correlated, within a window and from one to the next. The sandwich over B blocks of consecutive windows
-allows for that, with s_b the sum of (P J_θ)ᵀ P r over block b: H⁻¹ (Σ_b s_b s_bᵀ) H⁻¹ B / (B - 1) (K.-Y. Liang and
-S. L. Zeger, Biometrika 73, 1986). Its rank is less than B, and a flight has few blocks: so the correlations are those
-of H⁻¹, and each variance is the larger one of the two. Intervals are of Student's t with B - 1 degrees of freedom.
+allows for that, with s_b the sum of (P J_θ)ᵀ P r over block b, and H_b its part of H:
+
+    Σ_b m_b m_bᵀ,   m_b = H^(-1/2) (1 - H^(-1/2) H_b H^(-1/2))^(-1/2) H^(-1/2) s_b
+
+where the middle makes up for what the fit takes away of a block that it follows, so that the mean is right if the model
+is (CR2 of R. M. Bell and D. F. McCaffrey, Survey Methodology 28, 2002). Its rank is B at most, and a flight has few
+blocks: so the correlations are those of H⁻¹, and each variance is the larger one of the two. Intervals are of Student's
+t. A number that few blocks tell has few degrees of freedom, with c_b the diagonal of H⁻¹ H_b H⁻¹ ν = (Σ c_b)² / Σ c_b²;
+the larger of a variance of ν degrees and one that is known scatters about half as much as the first, or a third where
+they are alike, so it has 2 ν of them, and B - 1 at most.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from typing import NamedTuple
 
 import numpy as np
+
+from drake_quad.identification.fitting.evidence import Evidence, Uncertainty, bias_reduced, of_blocks
 
 # Step of a difference, of the scale of a number.
 _STEP = 1e-5
 _MOST_DAMPING = 1e9
 # Of the largest singular value, less of which is none: of states that nothing measures.
 _NOTHING = 1e-9
+# Of a parameter, what other blocks tell at least: one that a single block tells has no interval from blocks.
+_FOLLOWED = 1e-6
 
 # Of (K, p) parameters and (K, W, s) initial states it makes (K, W, m) weighted residuals.
 Residuals = Callable[[np.ndarray, np.ndarray], np.ndarray]
@@ -164,8 +175,22 @@ def _step(problem: Problem, parameters: np.ndarray, at: Slopes, damping: float) 
     return step * problem.scales, change * problem.state_scales
 
 
-def covariance(problem: Problem, fitted: Fit, blocks: np.ndarray) -> np.ndarray:
-    """(p, p) covariance of the parameters' errors.
+def evidence(fitted: Fit, names: Sequence[str], scales: np.ndarray, seconds: float) -> Evidence:
+    """What windows say of parameters, with initial states that follow.
+
+    Args:
+        fitted: the solution of a problem.
+        names: (p,) of the parameters.
+        scales: (p,) by how much they may well be off.
+        seconds: of all windows, s.
+    """
+    residuals, J = fitted.slopes.projected()
+    information, scores = np.swapaxes(J, 1, 2) @ J, np.einsum("wmi,wm->wi", J, residuals)
+    return Evidence(tuple(names), fitted.parameters, scales, information, scores, seconds)
+
+
+def uncertainty(problem: Problem, fitted: Fit, blocks: np.ndarray) -> Uncertainty:
+    """How sure the parameters are.
 
     Args:
         problem: that was solved.
@@ -176,9 +201,11 @@ def covariance(problem: Problem, fitted: Fit, blocks: np.ndarray) -> np.ndarray:
     J = J * problem.scales
     inverse = np.linalg.inv(np.einsum("wmi,wmj->ij", J, J) + np.diag((problem.scales / problem.beliefs) ** 2))
     scores = np.einsum("wmi,wm->wi", J, residuals)
-    names, which = np.unique(blocks, return_inverse=True)
-    sums = np.zeros((len(names), scores.shape[1]))
-    np.add.at(sums, which, scores)
-    sandwich = inverse @ (sums.T @ sums) @ inverse * len(names) / (len(names) - 1)
+    _, which = np.unique(blocks, return_inverse=True)
+    information = of_blocks(np.swapaxes(J, 1, 2) @ J, which)
+    sandwich = bias_reduced(information, of_blocks(scores, which), inverse, least=_FOLLOWED)
     larger = np.sqrt(np.maximum(1.0, np.diag(sandwich) / np.diag(inverse))) * problem.scales
-    return np.asarray(inverse * np.outer(larger, larger))
+    shares = np.einsum("ij,bjk,ki->bi", inverse, information, inverse)
+    freedom = np.minimum(2.0 * shares.sum(axis=0) ** 2 / (shares**2).sum(axis=0), len(shares) - 1.0)
+    model = inverse * np.outer(problem.scales, problem.scales)
+    return Uncertainty(inverse * np.outer(larger, larger), freedom, model)

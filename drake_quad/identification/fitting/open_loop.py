@@ -140,7 +140,8 @@ def commands_of(record: FlightRecord, vehicle: Scenario, believed: Scenario) -> 
     """The commands of a log as a vehicle takes them.
 
     Rotors or motors if they are logged; else thrust and torque, or thrust alone behind an autopilot, as the allocation
-    of the firmware makes rotor speeds or throttles of them.
+    of the firmware makes rotor speeds or throttles of them. Where the autopilot logs the share of full thrust at which
+    it takes the vehicle to hover, a share of thrust is one of the weight: a battery that fades bends no thrust curve.
 
     Args:
         record: of the flight.
@@ -148,13 +149,16 @@ def commands_of(record: FlightRecord, vehicle: Scenario, believed: Scenario) -> 
         believed: whose `nominal` vehicle the firmware's allocation knows.
 
     Raises:
-        InputError: the log has no commands that drive this vehicle.
+        InputError: the log has no commands that drive this vehicle, or a share of hover that is zero or less.
     """
     responds = isinstance(vehicle.laboratory.autopilot, ResponseOfScenario)
     throttles = vehicle.vehicle.motors.kind == "throttle"
     attitude = np.unwrap(record.of("attitude_command"), axis=0) if responds else None
     if throttles and record.motor_command is not None:
         return Commands(record.motor_command, True, attitude)
+    if throttles and responds and record.thrust_share is not None and record.hover_share is not None:
+        thrust = thrust_by_share(record, believed.nominal.mass * believed.nominal.gravity)
+        return Commands(_allocated(thrust, np.zeros((len(thrust), 3)), believed, throttles), True, attitude)
     if throttles and responds and record.thrust_share is not None:
         return Commands(np.repeat(record.thrust_share[:, None], 4, axis=1), True, attitude)
     if not throttles and record.rotor_speed_command is not None:
@@ -174,6 +178,22 @@ def commands_of(record: FlightRecord, vehicle: Scenario, believed: Scenario) -> 
         f"the log {shown(record.name)} has no commands that drive the vehicle {vehicle.name}: it needs {wanted}, or"
         f" thrust_command{'' if responds else ' and torque_command'}, and has {', '.join(record.names)}{also}"
     )
+
+
+def thrust_by_share(record: FlightRecord, weight: float) -> np.ndarray:
+    """(n,) thrust, N, of a log with the share of full thrust at which the autopilot takes the vehicle to hover.
+
+    Args:
+        record: with thrust_share and hover_share.
+        weight: of the vehicle, N.
+
+    Raises:
+        InputError: the share of hover is zero or less.
+    """
+    hover = record.of("hover_share")
+    if np.any(hover <= 0.0):
+        raise InputError(f"the log {shown(record.name)} has a hover_share of zero or less")
+    return np.asarray(weight * record.of("thrust_share") / hover)
 
 
 def _allocated(thrust: np.ndarray, torque: np.ndarray, believed: Scenario, throttles: bool) -> np.ndarray:

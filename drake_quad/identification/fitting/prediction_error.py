@@ -7,22 +7,16 @@ With L_t the Cholesky factor of the covariance that the filter expects of its er
 by SciPy's trust-region least squares. Then the noise is that of the largest likelihood
 Σ_t -log det L_t - ½ |L_t⁻¹ e_t|², the gains are computed anew, and so on until θ rests.
 
-If model and noise were right, the covariance of θ would be H⁻¹ with H = Σ Jᵀ J, J = L⁻¹ ∂e/∂θ. They are not quite: what
-a model leaves out acts for seconds. So it is taken from how much θ moves as blocks of consecutive windows are left out
-(the jackknife over blocks; to first order the sandwich CR3 of R. M. Bell and D. F. McCaffrey, Survey Methodology 28,
-2002, which does not come out too small where blocks are few)
-
-    θ₋ᵦ - θ = -(H - H_b)⁻¹ Σ_block Jᵀ L⁻¹ e,   P = (B - 1)/B Σ_b (θ₋ᵦ - θ)(θ₋ᵦ - θ)ᵀ
-
-A parameter that only a few of the blocks tell has as few degrees of freedom: with c_b the diagonal of H⁻¹ H_b H⁻¹,
-(Σ c_b)² / Σ c_b² - 1.
+How far θ is off is told by blocks of windows (`drake_quad.identification.fitting.evidence`).
 """
 
+from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 import scipy
 
+from drake_quad.identification.fitting.evidence import Evidence, Uncertainty, jackknife, of_blocks
 from drake_quad.identification.fitting.predictor import Gains, Noise, Predictor
 
 # Steps of differences, of a parameter's scale; and of the delay, in samples, over which it is taken to both sides,
@@ -46,6 +40,8 @@ _MOST = 100.0, 1e3, 20.0
 # And of the memory of a force along the axes of B, s. One that lasts longer is an error of the thrust curve. Where it
 # could be taken for a disturbance, the level of the curve would be that which suits the rotors' large motions best.
 _FORGOTTEN = 0.25
+# Parts of windows, at least, that show how much what they say differs.
+_PIECES = 60
 
 
 class Choice(NamedTuple):
@@ -83,37 +79,37 @@ class Fitted(NamedTuple):
     errors: np.ndarray
     rounds: int
 
-    @property
-    def information(self) -> np.ndarray:
-        """(W, p, p) Jᵀ J of each window."""
-        return np.asarray(self.slopes.swapaxes(1, 2) @ self.slopes)
+    def covariance(self, blocks: np.ndarray) -> Uncertainty:
+        """How sure parameters are, over (W,) numbers of blocks of windows, from 0 on."""
+        information, scores = _told_by(self.slopes, self.errors)
+        return jackknife(of_blocks(information, blocks), of_blocks(scores, blocks), adjoining=True)
 
-    def covariance(self, blocks: np.ndarray) -> "Uncertainty":
-        """The covariance over (W,) numbers of blocks, from 0 on."""
-        scores = np.einsum("wkp,wk->wp", self.slopes, self.errors)
-        number = int(blocks.max()) + 1
-        own = np.stack([self.information[blocks == b].sum(axis=0) for b in range(number)])
-        pulls = np.stack([scores[blocks == b].sum(axis=0) for b in range(number)])
-        whole = own.sum(axis=0)
-        moves = np.linalg.solve(whole - own, pulls[:, :, None])[:, :, 0]
-        inverse = np.linalg.inv(whole)
-        shares = np.einsum("ij,bjk,ki->bi", inverse, own, inverse)
-        freedom = shares.sum(axis=0) ** 2 / (shares**2).sum(axis=0) - 1.0
-        return Uncertainty((number - 1) / number * moves.T @ moves, np.maximum(freedom, 1.0), inverse)
+    def evidence(self, names: Sequence[str], scales: np.ndarray, seconds: float) -> Evidence:
+        """What windows say; if they are few, parts of them.
+
+        Args:
+            names: (p,) of the parameters.
+            scales: (p,) by how much they may well be off.
+            seconds: of all windows, s.
+        """
+        windows, size, count = self.slopes.shape
+        measured = len(self.noise.measured)
+        parts = np.array_split(np.arange(size).reshape(-1, measured), max(1, -(-_PIECES // windows)))
+        told = [_told_by(self.slopes[:, part.ravel()], self.errors[:, part.ravel()]) for part in parts]
+        information, scores = (np.stack(each, axis=1) for each in zip(*told, strict=True))
+        return Evidence(
+            tuple(names),
+            self.parameters,
+            scales,
+            information.reshape(-1, count, count),
+            scores.reshape(-1, count),
+            seconds,
+        )
 
 
-class Uncertainty(NamedTuple):
-    """How sure parameters are.
-
-    Attributes:
-        covariance: (p, p) of blocks.
-        degrees_of_freedom: (p,) of Student's t.
-        model: (p, p) the covariance if model and noise were right.
-    """
-
-    covariance: np.ndarray
-    degrees_of_freedom: np.ndarray
-    model: np.ndarray
+def _told_by(slopes: np.ndarray, errors: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """(W, p, p) information and (W, p) scores of whitened errors."""
+    return slopes.swapaxes(1, 2) @ slopes, np.einsum("wkp,wk->wp", slopes, errors)
 
 
 def fit(predictor: Predictor, choice: Choice, noise: Noise) -> Fitted:

@@ -13,6 +13,7 @@ from typing import NamedTuple
 
 import numpy as np
 
+from drake_quad.errors import InputError, shown
 from drake_quad.identification.logs.record import FlightRecord
 
 # Steps of the clock beyond so many medians are gaps.
@@ -25,6 +26,8 @@ _COLLISION = 2.0 * 9.81
 _MARGIN = 1.0
 # Of the median command of the flight, below which rotors do not carry.
 _IDLE = 0.5
+# Of the median period, by which that of a log of the same rate is another at most.
+_ODD = 0.1
 
 
 class Window(NamedTuple):
@@ -51,6 +54,22 @@ class Cut(NamedTuple):
     length: int
     settle: int
     warm_up: int
+
+
+def common_period(records: Sequence[FlightRecord]) -> float:
+    """The time between samples of logs of one rate, s.
+
+    Raises:
+        InputError: the logs are of different rates.
+    """
+    period = float(np.median([record.period for record in records]))
+    odd = next((record for record in records if abs(record.period / period - 1.0) > _ODD), None)
+    if odd is not None:
+        raise InputError(
+            f"the log {shown(odd.name)} has {1.0 / odd.period:.0f} samples a second, and others {1.0 / period:.0f};"
+            " identify from logs of one rate, one after another"
+        )
+    return period
 
 
 def pieces(record: FlightRecord) -> np.ndarray:

@@ -2,7 +2,7 @@
 
 import re
 from collections.abc import Iterable, Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -18,7 +18,7 @@ from drake_quad.scenario.marked_tree import Mark
 _HELD = ("motor_command", "thrust_share", "battery_voltage")
 _ANGLES = (*ATTITUDES, "reference_yaw")
 # Signals that change slowly: at the ends of a log they are what they are at their first or last sample.
-_SLOW = ("battery_voltage", "wind")
+_SLOW = ("battery_voltage", "wind", "hover_share")
 # Half a turn about x makes NED NWU, and FRD FLU.
 _TURNED = ("NED", "FRD")
 _HALF_TURN = np.array([1.0, -1.0, -1.0])
@@ -152,9 +152,16 @@ def record_of(
     used = {
         each for signal in (channel.signal for channel in chosen) for each in _read_names(signal, mapping, available)
     }
-    record = FlightRecord(
+    signals: dict[str, Any] = {channel.signal: _at(channel, clock, inside) for channel in chosen}
+    wind = None if "wind" in signals else mapping.wind_of(name)
+    if wind is not None:
+        signals["wind"] = np.tile(wind, (len(time), 1))
+        notes.append(f"wind is ({', '.join(f'{each:g}' for each in wind)}) m/s, by the name of the log")
+    return FlightRecord(
         name=name,
         time=time - time[0],
+        vehicle=mapping.vehicle,
+        **signals,
         remarks=(
             *remarks,
             *clocks.remarks,
@@ -168,8 +175,6 @@ def record_of(
             *_unread(available - ({mapping.time.column} if mapping.time else set()), used),
         ),
     )
-    signals: dict[str, Any] = {channel.signal: _at(channel, clock, inside) for channel in chosen}
-    return replace(record, **signals)
 
 
 def _channels(signal: str, mapping: Mapping, tables: Sequence[Table], clocks: _Clocks) -> Iterator[_Channel]:

@@ -14,6 +14,8 @@ In YAML:
         - {columns: [m1, m2, m3, m4], unit: uint16}
         - {columns: [u1, u2, u3, u4], unit: "%", rotors: [1, 3, 4, 2]}
       wind: {columns: [w_x, w_y, 0.0]}        # a number is a column that is always so
+    vehicle: vehicles/neural_fly.yaml:neural_fly    # of diagrams/, to begin an identification with
+    wind_by_name: {calm: [0, 0, 0], gale: [-18, 0, 0]}    # of logs whose name ends so, where none is logged
 """
 
 import functools
@@ -99,6 +101,13 @@ class Mapping(Model):
         description="sources of each signal of a record, or a list: the first that is there"
     )
 
+    vehicle: str | None = Field(
+        default=None, description="FILE or FILE:NAME in diagrams/ of a vehicle to begin an identification with"
+    )
+    wind_by_name: dict[str, Annotated[tuple[Real, Real, Real], Field(strict=False)]] = Field(
+        default={}, description="velocity of the air in W, m/s, of logs whose name ends so and that have none"
+    )
+
     @model_validator(mode="before")
     @classmethod
     def _fits_the_signals(cls, data: Any) -> Any:
@@ -126,6 +135,26 @@ class Mapping(Model):
         """Of all columns that it knows."""
         clock = {self.time.column} if self.time else set()
         return clock.union(*(source.names for name in self.signals for source in self.signals[name]))
+
+    def wind_of(self, name: str) -> tuple[float, float, float] | None:
+        """The wind that logs of this name have, m/s; of several ends that fit, the longest tells."""
+        ends = [end for end in self.wind_by_name if name.endswith(end)]
+        return self.wind_by_name[max(ends, key=len)] if ends else None
+
+    @property
+    def rotors(self) -> tuple[int, ...] | None:
+        """The order of the rotors of the first source that has one."""
+        return next((source.rotors for each in self.signals.values() for source in each if source.rotors), None)
+
+    def with_rotors(self, rotors: tuple[int, ...]) -> "Mapping":
+        """The mapping with another order of the rotors, wherever it has one."""
+        signals = {
+            name: tuple(
+                source if source.rotors is None else source.model_copy(update={"rotors": rotors}) for source in sources
+            )
+            for name, sources in self.signals.items()
+        }
+        return self.model_copy(update={"signals": signals})
 
     def chosen(self, available: set[str]) -> dict[str, SignalSource]:
         """The first source of each signal whose columns are all there."""

@@ -31,7 +31,16 @@ def read_log(path: str | Path, mapping: str | Path | None = None) -> FlightRecor
         tables, remarks = crazyflie.crazyflie_tables(log)
     elif log.data.startswith(ulog.MAGIC):
         name, known = given or load_mapping("px4")
-        tables, remarks = ulog.ulog_tables(log, known)
+        tables, remarks, rotors = ulog.ulog_tables(log, known)
+        if name == "px4":
+            known = known if rotors is None else known.with_rotors(rotors)
+            order = ", ".join(map(str, known.rotors or ()))
+            source = (
+                "assumed, those of its quad-x: the log has no CA_ROTOR0_PX and so on that say where they are"
+                if rotors is None
+                else "by the places in CA_ROTOR0_PX and so on"
+            )
+            remarks.append(f"PX4's rotors 1 to 4 are our {order}, {source}")
     else:
         found = read_table_file(log, given)
         return record_of(

@@ -33,6 +33,7 @@ class FlightRecord:
         rotor_speed_command: (n, 4) rad/s.
         thrust_command: (n,) of all rotors, N.
         thrust_share: (n,) of all rotors, share of full thrust or throttle, as the controller sent it, 0 to 1.
+        hover_share: (n,) share of full thrust with which the controller takes the vehicle to hover, 0 to 1.
         torque_command: (n, 3) along the axes of B, N m.
         attitude_command: (n, 3) roll, pitch, yaw, rad.
         body_rate_command: (n, 3) rad/s.
@@ -43,6 +44,8 @@ class FlightRecord:
         wind: (n, 3) velocity of the air in W, m/s.
         residual_force: (n, 3) force beside thrust and weight as the log has it, in W, N.
         battery_voltage: (n,) V.
+        vehicle: FILE or FILE:NAME in `diagrams/` of a vehicle that is near, to begin an identification with; None if
+            such logs are of any vehicle.
         remarks: sentences on what was found and done: gaps, jumps of the clock, conversions, samples left out.
     """
 
@@ -58,6 +61,7 @@ class FlightRecord:
     rotor_speed_command: Annotated[Column | None, Quantity("rad/s")] = None
     thrust_command: Annotated[Column | None, Quantity("N", "B")] = None
     thrust_share: Annotated[Column | None, Quantity("1")] = None
+    hover_share: Annotated[Column | None, Quantity("1")] = None
     torque_command: Annotated[Column | None, Quantity("N m", "B")] = None
     attitude_command: Annotated[Column | None, Quantity("rad")] = None
     body_rate_command: Annotated[Column | None, Quantity("rad/s", "B")] = None
@@ -68,6 +72,7 @@ class FlightRecord:
     wind: Annotated[Column | None, Quantity("m/s", "W")] = None
     residual_force: Annotated[Column | None, Quantity("N", "W")] = None
     battery_voltage: Annotated[Column | None, Quantity("V")] = None
+    vehicle: str | None = None
     remarks: tuple[str, ...] = ()
 
     def __post_init__(self) -> None:
@@ -142,6 +147,7 @@ _WIDTHS = {
     "rotor_speed_command": 4,
     "thrust_command": 1,
     "thrust_share": 1,
+    "hover_share": 1,
     "reference_yaw": 1,
     "battery_voltage": 1,
 }
@@ -150,5 +156,5 @@ _WIDTHS = {
 COLUMNS = {
     each.name: _WIDTHS.get(each.name, 3)
     for each in fields(FlightRecord)
-    if each.name not in ("name", "time", "remarks")
+    if each.name not in ("name", "time", "vehicle", "remarks")
 }

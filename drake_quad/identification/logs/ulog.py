@@ -1,8 +1,9 @@
 """PX4's ULog, by pyulog (docs.px4.io, "ULog file format")."""
 
+import collections.abc
 import contextlib
 import io
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
@@ -13,6 +14,8 @@ from drake_quad.identification.logs.source import LogFile
 
 MAGIC = b"ULog\x01\x12\x35"
 _SECOND = 1e-6
+# Front right, back right, back left, front left: whether a rotor is in front, and to the right.
+_CLOCKWISE = [(True, True), (False, True), (False, False), (True, False)]
 # Of a topic, with those of its arrays: more than any of PX4 has.
 _MOST_FIELDS = 20_000
 
@@ -32,14 +35,25 @@ class _Bounded(io.BytesIO):
         return super().read(size)
 
 
-def ulog_tables(log: LogFile, mapping: Mapping) -> tuple[list[Table], list[str]]:
+class ULogTables(NamedTuple):
+    """What was read of a ULog.
+
+    Attributes:
+        tables: its topics.
+        remarks: on dropouts and damage.
+        rotors: number of each of PX4's four rotors, as a record counts them; None if its parameters do not say it.
+    """
+
+    tables: list[Table]
+    remarks: list[str]
+    rotors: tuple[int, ...] | None
+
+
+def ulog_tables(log: LogFile, mapping: Mapping) -> ULogTables:
     """Reads the topics that a mapping knows, of their first instance.
 
     Fields are named as in `vehicle_attitude.q[0]`. What was measured is timed by `timestamp_sample` where the log has
     it, and by `timestamp` otherwise.
-
-    Returns:
-        The tables, and remarks on dropouts and damage.
 
     Raises:
         InputError: pyulog is not installed, or cannot read the log.
@@ -62,7 +76,18 @@ def ulog_tables(log: LogFile, mapping: Mapping) -> tuple[list[Table], list[str]]
     tables = [_table(topic, start) for topic in topics_read]
     if not tables:
         raise InputError(f"{log.mark}: is a ULog without any of the topics {', '.join(sorted(topics))}")
-    return tables, [*log.remarks, *_remarks(read)]
+    return ULogTables(tables, [*log.remarks, *_remarks(read)], _rotors(read.initial_parameters))
+
+
+def _rotors(parameters: collections.abc.Mapping[str, Any]) -> tuple[int, ...] | None:
+    """The numbers of four rotors by where they are: forward and to the right are positive in CA_ROTORi_PX and _PY."""
+    places = [(parameters.get(f"CA_ROTOR{i}_PX"), parameters.get(f"CA_ROTOR{i}_PY")) for i in range(len(_CLOCKWISE))]
+    if parameters.get("CA_ROTOR_COUNT", len(_CLOCKWISE)) != len(_CLOCKWISE):
+        return None
+    quadrants = [(x > 0.0, y > 0.0) for x, y in places if x and y]
+    if sorted(quadrants) != sorted(_CLOCKWISE):
+        return None
+    return tuple(_CLOCKWISE.index(quadrant) + 1 for quadrant in quadrants)
 
 
 def _check_fields(formats: dict[str, Any]) -> None:

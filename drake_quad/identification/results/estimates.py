@@ -10,6 +10,7 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError, listed, shortened, shown
+from drake_quad.identification.fitting.random_effects import Variation
 from drake_quad.scenario.correlation import checked_deviations
 from drake_quad.scenario.limits import LARGEST, LONGEST, SHORTEST, SMALLEST
 from drake_quad.scenario.paths import joined
@@ -156,6 +157,16 @@ class Explained(NamedTuple):
     output: str
 
 
+def quantile(degrees_of_freedom: np.ndarray | float, level: float = CONFIDENCE) -> np.ndarray:
+    """By how many standard deviations an interval reaches to each side, by Student's distribution.
+
+    Args:
+        degrees_of_freedom: of any shape; with infinitely many the distribution is the normal one.
+        level: of confidence.
+    """
+    return np.asarray(scipy.stats.t.ppf(0.5 * (1.0 + level), degrees_of_freedom))
+
+
 @dataclass(frozen=True, eq=False)
 class Estimates:
     """Numbers of a vehicle and its laboratory, with a covariance.
@@ -170,6 +181,8 @@ class Estimates:
         explained: share of variance, by name, where it is known.
         not_seen: why the log does not tell a number, a sentence by its name.
         remarks: further sentences on how the numbers came about.
+        variation: what the numbers vary by from one stretch of flight to the next, beside the errors of their mean;
+            None if it is known of none.
     """
 
     names: tuple[str, ...]
@@ -180,6 +193,7 @@ class Estimates:
     explained: Mapping[str, Explained] = field(default_factory=dict)
     not_seen: Mapping[str, str] = field(default_factory=dict)
     remarks: tuple[str, ...] = ()
+    variation: Variation | None = None
 
     def __post_init__(self) -> None:
         """Refuses what is no record.
@@ -227,9 +241,16 @@ class Estimates:
         """(n,) units of the values."""
         return tuple(kind_of(name).unit for name in self.names)
 
+    @property
+    def variation_known(self) -> np.ndarray:
+        """(n,) True for numbers of which it is known what they vary by."""
+        if self.variation is None:
+            return np.zeros(len(self.names), dtype=bool)
+        return np.isfinite(np.diag(self.variation.covariance))
+
     def quantiles(self, level: float = CONFIDENCE) -> np.ndarray:
         """(n,) by how many standard deviations an interval reaches to each side, by Student's distribution."""
-        return np.asarray(scipy.stats.t.ppf(0.5 * (1.0 + level), self.degrees_of_freedom))
+        return quantile(self.degrees_of_freedom, level)
 
     def intervals(self, level: float = CONFIDENCE) -> np.ndarray:
         """(n, 2) ends of the interval of each value.
@@ -273,4 +294,23 @@ class Estimates:
             degrees_of_freedom=np.asarray(self.degrees_of_freedom)[places],
             sources=tuple(self.sources_of(place) for place in places),
             explained={name: share for name, share in self.explained.items() if name in names},
+            variation=None if self.variation is None else self.variation.part(places),
+        )
+
+    def elsewhere(self) -> "Estimates":
+        """The same as another stretch of flight will show it: off by the error of the mean, and by what varies.
+
+        Degrees of freedom of the sum are those of F. E. Satterthwaite (Biometrics Bulletin 2, 1946). Numbers are as
+        they are where it is not known what they vary by.
+        """
+        if self.variation is None:
+            return self
+        more = np.nan_to_num(self.variation.covariance)
+        own, varied = np.diag(self.covariance), np.diag(more)
+        parts = own**2 / self.degrees_of_freedom + varied**2 / self.variation.degrees_of_freedom
+        return replace(
+            self,
+            covariance=self.covariance + more,
+            degrees_of_freedom=(own + varied) ** 2 / parts,
+            variation=None,
         )

@@ -2,8 +2,9 @@
 
 It extends the vehicle that the identification began with. `nominal` has the values, as planner and controllers believe
 them; `vehicle` and `laboratory` have the same as numbers, or as normal distributions with the correlation of the
-estimates' errors. What Student's distribution makes wider than the normal one is in the standard deviations: the 95 %
-interval of each is that of the estimate.
+estimates' errors. They are as wide as what another stretch of flight will show: the error of the mean, and what varies
+from stretch to stretch, where that is known. What Student's distribution makes wider than the normal one is in the
+standard deviations, too: 95 % of what is drawn is within the interval for another stretch.
 """
 
 import math
@@ -171,7 +172,7 @@ def _values(estimates: Estimates, prefix: str, distributions: bool) -> dict[str,
     drawn = [name for name in estimates.names if not kind_of(name).whole]
     if not (distributions and drawn):
         return numbers
-    part = estimates.part(drawn)
+    part = estimates.elsewhere().part(drawn)
     # So that the normal distribution has the interval of Student's.
     wider = part.quantiles() / scipy.stats.norm.ppf(0.5 * (1.0 + CONFIDENCE))
     covariance = part.covariance * np.outer(wider, wider)
@@ -223,13 +224,17 @@ def _limits(name: str, mean: float, deviation: float) -> dict[str, float]:
 
 
 def _comment(estimates: Estimates, name: str, written: Any) -> str:
-    """What is known of an estimate: unit, interval, what it explains, where it is from."""
+    """What is known of an estimate: unit, intervals, what it explains, where it is from."""
     place = estimates.names.index(name)
     unit = "" if kind_of(name).unit == "1" else f" {kind_of(name).unit}"
-    low, high = estimates.intervals()[place]
     value, digits = estimates.values[place], 2 - math.floor(math.log10(estimates.deviations[place]))
-    shown_ends = " to ".join(_plain(round(float(end), digits)) for end in (low, high))
-    parts = [f"{_plain(round(float(value), digits + 1))}{unit}, 95 % interval {shown_ends}"]
+    own, elsewhere = (
+        " to ".join(_plain(round(float(end), digits)) for end in each.intervals()[place])
+        for each in (estimates, estimates.elsewhere())
+    )
+    parts = [f"{_plain(round(float(value), digits + 1))}{unit}, 95 % interval {own}"]
+    if estimates.variation is not None and estimates.variation.covariance[place, place] > 0.0:
+        parts.append(f"in another {estimates.variation.seconds:.2g} s of flight {elsewhere}")
     if name in estimates.explained:
         share, output = estimates.explained[name]
         parts.append(f"explains {100.0 * share:.3g} % of the variance of {output}")
@@ -373,7 +378,16 @@ def _without_contradictions(vehicle: dict[str, Any]) -> None:
 def _introduction(estimates: Estimates, distributions: bool) -> list[str]:
     """The comment at the top, a paragraph an item."""
     logs = dict.fromkeys(source.log for i in range(len(estimates.names)) for source in estimates.sources_of(i))
-    drawn = " Fields that share a variable are correlated as the errors of their estimates." if distributions else ""
+    drawn = ""
+    if distributions:
+        among = " and how it varies among them" if estimates.variation_known.any() else ""
+        pairs = zip(estimates.names, estimates.variation_known, strict=True)
+        unknown = [name for name, known in pairs if among and not known]
+        but = f", which is not known of {', '.join(unknown)}" if unknown else ""
+        drawn = (
+            f" A distribution has what the flights say of a number{among}{but}. Fields that share a variable are"
+            " correlated."
+        )
     unseen = [f"{name} is as in what this extends: {why}" for name, why in estimates.not_seen.items()]
     return [f"Identified from {', '.join(logs)}.{drawn}", *estimates.remarks, *unseen]
 

@@ -1,0 +1,166 @@
+"""Stretches of flight with numbers of their own: against closed forms, by hand, and by how often intervals hold."""
+
+import numpy as np
+import pytest
+
+from drake_quad.identification.fitting.evidence import Evidence, Uncertainty, jackknife, of_blocks
+from drake_quad.identification.fitting.random_effects import (
+    STRETCHES,
+    Stretches,
+    Variation,
+    of_the_mean,
+    variation_of,
+)
+from drake_quad.identification.results.held_out import hold_out
+
+SCALES = np.full(2, 1e6)
+
+
+def evidence(rng, *, deviation: float, windows: int = 60, samples: int = 8) -> Evidence:
+    """Of a line through samples of unit noise, whose slope is another in each stretch by a standard deviation."""
+    rows = rng.normal(size=(windows, samples, 2)) * rng.uniform(0.7, 1.4, size=(windows, 1, 1))
+    slopes = np.stack([np.ones(STRETCHES), -2.0 + deviation * rng.normal(size=STRETCHES)], axis=1)
+    own = slopes[np.arange(windows) * STRETCHES // windows]
+    values = np.einsum("wkp,wp->wk", rows, own) + rng.normal(size=(windows, samples))
+    found = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
+    errors = values - rows @ found
+    return Evidence(
+        ("drag", "lag"), found, SCALES, rows.swapaxes(1, 2) @ rows, -np.einsum("wkp,wk->wp", rows, errors), 80.0
+    )
+
+
+def stretches_of(estimates: np.ndarray, variances: np.ndarray) -> Stretches:
+    """Of one number, with estimates and the variances of their errors."""
+    information = 1.0 / variances[:, None, None]
+    nothing = np.zeros((len(estimates), 1))
+    return Stretches(information, nothing, estimates[:, None], variances[:, None], 50.0, 1.0)
+
+
+def test_a_stretch_is_fitted_by_itself() -> None:
+    """Of a linear model one step is exact: each stretch is fitted again."""
+    rng = np.random.default_rng(3)
+    rows = rng.normal(size=(20, 5, 2))
+    values = rows @ [1.0, -2.0] + rng.normal(size=(20, 5))
+    found = np.linalg.lstsq(rows.reshape(-1, 2), values.ravel(), rcond=None)[0]
+    scores = -np.einsum("wkp,wk->wp", rows, values - rows @ found)
+    stretches = Stretches.of(Evidence(("a", "b"), found, SCALES, rows.swapaxes(1, 2) @ rows, scores, 20.0))
+    for b in range(STRETCHES):
+        own = slice(2 * b, 2 * b + 2)
+        by_hand = np.linalg.lstsq(rows[own].reshape(-1, 2), values[own].ravel(), rcond=None)[0]
+        np.testing.assert_allclose(stretches.estimates[b], by_hand, rtol=1e-6)
+    rest = stretches.without(4)
+    kept = np.arange(20) // 2 != 4
+    by_hand = np.linalg.lstsq(rows[kept].reshape(-1, 2), values[kept].ravel(), rcond=None)[0]
+    np.testing.assert_allclose(found - rest.move(), by_hand, rtol=1e-9)
+
+
+def test_variance_between_stretches_alike_is_what_errors_leave_of_it() -> None:
+    """With errors of one size v it is s² - v."""
+    estimates = np.array([1.0, 3.0, -2.0, 5.0, 0.0, 4.0, -1.0, 2.0, 6.0, -3.0])
+    found = stretches_of(estimates, np.full(10, 2.0)).between()
+    assert found[0] == pytest.approx(np.var(estimates, ddof=1) - 2.0)
+    # Whatever the unit.
+    tiny = stretches_of(1e-8 * estimates, np.full(10, 2e-16)).between()
+    assert tiny[0] == pytest.approx(1e-16 * found[0], rel=1e-9)
+
+
+def test_the_mean_square_is_as_large_as_it_should_be_with_other_variances() -> None:
+    estimates, variances = np.array([0.0, 1.0, 9.0, -4.0, 2.0, 7.0]), np.array([0.1, 4.0, 1.0, 0.5, 2.0, 0.3])
+    (between,) = stretches_of(estimates, variances).between()
+    weights = 1.0 / (variances + between)
+    mean = np.sum(weights * estimates) / weights.sum()
+    assert np.sum(weights * (estimates - mean) ** 2) == pytest.approx(5.0)
+
+
+def test_what_comes_by_chance_is_no_variation() -> None:
+    """In one of ten cases at most it is taken for one; windows that agree by chance make errors no smaller."""
+    rng = np.random.default_rng(0)
+    found = [variation_of(evidence(rng, deviation=0.0)) for _ in range(300)]
+    seen = np.array([np.diag(each.covariance) > 0.0 for each in found if each is not None])
+    assert len(seen) == 300
+    assert 0.02 < seen.mean() < 0.12
+
+
+def test_variation_is_found_where_there_is_some_and_nowhere_else() -> None:
+    rng = np.random.default_rng(1)
+    found = np.array([np.diag(variation_of(evidence(rng, deviation=0.5)).covariance) for _ in range(100)])
+    assert np.mean(found[:, 1]) == pytest.approx(0.25, rel=0.15)
+    assert np.median(found[:, 0]) == 0.0
+
+
+def test_few_windows_tell_no_variation() -> None:
+    own = evidence(np.random.default_rng(2), deviation=1.0, windows=20)
+
+    def first(count):
+        return own._replace(information=own.information[:count], scores=own.scores[:count])
+
+    few = first(9)
+    assert variation_of(first(19)) is None
+    assert variation_of(own) is not None
+    assert hold_out(first(10)).keys() == {"drag", "lag"}
+    assert hold_out(few) == {}
+    unsure = Uncertainty(np.eye(2), np.full(2, 8.0), np.eye(2))
+    assert of_the_mean(unsure, few, None) is unsure
+
+
+def test_the_mean_of_what_varies_is_as_sure_as_stretches_say() -> None:
+    """And that of what does not vary as it was."""
+    own = evidence(np.random.default_rng(4), deviation=2.0)
+    blocks = np.arange(60) * STRETCHES // 60
+    by_stretches = jackknife(of_blocks(own.information, blocks), of_blocks(own.scores, blocks))
+    before = Uncertainty(np.array([[4e-3, 1e-3], [1e-3, 5e-3]]), np.full(2, 30.0), np.eye(2))
+    varies = Variation(np.diag([0.0, 4.0]), 9.0, 8.0)
+    mean = of_the_mean(before, own, varies)
+    assert mean.covariance[0, 0] == before.covariance[0, 0]
+    assert mean.covariance[1, 1] == pytest.approx(by_stretches.covariance[1, 1])
+    assert mean.covariance[1, 1] > 10.0 * before.covariance[1, 1]
+    correlation = before.covariance[0, 1] / np.sqrt(np.prod(np.diag(before.covariance)))
+    assert mean.covariance[0, 1] / np.sqrt(np.prod(np.diag(mean.covariance))) == pytest.approx(correlation)
+    np.testing.assert_allclose(mean.degrees_of_freedom, [30.0, by_stretches.degrees_of_freedom[1]])
+
+
+@pytest.mark.parametrize("deviation", [0.0, 0.3, 3.0])
+def test_intervals_hold_for_stretches_that_were_held_out(deviation) -> None:
+    """Whether numbers vary or not: nineteen of twenty, to the three standard deviations of what chance makes of it."""
+    rng = np.random.default_rng(5)
+    held = [[each.covered for each in hold_out(evidence(rng, deviation=deviation)).values()] for _ in range(60)]
+    share = np.mean(held, axis=0) / STRETCHES
+    # Of 600 intervals each.
+    assert np.all(share > 0.95 - 3.0 * 0.009)
+    assert np.all(share < 0.95 + 4.0 * 0.009)
+
+
+def test_numbers_that_are_held_are_given() -> None:
+    """Of a linear model: what the others are with one held."""
+    rng = np.random.default_rng(6)
+    own = evidence(rng, deviation=0.0)
+    given = own.given(["lag"])
+    assert given.names == ("lag",)
+    off = own._replace(scores=own.scores + 0.1 * own.information[:, 0])
+    moved = off.given(["lag"])
+    by_hand = 0.1 * own.information[:, 0, 1].sum() / own.information[:, 1, 1].sum()
+    assert np.linalg.solve(moved.information.sum(axis=0), moved.scores.sum(axis=0))[0] == pytest.approx(by_hand)
+
+
+@pytest.mark.filterwarnings("error")
+def test_a_number_that_one_stretch_tells_is_as_sure_as_before() -> None:
+    """The other stretches say nothing of it: it has one degree of freedom, and the rest is as if it were not there."""
+    own = evidence(np.random.default_rng(7), deviation=0.0)
+    alone = np.arange(60) * STRETCHES // 60 == 3
+    kept = np.where(alone, 1.0, 0.0)[:, None] * [0.0, 1.0] + [1.0, 0.0]
+    apart = own._replace(
+        scales=np.ones(2),
+        information=own.information * np.eye(2) * kept[:, :, None],
+        scores=(own.scores - np.mean(own.scores[alone], axis=0)) * kept,
+    )
+    mean = Stretches.of(apart).mean()
+    assert mean.covariance[1, 1] == pytest.approx(0.0, abs=1e-12)
+    assert mean.degrees_of_freedom[1] == 1.0
+    alike = Stretches.of(apart.given(["drag"])).mean()
+    assert mean.covariance[0, 0] == pytest.approx(alike.covariance[0, 0])
+    before = Uncertainty(np.diag([4e-3, 5e-3]), np.full(2, 30.0), np.eye(2))
+    after = of_the_mean(before, apart, Variation(np.diag([0.0, 1.0]), 9.0, 8.0))
+    np.testing.assert_array_equal(after.covariance, before.covariance)
+    held = hold_out(apart)
+    assert np.all(np.isfinite(held["lag"].reach))
+    np.testing.assert_allclose(held["drag"].off, hold_out(apart.given(["drag"]))["drag"].off)
