@@ -14,13 +14,12 @@ from pathlib import Path
 from command_line import check_ranges, new_bar, overrides_of, print_columns, print_files, run
 
 import numpy as np
-import scipy
 
 from drake_quad import InputError
 from drake_quad.errors import shown
 from drake_quad.files import output_folder
 from drake_quad.identification.known_flights import KNOWN, Checked, Task, check_batch
-from drake_quad.identification.results.estimates import CONFIDENCE
+from drake_quad.identification.results.estimates import quantile
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.statistics import share_interval
 
@@ -152,7 +151,7 @@ def print_coverage(found: dict[int, list[Checked]]) -> None:
     for name, rows in by_name.items():
         true, value, deviation, freedom = np.array([row[1:] for row in rows]).T
         off = value - true
-        held = int(np.sum(np.abs(off) < scipy.stats.t.ppf(0.5 * (1.0 + CONFIDENCE), freedom) * deviation))
+        held = int(np.sum(np.abs(off) < quantile(freedom) * deviation))
         share, rms = share_interval(held, len(rows)), np.sqrt(np.mean(off**2))
         spread = np.std(off) or np.nan
         table.append(

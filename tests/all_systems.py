@@ -234,7 +234,7 @@ ALL_ERRORS = {
     "misaligned": True,
     "mistaken": True,
     "filtered": True,
-    "wanders": True,
+    "drifts": True,
     "longest_latency": 2,
 }
 LOSSY = {"longest_delay": 3, "loses_packets": True}

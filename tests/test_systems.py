@@ -313,7 +313,7 @@ DEFAULTS = {
         "misaligned": False,
         "mistaken": False,
         "filtered": False,
-        "wanders": False,
+        "drifts": False,
         "longest_latency": 0,
         "numbers": (0.0, 0.0, 0.0, (0.0, 0.0, 0.0), 0.0, 0.0, (0.0, 0.0, 0.0), (0.0, 0.0, 0.0), 1.0),
     },

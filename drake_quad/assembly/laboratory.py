@@ -199,7 +199,7 @@ def _motion_capture(cameras: models.MotionCapture, fleet: Any) -> Recipe:
         "misaligned": any(map(_can_differ, cameras.misalignment, fleet.misalignment)),
         "mistaken": any(map(_can_differ, cameras.velocity_error, fleet.velocity_error)),
         "filtered": fleet.derivative_bandwidth is not None,
-        "wanders": any(map(_can_differ, cameras.velocity_drift, fleet.velocity_drift)),
+        "drifts": any(map(_can_differ, cameras.velocity_drift, fleet.velocity_drift)),
         "longest_latency": _longest(cameras.latency_frames, fleet.latency_frames),
     }
     numbers = CameraNumbers(

@@ -182,14 +182,14 @@ def first_frame(
     misaligned: bool,
     mistaken: bool,
     filtered: bool,
-    wanders: bool,
+    drifts: bool,
     num_under_way: int,
 ) -> Any:
     """What the states of a `MotionCapture` hold at the beginning; a filter begins at rest."""
     pose = seen_pose(state, noise, cameras, misaligned)
     frame = State(*pose, *(0.0,) * 6) if filtered else _exact(pose, state, _factors(cameras, mistaken))
     states = [frame, *([(frame,) * num_under_way] if num_under_way else []), *([pose] if filtered else [])]
-    if wanders:
+    if drifts:
         states.append(VelocityDrift(0.0, 0.0, 0.0))
     return tuple(states) if len(states) > 1 else frame
 
@@ -202,7 +202,7 @@ def next_frame(
     drift: VelocityDrift | None,
     noise: Pose | None,
     random: Dropout | None,
-    wander: VelocityDrift | None,
+    drift_noise: VelocityDrift | None,
     cameras: Cameras,
     misaligned: bool,
     mistaken: bool,
@@ -218,7 +218,7 @@ def next_frame(
         drift: of the velocity in the frame before; None if there is none.
         noise: normal numbers; None if there is no noise.
         random: None if no frame can be lost.
-        wander: normal numbers; None if there is no drift.
+        drift_noise: normal numbers; None if there is no drift.
         cameras: their errors.
         misaligned: whether the frame of the markers is not B.
         mistaken: whether velocity is seen too large or too small.
@@ -227,7 +227,7 @@ def next_frame(
     factors = _factors(cameras, mistaken)
     last, pose = newest(out, under_way), seen_pose(state, noise, cameras, misaligned)
     lost = False if random is None else random.frame < cameras.dropout_rate
-    after = None if drift is None or wander is None else _wandered(drift, wander, cameras, period)
+    after = None if drift is None or drift_noise is None else _drifted(drift, drift_noise, cameras, period)
     if before is None:
         frame = where(lost, last, _drifting(_exact(pose, state, factors), after, 1.0))
     else:
@@ -255,13 +255,13 @@ def _factors(cameras: Cameras, mistaken: bool) -> VelocityError | None:
     return VelocityError._make(1.0 + error for error in cameras.velocity_error) if mistaken else None
 
 
-def _wandered(drift: VelocityDrift, wander: VelocityDrift, cameras: Cameras, period: float) -> VelocityDrift:
+def _drifted(drift: VelocityDrift, drift_noise: VelocityDrift, cameras: Cameras, period: float) -> VelocityDrift:
     """The drift of the velocity, a frame later: a Gauss-Markov process."""
     decay = exp(-period / cameras.drift_time)
     fresh = sqrt(1.0 - decay * decay)
     return VelocityDrift._make(
         decay * each + fresh * deviation * number
-        for each, deviation, number in zip(drift, cameras.velocity_drift, wander, strict=True)
+        for each, deviation, number in zip(drift, cameras.velocity_drift, drift_noise, strict=True)
     )
 
 
@@ -350,7 +350,7 @@ class MotionCapture(FleetSystem):
         misaligned: whether the frame of the markers is not B.
         mistaken: whether velocity is seen too large or too small.
         filtered: whether velocity and body rates are made by filters.
-        wanders: whether velocity has a drift.
+        drifts: whether velocity has a drift.
         longest_latency: that there will ever be, in frames.
         numbers: the errors.
     """
@@ -364,13 +364,13 @@ class MotionCapture(FleetSystem):
         misaligned: bool = False,
         mistaken: bool = False,
         filtered: bool = False,
-        wanders: bool = False,
+        drifts: bool = False,
         longest_latency: int = 0,
         numbers: CameraNumbers = CameraNumbers(),
     ) -> None:
         """Declares the system."""
         state, cameras = self.input("state"), self.parameter("cameras", Cameras.of)
-        noise = random = before = drift = wander = None
+        noise = random = before = drift = drift_noise = None
         if noisy:
             noise = self.random_input("camera_noise", Pose, RandomDistribution.kGaussian, period=period)
         if loses_frames:
@@ -380,13 +380,15 @@ class MotionCapture(FleetSystem):
         if filtered:
             before = self.state("pose_before", lambda numbers: Pose.of(_nothing(numbers)))
             writes = [*writes, before]
-        if wanders:
-            wander = self.random_input("velocity_drift", VelocityDrift, RandomDistribution.kGaussian, period=period)
+        if drifts:
+            drift_noise = self.random_input(
+                "velocity_drift", VelocityDrift, RandomDistribution.kGaussian, period=period
+            )
             drift = self.state("drift", lambda numbers: VelocityDrift(0.0, 0.0, 0.0))
             writes = [*writes, drift]
-        first = state, noise, cameras, misaligned, mistaken, filtered, wanders, longest_latency
+        first = state, noise, cameras, misaligned, mistaken, filtered, drifts, longest_latency
         self.initialize(first_frame, *first, writes=writes)
-        sources = noise, random, wander
+        sources = noise, random, drift_noise
         later = state, line.out, line.under_way, before, drift, *sources, cameras, misaligned, mistaken, period
         self.update(period, next_frame, *later, writes=writes)
         self.state_output(line.out)

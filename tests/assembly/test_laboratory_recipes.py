@@ -138,7 +138,7 @@ def test_the_cameras_have_the_errors_of_the_scenario(recipes):
         "misaligned": True,
         "mistaken": False,
         "filtered": True,
-        "wanders": False,
+        "drifts": False,
         "longest_latency": 2,
     }
 
@@ -154,8 +154,8 @@ def test_the_cameras_have_the_errors_of_the_scenario(recipes):
         ("misalignment=[0, 0, {normal: {mean: 0, standard_deviation: 0.1}}]", "misaligned", True),
         ("velocity_error=[0, 0.0, 0]", "mistaken", False),
         ("velocity_error=[0, {uniform: {min: 0, max: 0.1}}, 0]", "mistaken", True),
-        ("velocity_drift=[0, 0.0, 0]", "wanders", False),
-        ("velocity_drift=[0, {uniform: {min: 0, max: 0.1}}, 0]", "wanders", True),
+        ("velocity_drift=[0, 0.0, 0]", "drifts", False),
+        ("velocity_drift=[0, {uniform: {min: 0, max: 0.1}}, 0]", "drifts", True),
         ("derivative_bandwidth=null", "filtered", False),
         ("latency_frames=0", "longest_latency", 0),
         ("latency_frames={choice: [0, 3, 1]}", "longest_latency", 3),

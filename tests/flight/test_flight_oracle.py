@@ -114,7 +114,7 @@ FLIGHTS = {
             "control.attitude={kind: geometric, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1]}",
         ],
     ),
-    "geometric attitude control with an integral, velocity that is seen too large and wanders, filtered": (
+    "geometric attitude control with an integral, velocity that is seen too large and drifts, filtered": (
         "pid",
         [
             "duration=5",
@@ -135,7 +135,7 @@ FLIGHTS = {
             " 50.0]}",
         ],
     ),
-    "velocity of an estimator, which is too large and wanders": (
+    "velocity of an estimator, which is too large and drifts": (
         "pid",
         [
             "duration=2",

@@ -235,12 +235,12 @@ def test_velocity_is_seen_too_large_by_its_share_and_nothing_else(filtered):
     np.testing.assert_allclose(frames, expected, atol=1e-13)
 
 
-def test_what_wanders_in_velocity_has_its_deviation_and_its_time():
+def test_what_drifts_in_velocity_has_its_deviation_and_its_time():
     """On each axis its own; correlated by exp(-h/T) from frame to frame; and nothing else is off."""
     state = np.tile(np.arange(12.0)[:, None] * 0.1, 2)
     line = PiecewisePolynomial.FirstOrderHold([0.0, 100.0], state)
     numbers = CameraNumbers(velocity_drift=VelocityDrift(0.03, 0.01, 0.0), drift_time=0.1)
-    _, frames = seen(line, MotionCapture(wanders=True, numbers=numbers), duration=100.0, n=1)
+    _, frames = seen(line, MotionCapture(drifts=True, numbers=numbers), duration=100.0, n=1)
     off = frames[:, 0] - state[:, :1]
     assert np.abs(np.delete(off, [6, 7], axis=0)).max() < 1e-12
     for row, deviation in ((6, 0.03), (7, 0.01)):

@@ -82,8 +82,8 @@ def fly(scenario, trajectory, leg_times=()):
             command, shortfall = allocate(board.wrench(link.out), scenario.nominal)
         if k > 0:
             air = wind.sample(k, state[0:3])
-        # The frame at the beginning is taken once more, and only what wanders in it is another.
-        if k % steps_a_frame == 0 and (k > 0 or cameras.wanders):
+        # The frame at the beginning is taken once more, and only the drift in it is another.
+        if k % steps_a_frame == 0 and (k > 0 or cameras.drifts):
             cameras.take(k // steps_a_frame, vehicle.shown(state))
     return {name: np.array([row[name] for row in rows]) for name in rows[0]}, referee.metrics(period)
 

@@ -65,8 +65,8 @@ class Cameras(Line):
         self.numbers, self.R_BM = numbers, rotation(*numbers.misalignment)
         self.noise = Stream(seed, sample, NOISE, "motion_capture.camera_noise", 6)
         self.loss = Stream(seed, sample, NOISE, "motion_capture.dropout", 1)
-        self.wander = Stream(seed, sample, NOISE, "motion_capture.velocity_drift", 3)
-        self.drift, self.wanders = np.zeros(3), any(numbers.velocity_drift)
+        self.drift_noise = Stream(seed, sample, NOISE, "motion_capture.velocity_drift", 3)
+        self.drift, self.drifts = np.zeros(3), any(numbers.velocity_drift)
         pose = self.pose(0, state)
         self.factors = np.array([*(1.0 + share for share in numbers.velocity_error), 1.0, 1.0, 1.0])
         rates = self.factors * state[6:12] if numbers.derivative_bandwidth is None else np.zeros(6)
@@ -92,10 +92,10 @@ class Cameras(Line):
         lost = numbers.dropout_rate > 0.0 and self.loss.uniform(k)[0] < numbers.dropout_rate
         pose = last[0:6] if lost else self.pose(k, state)
         before = np.concatenate([self.drift, np.zeros(3)])
-        if self.wanders:
+        if self.drifts:
             d = math.exp(-numbers.period / numbers.drift_time)
             fresh = np.array(numbers.velocity_drift) * math.sqrt(1.0 - d * d)
-            self.drift = d * self.drift + fresh * self.wander.normal(k)
+            self.drift = d * self.drift + fresh * self.drift_noise.normal(k)
         drift = np.concatenate([self.drift, np.zeros(3)])
         if numbers.derivative_bandwidth is None:
             self.put(last if lost else np.concatenate([pose, self.factors * state[6:12] + drift]))

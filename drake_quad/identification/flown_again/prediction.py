@@ -29,6 +29,7 @@ from drake_quad.identification.fitting.open_loop import (
 )
 from drake_quad.identification.fitting.windows import airborne, held_out, pieces
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.results.estimates import quantile
 from drake_quad.scenario import Scenario
 from drake_quad.studies.interval import Interval
 
@@ -39,7 +40,6 @@ SPACING = 0.1
 _PAST = 0.15
 # Of a block, at least, s.
 _BLOCK = 1.0
-_CONFIDENCE = 0.95
 # Of each signal, standard deviations to begin with.
 _USUAL = {"position": 2e-3, "velocity": 3e-2, "attitude": 5e-3, "body_rates": 5e-2}
 _ROWS = {"position": 0, "attitude": 3, "velocity": 6, "body_rates": 9}
@@ -273,4 +273,4 @@ def _reach(totals: np.ndarray) -> float:
     if count < 2:
         return math.inf
     variance = count / (count - 1) * float(np.sum(totals**2))
-    return float(scipy.stats.t.ppf(0.5 + 0.5 * _CONFIDENCE, count - 1)) * math.sqrt(variance)
+    return float(quantile(count - 1)) * math.sqrt(variance)

@@ -14,11 +14,10 @@ windows within all stretches differ. A stretch that hardly tells a number is dra
 from typing import NamedTuple
 
 import numpy as np
-import scipy
 
 from drake_quad.identification.fitting.evidence import Evidence
 from drake_quad.identification.fitting.random_effects import STRETCHES, Stretches
-from drake_quad.identification.results.estimates import CONFIDENCE
+from drake_quad.identification.results.estimates import quantile
 
 
 class HeldOut(NamedTuple):
@@ -47,8 +46,7 @@ def hold_out(evidence: Evidence) -> dict[str, HeldOut]:
     for b in range(STRETCHES):
         others = stretches.without(b)
         mean = np.diag(others.mean().covariance)
-        quantile = scipy.stats.t.ppf(0.5 * (1.0 + CONFIDENCE), STRETCHES - 2)
         off.append(stretches.estimates[b] - (evidence.values - others.move()))
-        reach.append(quantile * np.sqrt(mean + others.between() + stretches.variances[b]))
+        reach.append(quantile(STRETCHES - 2) * np.sqrt(mean + others.between() + stretches.variances[b]))
     pairs = zip(evidence.names, np.transpose(off), np.transpose(reach), strict=True)
     return {name: HeldOut(*pair) for name, *pair in pairs}
