@@ -59,23 +59,23 @@ mutants: $(VENV)/.installed-test
 
 figures: $(VENV)/.installed
 	$(VENV)/bin/python scripts/plan.py diagrams/slalom.yaml
-	cp out/slalom/plan.png docs/slalom.png
+	cp out/slalom/plan.png docs/pictures/slalom.png
 	$(VENV)/bin/python scripts/simulate.py diagrams/laboratory.yaml:low_wind
-	cp out/low_wind/wind.png docs/wind.png
+	cp out/low_wind/wind.png docs/pictures/wind.png
 	$(VENV)/bin/python scripts/replay.py diagrams/laboratory.yaml:high_wind --samples 1 --output out/front \
 		--controller diagrams/controllers/designed/laboratory.yaml:lqg \
 		$(foreach name,pd_t2fnn pd,--controller diagrams/controllers/calibrated.yaml:$(name))
 	chromium --headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --window-size=880,560 \
-		--virtual-time-budget=16000 --screenshot=docs/replay.png "file://$(CURDIR)/out/front/replay.html#t=19"
+		--virtual-time-budget=16000 --screenshot=docs/pictures/replay.png "file://$(CURDIR)/out/front/replay.html#t=19"
 	$(VENV)/bin/python scripts/stability_map.py diagrams/laboratory.yaml:nominal
-	cp out/stability/nominal/position_map.png docs/stability.png
+	cp out/stability/nominal/position_map.png docs/pictures/stability.png
 	$(VENV)/bin/python scripts/compare_controllers.py
-	cp out/comparison/comparison.png docs/comparison.png
+	cp out/comparison/comparison.png docs/pictures/comparison.png
 	rm -rf out/monte_carlo/robustness
 	$(VENV)/bin/python scripts/monte_carlo.py $(foreach name,pd pd_t1fnn pd_t2fnn pd_feed_forward, \
 		--controller diagrams/controllers/paper.yaml:$(name))
-	cp out/monte_carlo/robustness/distribution.png docs/robustness.png
-	$(VENV)/bin/python scripts/document_scenarios.py --output docs
+	cp out/monte_carlo/robustness/distribution.png docs/pictures/robustness.png
+	$(VENV)/bin/python scripts/document_scenarios.py --output docs/reference
 	rm -rf diagrams/drawings
 	for scenario in $(DRAWN); do \
 		name=$${scenario##*:}; $(VENV)/bin/python scripts/draw_diagram.py diagrams/$$scenario \

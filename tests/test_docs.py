@@ -18,7 +18,8 @@ from drake_quad.scenario import load_undesigned
 from drake_quad.signals import SIGNALS
 
 ROOT = Path(__file__).parent.parent
-DOCS = sorted((ROOT / "docs").glob("*.md"))
+GENERATED = (ROOT / "docs" / "controllers", ROOT / "docs" / "replication")
+DOCS = [page for page in sorted((ROOT / "docs").rglob("*.md")) if page.parent not in GENERATED]
 PAGES = [ROOT / "README.md", *DOCS]
 # Whose links and names are checked, but whose commands are not for users.
 AROUND = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
@@ -121,7 +122,7 @@ def test_every_command_is_understood(command, elsewhere, monkeypatch):
         assert Path(file).exists()
 
 
-@pytest.mark.parametrize("page", [*PAGES, *AROUND], ids=lambda page: page.stem)
+@pytest.mark.parametrize("page", [*PAGES, *AROUND], ids=lambda page: str(page.relative_to(ROOT)))
 def test_every_path_and_link_leads_somewhere(page):
     text = page.read_text(encoding="utf-8")
     for path in re.findall(r"`((?:drake_quad|diagrams|scripts|docs|tests)/[\w./-]*)`", text):
@@ -152,21 +153,23 @@ def test_every_environment_variable_is_read():
     assert set(re.findall(r"DRAKE_QUAD_\w+", ALL_TEXT)) == {name for name in read if name.startswith("DRAKE_QUAD")}
 
 
+# The index is the first page of the site, and that of the names of the package has a page for each of its folders.
+LISTED = [page.relative_to(ROOT / "docs") for page in DOCS if page.parent.name not in ("docs", "api")]
+
+
 def test_every_page_is_reached_from_the_readme():
     readme = (ROOT / "README.md").read_text(encoding="utf-8")
-    for page in DOCS:
-        # The index is the first page of the site.
-        assert page.stem == "index" or f"(docs/{page.name})" in readme, page.name
+    assert {str(page) for page in LISTED} <= set(re.findall(r"\(docs/([^)#]+)\)", readme))
 
 
 def test_every_page_is_reached_from_the_index():
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
-    assert {page.stem for page in DOCS} - {"index"} <= set(index.split())
+    assert {str(page.with_suffix("")) for page in LISTED} <= set(index.split())
 
 
 def row_of(system):
     """The cells of a system on the page of systems: in each, names, and the number of rows where one follows."""
-    page = (ROOT / "docs" / "systems.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "reference" / "systems.md").read_text(encoding="utf-8")
     cells = re.search(rf"^\| `{system.__name__}` \|(.*)\|(.*)\|(.*)\|(.*)\|$", page, re.MULTILINE).groups()
     return [re.findall(r"`([\w.]+)`(?: (\d+))?", cell) for cell in cells]
 
@@ -200,7 +203,7 @@ def test_the_page_of_systems_has_the_parameters_and_states_of_each(system):
 
 
 def test_the_page_of_systems_has_the_signals():
-    page = (ROOT / "docs" / "systems.md").read_text(encoding="utf-8")
+    page = (ROOT / "docs" / "reference" / "systems.md").read_text(encoding="utf-8")
     table = page.partition("## Signals")[2].partition("\n\n| signal |")[2].partition("\n\n")[0]
     said = {
         name: (rows, fields)

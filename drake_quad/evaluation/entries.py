@@ -169,8 +169,8 @@ def _cascade(on_board: bool, position: Tree, attitude: Mapping[str, Any] = {"kin
     }
 
 
-# The inputs of networks: the paper's, and places. Those of the figure eight are as in docs/extending.md; on board the
-# lemniscate of neural_fly.yaml lies in X and Z.
+# The inputs of networks: the paper's, and places. Those of the figure eight are as in docs/how_to/learn_in_laps.md; on
+# board the lemniscate of neural_fly.yaml lies in X and Z.
 _ERRORS: Tree = {"error": {"scale": 1.0}, "error_rate": {"scale": 1.0}}
 _NO_ERRORS: Tree = {"error": None, "error_rate": None}
 _FIVE: Tree = {"centres": [-1.0, -0.5, 0.0, 0.5, 1.0], "widths": [0.5] * 5}

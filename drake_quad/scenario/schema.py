@@ -109,10 +109,11 @@ correlated:
 A single field is named by the way to it: `vehicle.inertia.0`. Items of lists count from 0; only rotors have names, and
 count from 1, as everywhere: `vehicle.thrust_factor_error.rotor_1`.
 
-This page is made by `scripts/document_scenarios.py` from the models that read scenarios; `docs/scenario.schema.json`
-has the same for editors: with the YAML language server, a file in `diagrams/` begins with
+This page is made by `scripts/document_scenarios.py` from the models that read scenarios.
+`docs/reference/scenario.schema.json` has the same for editors: with the YAML language server, a file in `diagrams/`
+begins with
 
-    # yaml-language-server: $schema=../docs/scenario.schema.json
+    # yaml-language-server: $schema=../docs/reference/scenario.schema.json
 
 There are limits, which no scenario that makes sense meets: they keep a broken file from taking long to read, and
 numbers from overflowing.

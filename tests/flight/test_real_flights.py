@@ -21,7 +21,7 @@ def test_the_vehicle_of_neural_fly_flies_here_as_it_flew_there(diagrams, root):
     """Within 25 % in all winds, and as the page of real flights says."""
     found = {name: predicted(diagrams, name) for name in FLOWN}
     assert found == pytest.approx(FLOWN, rel=0.25)
-    page = (root / "docs" / "real_flights.md").read_text(encoding="utf-8")
+    page = (root / "docs" / "background" / "real_flights.md").read_text(encoding="utf-8")
     (row,) = re.findall(r"^\| as identified \| (.*) \|$", page, re.MULTILINE)
     assert [float(cell) for cell in row.split(" | ")] == pytest.approx(list(found.values()), abs=0.051)
 

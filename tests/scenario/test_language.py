@@ -12,7 +12,7 @@ from ruamel.yaml import YAML
 from drake_quad.scenario.schema import file_schema, language_page
 
 ROOT = Path(__file__).parent.parent.parent
-PAGES = "".join(page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs").glob("*.md")))
+PAGES = "".join(page.read_text(encoding="utf-8") for page in sorted((ROOT / "docs").rglob("*.md")))
 BLOCKS = re.findall(r"```yaml\n(.*?)```", PAGES, re.DOTALL)
 
 
@@ -26,9 +26,10 @@ def complaints(text):
 
 
 def test_page_and_schema_are_not_stale():
-    again = "python scripts/document_scenarios.py --output docs writes them again"
-    assert (ROOT / "docs" / "scenario_language.md").read_text(encoding="utf-8") == language_page(), again
-    assert json.loads((ROOT / "docs" / "scenario.schema.json").read_text(encoding="utf-8")) == file_schema(), again
+    again = "python scripts/document_scenarios.py --output docs/reference writes them again"
+    folder = ROOT / "docs" / "reference"
+    assert (folder / "scenario_language.md").read_text(encoding="utf-8") == language_page(), again
+    assert json.loads((folder / "scenario.schema.json").read_text(encoding="utf-8")) == file_schema(), again
 
 
 @pytest.mark.parametrize("path", sorted((ROOT / "diagrams").rglob("*.yaml")), ids=lambda path: path.name)

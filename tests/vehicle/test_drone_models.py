@@ -1,6 +1,6 @@
 """The Crazyflies of the package drone-models, by derivatives that `record_drone_models.py` wrote.
 
-docs/effects.md names the terms in which its equations differ from these. Here they are added one by one.
+docs/reference/effects.md names the terms in which its equations differ from these. Here they are added one by one.
 """
 
 import json
