@@ -15,8 +15,8 @@ PYTHON ?= $(firstword $(shell .ci/pythons))
 PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --constraint constraints.txt
 
 # Scenarios whose diagrams are drawn in diagrams/drawings
-DRAWN = figure_eight.yaml hover.yaml slalom.yaml laboratory.yaml:low_wind neural_fly.yaml:wind_8 onboard.yaml outdoor.yaml \
-	robustness.yaml paper.yaml:low_wind_pd_t2fnn crazyswarm2.yaml:log08
+DRAWN = figure_eight hover slalom laboratory:low_wind neural_fly:wind_8 onboard outdoor robustness \
+	paper:low_wind_pd_t2fnn crazyswarm2:log08
 
 # Drawn evenly over the lines
 MUTANTS ?= 500
@@ -25,7 +25,7 @@ SEED ?= 0
 .PHONY: fly test fuzz paper controllers lint docs benchmark mutants figures
 
 fly: $(VENV)/.installed
-	$(VENV)/bin/python scripts/simulate.py diagrams/figure_eight.yaml
+	$(VENV)/bin/drake-quad fly figure_eight
 
 # Tests start many processes: what one has compiled, the others need not.
 test: export PYTHONDONTWRITEBYTECODE =
@@ -36,11 +36,11 @@ fuzz: $(VENV)/.installed-test
 	FUZZ_CASES=10000 $(VENV)/bin/python -m pytest tests/scenario/test_fuzz.py tests/compilation/test_compiled_scenarios.py
 
 paper: $(VENV)/.installed
-	$(VENV)/bin/python scripts/reproduce_paper.py
+	$(VENV)/bin/drake-quad replicate
 
 controllers: $(VENV)/.installed
-	$(if $(TUNE),$(VENV)/bin/python scripts/judge_controllers.py --tune)
-	$(VENV)/bin/python scripts/judge_controllers.py
+	$(if $(TUNE),$(VENV)/bin/drake-quad judge --tune)
+	$(VENV)/bin/drake-quad judge
 
 lint: $(VENV)/.installed-lint
 	$(VENV)/bin/ruff check
@@ -58,33 +58,32 @@ mutants: $(VENV)/.installed-test
 	$(VENV)/bin/python tests/mutants/run.py --number $(MUTANTS) --seed $(SEED)
 
 figures: $(VENV)/.installed
-	$(VENV)/bin/python scripts/plan.py diagrams/slalom.yaml
+	$(VENV)/bin/drake-quad plan slalom
 	cp out/slalom/plan.png docs/pictures/slalom.png
-	$(VENV)/bin/python scripts/simulate.py diagrams/laboratory.yaml:low_wind
+	$(VENV)/bin/drake-quad fly laboratory:low_wind
 	cp out/low_wind/wind.png docs/pictures/wind.png
-	$(VENV)/bin/python scripts/replay.py diagrams/laboratory.yaml:high_wind --samples 1 --output out/front \
-		--controller diagrams/controllers/designed/laboratory.yaml:lqg \
-		$(foreach name,pd_t2fnn pd,--controller diagrams/controllers/calibrated.yaml:$(name))
+	$(VENV)/bin/drake-quad replay laboratory:high_wind --samples 1 --output out/front \
+		--controller controllers/designed/laboratory:lqg \
+		$(foreach name,pd_t2fnn pd,--controller controllers/calibrated:$(name))
 	chromium --headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --window-size=880,560 \
 		--virtual-time-budget=16000 --screenshot=docs/pictures/replay.png "file://$(CURDIR)/out/front/replay.html#t=19"
-	$(VENV)/bin/python scripts/stability_map.py diagrams/laboratory.yaml:nominal
+	$(VENV)/bin/drake-quad map laboratory:nominal
 	cp out/stability/nominal/position_map.png docs/pictures/stability.png
-	$(VENV)/bin/python scripts/compare_controllers.py
+	$(VENV)/bin/drake-quad compare
 	cp out/comparison/comparison.png docs/pictures/comparison.png
 	rm -rf out/monte_carlo/robustness
-	$(VENV)/bin/python scripts/monte_carlo.py $(foreach name,pd pd_t1fnn pd_t2fnn pd_feed_forward, \
-		--controller diagrams/controllers/paper.yaml:$(name))
+	$(VENV)/bin/drake-quad study $(foreach name,pd pd_t1fnn pd_t2fnn pd_feed_forward, \
+		--controller controllers/paper:$(name))
 	cp out/monte_carlo/robustness/distribution.png docs/pictures/robustness.png
 	$(VENV)/bin/python scripts/document_scenarios.py --output docs/reference
 	rm -rf diagrams/drawings
 	for scenario in $(DRAWN); do \
-		name=$${scenario##*:}; $(VENV)/bin/python scripts/draw_diagram.py diagrams/$$scenario \
-			--output diagrams/drawings/$${name%.yaml} || exit; done
+		$(VENV)/bin/drake-quad draw $$scenario --output diagrams/drawings/$${scenario##*:} || exit; done
 	$(VENV)/bin/python scripts/calibrate_paper.py
-	cp out/calibration/calibration.csv docs/replication
-	$(VENV)/bin/python scripts/reproduce_paper.py
+	cp out/calibration/calibration.csv drake_quad/replication
+	$(VENV)/bin/drake-quad replicate
 	cp -r $(addprefix out/paper/,report.md report.html figures table_ii.csv table_ii.md claims.csv fair.csv effort.csv) docs/replication
-	$(VENV)/bin/python scripts/judge_controllers.py
+	$(VENV)/bin/drake-quad judge
 	mkdir -p docs/controllers
 	cp -r $(addprefix out/controllers/,report.md report.html figures summary.csv answers.csv) docs/controllers
 

@@ -25,7 +25,7 @@ from importlib.util import find_spec
 from pathlib import Path
 from typing import NamedTuple
 
-from command_line import run
+from drake_quad.command_line.running import run
 
 import numpy as np
 

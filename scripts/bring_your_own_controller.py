@@ -1,12 +1,14 @@
 """Flies the figure eight under a position controller of your own, beside the scenario's PD."""
 
+import argparse
 import math
 
-from command_line import parser, print_table, run, scenario_of
+from drake_quad.command_line.running import run
 
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from drake_quad import simulate
+from drake_quad import load_scenario, simulate
+from drake_quad.command_line.output import print_table
 from drake_quad.signals import Acceleration, Reference, State
 
 
@@ -37,13 +39,11 @@ def sliding_mode(error: float, error_rate: float) -> float:
 
 
 def main() -> None:
-    arguments = parser(
-        description=__doc__,
-        example="python scripts/bring_your_own_controller.py diagrams/figure_eight.yaml",
-        output=None,
-        scenario="figure_eight.yaml",
-    ).parse_args()
-    scenario = scenario_of(arguments)
+    options = argparse.ArgumentParser(
+        description=__doc__, epilog="example: python scripts/bring_your_own_controller.py laboratory:low_wind"
+    )
+    options.add_argument("scenario", nargs="?", default="figure_eight", help="(default: %(default)s)")
+    scenario = load_scenario(options.parse_args().scenario)
     flights = {
         f"RMSE, {scenario.cascade.position.kind} of the scenario": simulate(scenario),
         "RMSE, sliding mode": simulate(scenario, position_controller=SlidingMode()),

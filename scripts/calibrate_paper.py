@@ -3,9 +3,12 @@
 import argparse
 from pathlib import Path
 
-from command_line import add_wired, bar_over, print_columns, print_files, run
+from drake_quad.command_line.running import run
 
 from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.command_line.options import add_wired
+from drake_quad.command_line.output import print_columns, print_files
+from drake_quad.command_line.progress import bar_over
 from drake_quad.files import output_folder, write_table
 from drake_quad.replication.calibration import HYPOTHESES, NETWORK_CELL, PD_CELL, Calibration, calibrate
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table

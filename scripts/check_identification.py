@@ -11,11 +11,14 @@ import io
 from collections.abc import Iterator, Sequence
 from pathlib import Path
 
-from command_line import check_ranges, new_bar, overrides_of, print_columns, print_files, run
+from drake_quad.command_line.running import run
 
 import numpy as np
 
 from drake_quad import InputError
+from drake_quad.command_line.options import check_ranges, overrides_of
+from drake_quad.command_line.output import print_columns, print_files
+from drake_quad.command_line.progress import new_bar
 from drake_quad.errors import shown
 from drake_quad.files import output_folder
 from drake_quad.identification.known_flights import KNOWN, Checked, Task, check_batch

@@ -19,12 +19,13 @@ from pathlib import Path
 from typing import Any, NamedTuple
 
 from benchmark import machine, timed
-from command_line import remark, run
+from drake_quad.command_line.running import run
 
 import numpy as np
 from tqdm import tqdm
 
 from drake_quad import Scenario, load_scenario
+from drake_quad.command_line.output import remark
 from drake_quad.flight.fleet_simulation import simulate_fleet
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import hermite_path

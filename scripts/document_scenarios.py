@@ -4,8 +4,9 @@ import argparse
 import json
 from pathlib import Path
 
-from command_line import print_files, run
+from drake_quad.command_line.running import run
 
+from drake_quad.command_line.output import print_files
 from drake_quad.files import output_folder, write_text
 from drake_quad.scenario.schema import file_schema, language_page
 

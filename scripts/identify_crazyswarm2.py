@@ -11,13 +11,14 @@ from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
-from command_line import print_columns, print_files, run
+from drake_quad.command_line.running import run
 
 import numpy as np
 import scipy
 
 from drake_quad import InputError
 from drake_quad.analysis.closed_loop import closed_loop
+from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.files import output_folder, write_whole
 from drake_quad.identification.fitting.open_loop import DELAY
 from drake_quad.identification.flown_again.estimator import VelocityEstimate, velocity_estimate

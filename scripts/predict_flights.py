@@ -7,7 +7,7 @@ the flights.
 import argparse
 from pathlib import Path
 
-from command_line import run
+from drake_quad.command_line.running import run
 
 from drake_quad import load_scenario, simulate
 

@@ -1,53 +1,6 @@
-"""Writes a page for the browser that replays many samples of a scenario, or several controllers, together."""
+"""`drake-quad replay`, from a checkout."""
 
-from command_line import controlled_scenarios, folder_of, parser, print_files, run
-
-from drake_quad import Flight, InputError
-from drake_quad.files import output_folder
-from drake_quad.flight import simulate_samples
-from drake_quad.visualization.replay.page import save_replay, save_swarm
-
-_MOST = 1000
-
-
-def main() -> None:
-    options = parser(
-        description=__doc__,
-        example="python scripts/replay.py diagrams/robustness.yaml --samples 100",
-        output="out/replay",
-        scenario="robustness.yaml",
-    )
-    options.add_argument("--samples", type=int, default=100, help="how many flights of each (default: %(default)s)")
-    options.add_argument("--first", type=int, default=0, help="number of the first sample (default: %(default)s)")
-    options.add_argument(
-        "--controller",
-        action="append",
-        default=[],
-        metavar="FILE:NAME",
-        help="laid over the scenario; several fly the same samples, each in its own colour",
-    )
-    arguments = options.parse_args()
-    if not 1 <= arguments.samples <= _MOST:
-        raise InputError(f"--samples is {arguments.samples}, but must be between 1 and {_MOST}")
-    if arguments.first < 0:
-        raise InputError(f"--first is {arguments.first}, but must be 0 or more")
-    scenarios = controlled_scenarios(arguments)
-    samples = range(arguments.first, arguments.first + arguments.samples)
-    flights = {name: simulate_samples(each, samples) for name, each in scenarios.items()}
-    file = output_folder(folder_of(arguments, "_".join(flights))) / "replay.html"
-    if arguments.samples == 1:
-        save_replay({name: first for name, (first,) in flights.items()}, file)
-    else:
-        save_swarm(flights, file)
-    print_crashes(flights)
-    print_files([file])
-
-
-def print_crashes(flights: dict[str, list[Flight]]) -> None:
-    """Prints how many flights of each scenario crashed."""
-    for name, group in flights.items():
-        print(f"{name}: {len(group)} flights, {sum(bool(flight.metrics.crashed) for flight in group)} crashed")
-
+from drake_quad.command_line.main import main
 
 if __name__ == "__main__":
-    run(main)
+    main("replay")

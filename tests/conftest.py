@@ -13,12 +13,13 @@ from PIL import Image
 os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
 
 from drake_quad import load_scenario
+from drake_quad.command_line.main import main
 from drake_quad.vehicle.parameters import CentreOfMass, Inertia, QuadrotorParameters
 from drake_quad.vehicle.rotors import Rotor, Rotors
 
 _ROOT = Path(__file__).parent.parent
 # Files that wait for other processes or take long: they begin first, and the others fill the gaps.
-_FIRST = ("test_cluster", "test_docs", "test_scripts", "test_replay", "test_report", "test_fuzz")
+_FIRST = ("test_cluster", "test_docs", "test_commands", "test_replay", "test_report", "test_fuzz")
 
 
 @pytest.hookimpl(optionalhook=True)  # pytest runs without xdist, too
@@ -87,7 +88,7 @@ def asymmetric_vehicle() -> QuadrotorParameters:
 
 
 class Result(NamedTuple):
-    """What a script leaves behind."""
+    """What a command leaves behind."""
 
     returncode: int
     stdout: str
@@ -96,16 +97,18 @@ class Result(NamedTuple):
 
 @pytest.fixture
 def run(capsys, monkeypatch):
-    """Runs a script in this process, which has imported Drake already, and returns what it leaves behind."""
+    """Runs a command or a script in this process, which has imported Drake, and returns what it leaves behind."""
     monkeypatch.chdir(_ROOT)
     monkeypatch.syspath_prepend(_ROOT / "scripts")
 
-    def call(script, *arguments):
-        path = str(_ROOT / "scripts" / script)
-        monkeypatch.setattr(sys, "argv", [path, *map(str, arguments)])
+    def call(name, *arguments):
+        monkeypatch.setattr(sys, "argv", [name, *map(str, arguments)])
         status = 0
         try:
-            runpy.run_path(path, run_name="__main__")
+            if name.endswith(".py"):
+                runpy.run_path(str(_ROOT / "scripts" / name), run_name="__main__")
+            else:
+                main(name)
         except SystemExit as stop:
             status = stop.code or 0
         return Result(status, *capsys.readouterr())

@@ -13,6 +13,7 @@ import pytest
 from all_systems import FLEET_SYSTEMS, SYSTEMS
 
 from drake_quad import load_scenario
+from drake_quad.command_line.main import COMMANDS, main
 from drake_quad.framework.records import layout_of
 from drake_quad.scenario import load_undesigned
 from drake_quad.signals import SIGNALS
@@ -25,16 +26,16 @@ PAGES = [ROOT / "README.md", *DOCS]
 AROUND = [ROOT / "CONTRIBUTING.md", ROOT / "CHANGELOG.md"]
 # Makes the commands of the pages short; a later option stands in for an earlier one.
 SHORT = {
-    "simulate.py": ["--set", "duration=1"],
-    "sensitivities.py": ["--set", "duration=1"],
-    "monte_carlo.py": ["--samples", "4", "--set", "duration=1"],
-    "replay.py": ["--samples", "3", "--set", "duration=1"],
-    "stability_map.py": ["--quick", "--size", "4"],
-    "compare_controllers.py": ["--quick", "--samples", "2"],
-    "compare_with_log.py": ["--samples", "3"],
-    "reproduce_paper.py": ["--workers", "1"],
+    "fly": ["--set", "duration=1"],
+    "sensitivities": ["--set", "duration=1"],
+    "study": ["--samples", "4", "--set", "duration=1"],
+    "replay": ["--samples", "3", "--set", "duration=1"],
+    "map": ["--quick", "--size", "4"],
+    "compare": ["--quick", "--samples", "2"],
+    "compare-log": ["--samples", "3"],
+    "replicate": ["--workers", "1"],
     "identify_crazyswarm2.py": ["--log", "180", "--output", "mine.yaml"],
-    "tune_controller.py": ["--rounds", "1", "--samples", "1", "--set", "duration=1", "--sensitivity", "100"],
+    "tune": ["--rounds", "1", "--samples", "1", "--set", "duration=1", "--sensitivity", "100"],
 }
 
 
@@ -80,18 +81,27 @@ def test_every_scenario_loads(block, elsewhere):
 
 
 @pytest.mark.slow
-@pytest.mark.usefixtures("unpainted")
+@pytest.mark.usefixtures("unpainted", "elsewhere")
 @pytest.mark.parametrize("block", blocks("sh"))
-def test_every_block_of_commands_runs(block, elsewhere, monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "scripts")
+def test_every_block_of_commands_runs(block, monkeypatch):
     for line in block.splitlines():
         program, *arguments = shlex.split(line, comments=True)
         if program == "make":
             # Given a Python, it does not try all that are there.
             subprocess.run(["make", "--dry-run", "PYTHON=python", *arguments], check=True, capture_output=True)
             continue
+        called(program, [*arguments, *SHORT.get(Path(arguments[0]).name, [])], monkeypatch)
+
+
+def called(program, arguments, monkeypatch):
+    """Runs a command, or a script of a checkout, in this process."""
+    monkeypatch.syspath_prepend(ROOT / "scripts")
+    if program == "drake-quad":
+        monkeypatch.setattr(sys, "argv", [program, *arguments])
+        main()
+    else:
         assert program == "python"
-        monkeypatch.setattr(sys, "argv", [*arguments, *SHORT.get(Path(arguments[0]).name, [])])
+        monkeypatch.setattr(sys, "argv", arguments)
         runpy.run_path(arguments[0], run_name="__main__")
 
 
@@ -102,22 +112,27 @@ class UnderstoodError(Exception):
 def commands():
     """What is called somewhere on a page, the blocks above aside."""
     text = "\n".join(re.sub(r"```.*?```", "", page.read_text(encoding="utf-8"), flags=re.DOTALL) for page in PAGES)
-    return sorted(set(re.findall(r"python (scripts/\w+\.py[^`\n]*)", text)))
+    return sorted(set(re.findall(r"(?:`|^    )(python scripts/\w+\.py[^`\n]*|drake-quad [^`\n]+)", text, re.MULTILINE)))
 
 
 @pytest.mark.parametrize("command", commands())
-def test_every_command_is_understood(command, elsewhere, monkeypatch):
-    monkeypatch.syspath_prepend(ROOT / "scripts")
-    monkeypatch.setattr(sys, "argv", shlex.split(command))
+@pytest.mark.usefixtures("elsewhere")
+def test_every_command_is_understood(command, monkeypatch):
+    program, *arguments = shlex.split(command, comments=True)
+    if program == "drake-quad" and len(arguments) == 1:
+        assert arguments[0] in COMMANDS
+        return
     parse = argparse.ArgumentParser.parse_args
 
     def parse_only(parser, *arguments):
-        parse(parser, *arguments)
+        found = parse(parser, *arguments)
+        if "command" in found:  # that is only the first word
+            return found
         raise UnderstoodError
 
     monkeypatch.setattr(argparse.ArgumentParser, "parse_args", parse_only)
     with pytest.raises(UnderstoodError):
-        runpy.run_path(sys.argv[0], run_name="__main__")
+        called(program, arguments, monkeypatch)
     for file in re.findall(r" (diagrams/[\w./]+)", command):
         assert Path(file).exists()
 

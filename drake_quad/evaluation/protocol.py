@@ -177,14 +177,14 @@ def _words(entry: Entry, found: Tuned, budget: Budget, later: float = 0.0) -> st
 
 _PRICED_HEAD = (
     "Controllers for laboratory.yaml with other limits on the peak sensitivity, NAME@LIMIT, for the price of margin\n"
-    "in docs/controllers/report.md: python scripts/judge_controllers.py --tune priced"
+    "in docs/controllers/report.md: drake-quad judge --tune priced"
 )
 
 
 def _head(name: str, limit: LoopLimit) -> str:
     return (
         f"Controllers for the family {name} of docs/controllers/report.md, which says how they were tuned:\n"
-        f"python scripts/judge_controllers.py --tune {name}\n"
+        f"drake-quad judge --tune {name}\n"
         f"The limit is a peak sensitivity of {limit.sensitivity:g} and a delay margin of {1e3 * limit.delay:g} ms, or\n"
         "the best that is reached. The yaw's gains are as designed in gains/laboratory.yaml."
     )

@@ -135,7 +135,7 @@ def _of_control(scenario: Scenario) -> list[Assumption]:
         Assumption(
             "k_P, k_D on Z",
             f"{position.k_p[2]:g} 1/s², {position.k_d[2]:g} 1/s",
-            "designed by `scripts/design_gains.py`; nothing is asked of them here",
+            "designed by `drake-quad design`; nothing is asked of them here",
         ),
         Assumption(
             "gains of roll and pitch",

@@ -9,6 +9,7 @@ from drake_quad.scenario.documents import parse_document
 from drake_quad.scenario.limits import MOST_BASES, MOST_BYTES, MOST_NODES
 from drake_quad.scenario.marked_tree import Mark, Tree
 from drake_quad.scenario.reading import read_text
+from drake_quad.scenario.shipped import shipped_file, unknown
 from drake_quad.scenario.waypoint_table import parse_waypoint_table
 
 # The kind of a field that may leave it out.
@@ -28,7 +29,7 @@ class Library:
         """Finds a scenario and merges it with what it extends.
 
         Args:
-            spec: FILE, or FILE:NAME where the file holds several.
+            spec: FILE, or FILE:NAME where the file holds several; or a shipped one without its suffix, see `shipped`.
 
         Returns:
             The scenario's name and tree, without `extends`.
@@ -36,8 +37,8 @@ class Library:
         Raises:
             InputError: a file or name does not exist, extensions go in a circle, or it is more than a scenario may be.
         """
-        path, name = split_spec(str(spec))
-        return self._resolve(Path(path), name, Mark(str(spec), 0), ())
+        path, name = located(str(spec))
+        return self._resolve(path, name, Mark(str(spec), 0), ())
 
     def mapping(self, path: Path) -> Tree:
         """Reads a file that is no scenario, but a mapping of fields.
@@ -105,12 +106,23 @@ class Library:
             self._bases -= 1
             if self._bases < 0:
                 raise InputError(f"{spec.mark}: extends too many scenarios: {MOST_BASES} in all, at most")
-            file, base_name = split_spec(spec.value)
-            in_this_file = not file.endswith(_SUFFIXES)
-            base_path = path if in_this_file else path.parent / file
-            _, base = self._resolve(base_path, spec.value if in_this_file else base_name, spec.mark, stack)
+            base_path, base_name = self._base(spec, path)
+            _, base = self._resolve(base_path, base_name, spec.mark, stack)
             result = base if result is None else merged(result, base)
         return own if result is None else merged(result, own)
+
+    @staticmethod
+    def _base(spec: Tree, path: Path) -> tuple[Path, str | None]:
+        """The file and the name that a file extends: beside it, shipped, or in itself."""
+        file, name = split_spec(spec.value)
+        if file.endswith(_SUFFIXES):
+            return path.parent / file, name
+        if ":" not in file and "/" not in file:
+            return path, file
+        found = _shipped(file)
+        if found is None:
+            raise InputError(f"{spec.mark}: extends {unknown(file)}")
+        return found
 
 
 def merged(base: Tree, extension: Tree, silent: str | None = None) -> Tree:
@@ -133,6 +145,34 @@ def merged(base: Tree, extension: Tree, silent: str | None = None) -> Tree:
         return extension
     joined = {key: merged(old[key], tree, SILENT_KINDS.get(key)) if key in old else tree for key, tree in new.items()}
     return Tree({**old, **joined}, extension.mark)
+
+
+def located(spec: str) -> tuple[Path, str | None]:
+    """The path of a file, and the name in it if one is given, of what is in the working directory or is shipped.
+
+    Raises:
+        InputError: it has no suffix, and is neither a file nor shipped.
+    """
+    file, name = split_spec(spec)
+    if file.endswith(_SUFFIXES) or os.path.isfile(file):  # noqa: PTH113 - Path.is_file raises where a name is too long
+        return Path(file), name
+    found = _shipped(file)
+    if found is not None:
+        return found
+    if os.path.exists(file):  # noqa: PTH110 - as above
+        return Path(file), name
+    raise InputError(unknown(file))
+
+
+def is_shipped(spec: str) -> bool:
+    """Whether a spec names a scenario that comes with the package, and no file."""
+    return not split_spec(spec)[0].endswith(_SUFFIXES) and not os.path.isfile(spec) and _shipped(spec) is not None  # noqa: PTH113 - as above
+
+
+def _shipped(spec: str) -> tuple[Path, str | None] | None:
+    file, _, name = spec.partition(":")
+    path = shipped_file(file)
+    return None if path is None else (path, name or None)
 
 
 def split_spec(spec: str) -> tuple[str, str | None]:

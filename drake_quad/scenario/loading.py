@@ -222,7 +222,7 @@ def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Mode
             meant = " or ".join(close or deeper)
             return f"{problem['msg']}; did you mean {meant}?" if meant else problem["msg"]
         case "missing" | "union_tag_not_found":
-            return "is missing; scripts/plan.py plans a route alone" if path == ("control",) else "is missing"
+            return "is missing; `drake-quad plan` plans a route alone" if path == ("control",) else "is missing"
         case "union_tag_invalid":
             return f"is {value}, but must be one of {context['expected_tags']}"
         case "model_type" | "model_attributes_type":

@@ -386,7 +386,7 @@ class YawKnot(Model):
 
 
 class TrajectoryRoute(Model):
-    """A trajectory as scripts/plan.py writes it: of degree 7 between knots, the yaw of degree 3 between its own."""
+    """A trajectory as `drake-quad plan` writes it: of degree 7 between knots, the yaw of degree 3 between its own."""
 
     kind: Literal["trajectory"]
     knots: Annotated[tuple[Knot, ...], Field(strict=False, min_length=2)] = Field(

@@ -1,12 +1,13 @@
 """From a scenario back to YAML."""
 
 from pathlib import Path
+from typing import TextIO
 
 from ruamel.yaml import YAML
 
 from drake_quad.scenario.models import Scenario
 
 
-def save_scenario(scenario: Scenario, path: Path) -> None:
-    """Writes a scenario, with all that it did not say itself, as YAML that can be flown again."""
-    YAML().dump({scenario.name: scenario.model_dump(mode="json", exclude={"name"})}, path)
+def save_scenario(scenario: Scenario, target: Path | TextIO) -> None:
+    """Writes a scenario to a path or a stream, with all that it did not say itself, as YAML that can be flown again."""
+    YAML().dump({scenario.name: scenario.model_dump(mode="json", exclude={"name"})}, target)

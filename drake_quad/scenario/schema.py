@@ -25,7 +25,10 @@ def file_schema() -> dict[str, Any]:
     # Vehicles and beliefs have the same layouts, but of what is believed there are no distributions.
     believed = definitions["Nominal"]["properties"]
     believed["layout"] = _of_numbers(believed["layout"], definitions)
-    names = {"type": "string", "description": "FILE, FILE:NAME, or NAME of this file"}
+    names = {
+        "type": "string",
+        "description": "FILE, FILE:NAME, NAME of this file, or a shipped one",
+    }
     scenario["properties"]["extends"] = {
         "description": "what this scenario is laid over, the last on top",
         "anyOf": [names, {"type": "array", "items": names}],
@@ -91,7 +94,8 @@ def _limits() -> str:
 _INTRODUCTION = f"""# The scenario language
 
 A file holds scenarios by their names. A scenario is a mapping of the fields below. What it does not say it takes from
-what it `extends`: FILE, FILE:NAME, NAME of the same file, or a list of these, the last on top. Mappings are joined,
+what it `extends`: FILE, FILE:NAME, NAME of the same file, a shipped one by its name (`laboratory:high_wind`,
+`vehicles/hummingbird`; `drake-quad scenarios` lists them), or a list of these, the last on top. Mappings are joined,
 anything else replaces, and so does a mapping of another `kind`. A `control` that does not say its kind is a cascade, or
 of the kind of what it is laid over. Where a distribution may stand, a study draws a number for each of its samples.
 Numbers of several fields are drawn independently, unless they are normal and share variables ([Bell](#bell)): here mass

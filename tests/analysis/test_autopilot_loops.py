@@ -1,6 +1,5 @@
 """Linear models and designed gains where attitude is controlled on board: two rates, and a loop known as a whole."""
 
-import importlib
 import re
 import shlex
 from argparse import ArgumentParser
@@ -36,6 +35,7 @@ from drake_quad.analysis.margins import margins
 from drake_quad.analysis.sampled_system import at_tick, linearize
 from drake_quad.analysis.stability_map import flown_map, linear_map, mapped_gains, mapped_plant, stability_map
 from drake_quad.analysis.step_response import release
+from drake_quad.command_line.design import add_design_options, design_options
 
 RESPONSE = [
     "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.1, 3.0], damping: [0.45, 0.5, 0.7]}",
@@ -203,16 +203,14 @@ def test_loops_on_board_are_designed_from_the_inside_out_with_their_margins(onbo
 
 
 @pytest.mark.slow
-def test_shipped_gains_are_what_their_call_makes(root, onboard, designed, monkeypatch):
-    monkeypatch.syspath_prepend(root / "scripts")
-    script = importlib.import_module("design_gains")
+def test_shipped_gains_are_what_their_call_makes(root, onboard, designed):
     text = (root / "diagrams" / "gains" / "onboard.yaml").read_text(encoding="utf-8")
-    command = shlex.split(re.match(r"# python (.*)\n", text).group(1))
-    assert command == ["scripts/design_gains.py", "diagrams/onboard.yaml", "--on-board"]
+    command = shlex.split(re.match(r"# drake-quad (.*)\n", text).group(1))
+    assert command == ["design", "onboard", "--on-board"]
     arguments = ArgumentParser()
     arguments.add_argument("scenario")
-    script.add_design_options(arguments)
-    options = script.design_options(arguments.parse_args(command[1:]), 0.02)
+    add_design_options(arguments)
+    options = design_options(arguments.parse_args(command[1:]), 0.02)
     assert options == default_options(0.02) | on_board_options()
     written = YAML(typ="safe").load(text)["gains"]
     position = {"kind": "pd", "derivative": "tracking_error", "feed_forward": "jerk"} | designed.gains()["position"]

@@ -1,7 +1,6 @@
 """Designed gains: where they put the poles, what they cost, and what the flying loop stands."""
 
 import argparse
-import importlib
 import re
 import shlex
 from dataclasses import replace
@@ -40,9 +39,10 @@ from drake_quad.analysis.gain_design import (
 from drake_quad.analysis.margins import FastMargins, fast_margins, frequencies, margins
 from drake_quad.analysis.sampled_system import SampledSystem
 from drake_quad.analysis.step_response import release
+from drake_quad.command_line.design import add_design_options, design_options
 
 ROOT = Path(__file__).parent.parent.parent
-SHIPPED = {"figure_eight": "figure_eight.yaml", "laboratory": "laboratory.yaml:nominal"}
+SHIPPED = {"figure_eight": "figure_eight", "laboratory": "laboratory:nominal"}
 
 
 @pytest.fixture(scope="module", params=SHIPPED)
@@ -51,9 +51,7 @@ def shipped(request):
 
 
 def with_shipped_gains(name, overrides=()):
-    return load_scenario(
-        ROOT / "diagrams" / SHIPPED[name], overrides, layers=[ROOT / "diagrams" / "gains" / f"{name}.yaml"]
-    )
+    return load_scenario(SHIPPED[name], overrides, layers=[ROOT / "diagrams" / "gains" / f"{name}.yaml"])
 
 
 @pytest.fixture(scope="module")
@@ -223,18 +221,16 @@ def test_the_design_is_the_diagram(shipped, overrides):
 
 
 @pytest.mark.slow
-def test_shipped_gains_are_what_their_call_makes(shipped, monkeypatch):
+def test_shipped_gains_are_what_their_call_makes(shipped):
     """The comment in the file names the call; the gains follow from it, and the scenario has them."""
-    monkeypatch.syspath_prepend(ROOT / "scripts")
-    script = importlib.import_module("design_gains")
     name, scenario = shipped
     text = (ROOT / "diagrams" / "gains" / f"{name}.yaml").read_text(encoding="utf-8")
-    command = shlex.split(re.match(r"# python (.*)\n", text).group(1))
-    assert command == ["scripts/design_gains.py", f"diagrams/{SHIPPED[name]}"]
+    command = shlex.split(re.match(r"# drake-quad (.*)\n", text).group(1))
+    assert command == ["design", SHIPPED[name]]
     arguments = argparse.ArgumentParser()
     arguments.add_argument("scenario")
-    script.add_design_options(arguments)
-    options = script.design_options(arguments.parse_args(command[1:]), scenario.laboratory.command_link.period)
+    add_design_options(arguments)
+    options = design_options(arguments.parse_args(command[1:]), scenario.laboratory.command_link.period)
     assert options == default_options(scenario.laboratory.command_link.period)
     made = design_cascade(scenario, options).gains()
     written = YAML(typ="safe").load(text)["gains"]["control"]

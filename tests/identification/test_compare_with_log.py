@@ -16,7 +16,7 @@ SCENARIOS = Path("diagrams") / "crazyswarm2.yaml"
 @pytest.fixture
 def compare(run):
     """Runs the script and returns its status, and what it prints."""
-    return lambda *arguments: run("compare_with_log.py", *arguments)
+    return lambda *arguments: run("compare-log", *arguments)
 
 
 @pytest.mark.slow

@@ -323,8 +323,8 @@ def test_the_name_of_a_log_tells_its_wind_and_the_mapping_a_vehicle(write):
     assert logged.wind[0, 1] == 0.5
 
 
-def test_vehicles_of_shipped_mappings_are_there(diagrams):
+def test_vehicles_of_shipped_mappings_are_there():
     named = [load_mapping(name)[1].vehicle for name in shipped_mappings()]
     assert any(named)
     for vehicle in filter(None, named):
-        load_undesigned(f"{diagrams}/{vehicle}")
+        load_undesigned(vehicle)

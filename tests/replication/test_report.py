@@ -22,6 +22,7 @@ from drake_quad.visualization.in_print import save_small
 
 ROOT = Path(__file__).parent.parent.parent
 DOCS = ROOT / "docs" / "replication"
+CALIBRATION = ROOT / "drake_quad" / "replication" / "calibration.csv"
 SIZES = Sizes(cells=3, recorded=2, sweep=2, grid=3, map=2, legs=4)
 
 
@@ -41,7 +42,7 @@ def run(tmp_path_factory, workers):
     folder = tmp_path_factory.mktemp("paper")
     told = []
     flights = fly_experiment(load, SIZES, folder, workers, progress=lambda *each: told.append(each))
-    (folder / "calibration.csv").write_bytes((DOCS / "calibration.csv").read_bytes())
+    (folder / "calibration.csv").write_bytes((CALIBRATION).read_bytes())
     return folder, flights, told
 
 
@@ -178,7 +179,7 @@ def test_the_committed_table_is_calibrated_and_prints_what_the_paper_prints():
 
 
 def test_the_calibration_is_that_of_the_scenarios():
-    row = next(row for row in rows_of(DOCS / "calibration.csv") if row["hypothesis"] == "measurement")
+    row = next(row for row in rows_of(CALIBRATION) if row["hypothesis"] == "measurement")
     control = load(Cell("low_wind", "pd_t2fnn")).control
     position = control.position
     assert position.k_p[0] == pytest.approx(float(row["pd_number"]) ** 2, rel=2e-3)

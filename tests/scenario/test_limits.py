@@ -251,7 +251,7 @@ def test_errors_call_an_override_what_its_giver_calls_it(write):
 
 def test_what_is_missing_or_misnamed_in_a_file_is_no_fault_of_an_override(write):
     assert refusal(load_scenario, write("a: {route: {kind: hover}}\n"), ["seed=1"]) == (
-        f"{write('a: {route: {kind: hover}}')}:1: control is missing; scripts/plan.py plans a route alone"
+        f"{write('a: {route: {kind: hover}}')}:1: control is missing; `drake-quad plan` plans a route alone"
     )
     path = write("0,0,1\n1,0,1\n", "-.csv")
     assert "-.csv:1: name is '-', but must match" in refusal(load_mission, path, ["route.top_speed=1"])

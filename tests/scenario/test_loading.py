@@ -508,7 +508,7 @@ def test_wrong_routes_are_explained(write, route, message):
         ("a: 3", "scenario a must be a mapping"),
         ("a:", "scenario a must be a mapping"),
         (f"a:\n{BODY}---\nb: 1", "is not YAML"),
-        ("a: {route: {kind: hover}}", "control is missing; scripts/plan.py plans a route alone"),
+        ("a: {route: {kind: hover}}", "control is missing; `drake-quad plan` plans a route alone"),
         ("[" * 10_000, "is nested too deep: a scenario may have 40 levels"),
     ],
 )

@@ -14,7 +14,7 @@ In YAML:
         - {columns: [m1, m2, m3, m4], unit: uint16}
         - {columns: [u1, u2, u3, u4], unit: "%", rotors: [1, 3, 4, 2]}
       wind: {columns: [w_x, w_y, 0.0]}        # a number is a column that is always so
-    vehicle: vehicles/neural_fly.yaml:neural_fly    # of diagrams/, to begin an identification with
+    vehicle: vehicles/neural_fly:neural_fly         # a shipped one, to begin an identification with
     wind_by_name: {calm: [0, 0, 0], gale: [-18, 0, 0]}    # of logs whose name ends so, where none is logged
 """
 

@@ -44,7 +44,7 @@ class FlightRecord:
         wind: (n, 3) velocity of the air in W, m/s.
         residual_force: (n, 3) force beside thrust and weight as the log has it, in W, N.
         battery_voltage: (n,) V.
-        vehicle: FILE or FILE:NAME in `diagrams/` of a vehicle that is near, to begin an identification with; None if
+        vehicle: name of a shipped vehicle that is near, to begin an identification with; None if
             such logs are of any vehicle.
         remarks: sentences on what was found and done: gaps, jumps of the clock, conversions, samples left out.
     """

@@ -27,7 +27,7 @@ from drake_quad.identification.results.estimates import CONFIDENCE, KINDS, Estim
 from drake_quad.scenario import Scenario, load_undesigned
 from drake_quad.scenario.autopilots import AttitudeResponse
 from drake_quad.scenario.correlation import correlated_normals
-from drake_quad.scenario.library import split_spec
+from drake_quad.scenario.library import Library, is_shipped, split_spec
 from drake_quad.scenario.limits import LARGEST
 from drake_quad.scenario.models import NAME, Nominal
 from drake_quad.scenario.paths import value_at
@@ -75,7 +75,7 @@ def write_vehicle(
         path: of the file, `.yaml` or `.yml`; its folder is made if need be.
         name: of the scenario in it.
         estimates: at least one.
-        base: FILE or FILE:NAME of the vehicle that it extends, shipped or one's own.
+        base: FILE or FILE:NAME of the vehicle that it extends, or a shipped one.
         distributions: whether `vehicle` and `laboratory` have distributions, for studies; else they have numbers.
         given: what was set beside the base, such as a mass that was weighed: `nominal.mass=0.03`, values in YAML.
 
@@ -109,6 +109,9 @@ def write_vehicle(
 
 def _relative(base: str | Path, folder: Path) -> str:
     """The base as the file names it: from its own folder on."""
+    if is_shipped(str(base)):
+        file = str(base).partition(":")[0]
+        return f"{file}:{Library().find(str(base))[0]}"
     file, name = split_spec(str(base))
     try:
         found = Path(os.path.relpath(Path(file).resolve(), folder.resolve())).as_posix()

@@ -1,0 +1,1 @@
+"""The command `drake-quad`: the only place that prints."""

@@ -1,0 +1,140 @@
+"""Flies several controllers in several laboratories, all on the same samples, and compares them."""
+
+import argparse
+from collections.abc import Mapping
+from pathlib import Path
+
+import numpy as np
+
+from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.command_line.options import (
+    add_overrides,
+    add_vector,
+    add_wired,
+    all_overrides_of,
+    bare_parser,
+    overrides_of,
+)
+from drake_quad.command_line.output import print_columns, print_files
+from drake_quad.command_line.progress import flight_progress
+from drake_quad.files import output_folder, write_table
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.studies.comparison import fly_samples
+from drake_quad.studies.statistics import compare, of_survivors
+from drake_quad.visualization.comparison_plots import plot_comparison
+from drake_quad.visualization.style import save_figures
+
+_SCENARIOS = tuple(f"laboratory:{name}" for name in ("nominal", "low_wind", "high_wind"))
+_CONTROLLERS = ("pd", "pd_t1fnn", "pd_t2fnn", "pid", "pd_feed_forward")
+
+
+def options() -> argparse.ArgumentParser:
+    """The options of the command."""
+    result = bare_parser(
+        "compare",
+        __doc__,
+        example="drake-quad compare --scenario outdoor --samples 50",
+    )
+    result.add_argument(
+        "--scenario",
+        action="append",
+        metavar="FILE[:NAME]",
+        help="in which to fly; can be given several times (default: nominal, low_wind, high_wind of laboratory)",
+    )
+    result.add_argument(
+        "--controller",
+        action="append",
+        metavar="FILE:NAME",
+        help="laid over each scenario; can be given several times, the others are compared with the first"
+        f" (default: {', '.join(_CONTROLLERS)} of controllers/paper)",
+    )
+    result.add_argument("--samples", type=int, help="flights of each pair (default: 20)")
+    add_overrides(result)
+    result.add_argument("--quick", action="store_true", help="4 samples over 6 s of flight")
+    result.add_argument("--output", type=Path, default=Path("out/comparison"), help="folder (default: %(default)s)")
+    add_wired(result)
+    add_vector(result)
+    return result
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Runs the command."""
+    samples = arguments.samples if arguments.samples is not None else 4 if arguments.quick else 20
+    if not 1 <= samples <= 10_000:
+        raise InputError(f"--samples is {samples}, but must be between 1 and 10000")
+    pairs = scenarios_of(arguments)
+    folder = output_folder(arguments.output)
+    flights: dict[str, dict[str, Metrics]] = {}
+    for place, found in pairs.items():
+        flights[place] = {}
+        for name, scenario in found.items():
+            with flight_progress() as progress:
+                flights[place][name] = fly_samples(
+                    scenario, range(samples), compiled=not arguments.wired, progress=progress
+                )
+    files = [
+        write_flights(folder / "comparison.csv", flights),
+        *save_figures({"comparison": plot_comparison(flights)}, folder, vector=arguments.vector),
+    ]
+    print(
+        f"{samples} samples each; mean and standard deviation; the share is that of the first controller's RMSE, with"
+        " 95 % confidence"
+    )
+    print_comparison(flights)
+    print_files(files)
+
+
+def scenarios_of(arguments: argparse.Namespace) -> dict[str, dict[str, Scenario]]:
+    """The scenarios to fly, by laboratory and controller."""
+    places = arguments.scenario or _SCENARIOS
+    controllers = arguments.controller or [f"controllers/paper:{name}" for name in _CONTROLLERS]
+    overrides = [*overrides_of(["duration=6"] if arguments.quick else [], "--quick"), *all_overrides_of(arguments)]
+    found: dict[str, dict[str, Scenario]] = {}
+    for place in places:
+        for controller in controllers:
+            scenario = load_scenario(place, overrides, layers=[controller])
+            name = Path(controller.rpartition(":")[2]).stem
+            if name in found.setdefault(scenario.name, {}):
+                raise InputError(f"{scenario.name} is to be flown twice with {name}; give each its own name")
+            found[scenario.name][name] = scenario
+    return found
+
+
+def print_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> None:
+    """Prints a row for each laboratory and controller."""
+    rows = []
+    for place, found in flights.items():
+        first = next(iter(found.values()))
+        for name, metrics in found.items():
+            rows.append(
+                (
+                    place,
+                    name,
+                    f"{spread(100.0 * of_survivors(metrics, 'rmse'), 1)} cm",
+                    f"{spread(100.0 * of_survivors(metrics, 'peak_error'), 0)} cm",
+                    f"{spread(of_survivors(metrics, 'effort_x'), 3)}",
+                    f"{spread(of_survivors(metrics, 'effort_y'), 3)}",
+                    "100 %" if metrics is first else compare(metrics, first).share.percent(),
+                    f"{int(metrics.crashed.sum())} crashed" if metrics.crashed.any() else "",
+                )
+            )
+    print_columns(("scenario", "controller", "RMSE", "peak", "effort X (m²/s⁴)", "effort Y", "share", ""), rows)
+
+
+def spread(values: np.ndarray, digits: int) -> str:
+    """Mean and standard deviation, in words."""
+    if not len(values):
+        return "–"
+    return f"{values.mean():.{digits}f}" + (f" ± {values.std(ddof=1):.{digits}f}" if len(values) > 1 else "")
+
+
+def write_flights(path: Path, flights: Mapping[str, Mapping[str, Metrics]]) -> Path:
+    """Writes a row for each flight, and returns the path."""
+    rows = [
+        (place, name, sample, *values)
+        for place, found in flights.items()
+        for name, metrics in found.items()
+        for sample, values in enumerate(np.transpose(metrics))
+    ]
+    header = ("scenario", "controller", "sample", *Metrics._fields)
+    return write_table(path, dict(zip(header, zip(*rows, strict=True), strict=True)), digits=9)

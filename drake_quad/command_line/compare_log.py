@@ -1,0 +1,155 @@
+"""Flies the reference of a flight log as a scenario has it, and compares errors flown and predicted.
+
+A vehicle without a control predicts the flight on open loop, from the logged commands, over 0.1 to 2 s.
+"""
+
+import argparse
+from pathlib import Path
+
+from drake_quad import load_scenario
+from drake_quad.command_line.options import (
+    add_overrides,
+    add_vector,
+    all_overrides_of,
+    bare_parser,
+    check_ranges,
+    folder_of,
+)
+from drake_quad.command_line.output import print_columns, print_files, print_predictions, remark
+from drake_quad.command_line.progress import study_progress
+from drake_quad.files import output_folder, write_table, write_whole
+from drake_quad.identification.flown_again.comparison import AXES, REST, Comparison, compare_with_log, side_by_side
+from drake_quad.identification.flown_again.prediction import predict
+from drake_quad.identification.logs.reading import read_log
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.scenario import distributions_in, load_undesigned, middle_of, save_scenario
+from drake_quad.scenario.loading import has_control
+
+_MOST = 10_000
+_FIGURES = {"rmse": "RMSE", "mean": "mean", "largest": "95 % largest"}
+
+
+def options() -> argparse.ArgumentParser:
+    """The options of the command."""
+    result = bare_parser(
+        "compare-log",
+        __doc__,
+        example="drake-quad compare-log tests/data/crazyflie/crazyswarm2/log08.xz crazyswarm2:log08 --samples 100",
+    )
+    result.add_argument("log", metavar="LOG", type=Path, help="flight log: a Crazyflie's, ULog, or CSV")
+    result.add_argument("scenario", metavar="SCENARIO", help="FILE or FILE:NAME; its route gives way to the log's")
+    result.add_argument("--mapping", metavar="FILE", help="which columns of the log are which signals")
+    result.add_argument("--samples", type=int, default=1000, help="number of flights (default: %(default)s)")
+    result.add_argument(
+        "--rest", type=float, default=REST, help="hover before the log begins, s (default: %(default)s)"
+    )
+    result.add_argument(
+        "--start", type=float, help="time of the log from which on errors count, s (default: when it begins to move)"
+    )
+    add_overrides(result)
+    result.set_defaults(default_output=Path("out/compare_log"))
+    result.add_argument("--output", type=Path, metavar="FOLDER", help="to write to (default: out/compare_log/NAME)")
+    add_vector(result)
+    return result
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Runs the command."""
+    check_ranges(arguments, {"samples": (1, _MOST), "rest": (0.0, 60.0)})
+    record = read_log(arguments.log, arguments.mapping)
+    for sentence in record.remarks:
+        remark(sentence)
+    if not has_control(arguments.scenario):
+        predict_on_open_loop(record, arguments)
+        return
+    scenario = load_scenario(arguments.scenario, all_overrides_of(arguments))
+    folder = output_folder(folder_of(arguments, f"{record.name}_{scenario.name}"))
+    with study_progress(scenario.name) as progress:
+        comparison = compare_with_log(
+            record,
+            scenario,
+            samples=arguments.samples,
+            rest=arguments.rest,
+            start=arguments.start,
+            progress=progress,
+        )
+    print_comparison(comparison)
+    print_files(save_comparison(comparison, folder, arguments))
+
+
+def predict_on_open_loop(record: FlightRecord, arguments: argparse.Namespace) -> None:
+    """Prints how far ahead a vehicle without a control predicts a log from its commands."""
+    vehicle = load_undesigned(arguments.scenario, all_overrides_of(arguments))
+    if distributions_in(vehicle):
+        remark("the vehicle has the median of each of its distributions")
+    name = vehicle.name
+    print(f"{record.name}: predicted ahead from its commands by {name}, which has no control; RMS error at the horizon")
+    print_predictions(predict(record, {name: middle_of(vehicle)}))
+
+
+def print_comparison(comparison: Comparison) -> None:
+    """Prints a table of the errors flown and predicted, and a verdict."""
+    record, samples = comparison.record, len(comparison.predicted)
+    print(f"{record.name}: {len(comparison.time):,} samples, from {comparison.time[0]:.2f} s of the log on")
+    deviation = 1e3 * comparison.reference.deviation
+    pieces = len(comparison.reference.route.knots) - 1
+    print(f"reference: {pieces} pieces of degree 7, within {deviation:.2f} mm of the log's")
+    print_columns(("error, cm", "axis", "flown", "predicted", "95 % interval", "flown lies"), _rows(comparison))
+    if comparison.crashes:
+        print(f"{comparison.crashes:,} of {samples:,} predictions crash")
+    print(verdict(comparison))
+
+
+def verdict(comparison: Comparison) -> str:
+    """A sentence on the RMSE in space."""
+    flown = comparison.flown_figures.rmse[-1]
+    median, low, high = (end[-1] for end in comparison.interval("rmse"))
+    if not comparison.varies:
+        return f"The flown RMSE is {100.0 * flown:.2f} cm, the predicted one {_cm(median)} cm; no two flights differ."
+    where, flights = "within" if comparison.within("rmse")[-1] else "outside", len(comparison.predicted)
+    return (
+        f"The flown RMSE, {100.0 * flown:.2f} cm, lies {where} the 95 % interval of {flights:,} flights,"
+        f" {_cm(low)} to {_cm(high)} cm."
+    )
+
+
+def save_comparison(comparison: Comparison, folder: Path, arguments: argparse.Namespace) -> list[Path]:
+    """Writes the table, the plot, a replay of both vehicles, and the scenario to fly again; returns the files."""
+    # Matplotlib takes half a second to load, which an error need not wait for.
+    from drake_quad.visualization.log_comparison_plots import plot_log_comparison
+    from drake_quad.visualization.replay.page import save_replay
+    from drake_quad.visualization.style import save_figures
+
+    columns: dict[str, list[str]] = {"error": [], "axis": [], "flown": [], "median": [], "low": [], "high": []}
+    for figure in _FIGURES:
+        ends = (getattr(comparison.flown_figures, figure), *comparison.interval(figure))
+        for i, axis in enumerate(AXES):
+            for name, value in zip(columns, (figure, axis, *(f"{end[i]:.6g}" for end in ends)), strict=True):
+                columns[name].append(value)
+    return [
+        write_table(
+            folder / "errors.csv",
+            {name if name in ("error", "axis") else f"{name} (m)": rows for name, rows in columns.items()},
+        ),
+        *save_figures({"comparison": plot_log_comparison(comparison)}, folder, vector=arguments.vector),
+        save_replay(side_by_side(comparison), folder / "replay.html"),
+        write_whole(folder / "scenario.yaml", lambda path: save_scenario(comparison.scenario, path)),
+    ]
+
+
+def _rows(comparison: Comparison) -> list[tuple[str, ...]]:
+    rows: list[tuple[str, ...]] = []
+    for figure, name in _FIGURES.items():
+        flown, within = getattr(comparison.flown_figures, figure), comparison.within(figure)
+        for i, axis in enumerate(AXES):
+            median, low, high = (end[i] for end in comparison.interval(figure))
+            interval, place = f"{_cm(low)} to {_cm(high)}", "within" if within[i] else "outside"
+            if not comparison.varies:
+                interval, place = "–", "–"
+            rows.append((name, axis, f"{100.0 * flown[i]:.2f}", _cm(median), interval, place))
+    return rows
+
+
+def _cm(length: float) -> str:
+    """A length (m) in cm; that of a flight that ends in a crash is none."""
+    return f"{100.0 * length:.2f}" if abs(length) < float("inf") else "crash"

@@ -1,0 +1,58 @@
+"""Prints a script by which a shell completes commands, options, files and the names of shipped scenarios.
+
+For bash, add `source <(drake-quad completion bash)` to ~/.bashrc; for zsh, write it to a file called _drake-quad in a
+folder of $fpath.
+"""
+
+import argparse
+from pathlib import Path
+
+import shtab
+
+from drake_quad.command_line.options import bare_parser
+from drake_quad.scenario.shipped import shipped_scenarios
+
+# Options that name a scenario.
+_SCENARIOS = ("scenario", "controller", "vehicle")
+# A name has a colon, which bash takes for the end of a word unless told otherwise.
+_PREAMBLE = {
+    "bash": """COMP_WORDBREAKS=${{COMP_WORDBREAKS//:}}
+_drake_quad_scenarios() {{
+  compgen -W "{names}" -- "$1"
+  compgen -f -- "$1"
+}}
+""",
+    "zsh": """_drake_quad_scenarios() {{
+  _alternative 'files:file:_files' 'scenarios:scenario:({escaped})'
+}}
+""",
+}
+
+
+def options() -> argparse.ArgumentParser:
+    """The options of the command."""
+    result = bare_parser("completion", __doc__, example="drake-quad completion bash")
+    result.add_argument("shell", choices=("bash", "zsh"), help="whose script to print")
+    return result
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Runs the command."""
+    from drake_quad.command_line.main import full_parser
+
+    names = shipped_scenarios()
+    preamble = _PREAMBLE[arguments.shell].format(
+        names=" ".join(names), escaped=" ".join(name.replace(":", r"\:") for name in names)
+    )
+    print(shtab.complete(full_parser(_complete), arguments.shell, preamble=preamble))
+
+
+def _complete(action: argparse.Action) -> None:
+    """Says what completes an argument, as shtab wants it said."""
+    own = "_drake_quad_scenarios"
+    if action.dest in _SCENARIOS:
+        action.complete = {"bash": own, "zsh": own}  # type: ignore[attr-defined]
+    elif action.metavar == "FOLDER":
+        action.complete = shtab.DIRECTORY  # type: ignore[attr-defined]
+    elif action.type is Path or action.metavar == "FILE":
+        action.complete = shtab.FILE  # type: ignore[attr-defined]

@@ -1,0 +1,30 @@
+"""Draws the diagram of a scenario as SVG: the loop, and each diagram inside it."""
+
+import argparse
+
+from drake_quad.assembly.tracking import build_tracking_diagram
+from drake_quad.command_line.options import folder_of, parser, scenario_of
+from drake_quad.command_line.output import print_files
+from drake_quad.files import output_folder, write_text
+from drake_quad.scenario import draw_sample
+from drake_quad.visualization.block_drawing import drawings, svg
+
+
+def options() -> argparse.ArgumentParser:
+    """The options of the command."""
+    return parser(
+        "draw",
+        __doc__,
+        example="drake-quad draw laboratory:low_wind",
+        output="out/drawings",
+        scenario="figure_eight",
+    )
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Runs the command."""
+    scenario = draw_sample(scenario_of(arguments), 0)
+    folder = output_folder(folder_of(arguments, scenario.name))
+    pictures = {path: svg(text) for path, text in drawings(build_tracking_diagram(scenario)).items()}
+    files = [write_text(folder / f"{path.replace('/', '_') or 'loop'}.svg", text) for path, text in pictures.items()]
+    print_files(files)

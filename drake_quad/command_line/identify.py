@@ -1,0 +1,289 @@
+"""Identifies a vehicle from flight logs, and writes it with its uncertainty.
+
+What the logs hold, what was identified with 95 % intervals, what the logs do not tell and why, how much of the held-out
+end of the flights is explained, and how far ahead the vehicle predicts it beside the one that it began with.
+"""
+
+import argparse
+import math
+import re
+from dataclasses import replace
+from pathlib import Path
+
+import numpy as np
+
+from drake_quad import InputError, Scenario
+from drake_quad.command_line.options import add_vector, bare_parser, overrides_of
+from drake_quad.command_line.output import print_columns, print_files, print_predictions, remark
+from drake_quad.errors import shown
+from drake_quad.files import output_folder
+from drake_quad.identification.flown_again.prediction import Predictions, joined, predict
+from drake_quad.identification.hover import delay_by_correlation, trim, white_noise
+from drake_quad.identification.identified import Identification
+from drake_quad.identification.identify import identify
+from drake_quad.identification.logs.reading import read_log
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.results.vehicle_file import write_vehicle
+from drake_quad.scenario import Override, load_undesigned
+from drake_quad.scenario.models import NAME
+from drake_quad.scenario.paths import distributions_in
+from drake_quad.visualization import identification_plots as plots
+from drake_quad.visualization.style import save_figures
+
+# Of a log that does not say what it is of, by its commands.
+_LIKE_AUTOPILOT = "vehicles/neural_fly:neural_fly", "whose autopilot takes attitudes and thrust"
+_LIKE_ROTORS = "vehicles/hummingbird", "whose rotors are commanded"
+# Of what --wind may say, m/s: as of scenarios.
+_FASTEST_WIND = 100.0
+# Of the time in the air, at its end, that is only predicted.
+_HELD_OUT = 1.0 / 3.0
+
+
+def options() -> argparse.ArgumentParser:
+    """The options of the command."""
+    result = bare_parser(
+        "identify",
+        __doc__,
+        example="drake-quad identify tests/data/crazyflie/crazyswarm2/log100.xz --mass 0.0375",
+    )
+    result.add_argument("log", nargs="+", type=Path, help="of the same vehicle: a Crazyflie's, ULog, or CSV")
+    result.add_argument(
+        "--vehicle",
+        help="FILE or FILE:NAME to begin with (default: that of the mapping, or of a flight that was saved)",
+    )
+    result.add_argument("--mapping", help="of columns to signals: a YAML file, or the name of a shipped one")
+    result.add_argument(
+        "--wind",
+        metavar="X,Y,Z",
+        action="append",
+        default=[],
+        help="velocity of the air in the world, m/s, where a log does not have it: once for all logs, or once for each",
+    )
+    result.add_argument("--mass", type=float, metavar="KG", help="by a scale, which no log replaces")
+    result.add_argument(
+        "--set",
+        metavar="FIELD=VALUE",
+        action="append",
+        default=[],
+        help="override a field of the vehicle to begin with",
+    )
+    result.add_argument("--output", type=Path, metavar="FILE", help="to write (default: out/identified/NAME.yaml)")
+    result.add_argument("--name", help="of the vehicle (default: that of the file, or of the first log)")
+    add_vector(result)
+    return result
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Runs the command."""
+    name = name_of(arguments)
+    path = arguments.output or Path("out/identified") / f"{name}.yaml"
+    if path.suffix not in (".yaml", ".yml"):
+        raise InputError(f"--output {path}: must end in .yaml or .yml")
+    output_folder(path.parent)
+    given = overrides_of(arguments.set)
+    if arguments.mass is not None:
+        given.append(Override(f"nominal.mass={arguments.mass}", f"--mass {arguments.mass:g}"))
+    records = with_winds([read_log(log, arguments.mapping) for log in arguments.log], arguments.wind)
+    vehicle = arguments.vehicle or vehicle_to_begin_with(records, arguments.log)
+    base = vehicle_of(vehicle, given)
+    if base.vehicle.motors.kind == "speed" and any(record.motor_command is not None for record in records):
+        given += throttle_motors(base)
+        base = vehicle_of(vehicle, given)
+    print_logs(records)
+    print(f"begins with {vehicle}")
+    found = identify(records, base, held_out_share=_HELD_OUT)
+    print_estimates(found)
+    print_score(found)
+    print_hover(records)
+    predictions = predicted(records, found, base)
+    print("predicted ahead from logged commands, held out: RMS error at the horizon")
+    print_predictions(predictions)
+    write_vehicle(path, name, found.estimates, base=vehicle, given=[each.assignment for each in given])
+    figures = {
+        "fit": plots.plot_fit(found),
+        "residuals": plots.plot_residuals(found),
+        "thrust": plots.plot_thrust(found, throttles(records)),
+        "correlations": plots.plot_correlations(found.estimates),
+        "predictions": plots.plot_predictions(predictions),
+    }
+    drawn = {name: figure for name, figure in figures.items() if figure is not None}
+    folder = output_folder(path.with_suffix(""))
+    print_files([path, *save_figures(drawn, folder, vector=arguments.vector)])
+
+
+def name_of(arguments: argparse.Namespace) -> str:
+    """The name of the vehicle."""
+    if arguments.name is not None:
+        if not re.fullmatch(NAME, arguments.name):
+            raise InputError(f"--name {shown(arguments.name)}: allowed are letters, digits, '_', '.' and '-'")
+        return str(arguments.name)
+    source = arguments.output or arguments.log[0]
+    return re.sub(r"[^\w.-]", "_", source.name.partition(".")[0]) or "identified"
+
+
+def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightRecord]:
+    """The logs with the winds that were given."""
+    if not winds:
+        return records
+    if len(winds) not in (1, len(records)):
+        raise InputError(f"--wind is given {len(winds)} times: give it once, or once for each of {len(records)} logs")
+    given = winds * len(records) if len(winds) == 1 else winds
+    found = []
+    for record, text in zip(records, given, strict=True):
+        try:
+            wind = [float(each) for each in text.split(",")]
+        except ValueError:
+            wind = []
+        if len(wind) != 3 or not np.all(np.abs(wind) < _FASTEST_WIND):
+            raise InputError(f"--wind {shown(text)}: must be three numbers below {_FASTEST_WIND:g} m/s, as in -8.5,0,0")
+        if record.wind is not None:
+            remark(f"{record.name}: has its wind, which --wind does not replace")
+        found.append(record if record.wind is not None else replace(record, wind=np.tile(wind, (len(record.time), 1))))
+    return found
+
+
+def vehicle_to_begin_with(records: list[FlightRecord], logs: list[Path]) -> str:
+    """That of the mapping, or of the scenario beside a flight that was saved here."""
+    beside = logs[0].parent / "scenario.yaml"
+    named = sorted({record.vehicle for record in records if record.vehicle is not None})
+    if len(named) > 1:
+        raise InputError(f"the logs are of different vehicles, {' and '.join(named)}: identify each by itself")
+    if named:
+        return named[0]
+    if logs[0].name.startswith("flight.csv") and beside.is_file():
+        return str(beside)
+    has = {name for record in records for name in record.names}
+    onboard = {"attitude", "attitude_command"} <= has and not has & {"motor_command", "rotor_speed_command"}
+    like, what = _LIKE_AUTOPILOT if onboard else _LIKE_ROTORS
+    raise InputError(
+        f"the log {shown(records[0].name)} does not say which vehicle it is of: --vehicle says what to begin with, such"
+        f" as {like}, {what}, and --mass what a scale shows"
+    )
+
+
+def vehicle_of(spec: str, given: list[Override]) -> Scenario:
+    """The vehicle to begin with, in numbers."""
+    base = load_undesigned(spec, given)
+    drawn = distributions_in(base)
+    if drawn:
+        raise InputError(f"{spec}: {next(iter(drawn))} is a distribution, and an identification begins with numbers")
+    return base
+
+
+def throttle_motors(base: Scenario) -> list[Override]:
+    """Motors that take throttles for a vehicle whose motors take speeds: its full thrust at full throttle, to begin."""
+    nominal = base.nominal
+    full = f"{nominal.thrust_factor * nominal.max_rotor_speed**2:.4g}"
+    motors = f"motors={{kind: throttle, curve: [0.0, 0.0, {full}]}}"
+    ample = f"vehicle.max_rotor_speed={2.0 * nominal.max_rotor_speed:g}"
+    changes = (f"nominal.{motors}", f"vehicle.{motors}", ample, "vehicle.min_rotor_speed=0")
+    return [Override(change, "motors of the log") for change in changes]
+
+
+def throttles(records: list[FlightRecord]) -> np.ndarray | None:
+    """All throttles that were commanded."""
+    found = [each for record in records for each in (record.motor_command, record.thrust_share) if each is not None]
+    return np.concatenate([each.ravel() for each in found]) if found else None
+
+
+def predicted(records: list[FlightRecord], found: Identification, base: Scenario) -> Predictions:
+    """How the vehicle, and the one that it began with, predict the ends of the flights."""
+    vehicles = {"identified": found.vehicle, base.name: base}
+    return joined([predict(record, vehicles, believed=base, share=_HELD_OUT) for record in records])
+
+
+def print_logs(records: list[FlightRecord]) -> None:
+    """Prints what the logs hold."""
+    for record in records:
+        seconds = record.time[-1] - record.time[0]
+        print(f"{record.name}: {seconds:.1f} s, {len(record.time):,} samples at {1.0 / record.period:.0f} Hz")
+        print(f"  {', '.join(record.names)}")
+        for sentence in record.remarks:
+            remark(f"{record.name}: {sentence}")
+
+
+def print_estimates(found: Identification) -> None:
+    """Prints what was identified, and what was not."""
+    estimates = found.estimates
+    reaches = estimates.quantiles() * estimates.deviations
+    elsewhere = estimates.elsewhere()
+    farther = elsewhere.quantiles() * elsewhere.deviations
+    rows = []
+    known = estimates.variation_known
+    columns = zip(estimates.names, estimates.values, reaches, farther, known, estimates.units, strict=True)
+    for name, value, reach, far, varies, unit in columns:
+        digits = max(0, 1 - math.floor(math.log10(reach))) if reach > 0.0 else 6
+        plain = (
+            f"{value:.3e} ± {reach:.1e}"
+            if abs(value) < 1e-3 or reach < 1e-4
+            else f"{value:.{digits}f} ± {reach:.{digits}f}"
+        )
+        explained = estimates.explained.get(name)
+        share = (
+            ""
+            if explained is None or explained.share < 5e-4
+            else f"{100.0 * explained.share:.1f} % of {explained.output}"
+        )
+        another = f"± {far:.2g}" if varies else "–"
+        rows.append((name, plain, "" if unit == "1" else unit, another, covered(found, name), share))
+    print("identified, with 95 % intervals, and those for another stretch of flight: in how many held out these hold")
+    print_columns(("number", "value", "unit", "another stretch", "interval holds", "explains, held out"), rows)
+    if found.delay is not None:
+        print(f"a command shows after {1e3 * found.delay.value:.1f} ± {1e3 * found.delay.reach:.1f} ms")
+    for name, spread in (found.further or {}).items():
+        if math.isfinite(spread.deviation):
+            unit = "" if spread.unit == "1" else f" {spread.unit}"
+            print(f"{name}: {spread.value:.3g} ± {spread.reach:.1g}{unit}")
+    for name, why in estimates.not_seen.items():
+        print(f"not told: {name}: {why}")
+    for sentence in (*found.remarks, *estimates.remarks):
+        remark(sentence)
+
+
+def covered(found: Identification, name: str) -> str:
+    """In how many stretches that were held out the interval of a number holds."""
+    if name not in found.held_out:
+        return ""
+    each = found.held_out[name]
+    return f"{each.covered} of {len(each.off)}"
+
+
+def print_score(found: Identification) -> None:
+    """Prints how much of the variance is explained."""
+    print("explained of the variance in windows")
+    rows = [
+        (
+            output.name,
+            percent(output.share_fitted),
+            percent(output.share),
+            f"{np.sqrt(np.mean(output.residual[output.held_out] ** 2)):.2g}",
+            f"{output.deviation:.2g}",
+            output.unit,
+        )
+        for output in found.outputs
+    ]
+    print_columns(("output", "fitted", "held out", "left, RMS", "white noise", ""), rows)
+
+
+def print_hover(records: list[FlightRecord]) -> None:
+    """Prints the white noise of what is measured, and the trim."""
+    rows = []
+    for record in records:
+        for noise in white_noise(record):
+            sizes = (f"{np.sqrt(np.mean(each**2)):.2g}" for each in (noise.at_rest, noise.in_flight))
+            rest, flown = ("–" if size == "nan" else size for size in sizes)
+            rows.append((f"{record.name}: white noise of {noise.signal.replace('_', ' ')}", rest, flown, noise.unit))
+    print_columns(("", "at rest", "in flight", ""), rows)
+    for record in records:
+        for name, spread in trim(record).items():
+            print(f"{record.name}: {name} in hover {spread.value:.3g} ± {spread.reach:.1g} {spread.unit}")
+        behind = delay_by_correlation(record)
+        if behind is not None:
+            print(f"{record.name}: attitude is most like its command {1e3 * behind:.0f} ms later")
+
+
+def percent(share: float) -> str:
+    """A share of variance in words."""
+    if not math.isfinite(share):
+        return "–"
+    return f"{100.0 * share:.1f} %" if share > 0.0 else "none"

@@ -1,0 +1,191 @@
+"""Flies all designed controllers in all laboratories, and writes a report that says what each is worth.
+
+With --tune, designs the controllers of families of laboratories anew, all by one protocol, and writes them into
+diagrams/controllers/designed; the report is then made by a run without.
+"""
+
+import argparse
+import time
+from collections.abc import Sequence
+from pathlib import Path
+
+import numpy as np
+
+from drake_quad import InputError
+from drake_quad.command_line.options import bare_parser, check_ranges
+from drake_quad.command_line.output import print_columns, print_files, remark
+from drake_quad.command_line.progress import new_bar
+from drake_quad.evaluation.answers import WORDS, all_answers, write_answers
+from drake_quad.evaluation.designs import design_file
+from drake_quad.evaluation.entries import entries_of
+from drake_quad.evaluation.families import FAMILIES, FIRST_JUDGED
+from drake_quad.evaluation.figures import evaluation_figures
+from drake_quad.evaluation.judging import QUICK, Sizes, Told, judge_family, judge_laps, judge_prices, missing
+from drake_quad.evaluation.protocol import design_family, design_prices, tunable
+from drake_quad.evaluation.report import report_markdown, write_summary
+from drake_quad.evaluation.results import (
+    FLIGHTS,
+    LAPS_IN,
+    PRICED,
+    TRAITS,
+    Evaluation,
+    Traits,
+    read_evaluation,
+    write_flights,
+    write_traits,
+)
+from drake_quad.evaluation.tuning import Budget
+from drake_quad.files import output_folder, write_text
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.scenario.shipped import shipped_folder
+from drake_quad.studies.report import report_html
+from drake_quad.studies.statistics import of_survivors
+from drake_quad.visualization.in_print import save_small
+
+_RANGES = {"samples": (2, 10_000), "rounds": (1, 1000)}
+
+
+def options() -> argparse.ArgumentParser:
+    """The options of the command."""
+    result = bare_parser(
+        "judge",
+        __doc__,
+        example="drake-quad judge --quick --family outdoor",
+    )
+    result.add_argument("--family", action="append", metavar="NAME", help="of laboratories; several times (all)")
+    result.add_argument("--only", action="append", metavar="NAME", help="a controller; several times (all)")
+    result.add_argument("--samples", type=int, default=Sizes().samples, help="in each laboratory (%(default)s)")
+    result.add_argument("--quick", action="store_true", help="a few samples over a second of flight")
+    result.add_argument(
+        "--tune",
+        nargs="*",
+        metavar="FAMILY",
+        help=f"design the controllers of these families anew, all if none is named; {PRICED}: those with other limits",
+    )
+    result.add_argument("--rounds", type=int, default=Budget().rounds, help="of each search (%(default)s)")
+    result.add_argument("--output", type=Path, help="folder (default: out/controllers, or out/controllers_quick)")
+    return result
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Runs the command."""
+    check_ranges(arguments, _RANGES)
+    if arguments.tune is not None:
+        tune(arguments)
+        return
+    sizes = QUICK if arguments.quick else Sizes(samples=arguments.samples)
+    families = chosen(arguments.family or [*FAMILIES], [*FAMILIES], "--family")
+    folder = output_folder(arguments.output or Path("out/controllers_quick" if arguments.quick else "out/controllers"))
+    begun = time.monotonic()
+    found = fly(families, arguments.only, sizes, folder)
+    files = write_report(folder)
+    print_errors(found)
+    print(f"flown in {time.monotonic() - begun:.0f} s")
+    print_files(files)
+
+
+def chosen(names: Sequence[str], allowed: Sequence[str], option: str) -> list[str]:
+    """What an option names."""
+    for name in names:
+        if name not in allowed:
+            raise InputError(f"{option} {name}: there is none of that name; these are {', '.join(allowed)}")
+    return list(names)
+
+
+def tune(arguments: argparse.Namespace) -> None:
+    """Designs controllers, and prints each as soon as it is written."""
+    if not (shipped_folder().parent / "pyproject.toml").exists():
+        raise InputError("--tune writes into diagrams/ of a checkout, and this is an installed package")
+    names = chosen(arguments.tune or [*FAMILIES, PRICED], [*FAMILIES, PRICED], "--tune")
+    budget = Budget(rounds=arguments.rounds)
+    for name in names:
+        path = design_file(shipped_folder(), name)
+        if name == PRICED:
+            designs = design_prices(shipped_folder(), budget=budget)
+        else:
+            designs = design_family(
+                shipped_folder(), name, FAMILIES[name], tunable(FAMILIES[name], path, arguments.only), budget=budget
+            )
+        begun = time.monotonic()
+        for design in designs:
+            spent = time.monotonic() - begun
+            print(f"{name}: {design.name}, {design.words}, {spent:.0f} s", flush=True)
+            begun = time.monotonic()
+        print_files([path])
+
+
+def fly(families: Sequence[str], only: Sequence[str] | None, sizes: Sizes, folder: Path) -> Evaluation:
+    """Flies everything, and writes it after every controller."""
+    flights: dict[str, dict[str, Metrics]] = {}
+    traits: dict[str, dict[str, Traits]] = {}
+    jobs = []
+    for name in families:
+        family = FAMILIES[name]
+        entries = entries_of(on_board=family.on_board, maps=family.maps)
+        absent = missing(entries, design_file(shipped_folder(), name))
+        if absent:
+            remark(f"{name} has no design of {', '.join(absent)}, which are not flown")
+        there = [each for each in entries if each not in absent and (only is None or each in only)]
+        jobs += [(f"{name} {each}", judge_family(shipped_folder(), name, family, [each], sizes)) for each in there]
+        if LAPS_IN in family.laboratories:
+            jobs.append(("laps", judge_laps(shipped_folder(), name, family, there, sizes)))
+            jobs.append((PRICED, judge_prices(shipped_folder(), family, there, sizes)))
+    if not any(jobs):
+        raise InputError("there is no design of what shall be flown")
+    with new_bar(total=len(jobs), desc="flying") as bar:
+        for words, job in jobs:
+            bar.set_postfix_str(words)
+            for told in job:
+                keep(told, flights, traits)
+            bar.update()
+            write_flights(folder / FLIGHTS, flights, FIRST_JUDGED)
+            write_traits(folder / TRAITS, traits)
+    return read_evaluation(folder)
+
+
+def keep(told: Told, flights: dict[str, dict[str, Metrics]], traits: dict[str, dict[str, Traits]]) -> None:
+    """Puts what was found where it belongs."""
+    place, controller, found = told
+    if isinstance(found, Traits):
+        traits.setdefault(place, {})[controller] = found
+    else:
+        flights.setdefault(place, {})[controller] = found
+
+
+def write_report(folder: Path) -> list[Path]:
+    """Writes what follows from the flights of a folder, and returns the files."""
+    found = read_evaluation(folder)
+    answers = all_answers(found)
+    drawings = output_folder(folder / "figures")
+    drawn = []
+    for name, figure in evaluation_figures(found):
+        save_small(figure, drawings / f"{name}.png")
+        drawn.append(name)
+    text = report_markdown(found, answers, drawn)
+    return [
+        folder / FLIGHTS,
+        folder / TRAITS,
+        write_summary(folder / "summary.csv", found),
+        *([write_answers(folder / "answers.csv", answers)] if answers else []),
+        write_text(folder / "report.md", text),
+        write_text(folder / "report.html", report_html(text, folder)),
+        drawings,
+    ]
+
+
+def print_errors(found: Evaluation) -> None:
+    """Prints the mean errors of all controllers."""
+    places = [place for family in FAMILIES.values() for place in family.laboratories if place in found.flights]
+    rows = [
+        (WORDS[name], *(error_in(found.flights[place].get(name)) for place in places)) for name in found.controllers
+    ]
+    print("mean RMSE (cm), and the share of crashes where there are any")
+    print_columns(("", *places), rows)
+
+
+def error_in(metrics: Metrics | None) -> str:
+    """The mean error, in words."""
+    if metrics is None:
+        return "–"
+    errors, crashed = of_survivors(metrics, "rmse"), float(np.mean(metrics.crashed))
+    return (f"{100.0 * errors.mean():.2f}" if len(errors) else "–") + (f" {100.0 * crashed:.1f} %" if crashed else "")

@@ -1,0 +1,100 @@
+"""The command `drake-quad`, and its subcommands, each of which is loaded when it is asked for."""
+
+import argparse
+import shlex
+import sys
+from collections.abc import Callable
+from importlib import import_module
+from types import ModuleType
+
+from drake_quad import __version__
+
+# What each does, in the order in which a newcomer meets them.
+COMMANDS = {
+    "fly": "fly one scenario: metrics, signals, plots, a replay",
+    "scenarios": "list what is shipped, or print a scenario in full",
+    "study": "fly thousands of samples of a scenario, and summarise their metrics",
+    "compare": "fly several controllers in several laboratories on the same samples",
+    "plan": "plan a minimum-snap route through waypoints, gates and corridors",
+    "replay": "replay a hundred samples in one scene, or controllers side by side",
+    "draw": "draw the block diagram of a scenario",
+    "design": "design the gains of the cascade, and state their margins",
+    "design-lqg": "design linear-quadratic-Gaussian control, and state its margins",
+    "tune": "tune any numbers of a controller by flights, under a limit on its loops",
+    "map": "map which gains are stable",
+    "sensitivities": "differentiate the metrics of a flight by numbers of its scenario",
+    "identify": "make a vehicle, with its uncertainty, of flight logs",
+    "compare-log": "fly the reference of a flight log again, and compare errors flown and predicted",
+    "judge": "tune and judge the field's controllers by one protocol, with a report",
+    "replicate": "fly the paper's experiment again, with a report",
+    "completion": "print what completes commands in a shell",
+}
+
+
+_WORDS = "A Drake laboratory for quadrotor tracking control."
+
+
+def main(*before: str) -> None:
+    """Runs `drake-quad` with the arguments of this process, and exits.
+
+    Args:
+        before: arguments that come first, as in `main("fly")`.
+    """
+    # What is loaded from here on may be interrupted by Ctrl-C without a traceback.
+    from drake_quad.command_line.running import run
+
+    arguments = [*before, *sys.argv[1:]]
+    command = _parser().parse_args(arguments[:1]).command
+    module = module_of(command)
+    options = module.options().parse_args(arguments[1:])
+    options.command = shlex.join(["drake-quad", *arguments])
+    run(lambda: module.main(options))
+
+
+def module_of(command: str) -> ModuleType:
+    """The module with the `options` and the `main` of a command."""
+    return import_module(f"drake_quad.command_line.{command.replace('-', '_')}")
+
+
+def _parser() -> argparse.ArgumentParser:
+    width = max(map(len, COMMANDS))
+    lines = "\n".join(f"  {name:<{width}}  {words}" for name, words in COMMANDS.items())
+    result = argparse.ArgumentParser(
+        prog="drake-quad",
+        usage="drake-quad COMMAND ...",
+        description=_WORDS,
+        epilog=f"commands:\n{lines}\n\n`drake-quad COMMAND --help` has more; example: drake-quad fly figure_eight",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    result.add_argument("--version", action=_Version, nargs=0, help="print versions, and exit")
+    result.add_argument("command", metavar="COMMAND", choices=COMMANDS, help="one of those below")
+    return result
+
+
+class _Version(argparse.Action):
+    """Prints the versions on which a number depends."""
+
+    def __call__(self, parser: argparse.ArgumentParser, *_: object) -> None:
+        from importlib.metadata import version
+        from platform import python_version
+
+        others = f"Drake {version('drake')}, NumPy {version('numpy')}, Python {python_version()}"
+        print(f"drake_quad {__version__} ({others})")
+        parser.exit()
+
+
+def full_parser(complete: Callable[[argparse.Action], None] = lambda _: None) -> argparse.ArgumentParser:
+    """A parser with the options of all commands, which takes a few seconds to make: for completion and documents.
+
+    Args:
+        complete: is given each argument of each command.
+    """
+    result = argparse.ArgumentParser(prog="drake-quad", description=_WORDS)
+    result.add_argument("--version", action="version", version=__version__, help="print versions, and exit")
+    commands = result.add_subparsers(metavar="COMMAND", required=True)
+    for name, words in COMMANDS.items():
+        options: argparse.ArgumentParser = module_of(name).options()
+        for action in options._actions:
+            complete(action)
+        commands.add_parser(name, help=words, description=options.description, parents=[options], add_help=False)
+    return result

@@ -1,0 +1,151 @@
+"""Maps which gains stabilise a loop, in its linear model and in flight, nominal and with more lag and delay.
+
+With an autopilot of kind attitude the gains of the attitude are those on board, k_attitude and k_rate.
+"""
+
+import argparse
+import math
+from pathlib import Path
+from typing import get_args
+
+import numpy as np
+
+from drake_quad import InputError, Scenario
+from drake_quad.analysis.stability_map import Loop, MappedGains, flown_map, linear_map, mapped_gains
+from drake_quad.command_line.options import add_vector, add_wired, folder_of, overrides_of, parser, scenario_of
+from drake_quad.command_line.output import print_files
+from drake_quad.files import output_folder, write_table
+from drake_quad.scenario import draw_sample
+from drake_quad.scenario.paths import value_at
+from drake_quad.visualization.map_plots import MapPanel, plot_map
+from drake_quad.visualization.style import save_figures
+
+# Default ranges of the gains, from and to these parts of the scenario's own.
+_LEAST, _MOST = 0.05, 3.0
+# The default worst case: the factor by which rotors are slower, and the ticks by which commands are later.
+_SLOWER, _LATER = 1.4, 1
+
+
+def options() -> argparse.ArgumentParser:
+    """The options of the command."""
+    result = parser(
+        "map",
+        __doc__,
+        example="drake-quad map laboratory:nominal --loop attitude",
+        output="out/stability",
+        scenario="figure_eight",
+    )
+    result.add_argument("--loop", choices=get_args(Loop), default="position", help="whose gains (default: position)")
+    result.add_argument("--size", type=int, help="gains along each side of the map (default: 40)")
+    for flags, what in (
+        (
+            ("--k-p", "--k-attitude"),
+            "range of k_P, 1/s², or of k_attitude, 1/s (default: around the scenario's)",
+        ),
+        (("--k-d", "--k-rate"), "range of k_D or k_rate, 1/s"),
+    ):
+        result.add_argument(*flags, type=float, nargs=2, metavar=("LEAST", "MOST"), help=what)
+    result.add_argument(
+        "--worst",
+        metavar="FIELD=VALUE",
+        action="append",
+        help=f"a field of vehicle or laboratory in the worst case; can be given several times (default: rotors"
+        f" {_SLOWER:g} times as slow and a tick more of delay)",
+    )
+    result.add_argument("--quick", action="store_true", help="a map of 12 by 12 over 5 s of flight")
+    add_wired(result)
+    add_vector(result)
+    return result
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Runs the command."""
+    size = arguments.size if arguments.size is not None else 12 if arguments.quick else 40
+    if not 2 <= size <= 200:
+        raise InputError(f"--size is {size}, but must be between 2 and 200")
+    if arguments.quick:
+        arguments.set = ["duration=5", *arguments.set]
+    scenario = scenario_of(arguments)
+    gains = mapped_gains(scenario, arguments.loop)
+    axis = 0 if arguments.loop == "position" else 1
+    first, second = (float(value_at(scenario, f"{gains.block}.{name}.{axis}")) for name in gains.fields)
+    k_p = _grid("--k-p", arguments.k_p or (_LEAST * first, _MOST * first), size)
+    k_d = _grid("--k-d", arguments.k_d or (_LEAST * second, _MOST * second), size)
+    worst = arguments.worst or _worst_of(scenario)
+    names = [field.split("=")[0].split(".")[-1] + "=" + field.split("=", 1)[-1] for field in worst]
+    cases = {"nominal": scenario, ", ".join(names): _worst_case(arguments, worst)}
+    folder = output_folder(folder_of(arguments, scenario.name))
+    compiled = not arguments.wired
+    panels = [panel(title, case, arguments.loop, k_p, k_d, compiled=compiled) for title, case in cases.items()]
+    figure = plot_map(panels, k_p, k_d, labels=gains.labels, marked=(first, second), loop=arguments.loop)
+    files = [
+        write_map(folder / f"{arguments.loop}_map.csv", panels, gains, k_p, k_d),
+        *save_figures({f"{arguments.loop}_map": figure}, folder, vector=arguments.vector),
+    ]
+    for each in panels:
+        print_panel(each, gains, k_p, k_d)
+    print_files(files)
+
+
+def _worst_of(scenario: Scenario) -> list[str]:
+    """The fields of the default worst case."""
+    drawn = draw_sample(scenario, scenario.sample or 0)
+    lag, delay = drawn.vehicle.rotor_time_constant, drawn.laboratory.command_link.delay_ticks
+    return [
+        f"vehicle.rotor_time_constant={_SLOWER * lag:.4g}",
+        f"laboratory.command_link.delay_ticks={min(delay + _LATER, 50):g}",
+    ]
+
+
+def _worst_case(arguments: argparse.Namespace, worst: list[str]) -> Scenario:
+    """The scenario with the fields of the worst case."""
+    for field in worst:
+        if not field.startswith(("vehicle.", "laboratory.")):
+            raise InputError(f"--worst {field}: must be a field of vehicle or laboratory; all others are chosen")
+    return scenario_of(arguments, further=overrides_of(worst, "--worst"))
+
+
+def panel(title: str, scenario: Scenario, loop: Loop, k_p: np.ndarray, k_d: np.ndarray, *, compiled: bool) -> MapPanel:
+    """Maps the gains in one case."""
+    linear = linear_map(scenario, loop, k_p, k_d)
+    flown = flown_map(scenario, loop, k_p, k_d, sample=scenario.sample or 0, compiled=compiled)
+    return MapPanel(title, linear, flown)
+
+
+def print_panel(panel: MapPanel, gains: MappedGains, k_p: np.ndarray, k_d: np.ndarray) -> None:
+    """Prints which share of the gains is stable, which flew to the end, and which pair flew best."""
+    rmse = np.where(panel.flown.crashed | ~panel.linear.stable, np.inf, panel.flown.rmse)
+    row, column = np.unravel_index(np.argmin(rmse), rmse.shape)
+    best = "no stable gains flew to the end"
+    if np.isfinite(rmse[row, column]):
+        first, second = gains.symbols
+        best = (
+            f"least RMSE of the stable {100.0 * rmse[row, column]:.2f} cm at {first} {k_p[row]:.3g},"
+            f" {second} {k_d[column]:.3g}"
+        )
+    print(
+        f"{panel.title}: {100.0 * panel.linear.stable.mean():.0f} % of the gains are stable,"
+        f" {100.0 * (~panel.flown.crashed).mean():.0f} % flew to the end; {best}"
+    )
+
+
+def write_map(path: Path, panels: list[MapPanel], gains: MappedGains, k_p: np.ndarray, k_d: np.ndarray) -> Path:
+    """Writes a row for each pair of gains, and returns the path."""
+    rows, columns = np.meshgrid(k_p, k_d, indexing="ij")
+    table = dict(zip(gains.labels, (rows.ravel(), columns.ravel()), strict=True))
+    for title, linear, flown in panels:
+        table |= {
+            f"{title}: stable": linear.stable.ravel().astype(int),
+            f"{title}: damping": linear.damping.ravel(),
+            f"{title}: delay margin (s)": linear.delay.ravel(),
+            f"{title}: RMSE (m)": np.ravel(flown.rmse),
+            f"{title}: crash time (s)": np.ravel(flown.crash_time),
+        }
+    return write_table(path, table, digits=6)
+
+
+def _grid(name: str, limits: tuple[float, float], size: int) -> np.ndarray:
+    least, most = limits
+    if not 0.0 <= least < most < math.inf:
+        raise InputError(f"{name} is {least:g} {most:g}, but must be a least gain from 0 on and a larger one")
+    return np.linspace(least, most, size)

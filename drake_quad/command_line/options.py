@@ -1,0 +1,132 @@
+"""What the options of all commands share."""
+
+import argparse
+import re
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import get_args
+
+from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.scenario import Mission, Override, load_mission
+from drake_quad.scenario.models import NAME
+from drake_quad.visualization.style import Vector
+
+
+def bare_parser(command: str, description: str | None, example: str) -> argparse.ArgumentParser:
+    """Returns a parser without options.
+
+    Args:
+        command: the name of the command.
+        description: a sentence that says what the command does.
+        example: a command line that can be run as it is.
+    """
+    return argparse.ArgumentParser(
+        prog=f"drake-quad {command}",
+        description=description,
+        epilog=f"example: {example}",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+
+
+def parser(
+    command: str, description: str | None, example: str, *, output: str | None, scenario: str
+) -> argparse.ArgumentParser:
+    """Returns a parser with the options of a command for a scenario.
+
+    Args:
+        command: the name of the command.
+        description: a sentence that says what the command does.
+        example: a command line that can be run as it is.
+        output: folder that by default holds a folder for each scenario; None for a command that writes nothing.
+        scenario: the default one, which is shipped.
+    """
+    result = bare_parser(command, description, example)
+    help_ = "FILE or FILE:NAME, or a shipped one by its name (default: %(default)s)"
+    result.add_argument("scenario", nargs="?", default=scenario, help=help_)
+    add_overrides(result)
+    if output is not None:
+        result.set_defaults(default_output=Path(output))
+        result.add_argument(
+            "--output", type=Path, metavar="FOLDER", help=f"to write to (default: {output}/NAME, after the scenario)"
+        )
+    return result
+
+
+def add_overrides(options: argparse.ArgumentParser) -> None:
+    """Adds the options that give fields other values."""
+    options.add_argument(
+        "--set",
+        metavar="FIELD=VALUE",
+        action="append",
+        default=[],
+        help="override a field, as in nominal.mass=0.7 or route.waypoints.2=[1,0,1]",
+    )
+    options.add_argument("--seed", type=int, help="seed of everything random (default: the scenario's)")
+
+
+def folder_of(arguments: argparse.Namespace, name: str) -> Path:
+    """The folder to write to: that of --output, or else the default one for a scenario of this name."""
+    chosen: Path = arguments.output or arguments.default_output / name
+    return chosen
+
+
+def add_vector(options: argparse.ArgumentParser) -> None:
+    """Adds the option that writes figures for print."""
+    options.add_argument("--vector", choices=get_args(Vector), help="write each figure also as a vector drawing")
+
+
+def check_ranges(arguments: argparse.Namespace, ranges: Mapping[str, tuple[float, float]]) -> None:
+    """Raises InputError if a number is out of its range, given by the option without its dashes."""
+    for option, (least, most) in ranges.items():
+        value = getattr(arguments, option.replace("-", "_"))
+        if not least <= value <= most:
+            raise InputError(f"--{option} is {value:g}, but must be between {least:g} and {most:g}")
+
+
+def add_wired(options: argparse.ArgumentParser) -> None:
+    """Adds the option that flies diagrams as they are wired."""
+    options.add_argument(
+        "--wired", action="store_true", help="fly diagrams as they are wired, not compiled to machine code: slower"
+    )
+
+
+def overrides_of(assignments: Iterable[str], option: str = "--set") -> list[Override]:
+    """The overrides that an option of the command line asks for; errors will name the option."""
+    return [Override(assignment, f"{option} {assignment}") for assignment in assignments]
+
+
+def all_overrides_of(arguments: argparse.Namespace) -> list[Override]:
+    """The overrides that --set and --seed ask for."""
+    seed = [] if arguments.seed is None else [Override(f"seed={arguments.seed}", f"--seed {arguments.seed}")]
+    return [*overrides_of(arguments.set), *seed]
+
+
+def scenario_of(arguments: argparse.Namespace, *, further: Sequence[Override] = ()) -> Scenario:
+    """Loads the scenario that the arguments name, with the overrides that they ask for and further ones."""
+    return load_scenario(arguments.scenario, [*all_overrides_of(arguments), *further])
+
+
+def controlled_scenarios(arguments: argparse.Namespace) -> dict[str, Scenario]:
+    """Loads the scenario once for each --controller, which is laid over it; without any, as it is.
+
+    Returns:
+        The scenarios, by the names of the controllers; or the only one, by its own.
+    """
+    if not arguments.controller:
+        scenario = scenario_of(arguments)
+        return {scenario.name: scenario}
+    overrides = all_overrides_of(arguments)
+    found: dict[str, Scenario] = {}
+    for controller in arguments.controller:
+        name = Path(controller.rpartition(":")[2]).stem
+        if not re.fullmatch(NAME, name):
+            raise InputError(f"--controller {controller}: {name!r} is no name for a folder; use letters and digits")
+        if name in found:
+            raise InputError(f"--controller {controller}: {name} is to be flown already; give each its own name")
+        found[name] = load_scenario(arguments.scenario, overrides, layers=[controller])
+    return found
+
+
+def mission_of(arguments: argparse.Namespace) -> Mission:
+    """Loads the route and the nominal vehicle that the arguments name, with their overrides."""
+    return load_mission(arguments.scenario, overrides_of(arguments.set))

@@ -1,0 +1,79 @@
+"""What commands print: tables, margins, predictions, files, remarks."""
+
+import math
+import sys
+from collections.abc import Iterable, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from drake_quad.identification.flown_again.prediction import Predictions
+
+# Of what is predicted: factor and unit for the eye.
+_PREDICTED = {
+    "position": (1e2, "cm"),
+    "height": (1e2, "cm"),
+    "attitude": (180.0 / math.pi, "°"),
+    "body_rates": (1.0, "rad/s"),
+}
+
+
+def print_table(rows: list[tuple[str, str, str]]) -> None:
+    """Prints rows of name, value and unit in aligned columns."""
+    names, values = (max(len(row[i]) for row in rows) for i in (0, 1))
+    for name, value, unit in rows:
+        print(f"{name:<{names}}  {value:>{values}} {unit}".rstrip())
+
+
+def print_columns(header: Sequence[str], rows: Iterable[Sequence[str]]) -> None:
+    """Prints a table with a header; the first and the last column are aligned to the left, the others to the right."""
+    table = [header, *rows]
+    widths = [max(len(line[i]) for line in table) for i in range(len(header))]
+    for line in table:
+        cells = [cell.rjust(width) for cell, width in zip(line, widths, strict=True)]
+        print("  ".join([line[0].ljust(widths[0]), *cells[1:-1], line[-1]]).rstrip())
+
+
+def print_margins(found: dict[str, Any]) -> None:
+    """Prints margins of `link_margins`, with a row for each signal that there is a loop around."""
+    rows = [
+        (
+            name,
+            f"{margins.sensitivity:.2f}",
+            f"{1e3 * margins.delay:.0f} ms",
+            f"{margins.phase:.1f}°",
+            f"{margins.gain:.1f} dB",
+            f"{margins.gain_reduction:.1f} dB",
+            f"{margins.crossover:.2f} rad/s",
+            f"{margins.bandwidth:.2f} rad/s",
+        )
+        for name, margins in found.items()
+        if margins is not None
+    ]
+    print("margins where commands go over the link, of the exact linear model of the whole loop")
+    print_columns(("signal", "max |S|", "delay", "phase", "gain", "less gain", "crossover", "bandwidth"), rows)
+
+
+def remark(sentence: str) -> None:
+    """Prints something that the user may not have meant, to the standard error."""
+    print(f"remark: {sentence}", file=sys.stderr)
+
+
+def print_predictions(predictions: "Predictions") -> None:
+    """Prints how far off vehicles are at horizons, and by how much the first of two is better than the other."""
+    names, rows = predictions.vehicles, []
+    for quantity, (size, unit) in _PREDICTED.items():
+        for horizon in predictions.horizons if quantity in predictions.errors else ():
+            if predictions.starts(horizon):
+                errors = [predictions.rmse(quantity, name, horizon).text(".3g", size=1.0 / size) for name in names]
+                if len(names) == 2:
+                    errors.append(predictions.better(quantity, *names, horizon).text(".0f", size=0.01))
+                rows.append((quantity.replace("_", " "), f"{horizon:g} s", *errors, unit))
+    print_columns(("", "horizon", *names, *(["better by, %"] if len(names) == 2 else []), ""), rows)
+
+
+def print_files(files: list[Path]) -> None:
+    """Prints the names of the files that were written."""
+    print("wrote")
+    for file in files:
+        print(f"  {file}")

@@ -1,0 +1,106 @@
+"""Plans a route through waypoints from a YAML or CSV file, and writes the trajectory and a plot of it."""
+
+import argparse
+import itertools
+
+import numpy as np
+
+from drake_quad.assembly.planning import plan_demand, plan_route, planned_parameters
+from drake_quad.command_line.options import add_vector, folder_of, mission_of, parser
+from drake_quad.command_line.output import print_files, print_table
+from drake_quad.files import output_folder
+from drake_quad.reference.binding import Binding, bindings
+from drake_quad.reference.feasibility import sample_times
+from drake_quad.reference.minimum_snap import snap_cost
+from drake_quad.reference.path_problem import Limits, PathProblem
+from drake_quad.reference.plan import Plan
+from drake_quad.reference.polynomial_path import evaluate, peak_norm
+from drake_quad.reference.trajectory_files import save_plan
+from drake_quad.scenario import Mission
+from drake_quad.scenario.routes import CircleRoute, FigureEightRoute, WaypointRoute
+from drake_quad.visualization.plan_plots import plot_plan
+from drake_quad.visualization.style import save_figures
+
+
+def options() -> argparse.ArgumentParser:
+    """The options of the command."""
+    result = parser(
+        "plan",
+        __doc__,
+        example="drake-quad plan slalom --set route.top_speed=1.5",
+        output="out",
+        scenario="slalom",
+    )
+    add_vector(result)
+    return result
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Runs the command."""
+    mission = mission_of(arguments)
+    plan = plan_route(mission)
+    folder = output_folder(folder_of(arguments, mission.name))
+    route = mission.route
+    problem = route.problem(route.laps) if isinstance(route, WaypointRoute) else None
+    limits = route.limits() if isinstance(route, WaypointRoute | FigureEightRoute | CircleRoute) else Limits()
+    figure = plot_plan(
+        plan,
+        planned_parameters(mission),
+        limits=limits,
+        places=problem.places if problem else (),
+        corridors=problem.corridors if problem else (),
+    )
+    files = [
+        *save_plan(plan, folder, name=mission.name),
+        *save_figures({"plan": figure}, folder, vector=arguments.vector),
+    ]
+    print_table(summary(mission, plan, limits, problem))
+    print("binds:", binding_summary(bindings(plan.path, limits, problem.corridors if problem else ())))
+    print_files(files)
+
+
+def summary(mission: Mission, plan: Plan, limits: Limits, problem: PathProblem | None) -> list[tuple[str, str, str]]:
+    """The properties of a plan, as rows of name, value and unit."""
+    path, parameters = plan.path, planned_parameters(mission)
+    times = sample_times(path)
+    length = np.linalg.norm(np.diff(evaluate(path, times), axis=1), axis=0).sum()
+    rotors = np.array(plan_demand(plan, parameters, times).rotor_speed)
+    rows = [
+        ("waypoints", f"{len(path.times)}", ""),
+        ("duration", f"{plan.duration:.3f}", "s"),
+        ("length", f"{length:.2f}", "m"),
+        ("top speed", f"{peak_norm(path, 1):.3f}", _of("m/s", limits.speed)),
+        ("top acceleration", f"{peak_norm(path, 2):.3f}", _of("m/s²", limits.acceleration)),
+        ("top snap", f"{peak_norm(path, 4):.2f}", "m/s⁴"),
+        ("snap cost", f"{snap_cost(path).sum():.4g}", "m²/s⁷"),
+        (
+            "rotor speeds",
+            f"{rotors.min():.0f} to {rotors.max():.0f}",
+            f"rad/s of {parameters.min_rotor_speed:g} to {parameters.max_rotor_speed:g}",
+        ),
+    ]
+    if problem is not None and len(path.times) < len(problem.places):
+        repeats = len(problem.places) - len(path.times)
+        rows.insert(1, ("repeats", f"{repeats}", "waypoints that repeat the one before, passed once"))
+    return rows
+
+
+def _of(unit: str, limit: float) -> str:
+    """A unit, and the limit if there is one."""
+    return f"{unit} of {limit:g}" if np.isfinite(limit) else unit
+
+
+def binding_summary(found: list[Binding]) -> str:
+    """The limits and places that a path touches, each with the segments on which it does."""
+    by_what: dict[str, set[int]] = {}
+    for binding in found:
+        by_what.setdefault(f"{binding.what} {binding.where}".strip(), set()).add(binding.segment)
+    parts = [f"{what} on segment{'s' if len(on) > 1 else ''} {_ranges(on)}" for what, on in by_what.items()]
+    return "; ".join(parts) or "nothing"
+
+
+def _ranges(numbers: set[int]) -> str:
+    """Numbers as in `0, 2-4`."""
+    runs = itertools.groupby(enumerate(sorted(numbers)), key=lambda pair: pair[1] - pair[0])
+    parts = [[number for _, number in run] for _, run in runs]
+    return ", ".join(f"{part[0]}-{part[-1]}" if len(part) > 1 else f"{part[0]}" for part in parts)

@@ -1,0 +1,30 @@
+"""How a command runs and ends."""
+
+import os
+import sys
+from collections.abc import Callable
+
+from drake_quad.command_line.interruption import SENTENCE, raise_interruptions
+from drake_quad.errors import InputError
+
+
+def run(main: Callable[[], None]) -> None:
+    """Runs a script and exits: with 0 if all went well, 1 if the computation failed, 2 if the input was wrong.
+
+    An error is told in one sentence.
+    """
+    raise_interruptions()
+    try:
+        main()
+    except InputError as error:
+        print(f"error: {error}", file=sys.stderr)
+        sys.exit(2)
+    except BrokenPipeError:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nobody reads what would still be printed
+        sys.exit(1)
+    except (RuntimeError, OSError) as error:
+        print(f"failed: {error}", file=sys.stderr)
+        sys.exit(1)
+    except KeyboardInterrupt as interruption:
+        print(str(interruption) or SENTENCE, file=sys.stderr)
+        sys.exit(1)

@@ -1,0 +1,111 @@
+"""Differentiates the metrics of a flight by numbers of its scenario, exactly, through Drake's simulator."""
+
+import argparse
+import math
+from pathlib import Path
+
+import numpy as np
+
+from drake_quad.analysis.sensitivity import DIFFERENTIABLE, Sensitivities, flight_sensitivities
+from drake_quad.command_line.options import add_vector, folder_of, parser, scenario_of
+from drake_quad.command_line.output import print_columns, print_files
+from drake_quad.files import output_folder, write_table
+from drake_quad.scenario import Scenario
+from drake_quad.scenario.layouts import has_distances
+from drake_quad.scenario.paths import leaves
+from drake_quad.visualization.sensitivity_plots import plot_sensitivities
+from drake_quad.visualization.style import save_figures
+
+# The default fields: numbers that a builder can get wrong, and numbers that a designer can choose.
+_FIELDS = (
+    *("vehicle.mass", "vehicle.thrust_factor", "vehicle.rotor_time_constant", "vehicle.linear_drag"),
+    *(f"control.position.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1, 2)),
+)
+# Those of the loops of roll and pitch, by the kind of the autopilot.
+_OF_ATTITUDE = {
+    "none": tuple(f"control.attitude.{gain}.{axis}" for gain in ("k_p", "k_d") for axis in (0, 1)),
+    "attitude": (
+        *(f"laboratory.autopilot.{gain}.{axis}" for gain in ("k_attitude", "k_rate") for axis in (0, 1)),
+        *(f"laboratory.autopilot.gyroscope_bias.{axis}" for axis in (0, 1)),
+    ),
+    "response": tuple(
+        f"laboratory.autopilot.{number}.{axis}" for number in ("natural_frequency", "damping") for axis in (0, 1)
+    ),
+}
+
+
+def default_fields(scenario: Scenario) -> tuple[str, ...]:
+    """The default fields; what turns a vehicle is among them unless it is a part of its attitude's response."""
+    kind, layout = scenario.laboratory.autopilot.kind, scenario.vehicle.layout
+    if kind == "response":
+        return (*_FIELDS, *_OF_ATTITUDE[kind])
+    level = ["arm_length"]
+    if has_distances(layout):
+        places = [path for path, _ in leaves(layout) if path in ("length", "width") or ".position." in path]
+        # How high a rotor is changes nothing.
+        level = [f"layout.{path}" for path in places if not path.endswith(".2")]
+    return (*_FIELDS, *(f"vehicle.{name}" for name in ("inertia.0", "inertia.1", *level)), *_OF_ATTITUDE[kind])
+
+
+def options() -> argparse.ArgumentParser:
+    """The options of the command."""
+    result = parser(
+        "sensitivities",
+        __doc__,
+        example="drake-quad sensitivities laboratory:low_wind --metric rmse_y",
+        output="out/sensitivities",
+        scenario="figure_eight",
+    )
+    result.add_argument("--sample", type=int, help="which sample of the scenario's study to fly, from 0 on")
+    result.add_argument(
+        "--field", action="append", metavar="PATH", help="of a number of the scenario; can be given several times"
+    )
+    result.add_argument(
+        "--metric", choices=DIFFERENTIABLE, default="rmse", help="that is printed and drawn (default: %(default)s)"
+    )
+    add_vector(result)
+    return result
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Runs the command."""
+    scenario = scenario_of(arguments)
+    folder = output_folder(folder_of(arguments, scenario.name))
+    fields = tuple(dict.fromkeys(arguments.field or default_fields(scenario)))
+    found = flight_sensitivities(scenario, fields, sample=arguments.sample)
+    figure = plot_sensitivities(found, arguments.metric)
+    files = [
+        write_sensitivities(folder / "sensitivities.csv", found),
+        *save_figures({"sensitivities": figure}, folder, vector=arguments.vector),
+    ]
+    print_sensitivities(found, arguments.metric)
+    print_files(files)
+
+
+def print_sensitivities(found: Sensitivities, metric: str) -> None:
+    """Prints the derivative of a metric by each field, that with the largest effect of a change by 1 % first."""
+    if found.crash_time < math.inf:
+        print(f"crashed at {found.crash_time:.2f} s; metrics and derivatives are those of the flight until then")
+    print(f"{metric} {found.metrics[metric]:.6g} (SI units)")
+    if not found.metrics[metric] > 0.0 or np.isnan(found.gradients[metric]).all():
+        print(f"{metric} is zero, where it has no derivative")
+        return
+    effects = found.values * found.gradients[metric] / (found.metrics[metric] or math.nan)
+    rows = [
+        (
+            found.fields[i],
+            f"{found.values[i]:.4g}",
+            f"{found.gradients[metric][i]:.5g}",
+            f"{effects[i]:+.3f} %" if found.values[i] and math.isfinite(effects[i]) else "–",
+            "",
+        )
+        for i in np.argsort(-np.abs(effects))
+    ]
+    print_columns(("field", "value", "derivative", "change for +1 %", ""), rows)
+
+
+def write_sensitivities(path: Path, found: Sensitivities) -> Path:
+    """Writes a row with the metrics and one for each field with their derivatives, and returns the path."""
+    columns: dict[str, list] = {"field": ["(metric)", *found.fields], "value": ["", *found.values]}
+    metrics = {name: [value, *found.gradients[name]] for name, value in found.metrics.items()}
+    return write_table(path, columns | metrics, digits=9)

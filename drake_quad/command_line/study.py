@@ -1,0 +1,238 @@
+"""Flies thousands of samples of a scenario in fleets, on all cores or a cluster, and summarises their metrics."""
+
+import argparse
+import math
+import time
+from collections.abc import Iterator, Mapping
+from contextlib import contextmanager
+from pathlib import Path
+
+import numpy as np
+
+from drake_quad import InputError, Scenario
+from drake_quad.command_line.options import add_vector, add_wired, controlled_scenarios, folder_of, parser
+from drake_quad.command_line.output import print_columns, print_files, remark
+from drake_quad.command_line.progress import study_progress
+from drake_quad.laboratory.metrics import UNITS
+from drake_quad.scenario import distributions_in
+from drake_quad.scenario.correlation import correlated_pairs
+from drake_quad.studies import Study, run_monte_carlo
+from drake_quad.studies.cluster import dask_crew
+from drake_quad.studies.crew import Crew
+from drake_quad.studies.processes import Workers
+from drake_quad.studies.statistics import (
+    compare_studies,
+    crash_probability,
+    mean_interval,
+    of_survivors,
+    quantile_interval,
+    with_crashes,
+    worst,
+)
+from drake_quad.visualization.style import Vector, save_figures
+
+# The metrics that are printed: name, unit, size of the unit in SI units, and digits.
+_SHOWN = [
+    ("rmse", "cm", 0.01, 2),
+    ("rmse_x", "cm", 0.01, 2),
+    ("rmse_y", "cm", 0.01, 2),
+    ("rmse_z", "cm", 0.01, 2),
+    ("peak_error", "cm", 0.01, 1),
+    ("effort_x", "m²/s⁴", 1.0, 4),
+    ("effort_y", "m²/s⁴", 1.0, 4),
+    ("saturation_share", "% of the ticks", 0.01, 2),
+]
+
+
+def options() -> argparse.ArgumentParser:
+    """The options of the command."""
+    result = parser(
+        "study",
+        __doc__,
+        example="drake-quad study robustness --samples 200 --workers 2",
+        output="out/monte_carlo",
+        scenario="robustness",
+    )
+    result.add_argument("--samples", type=int, default=1000, help="how many flights (default: %(default)s)")
+    result.add_argument(
+        "--controller",
+        action="append",
+        default=[],
+        metavar="FILE:NAME",
+        help="laid over the scenario; several fly the same samples and are compared with the first",
+    )
+    result.add_argument("--workers", type=int, help="processes (default: as many as there are cores)")
+    result.add_argument("--batch", type=int, help="vehicles in a fleet (default: about a thousand)")
+    result.add_argument(
+        "--time-limit", type=float, metavar="SECONDS", help="after which a batch is given up (default: never)"
+    )
+    result.add_argument("--cluster", metavar="ADDRESS", help="of a Dask scheduler whose workers fly")
+    add_wired(result)
+    result.add_argument("--resume", action="store_true", help="go on with the study in the folder, if there is one")
+    result.add_argument(
+        "--metric",
+        choices=[name for name in UNITS if name != "crash_time"],
+        default="rmse",
+        help="that is drawn and compared (default: %(default)s)",
+    )
+    add_vector(result)
+    return result
+
+
+def main(arguments: argparse.Namespace) -> None:
+    """Runs the command."""
+    scenarios = scenarios_of(arguments)
+    folder = folder_of(arguments, next(iter(scenarios.values())).name)
+    folders = {name: folder / name if arguments.controller else folder for name in scenarios}
+    studies: dict[str, Study] = {}
+    began = time.perf_counter()
+    with crew_of(arguments) as crew:
+        for name, scenario in scenarios.items():
+            with study_progress(name) as progress:
+                studies[name] = run_monte_carlo(
+                    scenario,
+                    arguments.samples,
+                    folder=folders[name],
+                    resume=arguments.resume,
+                    num_workers=arguments.workers,
+                    batch_size=arguments.batch,
+                    executor=crew,
+                    compiled=not arguments.wired,
+                    progress=progress,
+                )
+    seconds = time.perf_counter() - began
+    files = [folders[name] / "results.csv" for name in studies]
+    files += save_plots(studies, folder, arguments.metric, arguments.vector)
+    for name, study in studies.items():
+        if study.misfits:
+            lines = ", ".join(map(str, study.misfits[:5])) + (", ..." if len(study.misfits) > 5 else "")
+            remark(f"{folders[name] / 'results.csv'} was altered in lines {lines}; these samples were flown again")
+        print_study(name, study, folders[name], "as they are wired" if arguments.wired else "compiled")
+    if len(studies) > 1:
+        print_comparison(studies, arguments.metric)
+    print_files(files)
+    print_rate(studies, seconds)
+    if any(study.failures for study in studies.values()):
+        raise RuntimeError(failure(studies, folders))
+
+
+def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
+    """The scenarios to fly, by name: one for each controller, or the only one."""
+    found = controlled_scenarios(arguments)
+    for name, scenario in found.items():
+        if not distributions_in(scenario):
+            remark(f"{name} holds no distribution: its samples differ by wind and noise, if it has any, and else not")
+            break
+    return found
+
+
+@contextmanager
+def crew_of(arguments: argparse.Namespace) -> Iterator[Crew]:
+    """The crew that flies the batches: processes of this machine, or a cluster."""
+    if arguments.cluster is None:
+        with Workers(arguments.workers, time_limit=arguments.time_limit) as workers:
+            yield workers
+    elif arguments.time_limit is not None:
+        raise InputError("--time-limit is for processes of this machine, not for a cluster")
+    else:
+        with dask_crew(arguments.cluster, arguments.workers) as crew:
+            yield crew
+
+
+def save_plots(studies: Mapping[str, Study], folder: Path, metric: str, vector: Vector | None) -> list[Path]:
+    """Draws distribution and convergence of all studies together, and the influences of each, and returns the files."""
+    studies = {name: study for name, study in studies.items() if len(study.samples)}
+    if not studies:
+        return []
+    # Matplotlib takes half a second to load, which an error, or a worker process, need not wait for.
+    from drake_quad.visualization.study_plots import plot_convergence, plot_distribution, plot_influences
+
+    figures = {"distribution": plot_distribution(studies, metric), "convergence": plot_convergence(studies, metric)}
+    for name, study in studies.items():
+        suffix = f"_{name}" if len(studies) > 1 else ""
+        if study.parameters and len(of_survivors(study.metrics, metric)):
+            figures[f"influences{suffix}"] = plot_influences(study, metric)
+        if study.parameters and study.metrics.crashed.any():
+            figures[f"crash_influences{suffix}"] = plot_influences(study, "crashed")
+    return save_figures(figures, folder, vector=vector)
+
+
+def print_study(name: str, study: Study, folder: Path, how: str) -> None:
+    """Prints estimates of the metrics, and the commands that fly the worst samples again."""
+    count, metrics = len(study.samples), study.metrics
+    crashes = crash_probability(metrics)
+    beyond = "crash" if metrics.crashed.any() else "–"
+    print(
+        f"{name}: {count:,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each, diagrams {how};"
+        f" {int(metrics.crashed.sum()):,} crashed, {crashes.percent()}"
+    )
+    rows = []
+    for metric, unit, size, digits in _SHOWN:
+        values, everyone = of_survivors(metrics, metric), with_crashes(metrics, metric)
+        spread = np.std(values, ddof=1) / size if len(values) > 1 else math.nan
+        quantiles = (quantile_interval(everyone, share) for share in (0.05, 0.5, 0.95))
+        rows.append(
+            (
+                metric,
+                mean_interval(values).text(f".{digits}f", size=size),
+                f"{spread:.{digits}f}" if math.isfinite(spread) else "–",
+                *(quantile.text(f".{digits}f", size=size, infinite=beyond) for quantile in quantiles),
+                unit,
+            )
+        )
+    print_columns(("", "mean", "deviation", "5 % quantile", "median", "95 % quantile", ""), rows)
+    if pairs := correlated_pairs(distributions_in(study.scenario)):
+        first, more = pairs[0], f" and {len(pairs) - 1:,} pairs more" if len(pairs) > 1 else ""
+        print(
+            f"drawn numbers are correlated ({first.first} and {first.second} by {first.correlation:+.2f}{more}): an"
+            " influence of one holds what comes with the others"
+        )
+    if count:
+        print("the worst:")
+    for sample in worst(study):
+        place = int(np.searchsorted(study.samples, sample))
+        own = metrics.taken(place)
+        error = f"crashed at {own.crash_time:.2f} s" if own.crashed else f"{100.0 * own.rmse:.1f} cm"
+        print(f"  {error:<18}  drake-quad fly {folder / 'scenario.yaml'} --sample {sample}")
+
+
+def print_comparison(studies: Mapping[str, Study], metric: str) -> None:
+    """Compares each controller with the first, on the samples that both flew to the end."""
+    (first, baseline), *others = studies.items()
+    rows = []
+    for name, study in others:
+        found = compare_studies(study, baseline, metric)
+        rows.append(
+            (
+                name,
+                found.difference.text("+.4g"),
+                found.share.percent(),
+                found.better.percent(),
+                f"{found.num_pairs:,}",
+                f"{found.crashed:,} : {found.baseline_crashed:,}",
+                f"p = {found.crash_significance:.2g}",
+            )
+        )
+    print(f"beside {first}, sample by sample:")
+    print_columns(
+        ("", f"difference of {metric} ({UNITS[metric]})", "share", "better on", "pairs", "crashed alone", ""), rows
+    )
+
+
+def print_rate(studies: Mapping[str, Study], seconds: float) -> None:
+    """Prints how fast the studies were flown, including the start of the workers."""
+    flown = sum(study.flown_time for study in studies.values())
+    if flown > 0.0:
+        print(f"{flown / seconds:,.0f} vehicle-seconds per second")
+    else:
+        print("nothing was left to fly")
+
+
+def failure(studies: Mapping[str, Study], folders: Mapping[str, Path]) -> str:
+    """A sentence that says how many samples could not be flown, and why the first of them could not."""
+    failures = [(name, *each) for name, study in studies.items() for each in sorted(study.failures.items())]
+    name, sample, reason = failures[0]
+    return (
+        f"{len(failures):,} samples could not be flown (sample {sample} of {name}: {reason});"
+        f" all of them are in {folders[name] / 'failed.csv'}, and --resume tries them again"
+    )

@@ -1,0 +1,146 @@
+"""The command itself: help, versions, completion, names of what is shipped, interruptions."""
+
+import shutil
+import signal
+import subprocess
+import sys
+from importlib.metadata import version
+from pathlib import Path
+
+import pytest
+
+import drake_quad
+from drake_quad import load_scenario
+from drake_quad.command_line.main import COMMANDS, module_of
+from drake_quad.scenario.shipped import shipped_scenarios
+
+ROOT = Path(__file__).parent.parent.parent
+
+
+def test_help_names_all_commands_and_loads_none(root):
+    statement = "import sys; from drake_quad.command_line.main import main; sys.argv = ['', '--help']\ntry: main()\n"
+    statement += "except SystemExit: print(*sys.modules)"
+    command = [sys.executable, "-c", statement]
+    lines = subprocess.run(command, cwd=root, check=True, capture_output=True, text=True).stdout.splitlines()
+    assert [line.split()[0] for line in lines if line.startswith("  ") and line.split()[0] in COMMANDS] == [*COMMANDS]
+    assert not {"numpy", "pydrake", "pydantic", "drake_quad.command_line.fly"} & {*lines[-1].split()}
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_help_of_a_command_ends_in_an_example_of_itself(run, command):
+    result = run(command, "--help")
+    assert (result.returncode, result.stderr) == (0, "")
+    assert result.stdout.startswith(f"usage: drake-quad {command} ")
+    assert result.stdout.strip().splitlines()[-1].startswith(f"example: drake-quad {command} ")
+
+
+def test_every_module_with_options_is_a_command():
+    modules = {
+        path.stem
+        for path in (ROOT / "drake_quad" / "command_line").glob("*.py")
+        if "\ndef options(" in path.read_text()
+    }
+    assert modules == {command.replace("-", "_") for command in COMMANDS}
+    assert all(callable(module_of(command).main) for command in COMMANDS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("way", [["-m", "drake_quad"], [str(ROOT / "scripts" / "simulate.py")]])
+def test_a_command_runs_in_a_process_of_its_own_from_anywhere(tmp_path, way):
+    arguments = ["fly", "hover"] if way[0] == "-m" else ["hover"]
+    command = [sys.executable, *way, *arguments, "--set", "duration=1"]
+    result = subprocess.run(command, cwd=tmp_path, capture_output=True, text=True, timeout=120, check=False)
+    assert (result.returncode, result.stderr) == (0, "")
+    assert (tmp_path / "out" / "hover" / "replay.html").exists()
+
+
+def test_versions_are_printed(run):
+    result = run("--version")
+    assert result.returncode == 0
+    assert result.stdout.startswith(f"drake_quad {drake_quad.__version__} (Drake {version('drake')}, ")
+
+
+@pytest.mark.parametrize("arguments", [["flie"], []])
+def test_what_is_no_command_gets_a_sentence_and_status_2(run, arguments):
+    result = run(*arguments) if arguments else run("fly", "--no-such-option")
+    assert result.returncode == 2
+    assert result.stdout == ""
+
+
+def test_a_shipped_scenario_is_printed_as_a_file_of_ones_own(run, tmp_path):
+    result = run("scenarios", "laboratory:high_wind", "--set", "vehicle.mass=0.7")
+    assert result.returncode == 0
+    (tmp_path / "mine.yaml").write_text(result.stdout, encoding="utf-8")
+    assert load_scenario(tmp_path / "mine.yaml") == load_scenario("laboratory:high_wind", ["vehicle.mass=0.7"])
+
+
+def test_all_that_is_shipped_is_listed(run):
+    result = run("scenarios")
+    assert result.returncode == 0
+    words = {word.strip(",:") for word in result.stdout.split()}
+    assert {part for name in shipped_scenarios() for part in name.split(":")} == words
+
+
+@pytest.mark.skipif(shutil.which("bash") is None, reason="no bash on PATH")
+@pytest.mark.parametrize(
+    ("words", "completed"),
+    [
+        (["drake-quad", "rep"], {"replay", "replicate"}),
+        (["drake-quad", "fly", "laboratory:h"], {"laboratory:high_wind"}),
+        (["drake-quad", "fly", "vehicles/r"], {"vehicles/racer"}),
+        (["drake-quad", "fly", "hover", "--save-n"], {"--save-network"}),
+        (["drake-quad", "compare", "--controller", "controllers/l"], None),
+    ],
+)
+def test_bash_completes(run, tmp_path, words, completed):
+    (tmp_path / "script").write_text(run("completion", "bash").stdout, encoding="utf-8")
+    line = " ".join(words)
+    ask = f"""
+source {tmp_path / "script"}
+COMP_WORDS=({line}); COMP_CWORD={len(words) - 1}; COMP_LINE="{line}"; COMP_POINT={len(line)}
+_shtab_drake_quad drake-quad "{words[-1]}" "{words[-2]}"
+printf "%s\\n" "${{COMPREPLY[@]}}"
+"""
+    found = subprocess.run(["bash", "-c", ask], cwd=tmp_path, check=True, capture_output=True, text=True).stdout.split()
+    if completed is None:
+        completed = {name for name in shipped_scenarios() if name.startswith(words[-1])}
+        assert completed
+    assert {*found} == completed
+
+
+# Interrupts a command as it comes to import a module.
+INTERRUPTED = """
+import os, signal, sys
+
+class Interruption:
+    def find_spec(self, name, path=None, target=None):
+        if name == module:
+            os.kill(os.getpid(), signal.SIGINT)
+
+module = sys.argv.pop(1)
+sys.meta_path.insert(0, Interruption())
+from drake_quad.command_line.main import main
+main()
+"""
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(
+    "module",
+    [
+        *("numpy", "pydrake", "drake_quad.scenario.models", "pydrake.geometry", "drake_quad.flight.simulation"),
+        # Loaded when first used: for the plan, the bar, the plots and the replay.
+        *("scipy.linalg", "tqdm", "matplotlib", "drake_quad.visualization.replay.page"),
+    ],
+)
+def test_an_interruption_while_a_command_loads_something_is_told_in_a_sentence(module, tmp_path):
+    flight = ["fly", "figure_eight", "--set", "duration=1", "--output", str(tmp_path)]
+    command = [sys.executable, "-c", INTERRUPTED, module, *flight]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=120, check=False)
+    assert (result.returncode, result.stdout, result.stderr) == (1, "", "interrupted: nothing was written\n")
+
+
+def test_an_interruption_later_is_an_exception_again(run):
+    """So that what is under way can be put away: nothing may still end the process at once."""
+    run("scenarios")
+    assert signal.getsignal(signal.SIGINT) is signal.default_int_handler

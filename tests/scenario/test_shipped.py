@@ -1,0 +1,76 @@
+"""Scenarios that come with the package, by names that mean the same everywhere."""
+
+import pytest
+
+from drake_quad import InputError, load_scenario
+from drake_quad.scenario import load_undesigned
+from drake_quad.scenario.library import is_shipped
+from drake_quad.scenario.shipped import shipped_file, shipped_folder, shipped_names, shipped_scenarios
+
+
+def test_a_name_means_its_file_wherever_one_is(diagrams, tmp_path, monkeypatch):
+    here = load_scenario(diagrams / "laboratory.yaml:high_wind")
+    monkeypatch.chdir(tmp_path)
+    assert load_scenario("laboratory:high_wind") == here
+    assert load_scenario("figure_eight").name == "figure_eight"
+    assert (
+        load_undesigned("vehicles/hummingbird").vehicle
+        == load_undesigned(diagrams / "vehicles/hummingbird.yaml").vehicle
+    )
+    pd = load_scenario("laboratory:high_wind", layers=["controllers/paper:pd"])
+    assert pd == load_scenario(diagrams / "laboratory.yaml:high_wind", layers=[diagrams / "controllers/paper.yaml:pd"])
+
+
+def test_all_that_is_shipped_loads_by_its_name(diagrams):
+    assert {shipped_file(name).resolve() for name in shipped_names()} == {*diagrams.rglob("*.yaml")}
+    assert shipped_folder() == diagrams
+    for name in shipped_scenarios():
+        if not name.startswith(("controllers/", "gains/")):
+            load_undesigned(name)
+        assert is_shipped(name)
+
+
+def test_a_file_extends_what_is_shipped(tmp_path):
+    (tmp_path / "mine.yaml").write_text(
+        "a: {extends: ['laboratory:low_wind', gains/laboratory]}\nhover: {extends: a}\n"
+    )
+    asked = load_scenario("laboratory:low_wind", layers=["gains/laboratory"])
+    assert load_scenario(tmp_path / "mine.yaml:a").control == asked.control
+    # A name alone is one of this file.
+    assert load_scenario(tmp_path / "mine.yaml:hover").route == asked.route
+
+
+def test_a_file_or_folder_of_the_same_name_does_not_hide_what_is_shipped(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "hover").mkdir()
+    assert load_scenario("hover").route.kind == "hover"
+
+
+@pytest.mark.parametrize(
+    ("spec", "words"),
+    [
+        (
+            "labratory:nominal",
+            "'labratory:nominal' is neither a file nor a scenario that is shipped; did you mean laboratory?",
+        ),
+        (
+            "quite_different",
+            "is neither a file nor a scenario that is shipped; there are crazyswarm2, figure_eight, hover",
+        ),
+        ("../diagrams/hover", "is neither a file nor a scenario that is shipped"),
+        ("laboratory:windy", "no scenario 'windy' in .*laboratory.yaml; it holds nominal, low_wind, high_wind"),
+        ("laboratory", "laboratory.yaml holds several scenarios; choose one as .*:NAME from nominal"),
+        ("hover.yml", "hover.yml: cannot be read: no such file"),
+    ],
+)
+def test_what_is_not_there_gets_a_sentence(spec, words):
+    with pytest.raises(InputError, match=words):
+        load_scenario(spec)
+
+
+@pytest.mark.parametrize("base", ["labratory:nominal", "vehicles/race", "laboratory:windy"])
+def test_so_does_what_a_file_extends(tmp_path, base):
+    path = tmp_path / "mine.yaml"
+    path.write_text(f"a: {{extends: '{base}'}}\n")
+    with pytest.raises(InputError, match=rf"mine.yaml:1: .*{base.split(':')[-1]}"):
+        load_scenario(path)
