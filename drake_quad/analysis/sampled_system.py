@@ -55,12 +55,22 @@ class SampledSystem:
     inputs: tuple[str, ...]
     outputs: tuple[str, ...]
 
-    def to_state_space(self) -> "control.StateSpace":
-        """The same as python-control's StateSpace."""
+    def to_control(self) -> "control.StateSpace":
+        """The same as python-control's StateSpace, with its period and its names, which have "_" in place of "."."""
         import control
 
         names = {"states": undotted(self.states), "inputs": undotted(self.inputs), "outputs": undotted(self.outputs)}
         return control.ss(self.A, self.B, self.C, self.D, self.period, **names)
+
+    to_state_space = to_control
+    """The same, under the name that `drake_quad.analysis.vehicle_model` has for continuous systems."""
+
+    def to_scipy(self) -> "scipy.signal.StateSpace":
+        """The same as SciPy's StateSpace, with its period.
+
+        It has no names: its states, inputs and outputs are those of this system, in order.
+        """
+        return scipy.signal.StateSpace(self.A, self.B, self.C, self.D, dt=self.period)
 
     def poles(self) -> np.ndarray:
         """(n,) eigenvalues of A; for a closed loop, its Floquet multipliers."""

@@ -13,6 +13,7 @@ from drake_quad.reference.feasibility import first_violation, sample_times
 from drake_quad.reference.laps import LapDurations, flown_in_laps
 from drake_quad.reference.lissajous import lissajous
 from drake_quad.reference.minimum_snap import minimum_snap
+from drake_quad.reference.pieces import plan_of_pieces
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.planner import (
     GivenTimes,
@@ -220,14 +221,20 @@ def _yaw(route: FigureEightRoute | CircleRoute | WaypointRoute, path: Polynomial
 
 
 def _trajectory(route: TrajectoryRoute) -> Plan:
+    if route.pieces is not None:
+        rows = np.array([piece.row() for piece in route.pieces])
+        return plan_of_pieces(rows, origin=route.origin, time_scale=route.time_scale)
+    assert route.knots is not None
     times = np.array([knot.time for knot in route.knots])
     derivatives = [[knot.position, knot.velocity, knot.acceleration, knot.jerk] for knot in route.knots]
     path = hermite_path(times, np.array(derivatives))
+    path.coefficients[:, 0] += route.origin
     if route.yaw_knots is None:
-        return Plan.facing(path)
+        return Plan.facing(path._replace(times=route.time_scale * times))
     yaw_times = np.array([knot.time for knot in route.yaw_knots])
     yaws = np.array([[[knot.yaw], [knot.yaw_rate]] for knot in route.yaw_knots])
-    return Plan(path, hermite_path(yaw_times, yaws))
+    scaled = [part._replace(times=route.time_scale * part.times) for part in (path, hermite_path(yaw_times, yaws))]
+    return Plan(scaled[0], scaled[1])
 
 
 def flight_duration(scenario: Scenario, plan: Plan) -> float:

@@ -92,7 +92,7 @@ def print_comparison(comparison: Comparison) -> None:
     record, samples = comparison.record, len(comparison.predicted)
     print(f"{record.name}: {len(comparison.time):,} samples, from {comparison.time[0]:.2f} s of the log on")
     deviation = 1e3 * comparison.reference.deviation
-    pieces = len(comparison.reference.route.knots) - 1
+    pieces = len(comparison.reference.route.knots or ()) - 1
     print(f"reference: {pieces} pieces of degree 7, within {deviation:.2f} mm of the log's")
     print_columns(("error, cm", "axis", "flown", "predicted", "95 % interval", "flown lies"), _rows(comparison))
     if comparison.crashes:

@@ -11,10 +11,12 @@ from pydrake.systems.analysis import Simulator
 
 from drake_quad import Flight, InputError, Scenario, save_network, simulate
 from drake_quad.assembly.planning import plan_route
-from drake_quad.command_line.options import add_vector, folder_of, parser, scenario_of
+from drake_quad.command_line.options import add_vector, check_extra, folder_of, parser, scenario_of
 from drake_quad.command_line.output import print_files, print_table
 from drake_quad.command_line.progress import flight_progress
 from drake_quad.files import output_folder
+from drake_quad.flight.mcap_file import save_mcap
+from drake_quad.flight.px4_table import save_px4_table
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import draw_sample
 
@@ -39,6 +41,12 @@ def options() -> argparse.ArgumentParser:
         metavar="FILE",
         help="write what the network has learned, for `control.network.learned: FILE` of another flight",
     )
+    result.add_argument(
+        "--mcap", action="store_true", help="write the flight also as flight.mcap, which Foxglove shows"
+    )
+    result.add_argument(
+        "--px4", action="store_true", help="write the flight also as px4.csv, with the names of PX4's logs"
+    )
     add_vector(result)
     return result
 
@@ -52,6 +60,8 @@ def main(arguments: argparse.Namespace) -> None:
     scenario = scenario_of(arguments)
     if arguments.save_network and scenario.control.network is None:
         raise InputError("--save-network needs a network, but the scenario has none")
+    if arguments.mcap:
+        check_extra("--mcap", "mcap", "mcap.writer")
     folder = output_folder(folder_of(arguments, scenario.name))
     sample = scenario.sample if arguments.sample is None else arguments.sample
     meshcat = opened_meshcat() if arguments.meshcat else None
@@ -68,6 +78,10 @@ def main(arguments: argparse.Namespace) -> None:
 
     replay = save_replay({scenario.name: flight}, folder / "replay.html")
     files = [*flight.save(folder), *save_plots(flight, folder, vector=arguments.vector), replay]
+    if arguments.mcap:
+        files.append(save_mcap(flight, folder / "flight.mcap"))
+    if arguments.px4:
+        files.append(save_px4_table(flight, folder / "px4.csv"))
     if arguments.save_network:
         files.append(save_network(flight, arguments.save_network))
     which = [("sample", str(sample), f"of seed {scenario.seed}")] if sample is not None else []

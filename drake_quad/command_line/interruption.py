@@ -1,9 +1,9 @@
-"""Ctrl-C while a script begins.
+"""Ctrl-C while a command begins.
 
-The imports of a script take a second. Until `run` takes over, Ctrl-C ends the script with a sentence. As an
+The imports of a command take a second. Until `run` takes over, Ctrl-C ends the command with a sentence. As an
 exception it would be raised inside a library, which might show it, take it for an error of its own, or swallow it.
-`command_line` imports this module before everything that takes long, and scripts import `command_line` first. What is
-loaded only when it is used is interrupted as the computation is.
+`main` has this module imported, by `running`, before everything that takes long. What is loaded only when it is used is
+interrupted as the computation is.
 """
 
 import multiprocessing

@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import get_args
 
 from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.extras import needed
 from drake_quad.scenario import Mission, Override, load_mission
 from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector
@@ -130,3 +131,12 @@ def controlled_scenarios(arguments: argparse.Namespace) -> dict[str, Scenario]:
 def mission_of(arguments: argparse.Namespace) -> Mission:
     """Loads the route and the nominal vehicle that the arguments name, with their overrides."""
     return load_mission(arguments.scenario, overrides_of(arguments.set))
+
+
+def check_extra(option: str, extra: str, *modules: str) -> None:
+    """Raises InputError if an option needs a module of an extra that is not installed."""
+    try:
+        for module in modules:
+            needed(module, extra)
+    except ImportError as error:
+        raise InputError(f"{option}: {error}") from None

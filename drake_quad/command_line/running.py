@@ -9,7 +9,7 @@ from drake_quad.errors import InputError
 
 
 def run(main: Callable[[], None]) -> None:
-    """Runs a script and exits: with 0 if all went well, 1 if the computation failed, 2 if the input was wrong.
+    """Runs a command and exits: with 0 if all went well, 1 if the computation failed, 2 if the input was wrong.
 
     An error is told in one sentence.
     """

@@ -1,7 +1,6 @@
 """Flies thousands of samples of a scenario in fleets, on all cores or a cluster, and summarises their metrics."""
 
 import argparse
-import math
 import time
 from collections.abc import Iterator, Mapping
 from contextlib import contextmanager
@@ -10,9 +9,10 @@ from pathlib import Path
 import numpy as np
 
 from drake_quad import InputError, Scenario
-from drake_quad.command_line.options import add_vector, add_wired, controlled_scenarios, folder_of, parser
+from drake_quad.command_line.options import add_vector, add_wired, check_extra, controlled_scenarios, folder_of, parser
 from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.command_line.progress import study_progress
+from drake_quad.errors import listed
 from drake_quad.laboratory.metrics import UNITS
 from drake_quad.scenario import distributions_in
 from drake_quad.scenario.correlation import correlated_pairs
@@ -20,28 +20,10 @@ from drake_quad.studies import Study, run_monte_carlo
 from drake_quad.studies.cluster import dask_crew
 from drake_quad.studies.crew import Crew
 from drake_quad.studies.processes import Workers
-from drake_quad.studies.statistics import (
-    compare_studies,
-    crash_probability,
-    mean_interval,
-    of_survivors,
-    quantile_interval,
-    with_crashes,
-    worst,
-)
-from drake_quad.visualization.style import Vector, save_figures
-
-# The metrics that are printed: name, unit, size of the unit in SI units, and digits.
-_SHOWN = [
-    ("rmse", "cm", 0.01, 2),
-    ("rmse_x", "cm", 0.01, 2),
-    ("rmse_y", "cm", 0.01, 2),
-    ("rmse_z", "cm", 0.01, 2),
-    ("peak_error", "cm", 0.01, 1),
-    ("effort_x", "m²/s⁴", 1.0, 4),
-    ("effort_y", "m²/s⁴", 1.0, 4),
-    ("saturation_share", "% of the ticks", 0.01, 2),
-]
+from drake_quad.studies.statistics import most_influential, of_survivors, worst
+from drake_quad.studies.study import PARQUET
+from drake_quad.studies.summary import Summary, comparison_of, crashes_of, summary_of
+from drake_quad.visualization.style import save_figures
 
 
 def options() -> argparse.ArgumentParser:
@@ -75,6 +57,12 @@ def options() -> argparse.ArgumentParser:
         default="rmse",
         help="that is drawn and compared (default: %(default)s)",
     )
+    result.add_argument(
+        "--over",
+        metavar="FIELD",
+        help="a drawn number over which the probability of a crash is plotted (default: that with most to do with it)",
+    )
+    result.add_argument("--parquet", action="store_true", help=f"write the table also as {PARQUET}, for large studies")
     add_vector(result)
     return result
 
@@ -82,6 +70,8 @@ def options() -> argparse.ArgumentParser:
 def main(arguments: argparse.Namespace) -> None:
     """Runs the command."""
     scenarios = scenarios_of(arguments)
+    if arguments.parquet:
+        check_extra("--parquet", "tables", "pandas", "pyarrow")
     folder = folder_of(arguments, next(iter(scenarios.values())).name)
     folders = {name: folder / name if arguments.controller else folder for name in scenarios}
     studies: dict[str, Study] = {}
@@ -102,7 +92,9 @@ def main(arguments: argparse.Namespace) -> None:
                 )
     seconds = time.perf_counter() - began
     files = [folders[name] / "results.csv" for name in studies]
-    files += save_plots(studies, folder, arguments.metric, arguments.vector)
+    if arguments.parquet:
+        files += [study.to_parquet(folders[name] / PARQUET) for name, study in studies.items()]
+    files += save_plots(studies, folder, arguments)
     for name, study in studies.items():
         if study.misfits:
             lines = ", ".join(map(str, study.misfits[:5])) + (", ..." if len(study.misfits) > 5 else "")
@@ -123,6 +115,10 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
         if not distributions_in(scenario):
             remark(f"{name} holds no distribution: its samples differ by wind and noise, if it has any, and else not")
             break
+    for name, scenario in found.items():
+        drawn = [*distributions_in(scenario)]
+        if arguments.over is not None and arguments.over not in drawn:
+            raise InputError(f"--over is {arguments.over}, which is not drawn in {name}; drawn are {listed(drawn)}")
     return found
 
 
@@ -139,14 +135,20 @@ def crew_of(arguments: argparse.Namespace) -> Iterator[Crew]:
             yield crew
 
 
-def save_plots(studies: Mapping[str, Study], folder: Path, metric: str, vector: Vector | None) -> list[Path]:
-    """Draws distribution and convergence of all studies together, and the influences of each, and returns the files."""
+def save_plots(studies: Mapping[str, Study], folder: Path, arguments: argparse.Namespace) -> list[Path]:
+    """Draws distribution, convergence and crashes of all studies together, and the influences of each."""
     studies = {name: study for name, study in studies.items() if len(study.samples)}
     if not studies:
         return []
     # Matplotlib takes half a second to load, which an error, or a worker process, need not wait for.
-    from drake_quad.visualization.study_plots import plot_convergence, plot_distribution, plot_influences
+    from drake_quad.visualization.study_plots import (
+        plot_convergence,
+        plot_crash_probability,
+        plot_distribution,
+        plot_influences,
+    )
 
+    metric = arguments.metric
     figures = {"distribution": plot_distribution(studies, metric), "convergence": plot_convergence(studies, metric)}
     for name, study in studies.items():
         suffix = f"_{name}" if len(studies) > 1 else ""
@@ -154,69 +156,45 @@ def save_plots(studies: Mapping[str, Study], folder: Path, metric: str, vector: 
             figures[f"influences{suffix}"] = plot_influences(study, metric)
         if study.parameters and study.metrics.crashed.any():
             figures[f"crash_influences{suffix}"] = plot_influences(study, "crashed")
-    return save_figures(figures, folder, vector=vector)
+    common = most_influential(studies.values())
+    if common and any(study.metrics.crashed.any() for study in studies.values()):
+        figures["crash_probability"] = plot_crash_probability(studies, arguments.over or common)
+    return save_figures(figures, folder, vector=arguments.vector)
 
 
 def print_study(name: str, study: Study, folder: Path, how: str) -> None:
     """Prints estimates of the metrics, and the commands that fly the worst samples again."""
-    count, metrics = len(study.samples), study.metrics
-    crashes = crash_probability(metrics)
-    beyond = "crash" if metrics.crashed.any() else "–"
     print(
-        f"{name}: {count:,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each, diagrams {how};"
-        f" {int(metrics.crashed.sum()):,} crashed, {crashes.percent()}"
+        f"{name}: {len(study.samples):,} samples of seed {study.scenario.seed}, {study.duration:.2f} s each, diagrams"
+        f" {how}; {crashes_of(study)}"
     )
-    rows = []
-    for metric, unit, size, digits in _SHOWN:
-        values, everyone = of_survivors(metrics, metric), with_crashes(metrics, metric)
-        spread = np.std(values, ddof=1) / size if len(values) > 1 else math.nan
-        quantiles = (quantile_interval(everyone, share) for share in (0.05, 0.5, 0.95))
-        rows.append(
-            (
-                metric,
-                mean_interval(values).text(f".{digits}f", size=size),
-                f"{spread:.{digits}f}" if math.isfinite(spread) else "–",
-                *(quantile.text(f".{digits}f", size=size, infinite=beyond) for quantile in quantiles),
-                unit,
-            )
-        )
-    print_columns(("", "mean", "deviation", "5 % quantile", "median", "95 % quantile", ""), rows)
+    print_summary(summary_of(study))
     if pairs := correlated_pairs(distributions_in(study.scenario)):
         first, more = pairs[0], f" and {len(pairs) - 1:,} pairs more" if len(pairs) > 1 else ""
         print(
             f"drawn numbers are correlated ({first.first} and {first.second} by {first.correlation:+.2f}{more}): an"
             " influence of one holds what comes with the others"
         )
-    if count:
+    if len(study.samples):
         print("the worst:")
     for sample in worst(study):
         place = int(np.searchsorted(study.samples, sample))
-        own = metrics.taken(place)
+        own = study.metrics.taken(place)
         error = f"crashed at {own.crash_time:.2f} s" if own.crashed else f"{100.0 * own.rmse:.1f} cm"
         print(f"  {error:<18}  drake-quad fly {folder / 'scenario.yaml'} --sample {sample}")
 
 
 def print_comparison(studies: Mapping[str, Study], metric: str) -> None:
     """Compares each controller with the first, on the samples that both flew to the end."""
-    (first, baseline), *others = studies.items()
-    rows = []
-    for name, study in others:
-        found = compare_studies(study, baseline, metric)
-        rows.append(
-            (
-                name,
-                found.difference.text("+.4g"),
-                found.share.percent(),
-                found.better.percent(),
-                f"{found.num_pairs:,}",
-                f"{found.crashed:,} : {found.baseline_crashed:,}",
-                f"p = {found.crash_significance:.2g}",
-            )
-        )
-    print(f"beside {first}, sample by sample:")
-    print_columns(
-        ("", f"difference of {metric} ({UNITS[metric]})", "share", "better on", "pairs", "crashed alone", ""), rows
-    )
+    print(f"beside {next(iter(studies))}, sample by sample:")
+    print_summary(comparison_of(studies, metric))
+
+
+def print_summary(summary: Summary) -> None:
+    """Prints a table of words, and below it what must be known to read it."""
+    print_columns(summary.headings, summary.rows)
+    for sentence in summary.remarks:
+        print(sentence)
 
 
 def print_rate(studies: Mapping[str, Study], seconds: float) -> None:

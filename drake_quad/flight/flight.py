@@ -1,24 +1,42 @@
 """What a flight leaves behind."""
 
 import math
+import zipfile
+import zlib
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from drake_quad.errors import InputError
-from drake_quad.files import output_folder, write_table, write_whole
+from drake_quad.assembly.planning import plan_route
+from drake_quad.errors import InputError, listed
+from drake_quad.extras import needed
+from drake_quad.files import output_folder, read_table, write_table, write_whole
 from drake_quad.framework.records import layout_of
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Scenario, save_scenario
-from drake_quad.signals import SIGNALS, quantities, row_names
+from drake_quad.reference.polynomial_path import PolynomialPath
+from drake_quad.reference.routes import Leg
+from drake_quad.scenario import Scenario, load_scenario, save_scenario
+from drake_quad.signals import SIGNALS, Quantity, quantities, row_names
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+# What NumPy meets in a file that is not what it was.
+_DAMAGES = (OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error)
+ARRAYS, TABLE, SCENARIO, METRICS = "flight.npz", "flight.csv", "scenario.yaml", "metrics.csv"
+# What stands beside the signals in a flight's file of arrays: how it was flown, and its plan.
+_COMPILED, _OF_PLAN = "compiled", "plan."
 
 
-@dataclass(frozen=True, repr=False)
-class Flight:
-    """A flown scenario.
+@dataclass(frozen=True, repr=False, eq=False)
+class Flight(Mapping[str, np.ndarray]):
+    """A flown scenario: a mapping of the names of its signals to their values.
+
+    `flight["state"]` are (ticks, rows) numbers; `list(flight)` or `flight.keys()` are the names, `flight.items()` both.
 
     Attributes:
         scenario: what was flown, with its seed and the number of the sample.
@@ -42,10 +60,57 @@ class Flight:
             raise KeyError(f"{name} is no signal of this flight, which has {', '.join(self.signals)}")
         return self.signals[name]
 
+    def __iter__(self) -> Iterator[str]:
+        """The names of the signals."""
+        return iter(self.signals)
+
+    def __len__(self) -> int:
+        """How many signals there are."""
+        return len(self.signals)
+
+    def __contains__(self, name: object) -> bool:
+        """Is there a signal of this name?"""
+        return name in self.signals
+
+    # Two flights are the same if they are one: arrays have no equality.
+    __eq__ = object.__eq__
+    __hash__ = object.__hash__
+
     def record(self, name: str) -> Any:
         """A signal as the record of `drake_quad.signals`, of (ticks,) arrays: `record("state").roll` is the roll."""
         rows = list(self[name].T)
         return layout_of(SIGNALS[name], rows).build(rows)
+
+    def columns(self) -> dict[str, tuple[Quantity, np.ndarray]]:
+        """Every row of every signal as `signal.row`, with its quantity and its (ticks,) values."""
+        return {
+            f"{name}.{row}": (quantity, values[:, i])
+            for name, values in self.signals.items()
+            for i, (row, quantity) in enumerate(
+                zip(row_names(name, values.shape[1]), quantities(name, values.shape[1]), strict=True)
+            )
+        }
+
+    def to_frame(self) -> "pd.DataFrame":
+        """The flight as a table of pandas, with a row for each tick.
+
+        Its index is the `time` (s), its columns are the rows of the signals, as in `state.roll` and `error.x`.
+        `frame.attrs` has the `units` of the columns, the `frames` along whose axes they are (W, B, or "" for what has
+        no direction), and the `scenario`'s name.
+
+        Raises:
+            ImportError: pandas is not installed; the extra `tables` has it.
+        """
+        pandas = needed("pandas", "tables")
+        columns = self.columns()
+        data = {name: values for name, (_, values) in columns.items()}
+        frame = pandas.DataFrame(data, index=pandas.Index(self.time, name="time"))
+        frame.attrs = {
+            "units": {name: quantity.unit for name, (quantity, _) in columns.items()},
+            "frames": {name: quantity.frame for name, (quantity, _) in columns.items()},
+            "scenario": self.scenario.name,
+        }
+        return frame
 
     def __repr__(self) -> str:
         """A line of text."""
@@ -64,6 +129,8 @@ class Flight:
     def save(self, folder: Path | str) -> list[Path]:
         """Writes the signals as compressed NumPy and as CSV, the metrics as CSV, and the scenario as YAML to fly again.
 
+        `read_flight` reads the folder.
+
         Returns:
             The files.
 
@@ -71,27 +138,77 @@ class Flight:
             InputError: the folder cannot be written, or holds a scenario of something else than a flight.
         """
         target = output_folder(Path(folder))
-        if (target / "scenario.yaml").exists() and not (target / "flight.npz").exists():
-            raise InputError(
-                f"{target / 'scenario.yaml'} would be overwritten, and is no flight's; choose another folder"
-            )
-        names = {
-            f"{name}.{row} ({quantity.unit})": values[:, i]
-            for name, values in self.signals.items()
-            for i, (row, quantity) in enumerate(
-                zip(row_names(name, values.shape[1]), quantities(name, values.shape[1]), strict=True)
-            )
-        }
-
+        if (target / SCENARIO).exists() and not (target / ARRAYS).exists():
+            raise InputError(f"{target / SCENARIO} would be overwritten, and is no flight's; choose another folder")
+        names = {f"{name} ({quantity.unit})": values for name, (quantity, values) in self.columns().items()}
         metrics = {name: [value if math.isfinite(value) else ""] for name, value in self.metrics._asdict().items()}
 
         def save_arrays(path: Path) -> None:
-            arrays: dict[str, Any] = {"time": self.time, **self.signals}
-            np.savez_compressed(path, **arrays)
+            arrays: dict[str, Any] = {"time": self.time, **self.signals, _COMPILED: np.array(self.compiled)}
+            np.savez_compressed(path, **(arrays | _arrays_of(self.plan)))
 
         return [
-            write_whole(target / "flight.npz", save_arrays),
-            write_table(target / "flight.csv", {"time (s)": self.time, **names}, digits=9),
-            write_whole(target / "scenario.yaml", lambda path: save_scenario(self.scenario, path)),
-            write_table(target / "metrics.csv", metrics, digits=12),
+            write_whole(target / ARRAYS, save_arrays),
+            write_table(target / TABLE, {"time (s)": self.time, **names}, digits=9),
+            write_whole(target / SCENARIO, lambda path: save_scenario(self.scenario, path)),
+            write_table(target / METRICS, metrics),
         ]
+
+
+def read_flight(path: Path | str) -> Flight:
+    """Reads a flight that `Flight.save` wrote, number by number as it was.
+
+    Args:
+        path: the folder, or one of the files in it.
+
+    Raises:
+        InputError: there is no flight, or one of its files is damaged.
+    """
+    path = Path(path)
+    folder = path.parent if path.is_file() and path.name in (ARRAYS, TABLE, SCENARIO, METRICS) else path
+    if not (folder / ARRAYS).is_file():
+        raise InputError(f"{path} is no flight, which has {ARRAYS}, {TABLE}, {SCENARIO} and {METRICS}")
+    scenario = load_scenario(folder / SCENARIO)
+    try:
+        with (folder / ARRAYS).open("rb") as file, np.load(file) as loaded:
+            arrays = {name: loaded[name] for name in loaded}
+        time = arrays.pop("time")
+        compiled = bool(arrays.pop(_COMPILED, False))
+        planned = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_OF_PLAN)}
+        plan = _plan_of(planned) if planned else None
+    except _DAMAGES:
+        raise InputError(f"{folder / ARRAYS} cannot be read, or is not the file of a flight") from None
+    strange = [name for name, values in arrays.items() if name not in SIGNALS or values.shape[:1] != time.shape]
+    if strange:
+        raise InputError(f"{folder / ARRAYS} is not the file of a flight: {listed(strange)} is no signal of its length")
+    return Flight(scenario, plan or plan_route(scenario), time, arrays, _read_metrics(folder / METRICS), compiled)
+
+
+def _read_metrics(path: Path) -> Metrics:
+    table = read_table(path)
+    if [*table] != [*Metrics._fields] or any(values.shape != (1,) for values in table.values()):
+        raise InputError(f"{path} is not the table of a flight's metrics")
+    metrics = Metrics(*(float(values[0]) for values in table.values()))
+    return metrics if math.isfinite(metrics.crash_time) else metrics._replace(crash_time=math.inf)
+
+
+def _arrays_of(plan: Plan) -> dict[str, np.ndarray]:
+    """A plan as arrays by name, exact."""
+    arrays = {
+        **{f"path.{name}": values for name, values in plan.path._asdict().items()},
+        **{f"yaw.{name}": values for name, values in plan.yaw._asdict().items()},
+        "legs": np.array([leg.name for leg in plan.legs], dtype=str),
+        "leg_firsts": np.array([leg.first for leg in plan.legs], dtype=int),
+        "laps": np.array(plan.laps, dtype=float),
+    }
+    return {f"{_OF_PLAN}{name}": values for name, values in arrays.items()}
+
+
+def _plan_of(arrays: Mapping[str, np.ndarray]) -> Plan:
+    """The plan of `_arrays_of`."""
+    path, yaw = (
+        PolynomialPath(*(arrays[f"{_OF_PLAN}{part}.{name}"] for name in PolynomialPath._fields))
+        for part in ("path", "yaw")
+    )
+    legs = zip(arrays[f"{_OF_PLAN}legs"].tolist(), arrays[f"{_OF_PLAN}leg_firsts"].tolist(), strict=True)
+    return Plan(path, yaw, tuple(Leg(*leg) for leg in legs), tuple(arrays[f"{_OF_PLAN}laps"].tolist()))

@@ -23,7 +23,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from scipy.spatial.transform import Rotation
 
 from drake_quad.assembly.effects import thrust_curve
 from drake_quad.assembly.laboratory import steady_wind
@@ -293,7 +292,7 @@ def linear_drag(record: FlightRecord, scenario: Scenario, *, block: float = 0.5)
 
 
 def _motion(record: FlightRecord, scenario: Scenario) -> _Motion:
-    turned = Rotation.from_euler("ZYX", record.of("attitude")[:, ::-1]).inv()
+    turned = scipy.spatial.transform.Rotation.from_euler("ZYX", record.of("attitude")[:, ::-1]).inv()
     velocity, commanded = record.of("velocity"), _commanded(record, scenario)
     wind = np.asarray(steady_wind(scenario), dtype=float) if record.wind is None else record.wind
     if record.residual_force is not None:

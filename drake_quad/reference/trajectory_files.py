@@ -1,4 +1,4 @@
-"""A plan as files: a table for other tools, and a route that a scenario can include."""
+"""A plan as files: tables for other tools, and a route that a scenario can include."""
 
 from collections.abc import Iterable
 from pathlib import Path
@@ -6,10 +6,14 @@ from pathlib import Path
 import numpy as np
 
 from drake_quad.files import output_folder, write_table, write_whole
+from drake_quad.reference.pieces import save_pieces
 from drake_quad.reference.plan import Plan
-from drake_quad.reference.polynomial_path import evaluate, knots
+from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path, knots
 
 _MOST_SAMPLES = 20_000
+_PIECES = "pieces.csv"
+# Of coefficients that are made of derivatives, over the largest.
+_ROUNDING = 1e-12
 _COLUMNS = (
     "time (s)",
     *(f"{name} (m)" for name in "xyz"),
@@ -23,10 +27,11 @@ _COLUMNS = (
 
 
 def save_plan(plan: Plan, folder: Path | str, *, name: str, period: float = 0.02) -> list[Path]:
-    """Writes a plan as `trajectory.csv`, sampled, and as `trajectory.yaml`, exact.
+    """Writes a plan as `trajectory.csv`, sampled, and exactly as `trajectory.yaml` and `pieces.csv`.
 
     The YAML file holds a scenario called `name` that has nothing but a route of kind `trajectory`, for others to
-    extend.
+    extend. Crazyswarm2 reads the pieces (`drake_quad.reference.pieces`), and the route names them if knots cannot say
+    what the plan is.
 
     Args:
         plan: to write.
@@ -52,10 +57,13 @@ def save_plan(plan: Plan, folder: Path | str, *, name: str, period: float = 0.02
     return [
         write_table(target / "trajectory.csv", dict(zip(_COLUMNS, table, strict=True)), digits=9),
         write_whole(target / "trajectory.yaml", write_yaml),
+        save_pieces(plan, target / _PIECES),
     ]
 
 
 def _as_yaml(plan: Plan, name: str) -> str:
+    if not (_has_knots(plan.path, 4) and _has_knots(plan.yaw, 2)):
+        return f"{name}:\n  route:\n    kind: trajectory\n    pieces: {_PIECES}\n"
     lines = [f"{name}:", "  route:", "    kind: trajectory", "    knots:"]
     for time, derivatives in zip(plan.path.times, knots(plan.path, 4), strict=True):
         fields = zip(("position", "velocity", "acceleration", "jerk"), map(_list, derivatives), strict=True)
@@ -65,6 +73,15 @@ def _as_yaml(plan: Plan, name: str) -> str:
         yaw, rate = (repr(float(value[0])) for value in derivatives)
         lines.append(_entry([("time", repr(float(time))), ("yaw", yaw), ("yaw_rate", rate)]))
     return "\n".join(lines) + "\n"
+
+
+def _has_knots(path: PolynomialPath, orders: int) -> bool:
+    """Is a path what its derivatives below an order at its knots say?"""
+    rebuilt = hermite_path(path.times, knots(path, orders)).coefficients
+    own = np.zeros((len(rebuilt), max(rebuilt.shape[1], path.coefficients.shape[1]), rebuilt.shape[2]))
+    padded = own.copy()
+    own[:, : path.coefficients.shape[1]], padded[:, : rebuilt.shape[1]] = path.coefficients, rebuilt
+    return np.allclose(own, padded, rtol=0.0, atol=_ROUNDING * max(1.0, np.abs(own).max()))
 
 
 def _entry(fields: Iterable[tuple[str, str]]) -> str:

@@ -35,6 +35,10 @@ class Model(BaseModel):
 
     model_config = ConfigDict(extra="forbid", strict=True, frozen=True, allow_inf_nan=False, validate_default=True)
 
+    def __str__(self) -> str:
+        """As it shows itself."""
+        return repr(self)
+
     @model_validator(mode="before")
     @classmethod
     def _no_unknown_field(cls, data: Any) -> Any:
@@ -135,6 +139,10 @@ class Uniform(Model):
 
     uniform: Range
 
+    def __repr__(self) -> str:
+        """Short, as in `uniform(0.64, 0.72)`."""
+        return f"uniform({self.uniform.min:g}, {self.uniform.max:g})"
+
     def extremes(self) -> Iterator[float | None]:
         """Numbers between which all values lie; None where there is no bound."""
         yield from (self.uniform.min, self.uniform.max)
@@ -149,6 +157,10 @@ class LogUniform(Model):
 
     log_uniform: PositiveRange
 
+    def __repr__(self) -> str:
+        """Short, as in `log_uniform(0.001, 1)`."""
+        return f"log_uniform({self.log_uniform.min:g}, {self.log_uniform.max:g})"
+
     def extremes(self) -> Iterator[float | None]:
         """Numbers between which all values lie; None where there is no bound."""
         yield from (self.log_uniform.min, self.log_uniform.max)
@@ -162,6 +174,13 @@ class Normal(Model):
     """A normal distribution, which may be correlated with others; a bounded quantity needs limits."""
 
     normal: Bell
+
+    def __repr__(self) -> str:
+        """Short, as in `normal(0.7, 0.03, min=0.6)`."""
+        bell = self.normal
+        limits = [f"{name}={limit:g}" for name, limit in (("min", bell.min), ("max", bell.max)) if limit is not None]
+        shared = [f"shared={bell.shared}"] if bell.shared else []
+        return f"normal({', '.join([f'{bell.mean:g}', f'{bell.standard_deviation:g}', *limits, *shared])})"
 
     def extremes(self) -> Iterator[float | None]:
         """Numbers between which all values lie; None where there is no bound."""
@@ -181,6 +200,10 @@ class Choice(Model):
     """One of these numbers, all equally likely."""
 
     choice: Annotated[tuple[Real, ...], Field(strict=False, min_length=1)]
+
+    def __repr__(self) -> str:
+        """Short, as in `choice(0, 1, 2)`."""
+        return f"choice({', '.join(f'{each:g}' for each in self.choice)})"
 
     def extremes(self) -> Iterator[float | None]:
         """Numbers between which all values lie; None where there is no bound."""

@@ -8,9 +8,10 @@ from drake_quad.scenario.distributions import DISTRIBUTIONS
 from drake_quad.scenario.documents import parse_document
 from drake_quad.scenario.limits import MOST_BASES, MOST_BYTES, MOST_NODES
 from drake_quad.scenario.marked_tree import Mark, Tree
+from drake_quad.scenario.piece_table import is_piece_table, parse_piece_table
 from drake_quad.scenario.reading import read_text
 from drake_quad.scenario.shipped import shipped_file, unknown
-from drake_quad.scenario.waypoint_table import parse_waypoint_table
+from drake_quad.scenario.waypoint_table import name_of, parse_waypoint_table
 
 # The kind of a field that may leave it out.
 SILENT_KINDS = {"control": "cascade"}
@@ -51,6 +52,16 @@ class Library:
             raise InputError(f"{tree.mark}: must be a mapping of fields")
         return tree
 
+    def pieces(self, path: Path) -> Tree:
+        """Reads a file of pieces of a trajectory, see `parse_piece_table`.
+
+        Raises:
+            InputError: it cannot be read, or is something else.
+        """
+        text = read_text(path, most=self._bytes)
+        self._bytes -= len(text)
+        return parse_piece_table(text, path)
+
     def parse(self, text: str, source: str, *, numbered: bool) -> Tree:
         """Parses YAML as a part of the scenario; see `parse_document`."""
         if len(text) > self._bytes:
@@ -60,12 +71,23 @@ class Library:
         self._nodes -= tree.size()
         return tree
 
+    def count(self, mark: Mark) -> None:
+        """Counts a name or value that is given otherwise than in YAML.
+
+        Raises:
+            InputError: there are too many.
+        """
+        self._nodes -= 1
+        if self._nodes < 0:
+            raise InputError(f"{mark}: is too large: a scenario may have {MOST_NODES:,} names and values in all")
+
     def _document(self, path: Path) -> Tree:
         if path not in self._documents:
             text = read_text(path, most=self._bytes)
             if path.suffix == ".csv":
                 self._bytes -= len(text)
-                self._documents[path] = parse_waypoint_table(text, path)
+                parse = _parse_trajectory if is_piece_table(text) else parse_waypoint_table
+                self._documents[path] = parse(text, path)
             else:
                 self._documents[path] = self.parse(text, str(path), numbered=True)
         return self._documents[path]
@@ -80,8 +102,9 @@ class Library:
         if name is None:
             if len(scenarios) > 1:
                 asking = "" if asked_by == file else f"{asked_by}: "
+                called = file if stack else str(asked_by).removesuffix(":")  # a shipped one by its short name
                 names = listed([*scenarios])
-                raise InputError(f"{asking}{file} holds several scenarios; choose one as {file}:NAME from {names}")
+                raise InputError(f"{asking}{file} holds several scenarios; choose one as {called}:NAME from {names}")
             name = next(iter(scenarios))
         if name not in scenarios:
             raise InputError(
@@ -106,23 +129,34 @@ class Library:
             self._bases -= 1
             if self._bases < 0:
                 raise InputError(f"{spec.mark}: extends too many scenarios: {MOST_BASES} in all, at most")
-            base_path, base_name = self._base(spec, path)
+            base_path, base_name = _base(spec, path, self._document(path))
             _, base = self._resolve(base_path, base_name, spec.mark, stack)
             result = base if result is None else merged(result, base)
         return own if result is None else merged(result, own)
 
-    @staticmethod
-    def _base(spec: Tree, path: Path) -> tuple[Path, str | None]:
-        """The file and the name that a file extends: beside it, shipped, or in itself."""
-        file, name = split_spec(spec.value)
-        if file.endswith(_SUFFIXES):
-            return path.parent / file, name
-        if ":" not in file and "/" not in file:
-            return path, file
-        found = _shipped(file)
-        if found is None:
-            raise InputError(f"{spec.mark}: extends {unknown(file)}")
+
+def _base(spec: Tree, path: Path, document: Tree) -> tuple[Path, str | None]:
+    """The file and the name that a scenario of a file extends: beside the file, in it, or else shipped."""
+    file, name = split_spec(spec.value)
+    if file.endswith(_SUFFIXES):
+        return path.parent / file, name
+    of_this = ":" not in file and "/" not in file
+    if of_this and file in document.value:
+        return path, file
+    found = _shipped(file)
+    if found is not None:
         return found
+    if of_this:
+        return path, file
+    raise InputError(f"{spec.mark}: extends {unknown(file)}")
+
+
+def _parse_trajectory(text: str, path: Path) -> Tree:
+    """A document with one scenario, called after the file, that has nothing but the trajectory of a table of pieces."""
+    pieces = parse_piece_table(text, path)
+    route = {"kind": Tree("trajectory", pieces.mark), "pieces": pieces}
+    scenario = Tree({"route": Tree(route, pieces.mark)}, pieces.mark)
+    return Tree({name_of(path): scenario}, pieces.mark)
 
 
 def merged(base: Tree, extension: Tree, silent: str | None = None) -> Tree:

@@ -2,7 +2,8 @@
 
 import difflib
 import re
-from collections.abc import Sequence
+from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from functools import partial
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, get_args
 
@@ -10,6 +11,7 @@ from pydantic import ValidationError
 
 from drake_quad.errors import InputError, shortened, shown
 from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
+from drake_quad.scenario.given_values import given_trees
 from drake_quad.scenario.library import SILENT_KINDS, Library, merged
 from drake_quad.scenario.limits import MOST_LEVELS
 from drake_quad.scenario.marked_tree import Mark, Tree
@@ -40,7 +42,8 @@ class Override(NamedTuple):
         return override if isinstance(override, Override) else cls(override, f"override {override}")
 
 
-Overrides = Sequence[str | Override]
+# `Override` is a tuple itself; the last stands for a sequence of any of the others.
+Overrides = str | Override | Mapping[str, Any] | Sequence[str | Override | Mapping[str, Any]]
 
 
 def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequence[str | Path] = ()) -> Scenario:
@@ -48,7 +51,10 @@ def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequen
 
     Args:
         spec: FILE, or FILE:NAME where the file holds several scenarios.
-        overrides: assignments `field.path=value` with the value in YAML; they win.
+        overrides: fields that are given other values; they win. A mapping of their paths to these, as in
+            `{"vehicle.mass": 0.7, "route": {"kind": "circle"}, "control.position.k_p": np.ones(3)}`, where mappings are
+            joined with what is there, as by `extends`; or an assignment `"vehicle.mass=0.7"` with the value in YAML; or
+            several of either in a list, of which the last wins.
         layers: further FILE:NAMEs that are laid over the scenario one after the other, as if one extended them all.
 
     Raises:
@@ -74,7 +80,7 @@ def load_undesigned(spec: str | Path, overrides: Overrides = ()) -> Scenario:
 
     Args:
         spec: FILE, or FILE:NAME where the file holds several scenarios.
-        overrides: assignments `field.path=value` with the value in YAML; they win.
+        overrides: as for `load_scenario`.
 
     Raises:
         InputError: as `load_scenario`.
@@ -96,52 +102,70 @@ def load_mission(spec: str | Path, overrides: Overrides = ()) -> Mission:
 
     Args:
         spec: FILE, or FILE:NAME where the file holds several scenarios; or a CSV file, see `waypoint_table`.
-        overrides: assignments `field.path=value` with the value in YAML; they win.
+        overrides: as for `load_scenario`.
 
     Raises:
         InputError: as `load_scenario`, or an override is of something else in a scenario.
     """
     others = Scenario.model_fields.keys() - Mission.model_fields.keys()
-    for assignment, source in map(Override.of, overrides):
-        field = assignment.partition("=")[0].partition(".")[0].strip()
-        if field in others:
-            allowed = ", ".join(Mission.model_fields)
-            raise InputError(
-                f"{shortened(source, _MOST_OF_A_PATH)}: a plan does not depend on {field}, only on {allowed}"
-            )
-    tree = _loaded(spec, overrides)
+    tree = _loaded(spec, overrides, foreign=others)
     return validated(Mission, Tree({key: value for key, value in tree.value.items() if key not in others}, tree.mark))
 
 
-def _loaded(spec: str | Path, overrides: Overrides, layers: Sequence[str | Path] = (), *, beneath: str = "") -> Tree:
+def _loaded(
+    spec: str | Path,
+    overrides: Overrides,
+    layers: Sequence[str | Path] = (),
+    *,
+    beneath: str = "",
+    foreign: Set[str] = frozenset(),
+) -> Tree:
+    """A scenario as it is written, with its overrides, of which none may be of a foreign field."""
     library = Library()
     name, tree = library.find(spec)
     if beneath:
         tree = merged(library.parse(beneath, "what is not written", numbered=False), tree)._replace(mark=tree.mark)
     for layer in layers:
         tree = merged(tree, library.find(layer)[1])
-    for override in map(Override.of, overrides):
+    for override in _trees_of(overrides, library):
+        for field in override.value.keys() & foreign:
+            allowed = ", ".join(Mission.model_fields)
+            raise InputError(f"{override.mark}: a plan does not depend on {field}, only on {allowed}")
         # What is missing is missing in the file.
-        tree = merged(tree, _within_lists(tree, _parsed(override, library)))._replace(mark=tree.mark)
+        tree = merged(tree, _within_lists(tree, override))._replace(mark=tree.mark)
     if "name" not in tree.value:
         tree = Tree({"name": Tree(name, tree.mark), **tree.value}, tree.mark)
-    return _with_learned(tree, library)
+    for path, read in _FILES.items():
+        tree = _with_file(tree, path, partial(read, library))
+    return tree
 
 
-def _with_learned(tree: Tree, library: Library, path: tuple[str, ...] = ("control", "network", "learned")) -> Tree:
-    """The tree with what a network has learned in the place of the name of its file.
+# Fields in which the name of a file may stand, and how a library reads it.
+_FILES: dict[tuple[str, ...], Callable[[Library, Path], Tree]] = {
+    ("control", "network", "learned"): Library.mapping,
+    ("route", "pieces"): Library.pieces,
+}
+
+
+def _with_file(tree: Tree, path: tuple[str, ...], read: Callable[[Path], Tree]) -> Tree:
+    """The tree with what is in a file in the place of its name.
 
     A file that is named in another is looked for beside that, as those that are extended are.
+
+    Args:
+        tree: of the scenario, or a part of it.
+        path: from there to the field.
+        read: reads the file.
     """
     if not path:
         if not isinstance(tree.value, str):
             return tree
         folder = Path(tree.mark.source).parent if tree.mark.line else Path()
-        return library.mapping(folder / tree.value)
+        return read(folder / tree.value)
     field, *inside = path
     if not isinstance(tree.value, dict) or field not in tree.value:
         return tree
-    return Tree({**tree.value, field: _with_learned(tree.value[field], library, tuple(inside))}, tree.mark)
+    return Tree({**tree.value, field: _with_file(tree.value[field], tuple(inside), read)}, tree.mark)
 
 
 def validated(model: type[_Valid], tree: Tree) -> _Valid:
@@ -155,6 +179,19 @@ def validated(model: type[_Valid], tree: Tree) -> _Valid:
         return model.model_validate(data)
     except ValidationError as error:
         raise InputError(_explain(error, model, tree, data)) from None
+
+
+def _trees_of(overrides: Overrides, library: Library) -> Iterator[Tree]:
+    """A document for each field that is given another value."""
+    if isinstance(overrides, str | Override | Mapping):
+        overrides = [overrides]
+    for override in overrides:
+        if isinstance(override, Mapping):
+            yield from given_trees(override, library)
+        elif isinstance(override, str | Override):
+            yield _parsed(Override.of(override), library)
+        else:
+            raise InputError(f"the override {shown(override)} must be a mapping, or field.path=value")
 
 
 def _parsed(override: Override, library: Library) -> Tree:
@@ -181,12 +218,11 @@ def _within_lists(tree: Tree, override: Tree) -> Tree:
     if isinstance(old, dict) and isinstance(new, dict):
         known = {key: _within_lists(old[key], value) if key in old else value for key, value in new.items()}
         return Tree(known, override.mark)
-    if isinstance(old, list) and isinstance(new, dict) and len(new) == 1:
-        (key, value), *_ = new.items()
-        if key in map(str, range(len(old))):
-            items = list(old)
+    if isinstance(old, list) and isinstance(new, dict) and new and new.keys() <= {*map(str, range(len(old)))}:
+        items = list(old)
+        for key, value in new.items():
             items[int(key)] = merged(old[int(key)], _within_lists(old[int(key)], value))
-            return Tree(items, override.mark)
+        return Tree(items, override.mark)
     return override
 
 
@@ -232,7 +268,9 @@ def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Mode
         case "dict_type":
             return f"is {value}, but must be a mapping of names to numbers"
         case "tuple_type":
-            return f"is {value}, but must be a list"
+            items = isinstance(problem["input"], dict) and all(str(key).isdecimal() for key in problem["input"])
+            alone = "; an item alone can be given where the scenario says the others" if items else ""
+            return f"is {value}, but must be a list{alone}"
     demand = re.sub(r"^(Input|String|Tuple) should", "must", problem["msg"]).replace(" after validation", "")
     return f"is {value}, but {demand}"
 

@@ -314,6 +314,15 @@ AnyControl = Annotated[
 ]
 
 
+def _kinds(control: Any) -> list[str]:
+    """The kinds of the parts of a control."""
+    if not isinstance(control, Control):
+        return [control.kind]
+    network = [] if control.network is None else [f"{control.network.kind} network"]
+    attitude = [] if control.attitude is None else [f"attitude {control.attitude.kind}"]
+    return [control.position.kind, *network, *attitude]
+
+
 class Window(Model):
     """The part of a flight that counts for the metrics."""
 
@@ -364,6 +373,14 @@ class Mission(Model):
     route: Route
     nominal: Nominal = Nominal()
 
+    def __repr__(self) -> str:
+        """A line of text: what flies where."""
+        return f"<{type(self).__name__} {self.name}: {'; '.join(self._words())}>"
+
+    def _words(self) -> list[str]:
+        """What there is to say in a line."""
+        return [f"route {self.route.kind}", f"nominal mass {self.nominal.mass:g} kg"]
+
 
 class Scenario(Mission):
     """A closed loop: what flies where, under which control, for how long."""
@@ -378,6 +395,18 @@ class Scenario(Mission):
     sample: Annotated[int, Field(ge=0, lt=2**31)] | None = Field(
         default=None, description="which of the study's samples this is; without distributions it may be left open"
     )
+
+    def _words(self) -> list[str]:
+        laboratory, count = self.laboratory, len(distributions_in(self))
+        wind = ", ".join(source.kind for source in laboratory.wind)
+        return [
+            f"route {self.route.kind}" + ("" if self.duration is None else f", {self.duration:g} s"),
+            f"vehicle of {self.vehicle.mass} kg",
+            f"control {' + '.join(_kinds(self.control))}",
+            *([] if laboratory.autopilot.kind == "none" else [f"autopilot {laboratory.autopilot.kind}"]),
+            f"wind: {wind}" if wind else "no wind",
+            f"{count or 'no'} distribution{'' if count == 1 else 's'}",
+        ]
 
     @field_validator("vehicle")
     @classmethod

@@ -22,6 +22,10 @@ def file_schema() -> dict[str, Any]:
     definitions["Waypoint"] = {"anyOf": [waypoint, {"type": "array", "minItems": 3, "maxItems": 3}]}
     times = definitions["WaypointRoute"]["properties"]["times"]
     times["oneOf"] += [{"type": "array"}, {"enum": list(times["discriminator"]["mapping"])}]
+    # In these fields the name of a file may stand for what is in it.
+    definitions["TrajectoryRoute"]["properties"]["pieces"]["anyOf"].append({"type": "string"})
+    for name in ("Type1Network", "Type2Network"):
+        definitions[name]["properties"]["learned"]["anyOf"].append({"type": "string"})
     # Vehicles and beliefs have the same layouts, but of what is believed there are no distributions.
     believed = definitions["Nominal"]["properties"]
     believed["layout"] = _of_numbers(believed["layout"], definitions)
@@ -103,7 +107,7 @@ and lag have a correlation of 0.9 · (-0.5) = -0.45, and each has the distributi
 
 ```yaml
 correlated:
-  extends: ../diagrams/figure_eight.yaml
+  extends: figure_eight
   vehicle:
     mass: {{normal: {{mean: 0.68, standard_deviation: 0.01, min: 0.6, shared: {{battery: 0.9}}}}}}
     rotor_time_constant:

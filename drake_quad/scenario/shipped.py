@@ -10,7 +10,7 @@ from pathlib import Path
 
 from ruamel.yaml import YAML
 
-from drake_quad.errors import listed, shown
+from drake_quad.errors import shown
 
 _PACKAGE = Path(__file__).parent.parent
 
@@ -52,5 +52,5 @@ def unknown(name: str) -> str:
     """A sentence on a name that is neither a file nor shipped."""
     names = shipped_names()
     close = difflib.get_close_matches(name.partition(":")[0], names, 1)
-    hint = f"did you mean {close[0]}?" if close else f"there are {listed([each for each in names if '/' not in each])}"
+    hint = f"did you mean {close[0]}?" if close else "`drake-quad scenarios` lists these"
     return f"{shown(name)} is neither a file nor a scenario that is shipped; {hint}"

@@ -32,11 +32,11 @@ def parse_waypoint_table(text: str, path: Path) -> Tree:
         InputError: the text is not such a table, or has too many rows.
     """
     file = Mark(str(path), 0)
-    rows = list(_rows(text, file))
+    rows = list(table_rows(text, file, "waypoints"))
     if not rows:
         raise InputError(f"{file}: holds no waypoints")
     names = [cell.lower() for cell in rows[0][1]]
-    if all(_number(name) is not None for name in names):
+    if all(number_in(name) is not None for name in names):
         if len(names) != 3:
             raise InputError(f"{rows[0][0]}: {len(names)} columns need a first row that names them: x, y, z, time, yaw")
         names = ["x", "y", "z"]
@@ -48,13 +48,18 @@ def parse_waypoint_table(text: str, path: Path) -> Tree:
         if len(cells) != len(names):
             raise InputError(f"{mark}: has {len(cells)} cells, but there are {len(names)} columns")
         for name, cell in zip(names, cells, strict=True):
-            number = _number(cell)
+            number = number_in(cell)
             if number is None and not (name == "yaw" and not cell):
                 raise InputError(f"{mark}: {name} is {shown(cell)}, but must be a finite number")
             columns[name].append(Tree(number, mark))
     top = Mark(str(path), 1)
     scenario = Tree({"route": Tree(_route(columns, [mark for mark, _ in rows], top), top)}, top)
-    return Tree({re.sub(r"[^A-Za-z0-9_.-]", "_", path.stem): scenario}, top)
+    return Tree({name_of(path): scenario}, top)
+
+
+def name_of(path: Path) -> str:
+    """What the scenario of a table is called."""
+    return re.sub(r"[^A-Za-z0-9_.-]", "_", path.stem)
 
 
 def _route(columns: dict[str, list[Tree]], marks: list[Mark], top: Mark) -> dict[str, Tree]:
@@ -75,7 +80,17 @@ def _route(columns: dict[str, list[Tree]], marks: list[Mark], top: Mark) -> dict
     return route
 
 
-def _rows(text: str, file: Mark) -> Iterator[_Row]:
+def table_rows(text: str, file: Mark, what: str) -> Iterator[_Row]:
+    """The cells of each row with where it is, without empty lines and those that begin with #.
+
+    Args:
+        text: of a CSV file.
+        file: what errors call it.
+        what: stands in a row.
+
+    Raises:
+        InputError: it is not CSV, or has too many rows.
+    """
     reader = csv.reader(io.StringIO(text, newline=""))
     count = 0
     try:
@@ -86,7 +101,7 @@ def _rows(text: str, file: Mark) -> Iterator[_Row]:
             mark = file._replace(line=reader.line_num)
             count += 1
             if count > MOST_WAYPOINTS + 1:  # the names of the columns are a row
-                raise InputError(f"{mark}: there are too many rows: a route may have {MOST_WAYPOINTS:,} waypoints")
+                raise InputError(f"{mark}: there are too many rows: a route may have {MOST_WAYPOINTS:,} {what}")
             yield mark, cells
     except csv.Error:
         raise InputError(f"{file}: is not a CSV file") from None
@@ -103,7 +118,8 @@ def _check_names(names: list[str], mark: Mark) -> None:
         raise InputError(f"{mark}: two columns have the same name")
 
 
-def _number(cell: str) -> float | None:
+def number_in(cell: str) -> float | None:
+    """The finite number that a cell holds, if it does."""
     try:
         number = float(cell)
     except ValueError:

@@ -109,9 +109,7 @@ def dask_crew(address: str, num_workers: int | None = None) -> Iterator[DaskCrew
     try:
         from distributed import Client
     except ImportError:
-        raise InputError(
-            "Dask is not installed; pip install --constraint constraints.txt --editable '.[cluster]' has it"
-        ) from None
+        raise InputError("Dask is not installed; pip install 'drake_quad[cluster]' has it") from None
     with _silent("distributed", "tornado"):  # Tornado runs the client's loop, and logs what Ctrl-C breaks off there
         try:
             client = Client(address, timeout=_HANDSHAKE, set_as_default=False)

@@ -30,7 +30,7 @@ class Interval(NamedTuple):
         return True if self.low > level else False if self.high < level else None
 
     def text(self, form: str, *, unit: str = "", size: float = 1.0, infinite: str = "–") -> str:
-        """The estimate in words, as in `0.123 m [0.120, 0.126]`; without its interval if there is none.
+        """The estimate in words, as in `0.123 m [0.120, 0.126]`; without its interval if neither end is a number.
 
         Args:
             form: of the numbers, as Python's format has it.
@@ -44,8 +44,10 @@ class Interval(NamedTuple):
                 return f"{value / size:{form}}"
             return infinite if value > 0.0 else "–"
 
+        if math.isnan(self.value):
+            return "–"
         value = f"{number(self.value)} {unit}".rstrip()
-        if math.isnan(self.low) and math.isnan(self.high):
+        if not (math.isfinite(self.low) or math.isfinite(self.high)):
             return value
         return f"{value} [{number(self.low)}, {number(self.high)}]"
 

@@ -5,11 +5,13 @@ many these are. Quantiles are those of all samples, a crash being worse than any
 """
 
 import math
+from collections.abc import Iterable
 from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
 
+from drake_quad.errors import InputError, listed
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario import distributions_in
 from drake_quad.scenario.correlation import correlated_groups
@@ -19,6 +21,10 @@ from drake_quad.studies.study import Study
 CONFIDENCE = 0.95
 # Of its spread, what must be left of a number when others are given, for it to be more than rounding.
 _DETERMINED = 1e-9
+# Of a number that a float can hold.
+_LARGEST_EXPONENT = 600.0
+# Of a number over which the probability of a crash is looked at.
+_FEWEST_BINS, _MOST_BINS = 2, 20
 
 
 def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
@@ -27,6 +33,45 @@ def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interva
         return Interval(float(values[0]) if len(values) else math.nan, math.nan, math.nan)
     mean, reach = float(np.mean(values)), float(_reach(np.std(values, ddof=1), len(values), confidence))
     return Interval(mean, mean - reach, mean + reach)
+
+
+def positive_mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+    """The mean of (n,) values that are not negative: what Student's interval holds of negative numbers is left out.
+
+    It covers as often as the whole interval, since the mean is not there.
+    """
+    found = mean_interval(values, confidence)
+    return found._replace(low=max(found.low, 0.0))
+
+
+def share_mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
+    """The mean of (n,) values from 0 to 1, with an interval within these.
+
+    It is Student's for the logarithm of the mean's odds, by its derivative. Where all values are 0 or all are 1 the
+    spread says nothing: then it is the interval of the share of values that are otherwise, `share_interval`, which the
+    mean cannot leave. NaN ends for fewer than two.
+    """
+    found = mean_interval(values, confidence)
+    if len(values) > 1 and found.value in (0.0, 1.0):
+        return share_interval(int(found.value) * len(values), len(values), confidence)
+    if not 0.0 < found.value < 1.0:
+        return found
+    odds = found.value / (1.0 - found.value)
+    factor = math.exp(min((found.high - found.value) / (found.value * (1.0 - found.value)), _LARGEST_EXPONENT))
+    low, high = odds / factor, odds * factor
+    return Interval(found.value, low / (1.0 + low), high / (1.0 + high))
+
+
+def metric_mean(metrics: Metrics, name: str, confidence: float = CONFIDENCE) -> Interval:
+    """The mean of a metric of the flights that went to the end: by `share_mean_interval` of a share, else positive.
+
+    Args:
+        metrics: (n,) of the samples.
+        name: of the metric, none of which is negative.
+        confidence: of the interval.
+    """
+    interval = share_mean_interval if name == "saturation_share" else positive_mean_interval
+    return interval(of_survivors(metrics, name), confidence)
 
 
 def quantile_interval(values: np.ndarray, probability: float, confidence: float = CONFIDENCE) -> Interval:
@@ -182,6 +227,78 @@ def _level(values: np.ndarray, name: str) -> Interval:
     return share_interval(int(values.sum()), len(values)) if name == "crashed" else mean_interval(values)
 
 
+class CrashLevel(NamedTuple):
+    """The probability of a crash where a drawn number is in a range.
+
+    Attributes:
+        low: least number drawn there.
+        high: largest.
+        middle: their median.
+        num_samples: how many.
+        probability: of a crash.
+    """
+
+    low: float
+    high: float
+    middle: float
+    num_samples: int
+    probability: Interval
+
+
+def crash_levels(study: Study, path: str, *, num_bins: int | None = None) -> list[CrashLevel]:
+    """The probability of a crash over a drawn number, in bins of equally many samples.
+
+    Samples with the same number are in the same bin, so that a choice of a few numbers has a bin for each.
+
+    Args:
+        study: of the samples.
+        path: of the field.
+        num_bins: how many, if there are as many different numbers; if not given the cube root of that of the samples,
+            but 2 to 20, so that more samples make bins finer and their intervals shorter.
+
+    Raises:
+        InputError: the field holds no distribution, or the number of bins is less than 1.
+    """
+    if path not in study.parameters:
+        raise InputError(f"{path} is not drawn in this study; drawn are {listed([*study.parameters]) or 'no numbers'}")
+    if num_bins is not None and num_bins < 1:
+        raise InputError(f"the number of bins is {num_bins}, but must be at least 1")
+    numbers, crashed = study.parameters[path], study.metrics.crashed
+    if not len(numbers):
+        return []
+    wanted = num_bins or min(max(round(len(numbers) ** (1.0 / 3.0)), _FEWEST_BINS), _MOST_BINS)
+    different = np.unique(numbers)
+    if len(different) <= wanted:
+        first = different
+    else:
+        first = np.unique(np.sort(numbers)[np.arange(wanted) * len(numbers) // wanted])
+    bins = np.searchsorted(first, numbers, side="right") - 1
+    levels = []
+    for own in (bins == i for i in range(len(first))):
+        drawn, count = numbers[own], int(own.sum())
+        probability = share_interval(int(crashed[own].sum()), count)
+        levels.append(CrashLevel(drawn.min(), drawn.max(), float(np.median(drawn)), count, probability))
+    return levels
+
+
+def most_influential(studies: Iterable[Study], name: str = "crashed") -> str | None:
+    """The drawn number with the largest rank correlation with a metric in any of some studies; None if there is none.
+
+    Args:
+        studies: in all of which the number is drawn.
+        name: of the metric; or "crashed", for what makes vehicles crash.
+    """
+    studies = [*studies]
+    found = [
+        each
+        for study in studies
+        for each in influences(study, name)
+        if all(each.path in other.parameters for other in studies)
+    ]
+    sizes = [np.nan_to_num(abs(each.correlation.value)) for each in found]
+    return found[int(np.argmax(sizes))].path if found else None
+
+
 class Comparison(NamedTuple):
     """Two controllers on the same samples.
 
@@ -222,7 +339,7 @@ def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparis
     return Comparison(
         len(value),
         mean_interval(value - reference),
-        mean_interval(value[reference > 0.0] / reference[reference > 0.0]),
+        positive_mean_interval(value[reference > 0.0] / reference[reference > 0.0]),
         share_interval(int(np.sum(value < reference)), len(value)),
         only,
         baseline_only,

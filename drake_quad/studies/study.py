@@ -3,7 +3,7 @@
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
-from typing import Any, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 from pydantic import BaseModel, ConfigDict, ValidationError
@@ -11,14 +11,20 @@ from ruamel.yaml import YAML
 from ruamel.yaml.error import YAMLError
 
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, listed
+from drake_quad.extras import needed
+from drake_quad.files import read_table, write_whole
 from drake_quad.laboratory.metrics import UNITS, Metrics
 from drake_quad.scenario import Batch, Scenario, distributions_in, load_scenario
-from drake_quad.scenario.description import description_at
+from drake_quad.scenario.description import description_at, unit_at
 from drake_quad.studies.provenance import provenance
 from drake_quad.studies.results_file import CHECKSUM, Format, Found, read_results
 
+if TYPE_CHECKING:
+    import pandas as pd
+
 RESULTS, SCENARIO, STUDY, FAILED = "results.csv", "scenario.yaml", "study.yaml", "failed.csv"
+PARQUET = "results.parquet"
 # Of two numbers that are written with twelve digits.
 _ROUNDING = 1e-11
 
@@ -76,13 +82,52 @@ class Study:
         """A line of text."""
         crashed, flown = int(self.metrics.crashed.sum()), len(self.samples)
         failed = f", {len(self.failures)} not flown" if self.failures else ""
-        numbers = ", ".join(self.parameters) or "nothing"
+        numbers = listed([*self.parameters]) or "nothing"
         return f"<Study of {self.scenario.name}: {flown} samples, {crashed} crashed{failed}; drawn are {numbers}>"
 
     @property
     def flight_time(self) -> np.ndarray:
         """(n,) seconds that each sample flew, until the end or its crash."""
         return np.minimum(self.metrics.crash_time, self.duration)
+
+    def to_frame(self) -> "pd.DataFrame":
+        """The study as a table of pandas, with a row for each sample that was flown.
+
+        Its index is the number of the sample, so that tables of controllers that flew the same samples join row by row.
+        Its columns are every number that was drawn, by the path of its field, every metric, `crashed` as True or False,
+        and `crash_time`, which is NaN for a sample that flew to the end. The metrics of a sample that crashed are those
+        until then. `frame.attrs` has the `units` of the columns, the `scenario`'s name, the `seed`, the `duration` of a
+        flight (s), and, by their numbers, the `failures`: why samples could not be flown, which have no row.
+
+        Raises:
+            ImportError: pandas is not installed; the extra `tables` has it.
+        """
+        pandas = needed("pandas", "tables")
+        columns = {**self.parameters, **self.metrics._asdict(), "crashed": self.metrics.crashed}
+        columns["crash_time"] = np.where(self.metrics.crashed, self.metrics.crash_time, np.nan)
+        ordered = {name: columns[name] for name in columns_of(self.scenario)[1:]}
+        frame = pandas.DataFrame(ordered, index=pandas.Index(self.samples, name="sample"))
+        frame.attrs = {
+            "units": {name: unit_of(self.scenario, name) for name in ordered},
+            "scenario": self.scenario.name,
+            "seed": self.scenario.seed,
+            "duration": self.duration,
+            "failures": {str(sample): reason for sample, reason in self.failures.items()},
+        }
+        return frame
+
+    def to_parquet(self, path: Path | str) -> Path:
+        """Writes the table of `to_frame`, with its attributes, as Parquet, whole, and returns the path.
+
+        `pandas.read_parquet` reads it as it was; a study goes on from its CSV file alone.
+
+        Raises:
+            ImportError: pandas or pyarrow is not installed; the extra `tables` has them.
+            OSError: the file cannot be written.
+        """
+        needed("pyarrow", "tables")
+        frame = self.to_frame()
+        return write_whole(Path(path), lambda target: frame.to_parquet(target, engine="pyarrow"))
 
 
 def columns_of(scenario: Scenario) -> list[str]:
@@ -114,20 +159,77 @@ def fitting(scenario: Scenario, found: Found) -> Found:
     return found._replace(rows=found.rows[fits], lines=found.lines[fits], misfits=[*found.misfits, *found.lines[~fits]])
 
 
-def read_study(folder: Path | str) -> Study:
+def read_study(path: Path | str) -> Study:
     """Reads the results of a study, also of one that is under way or was interrupted.
 
+    Args:
+        path: the folder of the study, one of the files in it, or a folder in which it is the only study.
+
     Raises:
-        InputError: there is no study, or its files do not belong together.
+        InputError: there is no study, there are several, or its files do not belong together.
     """
-    folder = Path(folder)
+    folders = study_folders(path)
+    if len(folders) > 1:
+        raise InputError(
+            f"{path} holds {len(folders)} studies, {listed([*folders])}; read one of these folders, or all of them by"
+            " read_studies"
+        )
+    return _read(next(iter(folders.values())))
+
+
+def read_studies(path: Path | str) -> dict[str, Study]:
+    """Reads all studies in a folder, such as those of several controllers, by the names of their folders.
+
+    Args:
+        path: a folder of studies; or of one, or a file in it, as for `read_study`.
+
+    Raises:
+        InputError: there is no study, or the files of one do not belong together.
+    """
+    return {name: _read(folder) for name, folder in study_folders(path).items()}
+
+
+def study_folders(path: Path | str) -> dict[str, Path]:
+    """The folders of the studies that a path leads to, by their names: its own, or those in it.
+
+    Raises:
+        InputError: there is none.
+    """
+    path = Path(path)
+    own = path.parent if path.is_file() and path.name in (RESULTS, PARQUET, SCENARIO, STUDY, FAILED) else path
+    if (own / RESULTS).is_file():
+        return {own.resolve().name: own}
+    if not path.exists():
+        raise InputError(f"{path} does not exist")
+    inside = sorted(each.parent for each in own.glob(f"*/{RESULTS}")) if own.is_dir() else []
+    if not inside:
+        there = sorted(each.name for each in own.iterdir()) if own.is_dir() else []
+        holds = f"it holds {listed(there)}" if there else "it is empty" if own.is_dir() else "it is another file"
+        raise InputError(f"{path} is no study, which has {RESULTS}, {SCENARIO} and {STUDY}; {holds}")
+    return {each.name: each for each in inside}
+
+
+def _read(folder: Path) -> Study:
+    """Reads the study in a folder."""
     record, scenario = read_record(folder), load_scenario(folder / SCENARIO)
     found = fitting(scenario, read_results(folder / RESULTS, format_of(scenario)))
     if found.misfits:
         raise InputError(
             f"{folder / RESULTS}, line {min(found.misfits)}: is not as it was written; --resume flies it again"
         )
-    return Study.of_rows(scenario, record.duration, found.rows[np.argsort(found.rows[:, 0])])
+    rows = found.rows[np.argsort(found.rows[:, 0])]
+    return Study.of_rows(scenario, record.duration, rows, failures=_read_failures(folder / FAILED))
+
+
+def _read_failures(path: Path) -> dict[int, str]:
+    """Why samples could not be flown, by their numbers; none if there is no file of them."""
+    if not path.exists():
+        return {}
+    try:
+        table = read_table(path)
+        return {int(sample): str(reason) for sample, reason in zip(table["sample"], table["reason"], strict=True)}
+    except (KeyError, ValueError):
+        raise InputError(f"{path} is not the table of the samples that could not be flown") from None
 
 
 class Record(BaseModel):
@@ -217,3 +319,8 @@ def meaning(scenario: Scenario, column: str) -> str:
     if column in own:
         return own[column]
     return f"metric ({UNITS[column]})" if column in UNITS else description_at(scenario, column)
+
+
+def unit_of(scenario: Scenario, column: str) -> str:
+    """The unit of a column of a study's table; "" if it has none."""
+    return UNITS.get(column, "") if column in ("sample", "crashed", *UNITS) else unit_at(scenario, column)

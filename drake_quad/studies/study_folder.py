@@ -15,6 +15,7 @@ from drake_quad.studies.crew import Outcome
 from drake_quad.studies.results_file import Found, ResultsFile, open_results, write_results
 from drake_quad.studies.study import (
     FAILED,
+    PARQUET,
     RESULTS,
     SCENARIO,
     STUDY,
@@ -161,6 +162,7 @@ def open_study(
                 f" {num_samples} samples"
             )
         write_whole(folder / STUDY, record.write)
+        (folder / PARQUET).unlink(missing_ok=True)  # of a study that had fewer rows
         rows = StudyRows(scenario, num_samples, duration, found=found, file=file)
         yield rows
         if rows.failures:

@@ -2,6 +2,7 @@
 
 from dataclasses import replace
 
+import control
 import numpy as np
 import pytest
 import scipy
@@ -150,7 +151,7 @@ def test_algebra_against_python_control():
     rng = np.random.default_rng(1)
     system = random_system(rng)
     z = np.exp(1j * np.array([0.1, 0.7, 2.0]))
-    model = system.to_state_space()
+    model = system.to_control()
     assert (model.dt, model.state_labels[0], model.input_labels, model.output_labels) == (
         0.02,
         "x_0",
@@ -168,6 +169,23 @@ def test_algebra_against_python_control():
     G = delayed.response(z)
     closed = np.linalg.solve(np.eye(3) + G @ gain, G)
     np.testing.assert_allclose(delayed.with_feedback(gain).response(z), closed, atol=1e-11)
+
+
+def test_python_control_and_scipy_have_the_same_poles_and_steps():
+    system = random_system(np.random.default_rng(2))
+    ours = [np.zeros(5)]
+    for _ in range(40):
+        ours.append(system.A @ ours[-1] + system.B @ [1.0, 0.0])
+    steps = np.array(ours[:-1]) @ system.C.T + system.D[:, 0]
+    by_control, by_scipy = system.to_control(), system.to_scipy()
+    assert by_scipy.dt == by_control.dt == system.period
+    for poles in (by_control.poles(), np.linalg.eigvals(by_scipy.A)):
+        np.testing.assert_allclose(np.sort_complex(poles), np.sort_complex(system.poles()), atol=1e-12)
+    times = system.period * np.arange(40)
+    response = control.step_response(by_control, times, input=0).outputs
+    np.testing.assert_allclose(response[:, 0].T, steps, atol=1e-12)
+    found = scipy.signal.dstep(by_scipy, n=40)
+    np.testing.assert_allclose(found[1][0], steps, atol=1e-12)
 
 
 def test_what_no_input_reaches_and_no_output_sees_is_left_out():

@@ -139,12 +139,19 @@ def test_plan_prints_what_binds_and_writes_a_trajectory_that_flies(run, tmp_path
     assert re.search(r"^top acceleration +0\.700 m/s² of 0\.7$", result.stdout, re.MULTILINE)
     assert re.search(r"^binds: acceleration on segments? \d", result.stdout, re.MULTILINE)
     written = [Path(line.strip()) for line in result.stdout.split("wrote\n")[1].splitlines()]
-    assert [path.name for path in written] == ["trajectory.csv", "trajectory.yaml", "plan.png", "plan.svg"]
+    assert [path.name for path in written] == [
+        "trajectory.csv",
+        "trajectory.yaml",
+        "pieces.csv",
+        "plan.png",
+        "plan.svg",
+    ]
     assert all(path.stat().st_size > 200 for path in written)
     loop = tmp_path / "loop.yaml"
-    loop.write_text(f"loop:\n  extends: [{ROOT / 'diagrams' / 'figure_eight.yaml'}, trajectory.yaml]\n")
-    result = run("fly", loop, "--set", "duration=1", "--output", tmp_path)
-    assert (result.returncode, result.stderr) == (0, "")
+    for route in ("trajectory.yaml", "pieces.csv"):
+        loop.write_text(f"loop:\n  extends: [{ROOT / 'diagrams' / 'figure_eight.yaml'}, {route}]\n")
+        result = run("fly", loop, "--set", "duration=1", "--output", tmp_path)
+        assert (result.returncode, result.stderr) == (0, "")
 
 
 @pytest.mark.slow
@@ -174,12 +181,6 @@ def test_an_unwritable_output_folder_is_told_before_flying(run, tmp_path):
     result = run("fly", "--output", tmp_path / "file")
     assert result.returncode == 2
     assert "cannot be written" in result.stderr
-
-
-def test_bring_your_own_controller_flies_both(run):
-    result = run("bring_your_own_controller.py", "hover")
-    assert (result.returncode, result.stderr) == (0, "")
-    assert len(re.findall(r"\d+\.\d\d cm", result.stdout)) == 2
 
 
 @pytest.mark.slow
@@ -359,6 +360,7 @@ def test_a_map_of_gains_from_zero_on_and_of_flights_without_error(run, tmp_path)
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 @pytest.mark.parametrize("wind", ["[{kind: dryden}]", "[{kind: steady, velocity: [0, 0, 0]}]"])
 def test_wind_without_a_mean_is_drawn(run, tmp_path, wind):
     arguments = ["diagrams/hover.yaml", "--set", "duration=0.5", "--set", f"laboratory.wind={wind}"]
@@ -633,6 +635,7 @@ def test_a_study_in_which_everything_crashes_is_told_too(run, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
 def test_simulate_shows_the_flight_live(run, tmp_path):
     study = ["diagrams/laboratory.yaml:low_wind", "--set", "duration=1", "--output", tmp_path]
     result = run("fly", *study, "--meshcat", "--rate", 0)
@@ -857,3 +860,30 @@ def test_what_cannot_be_identified_gets_one_sentence_and_status_2(run, tmp_path,
     assert sentence.startswith("error: ")
     assert re.search(words, sentence)
     assert not (tmp_path / "mine.yaml").exists()
+
+
+@pytest.mark.slow
+def test_a_study_is_written_as_parquet_and_its_crashes_are_plotted_over_a_number(run, tmp_path):
+    over = ["--over", "vehicle.mass", "--parquet", "--set", "crash.position_error=0.1", "--set", "duration=2"]
+    result = monte_carlo(run, tmp_path, *over)
+    assert result.returncode == 0
+    written = {Path(line.strip()).name for line in result.stdout.split("wrote\n")[1].splitlines()[:-1]}
+    assert {"results.csv", "results.parquet", "crash_probability.png"} <= written
+    assert (tmp_path / "results.parquet").stat().st_size > 1000
+    refused = monte_carlo(run, tmp_path / "none", "--over", "vehicle.gravity")
+    assert (refused.returncode, refused.stdout) == (2, "")
+    assert "--over is vehicle.gravity, which is not drawn in robustness; drawn are vehicle.mass" in refused.stderr
+
+
+@pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
+def test_a_flight_is_written_for_other_programs(run, tmp_path, monkeypatch):
+    flight = ["hover", "--set", "duration=1", "--compiled", "--mcap", "--output", tmp_path]
+    assert run("fly", *flight, "--px4").returncode == 0
+    assert (tmp_path / "flight.mcap").read_bytes().startswith(b"\x89MCAP0")
+    assert (tmp_path / "px4.csv").read_text().startswith("timestamp,vehicle_local_position.x,")
+    for module in ("mcap", "mcap.writer"):
+        monkeypatch.setitem(sys.modules, module, None)
+    refused = run("fly", *flight)
+    assert refused.returncode == 2
+    assert "--mcap: mcap is not installed; pip install 'drake_quad[mcap]' has it" in refused.stderr

@@ -11,7 +11,7 @@ import pytest
 
 import drake_quad
 from drake_quad import load_scenario
-from drake_quad.command_line.main import COMMANDS, module_of
+from drake_quad.command_line.main import COMMANDS, main, module_of
 from drake_quad.scenario.shipped import shipped_scenarios
 
 ROOT = Path(__file__).parent.parent.parent
@@ -60,11 +60,21 @@ def test_versions_are_printed(run):
     assert result.stdout.startswith(f"drake_quad {drake_quad.__version__} (Drake {version('drake')}, ")
 
 
-@pytest.mark.parametrize("arguments", [["flie"], []])
-def test_what_is_no_command_gets_a_sentence_and_status_2(run, arguments):
-    result = run(*arguments) if arguments else run("fly", "--no-such-option")
-    assert result.returncode == 2
-    assert result.stdout == ""
+@pytest.mark.parametrize(
+    ("arguments", "words"),
+    [
+        ([], "drake-quad: error: the following arguments are required: COMMAND"),
+        (["flyy"], "drake-quad: error: argument COMMAND: invalid choice: 'flyy'"),
+        (["fly", "--no-such-option"], "drake-quad fly: error: unrecognized arguments: --no-such-option"),
+    ],
+)
+def test_what_is_no_command_gets_a_sentence_and_status_2(monkeypatch, capsys, arguments, words):
+    monkeypatch.setattr(sys, "argv", ["drake-quad", *arguments])
+    with pytest.raises(SystemExit) as stop:
+        main()
+    printed = capsys.readouterr()
+    assert (stop.value.code, printed.out) == (2, "")
+    assert words in printed.err
 
 
 def test_a_shipped_scenario_is_printed_as_a_file_of_ones_own(run, tmp_path):

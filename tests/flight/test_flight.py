@@ -239,7 +239,6 @@ def test_a_vehicle_that_diverged_is_still_drawn(diagrams, tmp_path):
 
 
 @pytest.mark.slow
-@pytest.mark.slow
 @pytest.mark.parametrize("layout", ["{kind: x}", "{kind: h, length: 0.2, width: 0.3, rotor_1_turns: anticlockwise}"])
 def test_other_layouts_fly_as_the_plus_does_where_the_rotors_have_room(diagrams, layout):
     """With the shipped gains: only that thrust is no linear function of what lags tells them apart.

@@ -53,6 +53,16 @@ def names_of(path):
     return [f"{path}[{place}]" for place in range(KINDS[path].items)] or [path]
 
 
+def test_estimates_are_written_with_units_and_intervals():
+    reach = scipy.stats.t.ppf(0.975, 12.0) * np.array([2e-4, 1e-7])
+    told = str(estimates(not_seen={"linear_drag": "it did not move"}))
+    assert told.splitlines() == [
+        f"mass: 0.033 kg [{0.033 - reach[0]:.4g}, {0.033 + reach[0]:.4g}]",
+        f"inertia[2]: 3e-05 kg m² [{3e-5 - reach[1]:.4g}, {3e-5 + reach[1]:.4g}]",
+        "not told: linear_drag: it did not move",
+    ]
+
+
 @pytest.mark.parametrize("name", [name for path in KINDS for name in names_of(path)])
 def test_units_and_limits_are_those_of_the_language(vehicles, name):
     """Each limit may be written, and nothing beyond it."""

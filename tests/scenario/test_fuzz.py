@@ -4,6 +4,7 @@
 """
 
 import copy
+import functools
 import itertools
 import json
 import math
@@ -73,6 +74,15 @@ ROUTES = [
         "knots": [{"time": 0.0, "position": [0.0, 0.0, 1.0]}, {"time": 4.0, "position": [1.0, 0.0, 1.0]}],
         "yaw_knots": [{"time": 0.0, "yaw": 0.0, "yaw_rate": 0.0}, {"time": 4.0, "yaw": 1.0}],
     },
+    {
+        "kind": "trajectory",
+        "pieces": [
+            {"duration": 2.0, "x": [0.0, 0.0, 0.375, -0.125], "y": [0.0], "z": [1.0], "yaw": [0.0, 0.1]},
+            {"duration": 1.0, "x": [0.5], "y": [0.0, 0.0, 0.0, 0.1], "z": [1.0], "yaw": [0.2, 0.1]},
+        ],
+        "origin": [0.1, 0.2, 0.3],
+        "time_scale": 1.5,
+    },
 ]
 WIND = [
     {"kind": "gust", "speed": 1.0, "heading": 0.5, "start": 0.05, "rise_time": 1.0, "hold_time": 2.0},
@@ -97,27 +107,35 @@ def responding(tree):
     return tree
 
 
-# Every kind of route, wind, autopilot, controller and law, and every field with a value.
-SEEDS = [
-    dumped("figure_eight.yaml"),
-    dumped("robustness.yaml"),
-    *itertools.starmap(
-        grown,
-        zip(
-            ("laboratory.yaml:low_wind", "paper.yaml:low_wind_pd_t2fnn", "paper.yaml:low_wind_pd_t1fnn") * 2,
-            ROUTES,
-            strict=True,
+@functools.cache
+def seeds():
+    """Every kind of route, wind, autopilot, controller and law, and every field with a value.
+
+    Loaded when first drawn from, and not in every process that looks for tests.
+    """
+    found = [
+        dumped("figure_eight.yaml"),
+        dumped("robustness.yaml"),
+        *itertools.starmap(
+            grown,
+            zip(
+                itertools.cycle(
+                    ("laboratory.yaml:low_wind", "paper.yaml:low_wind_pd_t2fnn", "paper.yaml:low_wind_pd_t1fnn")
+                ),
+                ROUTES,
+                strict=False,
+            ),
         ),
-    ),
-    dumped("onboard.yaml"),
-    responding(dumped("onboard.yaml")),
-    dumped("laboratory.yaml:low_wind", layers=[f"{DIAGRAMS}/controllers/lqg.yaml:lqg"]),
-    dumped("laboratory.yaml:nominal", layers=[f"{DIAGRAMS}/controllers/mpc.yaml:mpc_short_of_thrust"]),
-]
-SEEDS[2]["control"]["position"] |= {"kind": "pid", "k_i": [0.1, 0.1, 0.1]}
-SEEDS[3]["control"]["position"]["learning"] = {"kind": "gradient", "rate": 1.0}
-SEEDS[4]["control"]["position"]["learning"] = {"kind": "sign", "rate": 1.0}
-SEEDS[5]["vehicle"]["time_step"] = 0.0
+        dumped("onboard.yaml"),
+        responding(dumped("onboard.yaml")),
+        dumped("laboratory.yaml:low_wind", layers=[f"{DIAGRAMS}/controllers/lqg.yaml:lqg"]),
+        dumped("laboratory.yaml:nominal", layers=[f"{DIAGRAMS}/controllers/mpc.yaml:mpc_short_of_thrust"]),
+    ]
+    found[2]["control"]["position"] |= {"kind": "pid", "k_i": [0.1, 0.1, 0.1]}
+    found[3]["control"]["position"]["learning"] = {"kind": "gradient", "rate": 1.0}
+    found[4]["control"]["position"]["learning"] = {"kind": "sign", "rate": 1.0}
+    found[5]["vehicle"]["time_step"] = 0.0
+    return found
 
 
 def written(value):
@@ -203,7 +221,7 @@ def is_number(value):
 @st.composite
 def varied_trees(draw):
     """Nothing but other numbers, so that most can be flown."""
-    tree = copy.deepcopy(draw(st.sampled_from(SEEDS)))
+    tree = copy.deepcopy(draw(st.sampled_from(seeds())))
     numbers = [place for place in places(tree) if is_number(at(tree, place))]
     for path in draw(st.lists(st.sampled_from(numbers), min_size=1, max_size=5, unique=True)):
         inside = at(tree, path[:-1])
@@ -213,7 +231,7 @@ def varied_trees(draw):
 
 @st.composite
 def mutated_trees(draw):
-    tree = copy.deepcopy(draw(st.sampled_from(SEEDS)))
+    tree = copy.deepcopy(draw(st.sampled_from(seeds())))
     for _ in range(draw(st.integers(1, 3))):
         path = draw(st.sampled_from([place for place in places(tree) if place] or [("name",)]))
         inside, last = at(tree, path[:-1]), path[-1]
@@ -403,12 +421,14 @@ def dotted(place):
     return ".".join(map(str, place))
 
 
-PLACES = [dotted(place) for seed in SEEDS for place in places(seed) if place]
+known_places = st.deferred(
+    lambda: st.sampled_from([dotted(place) for seed in seeds() for place in places(seed) if place])
+)
 odd_assignments = st.one_of(
-    st.tuples(st.sampled_from(PLACES), scraps.map(written)).map("=".join),
-    st.tuples(st.sampled_from(PLACES), st.text(max_size=6)).map("=".join),
+    st.tuples(known_places, scraps.map(written)).map("=".join),
+    st.tuples(known_places, st.text(max_size=6)).map("=".join),
     st.tuples(odd_texts, scraps.map(written)).map("=".join),
-    st.sampled_from(PLACES).flatmap(lambda place: mutated_texts(f"{place}=1.0")),
+    known_places.flatmap(lambda place: mutated_texts(f"{place}=1.0")),
     odd_texts,
 )
 
@@ -416,7 +436,7 @@ odd_assignments = st.one_of(
 @st.composite
 def overridden(draw):
     """A scenario and overrides of it, most of them with other numbers for its fields, some odd."""
-    tree = draw(st.sampled_from(SEEDS))
+    tree = draw(st.sampled_from(seeds()))
     numbers = [place for place in places(tree) if is_number(at(tree, place))]
     overrides = []
     for place in draw(st.lists(st.sampled_from(numbers), max_size=3)):

@@ -545,3 +545,11 @@ def test_a_vehicle_alone_has_no_control(diagrams):
     assert has_control(f"{diagrams / 'laboratory.yaml'}:low_wind")  # in what it extends
     with pytest.raises(InputError, match="cannot be read"):
         has_control(diagrams / "nothing.yaml")
+
+
+def test_an_item_of_a_list_that_is_written_nowhere_is_refused_with_a_way_out(diagrams):
+    asked = "vehicle.inertia.0=0.1"
+    words = r"vehicle.inertia is \{'0': 0.1\}, but must be a list; an item alone can be given where the"
+    with pytest.raises(InputError, match=words):
+        load_scenario(diagrams / "hover.yaml", [asked])
+    assert load_scenario(diagrams / "hover.yaml", ["vehicle.inertia=[0.2, 0.2, 0.2]", asked]).vehicle.inertia[0] == 0.1

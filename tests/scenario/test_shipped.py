@@ -36,8 +36,18 @@ def test_a_file_extends_what_is_shipped(tmp_path):
     )
     asked = load_scenario("laboratory:low_wind", layers=["gains/laboratory"])
     assert load_scenario(tmp_path / "mine.yaml:a").control == asked.control
-    # A name alone is one of this file.
+    # A name alone is one of this file, if there is one.
     assert load_scenario(tmp_path / "mine.yaml:hover").route == asked.route
+    (tmp_path / "other.yaml").write_text(
+        "mine: {extends: hover}\nfaulty: {extends: laboratory}\nmore: {extends: nowhere}\n"
+    )
+    assert load_scenario(tmp_path / "other.yaml:mine").route == load_scenario("hover").route
+    with pytest.raises(InputError, match="other.yaml:2: .*laboratory.yaml holds several scenarios"):
+        load_scenario(tmp_path / "other.yaml:faulty")
+    with pytest.raises(
+        InputError, match="other.yaml:3: there is no scenario 'nowhere' in .*other.yaml; it holds mine, "
+    ):
+        load_scenario(tmp_path / "other.yaml:more")
 
 
 def test_a_file_or_folder_of_the_same_name_does_not_hide_what_is_shipped(tmp_path, monkeypatch):
@@ -50,16 +60,17 @@ def test_a_file_or_folder_of_the_same_name_does_not_hide_what_is_shipped(tmp_pat
     ("spec", "words"),
     [
         (
-            "labratory:nominal",
-            "'labratory:nominal' is neither a file nor a scenario that is shipped; did you mean laboratory?",
+            "laboratry:nominal",
+            "'laboratry:nominal' is neither a file nor a scenario that is shipped; did you mean laboratory?",
         ),
         (
             "quite_different",
-            "is neither a file nor a scenario that is shipped; there are crazyswarm2, figure_eight, hover",
+            "is neither a file nor a scenario that is shipped; `drake-quad scenarios` lists these",
         ),
         ("../diagrams/hover", "is neither a file nor a scenario that is shipped"),
         ("laboratory:windy", "no scenario 'windy' in .*laboratory.yaml; it holds nominal, low_wind, high_wind"),
-        ("laboratory", "laboratory.yaml holds several scenarios; choose one as .*:NAME from nominal"),
+        ("laboratory", "laboratory.yaml holds several scenarios; choose one as laboratory:NAME from nominal"),
+        ("laboratory:", "laboratory.yaml holds several scenarios; choose one as laboratory:NAME from nominal"),
         ("hover.yml", "hover.yml: cannot be read: no such file"),
     ],
 )
@@ -68,7 +79,7 @@ def test_what_is_not_there_gets_a_sentence(spec, words):
         load_scenario(spec)
 
 
-@pytest.mark.parametrize("base", ["labratory:nominal", "vehicles/race", "laboratory:windy"])
+@pytest.mark.parametrize("base", ["laboratry:nominal", "vehicles/race", "laboratory:windy"])
 def test_so_does_what_a_file_extends(tmp_path, base):
     path = tmp_path / "mine.yaml"
     path.write_text(f"a: {{extends: '{base}'}}\n")

@@ -18,7 +18,7 @@ from drake_quad.identification.logs.units import UNITS
 MOST_BYTES = 50_000_000
 _MOST_COLUMNS = 10_000
 # Mappings that are tried where none is given.
-_AUTOMATIC = ("flight", "neural_fly", "crazyflow")
+_AUTOMATIC = ("flight", "neural_fly", "crazyflow", "px4")
 _BRACKETS = str.maketrans("[](),;", "      ")
 
 

@@ -14,6 +14,7 @@ from drake_quad.identification.fitting.random_effects import Variation
 from drake_quad.scenario.correlation import checked_deviations
 from drake_quad.scenario.limits import LARGEST, LONGEST, SHORTEST, SMALLEST
 from drake_quad.scenario.paths import joined
+from drake_quad.studies.interval import Interval
 
 CONFIDENCE = 0.95
 
@@ -225,6 +226,15 @@ class Estimates:
             ("not_seen", {name: why for name, why in self.not_seen.items() if name not in names}),
         ):
             object.__setattr__(self, name, value)
+
+    def __str__(self) -> str:
+        """A line for each number, with unit and 95 % interval, and one for each that the log does not tell."""
+        rows = zip(self.names, self.values, self.intervals(), self.units, strict=True)
+        told = [
+            f"{name}: {Interval(value, *ends).text('.4g', unit='' if unit == '1' else unit)}"
+            for name, value, ends, unit in rows
+        ]
+        return "\n".join([*told, *(f"not told: {name}: {why}" for name, why in self.not_seen.items())])
 
     @property
     def deviations(self) -> np.ndarray:

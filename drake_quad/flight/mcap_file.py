@@ -1,0 +1,325 @@
+"""Flights as MCAP, the container of robots' logs, in messages that Foxglove shows without being told anything.
+
+Messages are JSON, their schemas JSON Schema. For each flight, under its name:
+
+| topic | schema | what |
+|---|---|---|
+| `/NAME/tf` | `foxglove.FrameTransform` | from `world`, which is W, to `NAME/body`, which is B |
+| `/NAME/reference` | `foxglove.PoseInFrame` | where the vehicle shall be, and look |
+| `/NAME/scene` | `foxglove.SceneUpdate` | the vehicle, its reference and its path, once |
+| `/NAME/log` | `foxglove.Log` | a crash, if there is one |
+| `/NAME/signals/SIGNAL` | `drake_quad.SIGNAL` | every signal at every tick, its rows by their names |
+
+Times are those of the flight: it begins at 0. The scenario is attached as YAML, to be flown again. The schemas called
+foxglove have the names and types of those of the Foxglove SDK (github.com/foxglove/foxglove-sdk, schemas/jsonschema),
+with what is used of them.
+"""
+
+import heapq
+import io
+import json
+import math
+from collections.abc import Iterator, Mapping
+from pathlib import Path
+from typing import Any, NamedTuple
+
+import numpy as np
+from ruamel.yaml import YAML
+
+from drake_quad.errors import InputError
+from drake_quad.extras import needed
+from drake_quad.files import write_whole
+from drake_quad.flight.attitude import Quaternion
+from drake_quad.flight.flight import Flight
+from drake_quad.scenario.layouts import rotors_of
+from drake_quad.signals import SIGNALS, Reference, State, quantities, row_names
+
+_NANOSECONDS = 10**9
+_WORLD = "world"
+# Of what is drawn: arms and rotors over the distance of the rotors from the middle, lines in pixels.
+_ARM_WIDTH, _ROTOR_WIDTH, _ROTOR_HEIGHT, _LINE_WIDTH = 0.08, 0.9, 0.06, 2.0
+# Foxglove's numbers for a line through points one after another, and for an error.
+_LINE_STRIP, _ERROR = 0, 4
+# Colours of vehicles and their paths, one after another, and of the reference: those of the plots (Okabe and Ito).
+_COLORS = ((0.0, 0.45, 0.70), (0.84, 0.37, 0.0), (0.0, 0.62, 0.45), (0.80, 0.47, 0.65), (0.90, 0.62, 0.0))
+_REFERENCE_COLOR = (0.5, 0.5, 0.5)
+
+
+class Message(NamedTuple):
+    """A message of a file.
+
+    Attributes:
+        time: ns.
+        topic: that it is of.
+        data: that is written as JSON.
+    """
+
+    time: int
+    topic: str
+    data: dict[str, Any]
+
+
+def save_mcap(flights: Flight | Mapping[str, Flight], path: Path | str) -> Path:
+    """Writes flights as one MCAP file, and returns its path.
+
+    Args:
+        flights: by the names under which they stand, or one, which stands under its scenario's.
+        path: of the file.
+
+    Raises:
+        InputError: there is no flight.
+        ImportError: mcap is not installed; the extra `mcap` has it.
+        OSError: the file cannot be written.
+    """
+    writer = needed("mcap.writer", "mcap").Writer
+    named = {flights.scenario.name: flights} if isinstance(flights, Flight) else flights
+    if not named:
+        raise InputError("there is no flight to write")
+
+    def write(target: Path) -> None:
+        with target.open("wb") as stream:
+            file = writer(stream)
+            file.start(library="drake_quad")
+            topics: dict[str, dict[str, Any]] = {}
+            for name, flight in named.items():
+                topics |= topics_of(name, flight)
+            schemas = {
+                title: file.register_schema(title, "jsonschema", json.dumps(schema).encode())
+                for title, schema in {schema["title"]: schema for schema in topics.values()}.items()
+            }
+            channels = {
+                topic: file.register_channel(topic, "json", schemas[schema["title"]])
+                for topic, schema in topics.items()
+            }
+            each = [messages_of(name, flight, i) for i, (name, flight) in enumerate(named.items())]
+            for count, message in enumerate(heapq.merge(*each, key=lambda message: message.time)):
+                data = json.dumps(message.data, allow_nan=False).encode()
+                file.add_message(channels[message.topic], message.time, data, message.time, count)
+            for name, flight in named.items():
+                file.add_attachment(0, 0, f"{name}/scenario.yaml", "application/yaml", _scenario_text(flight))
+                metrics = {metric: f"{value:.12g}" for metric, value in flight.metrics._asdict().items()}
+                file.add_metadata(f"{name}/metrics", metrics)
+            file.finish()
+
+    return write_whole(Path(path), write)
+
+
+def topics_of(name: str, flight: Flight) -> dict[str, dict[str, Any]]:
+    """The schemas of a flight's topics."""
+    topics = {
+        f"/{name}/tf": FRAME_TRANSFORM,
+        f"/{name}/reference": POSE_IN_FRAME,
+        f"/{name}/scene": SCENE_UPDATE,
+        f"/{name}/log": LOG,
+    }
+    return topics | {f"/{name}/signals/{signal}": signal_schema(signal, flight) for signal in flight}
+
+
+def messages_of(name: str, flight: Flight, number: int = 0) -> Iterator[Message]:
+    """The messages of a flight in the order of their times.
+
+    Args:
+        name: of the flight.
+        flight: that was flown.
+        number: which of several, for its colour.
+    """
+    times = [round(_NANOSECONDS * time) for time in flight.time.tolist()]
+    state, reference = flight.record("state"), flight.record("reference")
+    level = np.zeros(len(times))
+    poses = np.column_stack([state.x, state.y, state.z, *Quaternion.of(state.roll, state.pitch, state.yaw)]).tolist()
+    wanted = [reference.x, reference.y, reference.z, *Quaternion.of(level, level, reference.yaw)]
+    wanted_poses = np.column_stack(wanted).tolist()
+    signals = {signal: (_keys(signal, flight), values.tolist()) for signal, values in flight.items()}
+    if times:
+        yield Message(times[0], f"/{name}/scene", _scene(name, flight, _stamp(times[0]), number))
+    for tick, time in enumerate(times):
+        stamp = _stamp(time)
+        pose = _pose(poses[tick])
+        transform = {"timestamp": stamp, "parent_frame_id": _WORLD, "child_frame_id": f"{name}/body"}
+        transform |= {"translation": pose["position"], "rotation": pose["orientation"]}
+        yield Message(time, f"/{name}/tf", transform)
+        there = {"timestamp": stamp, "frame_id": _WORLD, "pose": _pose(wanted_poses[tick])}
+        yield Message(time, f"/{name}/reference", there)
+        for signal, (keys, values) in signals.items():
+            row = [value if math.isfinite(value) else None for value in values[tick]]
+            fields = dict(zip(keys, row, strict=True)) if keys else {"values": row}
+            yield Message(time, f"/{name}/signals/{signal}", {"timestamp": stamp, **fields})
+    if flight.metrics.crashed:
+        time = max(round(_NANOSECONDS * flight.metrics.crash_time), times[-1] if times else 0)
+        words = f"{name} crashed at {flight.metrics.crash_time:.2f} s"
+        line = {"level": _ERROR, "message": words, "name": name, "file": "", "line": 0}
+        yield Message(time, f"/{name}/log", {"timestamp": _stamp(time), **line})
+
+
+def _keys(signal: str, flight: Flight) -> list[str]:
+    """The names of the rows of a signal; none where they are numbered only."""
+    return row_names(signal, flight[signal].shape[1]) if hasattr(SIGNALS[signal], "_fields") else []
+
+
+def _scene(name: str, flight: Flight, stamp: dict[str, int], number: int) -> dict[str, Any]:
+    """The vehicle, in its own frame, and the lines of reference and path."""
+    rotors = rotors_of(flight.scenario.vehicle)
+    places = [np.array([rotor.x, rotor.y, rotor.z]) for rotor in rotors]
+    size = max(math.hypot(rotor.x, rotor.y) for rotor in rotors)
+    color = _COLORS[number % len(_COLORS)]
+    still = {"frame_locked": True, "metadata": [], "lifetime": {"sec": 0, "nsec": 0}, "timestamp": stamp}
+    disc, bar = _ROTOR_WIDTH * size, _ARM_WIDTH * size
+    discs = [
+        {
+            "pose": _pose([*place.tolist(), 1.0, 0.0, 0.0, 0.0]),
+            "size": {"x": disc, "y": disc, "z": _ROTOR_HEIGHT * size},
+            "bottom_scale": 1.0,
+            "top_scale": 1.0,
+            "color": _color(color, 0.6),
+        }
+        for place in places
+    ]
+    arms = [
+        {
+            "pose": _pose([*(place / 2).tolist(), *_turn_about_z(math.atan2(place[1], place[0]))]),
+            "size": {"x": float(np.linalg.norm(place)), "y": bar, "z": bar},
+            "color": _color(_REFERENCE_COLOR if i else color),
+        }
+        for i, place in enumerate(places)
+    ]
+    vehicle = {**still, "frame_id": f"{name}/body", "id": f"{name}/vehicle", **_primitives(cylinders=discs, cubes=arms)}
+    lines = {
+        f"{name}/reference": (_points(flight.record("reference")), _color(_REFERENCE_COLOR)),
+        f"{name}/path": (_points(flight.record("state")), _color(color)),
+    }
+    drawn = [
+        {**still, "frame_id": _WORLD, "id": identity, **_primitives(lines=[_line(points, shade)])}
+        for identity, (points, shade) in lines.items()
+    ]
+    return {"deletions": [], "entities": [vehicle, *drawn]}
+
+
+def _points(places: State | Reference) -> np.ndarray:
+    """The (ticks, 3) places, m."""
+    return np.column_stack([places.x, places.y, places.z])
+
+
+def _primitives(**given: list[dict[str, Any]]) -> dict[str, list[dict[str, Any]]]:
+    kinds = ("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models")
+    return {kind: given.get(kind, []) for kind in kinds}
+
+
+def _line(points: np.ndarray, color: dict[str, float]) -> dict[str, Any]:
+    return {
+        "type": _LINE_STRIP,
+        "pose": _pose([0.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0]),
+        "thickness": _LINE_WIDTH,
+        "scale_invariant": True,
+        "points": [dict(zip("xyz", point, strict=True)) for point in points.tolist()],
+        "color": color,
+        "colors": [],
+        "indices": [],
+    }
+
+
+def _pose(numbers: list[float]) -> dict[str, dict[str, float]]:
+    """A pose of seven numbers: x, y, z (m) and the quaternion w, x, y, z."""
+    x, y, z, *turn = numbers
+    return {"position": {"x": x, "y": y, "z": z}, "orientation": dict(zip("wxyz", turn, strict=True))}
+
+
+def _turn_about_z(angle: float) -> list[float]:
+    return [math.cos(angle / 2), 0.0, 0.0, math.sin(angle / 2)]
+
+
+def _color(rgb: tuple[float, float, float], opacity: float = 1.0) -> dict[str, float]:
+    return dict(zip("rgba", (*rgb, opacity), strict=True))
+
+
+def _stamp(time: int) -> dict[str, int]:
+    seconds, rest = divmod(time, _NANOSECONDS)
+    return {"sec": seconds, "nsec": rest}
+
+
+def _scenario_text(flight: Flight) -> bytes:
+    text, scenario = io.BytesIO(), flight.scenario
+    YAML().dump({scenario.name: scenario.model_dump(mode="json", exclude={"name"})}, text)
+    return text.getvalue()
+
+
+def _object(title: str, properties: dict[str, Any], description: str = "") -> dict[str, Any]:
+    schema = {"title": title, "type": "object", "properties": properties, "required": [*properties]}
+    return schema | ({"description": description} if description else {})
+
+
+def _list(items: dict[str, Any] | None = None) -> dict[str, Any]:
+    return {"type": "array", "items": items or {"type": "object"}}
+
+
+def _numbers(title: str, names: str) -> dict[str, Any]:
+    return _object(title, dict.fromkeys(names, _NUMBER))
+
+
+_NUMBER, _INTEGER, _TEXT, _TRUTH = ({"type": kind} for kind in ("number", "integer", "string", "boolean"))
+_TIME, _DURATION = (_object(title, {"sec": _INTEGER, "nsec": _INTEGER}) for title in ("time", "duration"))
+_VECTOR, _POINT = _numbers("foxglove.Vector3", "xyz"), _numbers("foxglove.Point3", "xyz")
+_ORIENTATION, _SHADE = _numbers("foxglove.Quaternion", "xyzw"), _numbers("foxglove.Color", "rgba")
+_POSE = _object("foxglove.Pose", {"position": _VECTOR, "orientation": _ORIENTATION})
+_CUBE = _object("foxglove.CubePrimitive", {"pose": _POSE, "size": _VECTOR, "color": _SHADE})
+_CYLINDER = _object(
+    "foxglove.CylinderPrimitive",
+    {"pose": _POSE, "size": _VECTOR, "bottom_scale": _NUMBER, "top_scale": _NUMBER, "color": _SHADE},
+)
+_LINE = _object(
+    "foxglove.LinePrimitive",
+    {
+        "type": _INTEGER,
+        "pose": _POSE,
+        "thickness": _NUMBER,
+        "scale_invariant": _TRUTH,
+        "points": _list(_POINT),
+        "color": _SHADE,
+        "colors": _list(_SHADE),
+        "indices": _list(_INTEGER),
+    },
+)
+_ENTITY = _object(
+    "foxglove.SceneEntity",
+    {
+        "timestamp": _TIME,
+        "frame_id": _TEXT,
+        "id": _TEXT,
+        "lifetime": _DURATION,
+        "frame_locked": _TRUTH,
+        "metadata": _list(_object("foxglove.KeyValuePair", {"key": _TEXT, "value": _TEXT})),
+        "cubes": _list(_CUBE),
+        "cylinders": _list(_CYLINDER),
+        "lines": _list(_LINE),
+        **{kind: _list() for kind in ("arrows", "spheres", "triangles", "texts", "models")},
+    },
+)
+_DELETION = _object("foxglove.SceneEntityDeletion", {"timestamp": _TIME, "type": _INTEGER, "id": _TEXT})
+SCENE_UPDATE = _object("foxglove.SceneUpdate", {"deletions": _list(_DELETION), "entities": _list(_ENTITY)})
+FRAME_TRANSFORM = _object(
+    "foxglove.FrameTransform",
+    {
+        "timestamp": _TIME,
+        "parent_frame_id": _TEXT,
+        "child_frame_id": _TEXT,
+        "translation": _VECTOR,
+        "rotation": _ORIENTATION,
+    },
+)
+POSE_IN_FRAME = _object("foxglove.PoseInFrame", {"timestamp": _TIME, "frame_id": _TEXT, "pose": _POSE})
+LOG = _object(
+    "foxglove.Log",
+    {"timestamp": _TIME, "level": _INTEGER, "message": _TEXT, "name": _TEXT, "file": _TEXT, "line": _INTEGER},
+)
+
+
+def signal_schema(signal: str, flight: Flight) -> dict[str, Any]:
+    """The schema of a signal's messages; what is no number is null."""
+    count, keys = flight[signal].shape[1], _keys(signal, flight)
+    number = {"type": ["number", "null"]}
+    if not keys:
+        return _object(f"drake_quad.{signal}", {"timestamp": _TIME, "values": _list(number)})
+    described = [
+        {**number, "description": quantity.unit + (f", along {quantity.frame}" if quantity.frame else "")}
+        for quantity in quantities(signal, count)
+    ]
+    return _object(f"drake_quad.{signal}", {"timestamp": _TIME, **dict(zip(keys, described, strict=True))})

@@ -1,0 +1,129 @@
+"""A plan as pieces of polynomials in seconds, as other programs have it: Crazyswarm2, uav_trajectories, minimum snap.
+
+A piece is a duration and polynomials c_0 + c_1 t + ... + c_7 t⁷ in the seconds t from its beginning, for x, y, z (m)
+and the yaw (rad). In a file (`duration,x^0,...,x^7,y^0,...,z^0,...,yaw^0,...,yaw^7`) a row is a piece, and the first
+begins at time 0. The format is that of W. Hönig et al., "Trajectory planning for quadrotor swarms", 2018, and of the
+programs that came of it.
+"""
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from drake_quad.errors import InputError
+from drake_quad.extras import needed
+from drake_quad.files import write_table
+from drake_quad.reference.plan import Plan
+from drake_quad.reference.polynomial_path import PolynomialPath, knots, refined
+from drake_quad.reference.yaw import constant_yaw
+
+AXES = ("x", "y", "z", "yaw")
+POWERS = 8
+"""Coefficients of a polynomial of the format."""
+COLUMNS = ("duration", *(f"{axis}^{power}" for axis in AXES for power in range(POWERS)))
+"""Of a file."""
+
+
+def pieces_of(plan: Plan) -> np.ndarray:
+    """(pieces, 33) a plan as rows with the columns of `COLUMNS`, exact.
+
+    Where the yaw has knots of its own, a piece ends at the knots of either. A plan that begins later than at 0 hovers
+    until then.
+
+    Raises:
+        InputError: a polynomial is of a higher degree than 7.
+    """
+    path, yaw = refined(plan.path, plan.yaw.times), refined(plan.yaw, plan.path.times)
+    polynomials = [_in_seconds(part) for part in (path, yaw)]
+    rows = np.column_stack([path.durations, *(part.reshape(len(part), -1) for part in polynomials)])
+    start = float(path.times[0])
+    if start > 0.0:
+        standing = np.zeros((1, len(COLUMNS)))
+        standing[0, 0], standing[0, 1::POWERS] = start, rows[0, 1::POWERS]
+        rows = np.vstack([standing, rows])
+    return rows
+
+
+def plan_of_pieces(rows: np.ndarray, *, origin: Any = (0.0, 0.0, 0.0), time_scale: float = 1.0) -> Plan:
+    """The plan of (pieces, 33) rows with the columns of `COLUMNS`.
+
+    Args:
+        rows: at least one.
+        origin: (3,) of the coordinates that the rows are in, in W, m.
+        time_scale: by which all times are multiplied.
+    """
+    times = np.concatenate([[0.0], np.cumsum(rows[:, 0])])
+    polynomials = rows[:, 1:].reshape(len(rows), len(AXES), POWERS).transpose(0, 2, 1)
+    unit = polynomials * (np.diff(times)[:, np.newaxis] ** np.arange(POWERS))[:, :, np.newaxis]
+    unit[:, 0, :3] += origin
+    path, yaw = (PolynomialPath(time_scale * times, part) for part in np.split(unit, [3], axis=2))
+    return Plan(path, yaw)
+
+
+def save_pieces(plan: Plan, path: Path | str) -> Path:
+    """Writes a plan as a file of pieces, which Crazyswarm2 and a route of kind `trajectory` read, and returns its path.
+
+    Raises:
+        InputError: as `pieces_of`.
+        OSError: the file cannot be written.
+    """
+    return write_table(Path(path), dict(zip(COLUMNS, pieces_of(plan).T, strict=True)))
+
+
+def minsnap_trajectory(plan: Plan) -> Any:
+    """The position of a plan as a `PiecewisePolynomialTrajectory` of minsnap-trajectories, exact.
+
+    Raises:
+        ImportError: minsnap-trajectories is not installed; the extra `minsnap` has it.
+    """
+    minsnap, path = needed("minsnap_trajectories", "minsnap"), plan.path
+    scale = path.durations[:, np.newaxis, np.newaxis] ** -np.arange(path.coefficients.shape[1])[:, np.newaxis]
+    return minsnap.PiecewisePolynomialTrajectory(path.times, path.durations, path.coefficients * scale)
+
+
+def minsnap_waypoints(plan: Plan) -> list[Any]:
+    """The knots of a plan, with position to jerk, as waypoints from which minsnap-trajectories makes a path.
+
+    With `degree=7` and `num_continuous_orders=4` it is the same path.
+
+    Raises:
+        ImportError: minsnap-trajectories is not installed; the extra `minsnap` has it.
+    """
+    minsnap = needed("minsnap_trajectories", "minsnap")
+    return [
+        minsnap.Waypoint(float(time), *derivatives)
+        for time, derivatives in zip(plan.path.times, knots(plan.path, 4), strict=True)
+    ]
+
+
+def plan_of_minsnap(trajectory: Any, yaw: float = 0.0) -> Plan:
+    """The plan to fly what minsnap-trajectories has planned, with a constant yaw (rad).
+
+    Args:
+        trajectory: a `PiecewisePolynomialTrajectory` of three dimensions.
+        yaw: rad.
+
+    Raises:
+        InputError: it has no piece, or not three dimensions.
+    """
+    coefficients = np.asarray(trajectory.coefficients, dtype=float)
+    times = np.asarray(trajectory.time_reference, dtype=float)
+    if coefficients.ndim != 3 or coefficients.shape[2] != 3 or not len(coefficients):
+        raise InputError(
+            f"the coefficients of the trajectory have shape {coefficients.shape}, but must have (pieces, powers, 3)"
+        )
+    powers = np.arange(coefficients.shape[1])
+    path = PolynomialPath(times, coefficients * np.diff(times)[:, np.newaxis, np.newaxis] ** powers[:, np.newaxis])
+    return Plan(path, constant_yaw(times[0], times[-1], yaw))
+
+
+def _in_seconds(path: PolynomialPath) -> np.ndarray:
+    """(segments, axes, 8) the coefficients of the powers of the seconds from the beginning of a segment."""
+    segments, powers, axes = path.coefficients.shape
+    if powers > POWERS and path.coefficients[:, POWERS:].any():
+        raise InputError(f"the path is of degree {powers - 1}, but a piece has room for degree {POWERS - 1}")
+    found = np.zeros((segments, POWERS, axes))
+    found[:, :powers] = path.coefficients[:, :POWERS]
+    found *= (path.durations[:, np.newaxis] ** -np.arange(POWERS))[:, :, np.newaxis]
+    return found.transpose(0, 2, 1)

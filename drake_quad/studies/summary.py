@@ -1,0 +1,118 @@
+"""What is said of a study in a few lines: tables of words, for people to read."""
+
+import math
+from collections.abc import Mapping
+from typing import NamedTuple
+
+import numpy as np
+
+from drake_quad.laboratory.metrics import UNITS
+from drake_quad.studies.statistics import (
+    compare_studies,
+    crash_probability,
+    metric_mean,
+    of_survivors,
+    quantile_interval,
+    with_crashes,
+)
+from drake_quad.studies.study import Study
+
+# The metrics that are shown: name, unit, size of the unit in SI units, and digits.
+_SHOWN = [
+    ("rmse", "cm", 0.01, 2),
+    ("rmse_x", "cm", 0.01, 2),
+    ("rmse_y", "cm", 0.01, 2),
+    ("rmse_z", "cm", 0.01, 2),
+    ("peak_error", "cm", 0.01, 1),
+    ("effort_x", "m²/s⁴", 1.0, 4),
+    ("effort_y", "m²/s⁴", 1.0, 4),
+    ("saturation_share", "% of the ticks", 0.01, 2),
+]
+_QUANTILES = (0.05, 0.5, 0.95)
+
+
+class Summary(NamedTuple):
+    """A table of words, and what must be known to read it.
+
+    Attributes:
+        headings: of the columns.
+        rows: of as many cells.
+        remarks: sentences.
+    """
+
+    headings: tuple[str, ...]
+    rows: list[tuple[str, ...]]
+    remarks: list[str]
+
+
+def crashes_of(study: Study) -> str:
+    """How many samples of a study crashed, and how probable a crash is."""
+    return f"{int(study.metrics.crashed.sum()):,} crashed, {crash_probability(study.metrics).percent()}"
+
+
+def summary_of(study: Study) -> Summary:
+    """The metrics of a study: means, deviations and quantiles, with the 95 % intervals of these.
+
+    A sample that crashed has no error that could be averaged, and counts as worse than any in a quantile.
+    """
+    metrics = study.metrics
+    crashed, count = int(metrics.crashed.sum()), len(study.samples)
+    beyond = "crash" if crashed else "–"
+    rows: list[tuple[str, ...]] = []
+    for metric, unit, size, digits in _SHOWN:
+        values, everyone = of_survivors(metrics, metric), with_crashes(metrics, metric)
+        spread = np.std(values, ddof=1) / size if len(values) > 1 else math.nan
+        quantiles = (quantile_interval(everyone, share) for share in _QUANTILES)
+        rows.append(
+            (
+                metric,
+                metric_mean(metrics, metric).text(f".{digits}f", size=size),
+                f"{spread:.{digits}f}" if math.isfinite(spread) else "–",
+                *(quantile.text(f".{digits}f", size=size, infinite=beyond) for quantile in quantiles),
+                unit,
+            )
+        )
+    names = ("median" if share == 0.5 else f"{100.0 * share:.0f} % quantile" for share in _QUANTILES)
+    return Summary(("", "mean", "deviation", *names, ""), rows, _remarks(crashed, count))
+
+
+def _remarks(crashed: int, count: int) -> list[str]:
+    if not crashed:
+        return []
+    if crashed == count:
+        return ["no sample flew to the end: there is nothing to average"]
+    survivors = "one sample" if count - crashed == 1 else f"{count - crashed:,} samples"
+    return [
+        f"means and deviations are of the {survivors} that flew to the end; quantiles are of all, a crash being worse"
+        " than any error"
+    ]
+
+
+def comparison_of(studies: Mapping[str, Study], metric: str) -> Summary:
+    """Each controller beside the first, on the samples that both flew to the end.
+
+    Args:
+        studies: by controller, of the same seed.
+        metric: of which less is better.
+    """
+    (_, baseline), *others = studies.items()
+    rows: list[tuple[str, ...]] = []
+    for name, study in others:
+        found = compare_studies(study, baseline, metric)
+        alone = found.crashed + found.baseline_crashed
+        rows.append(
+            (
+                name,
+                found.difference.text("+.4g"),
+                found.share.percent(),
+                found.better.percent(),
+                f"{found.num_pairs:,}",
+                f"{found.crashed:,} : {found.baseline_crashed:,}",
+                f"p = {found.crash_significance:.2g}" if alone else "",
+            )
+        )
+    crashed = any(study.metrics.crashed.any() for study in studies.values())
+    remark = ["differences and shares are of the pairs, the samples that both controllers flew to the end"]
+    difference = f"difference of {metric} ({UNITS[metric]})"
+    headings = ("", difference, "share", "better on", "pairs", "crashed alone", "")
+    return Summary(headings, rows, remark if crashed else [])

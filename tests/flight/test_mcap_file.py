@@ -1,0 +1,170 @@
+"""Flights as MCAP, read back by the format's own reader."""
+
+import json
+import math
+import sys
+
+import jsonschema
+import numpy as np
+import pytest
+from mcap.reader import make_reader
+from pydrake.math import RollPitchYaw
+from ruamel.yaml import YAML
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.flight.mcap_file import save_mcap
+
+# What must be there in messages of Foxglove's, by its SDK's schemas/jsonschema at ca8a1ce.
+REQUIRED = {
+    "foxglove.FrameTransform": {"timestamp", "parent_frame_id", "child_frame_id", "translation", "rotation"},
+    "foxglove.PoseInFrame": {"timestamp", "frame_id", "pose"},
+    "foxglove.SceneUpdate": {"deletions", "entities"},
+    "foxglove.Log": {"timestamp", "level", "message", "name", "file", "line"},
+}
+ENTITY = {
+    *("timestamp", "frame_id", "id", "lifetime", "frame_locked", "metadata"),
+    *("arrows", "cubes", "spheres", "cylinders", "lines", "triangles", "texts", "models"),
+}
+CUBE, CYLINDER = {"pose", "size", "color"}, {"pose", "size", "bottom_scale", "top_scale", "color"}
+LINE = {"type", "pose", "thickness", "scale_invariant", "points", "color", "colors", "indices"}
+
+
+@pytest.fixture(scope="module")
+def flights(diagrams):
+    """One to its end; one with a network, on the asymmetric vehicle's airframe, that crashes."""
+    turned = {"duration": 1.0, "route.yaw": 0.4}
+    failing = {"duration": 2, "vehicle.rotor_failure": {"rotor": 2, "time": 0.2}}
+    return {
+        "whole": simulate(load_scenario(diagrams / "figure_eight.yaml", turned), compiled=True),
+        "failing": simulate(load_scenario(diagrams / "paper.yaml:no_wind_pd_t2fnn", failing), compiled=True),
+    }
+
+
+@pytest.fixture(scope="module")
+def path(flights, tmp_path_factory):
+    return save_mcap(flights, tmp_path_factory.mktemp("mcap") / "flights.mcap")
+
+
+@pytest.fixture(scope="module")
+def messages(path):
+    """Times (ns) and contents of all messages, by topic, and the schema of each topic."""
+    found, schemas, times = {}, {}, []
+    with path.open("rb") as stream:
+        for schema, channel, message in make_reader(stream, validate_crcs=True).iter_messages(log_time_order=False):
+            assert (schema.encoding, channel.message_encoding) == ("jsonschema", "json")
+            assert message.publish_time == message.log_time
+            schemas[channel.topic] = (schema.name, json.loads(schema.data))
+            times.append(message.log_time)
+            found.setdefault(channel.topic, []).append((message.log_time, json.loads(message.data)))
+    assert times == sorted(times)
+    return found, schemas
+
+
+def test_there_is_a_topic_for_each_signal_and_for_what_is_seen(messages, flights):
+    found, _ = messages
+    for name, flight in flights.items():
+        topics = {f"/{name}/{each}" for each in ("tf", "reference", *(f"signals/{signal}" for signal in flight))}
+        assert {topic: len(found[topic]) for topic in topics} == dict.fromkeys(topics, len(flight.time))
+    assert len(found["/whole/scene"]) == len(found["/failing/log"]) == 1
+    assert "/whole/log" not in found
+
+
+def test_every_message_keeps_to_its_schema_and_foxglove_s_have_all_that_they_must(messages):
+    found, schemas = messages
+    for topic, (name, schema) in schemas.items():
+        validator = jsonschema.Draft202012Validator(schema)
+        for _, content in found[topic][:: max(len(found[topic]) // 5, 1)]:
+            validator.validate(content)
+        if name.startswith("foxglove"):
+            assert schema["properties"].keys() == REQUIRED[name], name
+    ((_, scene),) = found["/failing/scene"]
+    parts = [part for entity in scene["entities"] for part in entity["cubes"] + entity["cylinders"] + entity["lines"]]
+    assert all(entity.keys() == ENTITY for entity in scene["entities"])
+    assert len(parts) == 4 + 4 + 2
+    assert all(part.keys() in (CUBE, CYLINDER, LINE) for part in parts)
+
+
+def test_signals_are_there_by_the_names_of_their_rows(messages, flights):
+    found, schemas = messages
+    for name, flight in flights.items():
+        state = flight.record("state")
+        for tick, (time, content) in enumerate(found[f"/{name}/signals/state"]):
+            assert time == round(1e9 * flight.time[tick])
+            assert content.pop("timestamp") == {"sec": time // 10**9, "nsec": time % 10**9}
+            assert content == {row: getattr(state, row)[tick] for row in state._fields}
+    weights = np.array([content["values"] for _, content in found["/failing/signals/weights"]])
+    np.testing.assert_array_equal(weights, flights["failing"]["weights"])
+    assert schemas["/whole/signals/wrench"][1]["properties"]["tau_x"]["description"] == "N m, along B"
+    assert schemas["/whole/signals/wrench"][0] == "drake_quad.wrench"
+
+
+def test_frames_are_where_the_vehicle_and_its_reference_are(messages, flights):
+    """Drake's quaternion, up to its sign."""
+    found, _ = messages
+    for name, flight in flights.items():
+        for tick in (0, len(flight.time) // 2, len(flight.time) - 1):
+            _, transform = found[f"/{name}/tf"][tick]
+            assert (transform["parent_frame_id"], transform["child_frame_id"]) == ("world", f"{name}/body")
+            assert [*transform["translation"].values()] == flight["state"][tick, :3].tolist()
+            expected = RollPitchYaw(flight["state"][tick, 3:6]).ToQuaternion().wxyz()
+            wxyz = np.array([transform["rotation"][axis] for axis in "wxyz"])
+            np.testing.assert_allclose(wxyz * np.sign(wxyz @ expected), expected, atol=1e-14)
+            _, wanted = found[f"/{name}/reference"][tick]
+            assert wanted["frame_id"] == "world"
+            assert [*wanted["pose"]["position"].values()] == flight["reference"][tick, :3].tolist()
+            half = 0.5 * flight.record("reference").yaw[tick]
+            turn = {"w": np.cos(half), "x": 0.0, "y": 0.0, "z": np.sin(half)}
+            assert wanted["pose"]["orientation"] == pytest.approx(turn)
+    assert flights["whole"].record("reference").yaw[0] == pytest.approx(0.4)
+    tilts = np.abs(flights["failing"]["state"][:, 3:5]).max()
+    assert tilts > 0.3
+
+
+def test_the_scene_has_rotors_in_the_body_and_lines_in_the_world(messages, flights):
+    found, _ = messages
+    ((_, scene),) = found["/whole/scene"]
+    vehicle, reference, flown = scene["entities"]
+    assert (vehicle["frame_id"], vehicle["frame_locked"]) == ("whole/body", True)
+    places = [[*disc["pose"]["position"].values()] for disc in vehicle["cylinders"]]
+    arm = flights["whole"].scenario.vehicle.arm_length
+    np.testing.assert_allclose(places, [[arm, 0, 0], [0, -arm, 0], [-arm, 0, 0], [0, arm, 0]], atol=1e-15)
+    for entity, signal in ((reference, "reference"), (flown, "state")):
+        assert entity["frame_id"] == "world"
+        points = [[*point.values()] for point in entity["lines"][0]["points"]]
+        np.testing.assert_array_equal(points, flights["whole"][signal][:, :3])
+    assert len({entity["id"] for entity in scene["entities"]}) == 3
+
+
+def test_a_crash_is_logged_as_an_error(messages, flights):
+    ((time, content),) = messages[0]["/failing/log"]
+    crash_time = flights["failing"].metrics.crash_time
+    assert math.isclose(time, 1e9 * crash_time, abs_tol=1.0)
+    assert (content["level"], content["message"]) == (4, f"failing crashed at {crash_time:.2f} s")
+
+
+def test_the_scenario_is_attached_to_be_flown_again(path, flights, tmp_path):
+    with path.open("rb") as stream:
+        reader = make_reader(stream)
+        attached = {each.name: each.data for each in reader.iter_attachments()}
+        metrics = {each.name: each.metadata for each in reader.iter_metadata()}
+    (tmp_path / "again.yaml").write_bytes(attached["failing/scenario.yaml"])
+    assert load_scenario(tmp_path / "again.yaml") == flights["failing"].scenario
+    assert YAML(typ="safe").load(attached["whole/scenario.yaml"].decode()).keys() == {"figure_eight"}
+    assert float(metrics["whole/metrics"]["rmse"]) == pytest.approx(flights["whole"].metrics.rmse, rel=1e-11)
+
+
+def test_one_flight_stands_under_the_name_of_its_scenario(flights, tmp_path):
+    path = save_mcap(flights["whole"], tmp_path / "one.mcap")
+    with path.open("rb") as stream:
+        topics = {channel.topic.split("/")[1] for channel in make_reader(stream).get_summary().channels.values()}
+    assert topics == {"figure_eight"}
+
+
+def test_no_flight_and_no_library_are_said(flights, tmp_path, monkeypatch):
+    with pytest.raises(InputError, match="there is no flight to write"):
+        save_mcap({}, tmp_path / "none.mcap")
+    for module in ("mcap", "mcap.writer"):
+        monkeypatch.setitem(sys.modules, module, None)
+    with pytest.raises(ImportError, match=r"^mcap is not installed; .*'drake_quad\[mcap\]'"):
+        save_mcap(flights, tmp_path / "none.mcap")
+    assert not [*tmp_path.iterdir()]

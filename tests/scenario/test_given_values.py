@@ -1,0 +1,122 @@
+"""Overrides as Python's values, and what a scenario shows of itself."""
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario
+from drake_quad.scenario import load_mission, load_undesigned
+
+
+@pytest.fixture
+def load(diagrams):
+    return lambda overrides: load_scenario(diagrams / "robustness.yaml", overrides)
+
+
+@pytest.mark.parametrize(
+    ("given", "assignments"),
+    [
+        ({"vehicle.mass": 0.7, "duration": 10}, ["vehicle.mass=0.7", "duration=10"]),
+        ({"vehicle": {"mass": 0.7, "reaction_torque": True}}, ["vehicle.mass=0.7", "vehicle.reaction_torque=true"]),
+        ({"vehicle.mass": np.float64(0.7), "seed": np.int64(3)}, ["vehicle.mass=0.7", "seed=3"]),
+        ({"control.position.k_p": np.array([1.0, 2.0, 3.0])}, ["control.position.k_p=[1, 2, 3]"]),
+        ({"control.position": {"k_p": (1, 2.5, 3)}}, ["control.position.k_p=[1, 2.5, 3]"]),
+        ({"vehicle.inertia.1": 0.01, "vehicle.inertia.2": 0.02}, ["vehicle.inertia.1=0.01", "vehicle.inertia.2=0.02"]),
+        ({"vehicle": {"inertia": {1: 0.01, "2": 0.02}}}, ["vehicle.inertia.1=0.01", "vehicle.inertia.2=0.02"]),
+        ({"vehicle": {"thrust_factor_error": {"rotor_2": 0.01}}}, ["vehicle.thrust_factor_error.rotor_2=0.01"]),
+        (
+            {"vehicle.thrust_factor_error": [0, {"choice": [0.0, 0.1]}, 0, 0]},
+            ["vehicle.thrust_factor_error=[0, {choice: [0, 0.1]}, 0, 0]"],
+        ),
+        ({"vehicle.mass": {"uniform": {"min": 0.6, "max": 0.7}}}, ["vehicle.mass={uniform: {min: 0.6, max: 0.7}}"]),
+        ({"route": {"kind": "circle", "radius": 1}}, ["route={kind: circle, radius: 1}"]),
+        ({"laboratory.command_link": {"delay_ticks": 1}}, ["laboratory.command_link.delay_ticks=1"]),
+        ({"duration": None}, ["duration=null"]),
+        ([{"duration": 3}, "vehicle.mass=0.7", {"duration": 4}], ["duration=4", "vehicle.mass=0.7"]),
+        ("vehicle.mass=0.7", ["vehicle.mass=0.7"]),
+        ({}, []),
+    ],
+)
+def test_values_of_python_are_what_they_would_be_in_yaml(load, given, assignments):
+    assert load(given) == load(assignments)
+
+
+def test_parts_of_other_scenarios_are_values(load, diagrams):
+    other = load_scenario(diagrams / "figure_eight.yaml", {"vehicle.mass": 0.66, "route.radius": 1.2})
+    found = load({"vehicle": other.vehicle, "route": other.route})
+    assert (found.vehicle.mass, found.route) == (0.66, other.route)
+
+
+def test_a_path_is_the_name_of_a_file(load):
+    with pytest.raises(InputError, match="^nowhere.yaml"):
+        load({"control.network.learned": Path("nowhere.yaml")})
+
+
+def test_missions_and_vehicles_take_them_too(diagrams):
+    assert load_mission(diagrams / "slalom.yaml", {"nominal": {"mass": 0.66}}).nominal.mass == 0.66
+    assert load_undesigned(diagrams / "vehicles" / "paper.yaml", {"nominal.mass": 0.66}).nominal.mass == 0.66
+    with pytest.raises(InputError, match=r"^override vehicle.mass: a plan does not depend on vehicle, only on name, "):
+        load_mission(diagrams / "slalom.yaml", {"vehicle.mass": 0.66})
+
+
+NESTED = []
+NESTED.append(NESTED)
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"vehicle.mass": -1}, r"^override vehicle.mass: vehicle.mass is -1, but must be larger than 0$"),
+        ({"vehicle": {"mass": "0.7"}}, r"^override vehicle: vehicle.mass is '0.7', but must be a valid number$"),
+        ({"vehicle.mas": 1}, r"^override vehicle.mas: vehicle.mas is unknown; .* did you mean mass\?$"),
+        ({"vehicle.mass": np.nan}, r"vehicle.mass is nan, but must be a finite number$"),
+        (
+            {"vehicle.mass": 1j},
+            r"^override vehicle.mass: 1j is a complex, but must be a number, text, list or mapping$",
+        ),
+        ({"vehicle.mass": {0.7}}, r"is a set, but"),
+        ({"vehicle.inertia": NESTED}, r"^override vehicle.inertia: is nested too deep: .* 40 levels$"),
+        ({"vehicle.inertia": [0.0] * 40_000}, r"^override vehicle.inertia: is too large: .* 30,000 names and values"),
+        ({"vehicle.inertia": "x" * 2000}, r"is too long: a name or value may have 1,000 characters$"),
+        ({"vehicle..mass": 1}, r"'vehicle..mass' must be the path of a field, as in vehicle.mass$"),
+        ({("vehicle", "mass"): 1}, r"must be the path of a field"),
+        ({"": 1}, r"must be the path of a field"),
+        ({".".join(["a"] * 50): 1}, r"is nested too deep"),
+        ({"vehicle.thrust_factor_error.1": 0.1}, r"names no rotor: they are rotor_1, rotor_2, rotor_3 and rotor_4$"),
+        ([3], r"^the override 3 must be a mapping, or field.path=value$"),
+        ("vehicle.mass", r"^override vehicle.mass: must be field.path=value, for example vehicle.mass=0.7$"),
+    ],
+)
+def test_what_is_wrong_is_named(load, given, words):
+    with pytest.raises(InputError, match=words):
+        load(given)
+
+
+def test_a_scenario_shows_itself_in_a_line(load, diagrams):
+    assert repr(load({"duration": 4})) == str(load({"duration": 4}))
+    assert repr(load({"duration": 4})) == (
+        "<Scenario robustness: route figure_eight, 4 s; vehicle of normal(0.68, 0.01, min=0.64, max=0.72) kg; control"
+        " pd + type_2 network + attitude pd; wind: fan, fan, steady, dryden, gust; 31 distributions>"
+    )
+    onboard = load_scenario(diagrams / "onboard.yaml", {"vehicle.mass": {"choice": [0.6, 0.7]}})
+    assert repr(onboard) == (
+        "<Scenario onboard: route figure_eight; vehicle of choice(0.6, 0.7) kg; control pd; autopilot attitude; no"
+        " wind; 1 distribution>"
+    )
+    layers = [diagrams / "controllers" / "lqg.yaml:lqg"]
+    assert "; control lqg; " in repr(load_scenario(diagrams / "laboratory.yaml:nominal", layers=layers))
+    slalom = load_mission(diagrams / "slalom.yaml")
+    assert repr(slalom) == "<Mission slalom: route waypoints; nominal mass 0.68 kg>"
+
+
+def test_distributions_show_themselves_shortly(load):
+    drawn = {
+        "vehicle.linear_drag": {"uniform": {"min": 0.1, "max": 0.25}},
+        "vehicle.quadratic_drag": {"log_uniform": {"min": 0.001, "max": 1}},
+        "vehicle.mass": {"normal": {"mean": 0.7, "standard_deviation": 0.01, "min": 0.6, "shared": {"a": 0.5}}},
+    }
+    vehicle = load(drawn).vehicle
+    assert repr(vehicle.linear_drag) == "uniform(0.1, 0.25)"
+    assert str(vehicle.quadratic_drag) == "log_uniform(0.001, 1)"
+    assert repr(vehicle.mass) == "normal(0.7, 0.01, min=0.6, shared={'a': 0.5})"

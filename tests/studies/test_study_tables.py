@@ -1,0 +1,150 @@
+"""Studies as tables of pandas and Parquet, and folders of studies."""
+
+import math
+import sys
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from drake_quad import InputError, load_scenario, read_studies, read_study, run_monte_carlo
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.scenario import Batch
+from drake_quad.studies.study import Study, columns_of, rows_of
+
+DRAWN = {
+    "duration": 0.1,
+    "vehicle.mass": {"uniform": {"min": 0.6, "max": 0.7}},
+    "laboratory.command_link.delay_ticks": {"choice": [0, 1]},
+    "vehicle.thrust_factor_error": [0.0, {"uniform": {"min": -0.01, "max": 0.01}}, 0.0, 0.0],
+}
+
+
+@pytest.fixture(scope="module")
+def scenario(diagrams):
+    return load_scenario(diagrams / "hover.yaml", DRAWN)
+
+
+@pytest.fixture(scope="module")
+def study(scenario):
+    """Three samples, of which the second crashed."""
+    batch = Batch.draw(scenario, [1, 3, 4])
+    numbers = np.arange(3.0 * (len(Metrics._fields) - 1)).reshape(-1, 3)
+    numbers[2, 2] = math.nan
+    rows = rows_of(batch, Metrics(*numbers, np.array([math.inf, 0.04, math.inf])))
+    return Study.of_rows(scenario, 0.1, rows, failures={2: "too fast"})
+
+
+def test_a_frame_has_a_row_for_each_sample_and_a_column_for_each_path_and_metric(study, scenario):
+    frame = study.to_frame()
+    assert frame.index.name == "sample"
+    assert frame.index.tolist() == [1, 3, 4]
+    assert ["sample", *frame.columns] == columns_of(scenario)
+    np.testing.assert_array_equal(frame["vehicle.mass"], study.parameters["vehicle.mass"])
+    for name in Metrics._fields[:-1]:
+        np.testing.assert_array_equal(frame[name], getattr(study.metrics, name), err_msg=name)
+    assert frame["crashed"].dtype == bool
+    assert frame["crashed"].tolist() == [False, True, False]
+    np.testing.assert_array_equal(frame["crash_time"], [math.nan, 0.04, math.nan])
+    assert frame[~frame.crashed]["rmse"].mean() == pytest.approx(np.mean(study.metrics.rmse[[0, 2]]))
+
+
+def test_a_frame_says_what_its_columns_and_its_study_are(study):
+    attributes = study.to_frame().attrs
+    units = attributes["units"]
+    assert units["vehicle.mass"] == "kg"
+    assert units["vehicle.thrust_factor_error.rotor_2"] == "1"
+    assert (units["rmse"], units["variation_z"], units["crashed"]) == ("m", "m/s³", "")
+    assert [*units] == [*study.to_frame().columns]
+    assert attributes["failures"] == {"2": "too fast"}
+    assert (attributes["scenario"], attributes["duration"]) == ("hover", 0.1)
+
+
+def test_parquet_gives_the_frame_back(study, tmp_path):
+    path = study.to_parquet(tmp_path / "results.parquet")
+    frame, again = study.to_frame(), pd.read_parquet(path)
+    pd.testing.assert_frame_equal(again, frame)
+    assert again.attrs == frame.attrs
+    assert [each.name for each in tmp_path.iterdir()] == ["results.parquet"]
+
+
+def test_parquet_that_cannot_be_written_leaves_nothing(study, tmp_path):
+    (tmp_path / "results.parquet").mkdir()
+    with pytest.raises(OSError, match="results.parquet"):
+        study.to_parquet(tmp_path / "results.parquet")
+    assert [each.name for each in tmp_path.iterdir()] == ["results.parquet"]
+
+
+@pytest.mark.parametrize(("library", "table"), [("pandas", "to_frame"), ("pyarrow", "to_parquet")])
+def test_a_library_that_is_missing_is_named_with_its_extra(study, tmp_path, monkeypatch, library, table):
+    monkeypatch.setitem(sys.modules, library, None)
+    arguments = [tmp_path / "results.parquet"] if table == "to_parquet" else []
+    with pytest.raises(ImportError, match=rf"^{library} is not installed; .*'drake_quad\[tables\]'") as error:
+        getattr(study, table)(*arguments)
+    assert not isinstance(error.value, InputError)
+
+
+@pytest.fixture(scope="module")
+def folders(scenario, tmp_path_factory):
+    """A folder of two studies, one of them with samples that failed, and a file beside them."""
+    parent = tmp_path_factory.mktemp("controllers")
+    for name, seed in (("pd", 0), ("indi", 1)):
+        run_monte_carlo(scenario, 2, seed, folder=parent / name, num_workers=1)
+    (parent / "indi" / "failed.csv").write_text("sample,reason\n7,it was late\n", encoding="utf-8")
+    (parent / "distribution.png").write_bytes(b"")
+    return parent
+
+
+@pytest.mark.parametrize("file", ["", "results.csv", "scenario.yaml", "study.yaml"])
+def test_a_study_is_read_from_its_folder_and_from_any_file_in_it(folders, file):
+    assert read_study(folders / "indi" / file).scenario.seed == 1
+
+
+def test_a_study_is_read_from_the_folder_that_has_only_this_one(folders, tmp_path):
+    (tmp_path / "alone").symlink_to(folders / "pd")
+    (tmp_path / "notes").mkdir()
+    found = read_study(tmp_path)
+    assert found.samples.tolist() == [0, 1]
+    assert [*read_studies(tmp_path)] == ["alone"]
+
+
+def test_samples_that_could_not_be_flown_are_read(folders):
+    assert read_study(folders / "indi").failures == {7: "it was late"}
+    assert read_study(folders / "pd").failures == {}
+
+
+def test_several_studies_are_read_by_the_names_of_their_folders(folders):
+    found = read_studies(folders)
+    assert {name: study.scenario.seed for name, study in found.items()} == {"indi": 1, "pd": 0}
+    assert [*read_studies(folders / "pd")] == ["pd"]
+    with pytest.raises(
+        InputError, match="holds 2 studies, indi, pd; read one of these folders, or all .* read_studies"
+    ):
+        read_study(folders)
+
+
+def test_what_is_no_study_says_what_it_is(tmp_path):
+    (tmp_path / "empty").mkdir()
+    with pytest.raises(InputError, match="empty is no study, which has results.csv, .*; it is empty"):
+        read_study(tmp_path / "empty")
+    (tmp_path / "comparison.csv").write_text("a\n1\n")
+    with pytest.raises(InputError, match="is no study, .*; it holds comparison.csv, empty"):
+        read_studies(tmp_path)
+    with pytest.raises(InputError, match=r"comparison.csv is no study, .*; it is another file"):
+        read_study(tmp_path / "comparison.csv")
+    with pytest.raises(InputError, match="nowhere does not exist"):
+        read_study(tmp_path / "nowhere")
+
+
+def test_a_damaged_table_of_failures_is_no_traceback(scenario, tmp_path):
+    run_monte_carlo(scenario, 1, folder=tmp_path, num_workers=1)
+    for text in ("sample,why\n1,x\n", "sample,reason\nfirst,x\n", "sample,reason\n1\n"):
+        (tmp_path / "failed.csv").write_text(text, encoding="utf-8")
+        with pytest.raises(InputError, match="failed.csv"):
+            read_study(tmp_path)
+
+
+def test_a_study_that_goes_on_drops_the_parquet_of_what_it_was(scenario, tmp_path):
+    run_monte_carlo(scenario, 1, folder=tmp_path, num_workers=1).to_parquet(tmp_path / "results.parquet")
+    run_monte_carlo(scenario, 2, folder=tmp_path, num_workers=1, resume=True)
+    assert not (tmp_path / "results.parquet").exists()

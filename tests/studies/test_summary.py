@@ -1,0 +1,187 @@
+"""What is said of a study in a few lines, with many, few, no and only crashes."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.studies import Study
+from drake_quad.studies.statistics import (
+    crash_levels,
+    metric_mean,
+    most_influential,
+    positive_mean_interval,
+    share_interval,
+    share_mean_interval,
+)
+from drake_quad.studies.summary import comparison_of, crashes_of, summary_of
+from drake_quad.visualization.study_plots import plot_crash_probability
+
+
+def study(count, crashed, seed=0, scenario="diagrams/robustness.yaml", **parameters):
+    """Samples of which the first have crashed; a fifth of them has saturated rotors now and then."""
+    rng = np.random.default_rng(seed)
+    errors = rng.gamma(3.0, 0.02, count)
+    crash_time = np.where(np.arange(count) < crashed, 3.0, math.inf)
+    saturated = np.where(rng.random(count) < 0.2, 0.01, 0.0)
+    numbers = dict.fromkeys(Metrics._fields, errors) | {"saturation_share": saturated, "crash_time": crash_time}
+    return Study(load_scenario(scenario), 10.0, np.arange(count), parameters, Metrics(**numbers))
+
+
+SIZES = [(0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2), (10, 5), (300, 0), (300, 3), (300, 297), (300, 300)]
+
+
+@pytest.mark.parametrize(("count", "crashed"), SIZES)
+def test_no_interval_is_of_crashes_only_and_none_leaves_what_can_be(count, crashed):
+    found = study(count, crashed)
+    summary, words = summary_of(found), crashes_of(found)
+    cells = [cell for row in summary.rows for cell in row[1:-1]]
+    assert len({len(row) for row in [summary.headings, *summary.rows]}) == 1
+    for cell in cells:
+        assert "[crash, crash]" not in cell
+        assert "[–, –]" not in cell
+        assert "nan" not in cell
+        assert "inf" not in cell
+        numbers = [float(number) for number in re.findall(r"-?\d+\.\d+", cell)]
+        assert all(number >= 0.0 for number in numbers), cell
+        assert not (crashed == 0 and "crash" in cell)
+    (shares,) = (row for row in summary.rows if row[0] == "saturation_share")
+    assert all(float(number) <= 100.0 for cell in shares[1:-1] for number in re.findall(r"\d+\.\d+", cell))
+    assert words.startswith(f"{crashed} crashed, ")
+    if count == crashed > 0:
+        assert {cell for row in summary.rows for cell in row[3:-1]} == {"crash"}
+        assert {cell for row in summary.rows for cell in row[1:3]} == {"–"}
+
+
+@pytest.mark.parametrize(
+    ("count", "crashed", "words"),
+    [
+        (300, 3, "means and deviations are of the 297 samples that flew to the end; quantiles are of all"),
+        (2, 1, "means and deviations are of the one sample that flew to the end;"),
+        (2, 2, "no sample flew to the end: there is nothing to average"),
+        (2, 0, None),
+    ],
+)
+def test_a_summary_says_that_means_are_of_survivors(count, crashed, words):
+    remarks = summary_of(study(count, crashed)).remarks
+    assert len(remarks) == (words is not None)
+    assert all(remark.startswith(words) for remark in remarks)
+
+
+@pytest.mark.parametrize(("count", "crashed"), [each for each in SIZES if each[0]])
+def test_a_comparison_shows_no_share_below_zero_and_no_test_of_no_crash(count, crashed):
+    pairs = {"one": study(count, 0), "other": study(count, crashed, seed=1)}
+    summary = comparison_of(pairs, "rmse")
+    ((name, difference, share, better, num_pairs, alone, significance),) = summary.rows
+    assert (name, num_pairs, alone) == ("other", f"{count - crashed}", f"{crashed} : 0")
+    assert ("p = " in significance) == (crashed > 0)
+    assert "-" not in share + better
+    assert len(summary.remarks) == (crashed > 0)
+    assert (difference == "–") == (count == crashed)
+
+
+def test_means_of_positive_values_are_student_s_without_what_cannot_be():
+    assert positive_mean_interval(np.array([0.1, 0.3])) == pytest.approx((0.2, 0.0, 0.2 + 12.706 * 0.1), rel=1e-4)
+    values = np.random.default_rng(0).gamma(3.0, 0.02, 200)
+    low = values.mean() - 1.972 * values.std(ddof=1) / math.sqrt(200)
+    assert positive_mean_interval(values).low == pytest.approx(low, rel=1e-4)
+
+
+@pytest.mark.parametrize(
+    ("draw", "truth"),
+    [
+        (lambda rng: rng.beta(0.5, 5.0, 30), 0.5 / 5.5),
+        (lambda rng: rng.beta(5.0, 0.5, 30), 5.0 / 5.5),
+        (lambda rng: (rng.random(30) < 0.1) * 1.0, 0.1),
+        (lambda rng: (rng.random(50) < 0.05) * 0.02, 0.001),
+    ],
+)
+def test_the_interval_of_a_mean_share_lies_within_0_and_1_and_covers(draw, truth):
+    rng = np.random.default_rng(3)
+    found = [share_mean_interval(draw(rng)) for _ in range(1500)]
+    assert all(0.0 <= low <= value <= high <= 1.0 for value, low, high in found)
+    assert 0.92 < np.mean([low <= truth <= high for _, low, high in found]) < 0.985
+
+
+def test_a_mean_share_of_nothing_or_all_is_bounded_by_how_often_it_is_otherwise():
+    assert share_mean_interval(np.zeros(100)) == share_interval(0, 100)
+    assert share_mean_interval(np.ones(100)) == share_interval(100, 100)
+    assert math.isnan(share_mean_interval(np.zeros(1)).high)
+    # Where the mean is known well it is Student's.
+    values = np.random.default_rng(0).uniform(0.45, 0.55, 4000)
+    half = 1.9605 * values.std(ddof=1) / math.sqrt(4000)
+    assert share_mean_interval(values) == pytest.approx((values.mean(), values.mean() - half, values.mean() + half))
+
+
+def test_each_metric_has_the_interval_that_fits_it():
+    metrics = study(30, 5).metrics
+    kept = ~metrics.crashed
+    assert metric_mean(metrics, "saturation_share") == share_mean_interval(metrics.saturation_share[kept])
+    assert metric_mean(metrics, "rmse") == positive_mean_interval(metrics.rmse[kept])
+
+
+def crashing(numbers, crashed, **more):
+    found = study(len(numbers), 0, **{"vehicle.mass": np.asarray(numbers, dtype=float), **more})
+    times = np.where(crashed, 1.0, math.inf)
+    return Study(found.scenario, 10.0, found.samples, found.parameters, found.metrics._replace(crash_time=times))
+
+
+def test_bins_of_a_number_hold_equally_many_samples_and_the_crashes_in_them():
+    numbers = np.random.default_rng(2).permutation(1000)
+    levels = crash_levels(crashing(numbers, numbers >= 900), "vehicle.mass")
+    assert [level.num_samples for level in levels] == [100] * 10
+    assert [(level.low, level.high, level.middle) for level in levels][2] == (200.0, 299.0, 249.5)
+    assert [level.probability for level in levels] == [share_interval(0, 100)] * 9 + [share_interval(100, 100)]
+    assert len(crash_levels(crashing(numbers, numbers > 3), "vehicle.mass", num_bins=4)) == 4
+
+
+def test_a_choice_has_a_bin_for_each_number_and_few_samples_few_bins():
+    levels = crash_levels(crashing([2, 0, 1, 1, 2, 2] * 20, [True, False] * 60), "vehicle.mass")
+    assert [(level.low, level.high, level.num_samples) for level in levels] == [(0, 0, 20), (1, 1, 40), (2, 2, 60)]
+    assert [level.probability.value for level in levels] == [0.0, 0.5, pytest.approx(2.0 / 3.0)]
+    assert [level.num_samples for level in crash_levels(crashing([3.0], [True]), "vehicle.mass")] == [1]
+    assert crash_levels(crashing([], []), "vehicle.mass") == []
+    # Many samples with one number are not torn apart.
+    skewed = crash_levels(crashing([1.0] * 500 + [*np.linspace(2.0, 3.0, 500)], [False] * 1000), "vehicle.mass")
+    assert skewed[0].num_samples == 500
+    assert sum(level.num_samples for level in skewed) == 1000
+
+
+def test_a_number_that_is_not_drawn_has_no_levels():
+    with pytest.raises(InputError, match="vehicle.gravity is not drawn in this study; drawn are vehicle.mass"):
+        crash_levels(crashing([1.0], [True]), "vehicle.gravity")
+    with pytest.raises(InputError, match="the number of bins is 0, but must be at least 1"):
+        crash_levels(crashing([1.0], [True]), "vehicle.mass", num_bins=0)
+
+
+def test_the_plot_is_over_the_number_that_matters_most_and_has_the_levels_and_intervals():
+    rng = np.random.default_rng(0)
+    mass, drag = rng.normal(0.7, 0.05, (2, 600))
+    studies = {
+        "pd": crashing(mass, drag > 0.77, **{"vehicle.linear_drag": drag}),
+        "indi": crashing(mass, rng.random(600) < 0.05, **{"vehicle.linear_drag": drag}),
+    }
+    assert most_influential(studies.values()) == "vehicle.linear_drag"
+    (axes,) = plot_crash_probability(studies).axes
+    assert axes.get_xlabel() == "linear drag (N s/m)"
+    levels = crash_levels(studies["pd"], "vehicle.linear_drag")
+    line = next(each for each in axes.lines if str(each.get_label()).startswith("pd: "))
+    np.testing.assert_allclose(line.get_xydata(), [(level.middle, level.probability.value) for level in levels])
+    # The axes are as wide as the numbers, and the points of two controllers stand beside each other.
+    least, most = min(level.low for level in levels), max(level.high for level in levels)
+    assert axes.get_xlim() == pytest.approx((least, most), abs=0.1 * (most - least))
+    axes.get_figure().draw_without_rendering()
+    other = next(each for each in axes.lines if str(each.get_label()).startswith("indi: "))
+    shift = other.get_transform().transform((least, 0.0)) - line.get_transform().transform((least, 0.0))
+    assert shift == pytest.approx([3.0 * axes.get_figure().dpi / 72.0, 0.0])
+    ends = np.concatenate([bars.get_segments() for bars in axes.collections])
+    expected = [[(each.middle, each.probability.low), (each.middle, each.probability.high)] for each in levels]
+    for bar in expected:
+        assert np.abs(ends - bar).max(axis=(1, 2)).min() < 1e-12
+    (over_mass,) = plot_crash_probability(studies, "vehicle.mass").axes
+    assert over_mass.get_xlabel() == "mass (kg)"
+    with pytest.raises(InputError, match="no number is drawn"):
+        plot_crash_probability({"still": study(3, 1, scenario="diagrams/hover.yaml")})
