@@ -164,13 +164,16 @@ def norm_peaks(path: PolynomialPath, order: int) -> Peaks:
     """Returns the local maxima of the norm of the derivative of that order, and its values at the segments' ends."""
     components = path_derivative(path, order).coefficients
     powers = components.shape[1]
+    # Of half the square of the norm: the product of two polynomials, axis by axis.
+    rates = components[:, 1:] * np.arange(1.0, powers)[:, np.newaxis]
+    slopes = np.zeros((len(components), 2 * powers - 2))
+    for power in range(powers):
+        slopes[:, power : power + powers - 1] += np.einsum("na,nka->nk", components[:, power], rates)
 
     def slope(segment: np.ndarray, s: np.ndarray) -> np.ndarray:
-        value, rate = (np.einsum("nk,nka->na", power_basis(r, s, powers), components[segment]) for r in (0, 1))
-        return np.einsum("na,na->n", value, rate)
+        return np.einsum("nk,nk->n", power_basis(0, s, 2 * powers - 2), slopes[segment])
 
-    value, rate = (np.einsum("sk,nka->nsa", power_basis(r, _SAMPLES, powers), components) for r in (0, 1))
-    segment, s = _maxima(np.einsum("nsa,nsa->ns", value, rate), slope)
+    segment, s = _maxima(slopes @ power_basis(0, _SAMPLES, 2 * powers - 2).T, slope)
     every = np.arange(len(components))
     segment = np.concatenate([segment, every, every])
     s = np.concatenate([s, np.zeros(len(every)), np.ones(len(every))])

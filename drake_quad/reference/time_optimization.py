@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 import scipy
+from pydrake.solvers import ClpSolver, MathematicalProgram
 from threadpoolctl import ThreadpoolController
 
 from drake_quad.reference.minimum_snap import DEGREE, FROM_BOUNDARY, Contact, MinimumSnap
@@ -212,8 +213,13 @@ def _best_change(
     segments = len(durations)
     slope = np.append(durations / durations.sum(), price)
     rows = np.column_stack([gradients[matters], np.full(int(matters.sum()), -1.0)])
-    bounds = [*zip(low, high, strict=True), (floor - worst if floor > -math.inf else None, None)]
-    result = scipy.optimize.linprog(slope, A_ub=rows, b_ub=worst - excess[matters], bounds=bounds, method="highs")
-    if not result.success:
+    # For so few numbers SciPy's linprog takes five to eighteen times as long.
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(segments + 1)
+    program.AddLinearCost(slope, 0.0, x)
+    program.AddLinearConstraint(rows, np.full(len(rows), -math.inf), worst - excess[matters], x)
+    program.AddBoundingBoxConstraint(np.append(low, floor - worst), np.append(high, math.inf), x)
+    result = ClpSolver().Solve(program)
+    if not result.is_success():
         return np.zeros(segments), 0.0
-    return result.x[:segments], -float(result.fun)
+    return result.GetSolution(x)[:segments], -result.get_optimal_cost()

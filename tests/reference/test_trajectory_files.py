@@ -38,9 +38,9 @@ def test_the_table_has_position_to_snap_and_the_yaw_to_nine_digits(tmp_path):
 
 
 def test_both_files_are_whole_lines(tmp_path):
-    table, route = save_plan(PLAN, tmp_path, name="there")
-    assert (table.name, route.name) == ("trajectory.csv", "trajectory.yaml")
-    for file in (table, route):
+    table, route, pieces = save_plan(PLAN, tmp_path, name="there")
+    assert (table.name, route.name, pieces.name) == ("trajectory.csv", "trajectory.yaml", "pieces.csv")
+    for file in (table, route, pieces):
         text = file.read_text()
         assert text.endswith("\n")
         assert "" not in text.splitlines()

@@ -1,0 +1,259 @@
+"""Trajectories as pieces: what Crazyswarm2 and minsnap-trajectories read, and what they write."""
+
+import sys
+
+import minsnap_trajectories
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.assembly.planning import plan_route
+from drake_quad.reference.minimum_snap import minimum_snap
+from drake_quad.reference.pieces import (
+    COLUMNS,
+    minsnap_trajectory,
+    minsnap_waypoints,
+    pieces_of,
+    plan_of_minsnap,
+    plan_of_pieces,
+    save_pieces,
+)
+from drake_quad.reference.plan import Plan
+from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path
+from drake_quad.reference.trajectory_files import save_plan
+from drake_quad.scenario import load_mission
+
+PATH = minimum_snap([[0, 0, 1], [1, 2, 1.5], [3, 1, 2], [2, 0, 1]], [0.0, 1.7, 3.01, 5.2])
+# Its knots are others than those of the path.
+YAW = hermite_path(
+    np.array([0.0, 1.1, 1.7, 4.4, 5.2]), np.array([[[0.3], [0.0]], [[0.8], [0.2]], *[[[1.0], [-0.3]]] * 3])
+)
+PLAN = Plan(PATH, YAW)
+
+# In the manner of uav_trajectories: from rest to rest over a metre and back, in six decimals.
+STILL = ",".join(["0.000000"] * 16)
+THERE_AND_BACK = f"""\
+# {",".join(COLUMNS)}
+2.000000,0.000000,0.000000,0.000000,0.000000,2.187500,-2.625000,1.093750,-0.156250,{STILL},{",".join(["0.000000"] * 8)}
+
+4.000000,1.000000,0.000000,0.000000,0.000000,-0.136719,0.082031,-0.017090,0.001221,{STILL},0.000000,0.100000,0,0,0,0,0,0,
+"""
+
+
+@pytest.fixture
+def write(tmp_path):
+    def write(text, name="course.csv"):
+        (tmp_path / name).write_text(text, encoding="utf-8")
+        return tmp_path / name
+
+    return write
+
+
+def assert_alike(one, other, start=0.0, atol=1e-12):
+    """Position to snap and the yaw, relative to the largest of each."""
+    times = np.linspace(start, one.path.times[-1], 2001)[1:-1]
+    for part, orders in (("path", 5), ("yaw", 2)):
+        for order in range(orders):
+            expected, found = (evaluate(getattr(plan, part), times, order) for plan in (one, other))
+            scale = max(1.0, np.abs(expected).max())
+            np.testing.assert_allclose(found / scale, expected / scale, rtol=0.0, atol=atol, err_msg=f"{part} {order}")
+
+
+def test_a_plan_that_is_written_and_read_is_the_same(tmp_path):
+    again = plan_route(load_mission(save_pieces(PLAN, tmp_path / "mine.csv")))
+    assert_alike(PLAN, again)
+    # A piece ends at the knots of either: those of the yaw are 1.1 and 4.4 besides.
+    np.testing.assert_allclose(again.path.times, [0.0, 1.1, 1.7, 3.01, 4.4, 5.2], rtol=1e-15)
+
+
+def test_a_file_has_the_columns_of_crazyswarm2_and_can_be_read_as_it_does(tmp_path):
+    """`numpy.loadtxt(filename, delimiter=",", skiprows=1)`, a polynomial in seconds from the constant on."""
+    file = save_pieces(PLAN, tmp_path / "mine.csv")
+    assert file.read_text().splitlines()[0] == ",".join(COLUMNS)
+    assert COLUMNS[:3] + COLUMNS[-1:] == ("duration", "x^0", "x^1", "yaw^7")
+    rows = np.loadtxt(file, delimiter=",", skiprows=1)
+    assert rows.shape == (5, 33)
+    start = 0.0
+    for duration, *numbers in rows:
+        polynomials = np.reshape(numbers, (4, 8))[:, ::-1]
+        expected = np.vstack([evaluate(PATH, [start + 0.3]), evaluate(YAW, [start + 0.3])])[:, 0]
+        np.testing.assert_allclose([np.polyval(each, 0.3) for each in polynomials], expected, atol=1e-12)
+        start += duration
+
+
+def test_a_plan_that_begins_later_hovers_until_then():
+    later = Plan(PATH._replace(times=PATH.times + 0.5), YAW._replace(times=YAW.times + 0.5))
+    again = plan_of_pieces(pieces_of(later))
+    assert again.path.times[0] == 0.0
+    assert_alike(later, again, start=0.5)
+    np.testing.assert_array_equal(evaluate(again.path, [0.2])[:, 0], [0.0, 0.0, 1.0])
+    np.testing.assert_array_equal(evaluate(again.path, [0.2], 1)[:, 0], 0.0)
+    assert evaluate(again.yaw, [0.2])[0, 0] == 0.3
+
+
+def test_a_path_of_too_high_a_degree_has_no_place_in_a_file():
+    coefficients = np.zeros((1, 10, 3))
+    Plan.facing(PolynomialPath(np.array([0.0, 1.0]), coefficients))
+    assert pieces_of(Plan.facing(PolynomialPath(np.array([0.0, 1.0]), coefficients))).shape == (1, 33)
+    coefficients[0, 9] = 1.0
+    with pytest.raises(InputError, match="the path is of degree 9, but a piece has room for degree 7"):
+        pieces_of(Plan.facing(PolynomialPath(np.array([0.0, 1.0]), coefficients)))
+
+
+def test_a_file_of_other_programs_is_read(write):
+    """With a # before its names, an empty line, a comma at the end; it goes 1 m in 2 s, and back in 4 s."""
+    plan = plan_route(load_mission(write(THERE_AND_BACK)))
+    np.testing.assert_array_equal(plan.path.times, [0.0, 2.0, 6.0])
+    shares = np.linspace(0.0, 1.0, 21)
+    blend = 35 * shares**4 - 84 * shares**5 + 70 * shares**6 - 20 * shares**7
+    np.testing.assert_allclose(evaluate(plan.path, 2.0 * shares)[0], blend, atol=1e-12)
+    np.testing.assert_allclose(evaluate(plan.path, 2.0 + 4.0 * shares)[0], 1.0 - blend, atol=5e-3)
+    np.testing.assert_allclose(evaluate(plan.yaw, [1.0, 4.0, 6.0])[0], [0.0, 0.2, 0.4], atol=1e-12)
+
+
+def test_a_route_names_a_file_beside_its_own_and_flies_it(write, diagrams, tmp_path):
+    write(THERE_AND_BACK, "there.csv")
+    loop = f"""\
+there:
+  extends: {diagrams / "figure_eight.yaml"}
+  route: {{kind: trajectory, pieces: there.csv, origin: [0.1, 0.2, 1.0], time_scale: 2.0}}
+"""
+    scenario = load_scenario(write(loop, "loop.yaml"))
+    plan = plan_route(scenario)
+    assert plan.duration == 12.0
+    np.testing.assert_allclose(evaluate(plan.path, [4.0])[:, 0], [1.1, 0.2, 1.0], atol=1e-9)
+    flight = simulate(scenario, compiled=True)
+    assert flight.metrics.rmse < 0.01
+    folder = flight.save(tmp_path / "flown")[0].parent
+    assert load_scenario(folder / "scenario.yaml") == flight.scenario  # without the table
+
+
+def test_a_trajectory_of_knots_has_an_origin_and_a_time_scale_too(diagrams):
+    knots = [{"time": 0.0, "position": [0, 0, 0]}, {"time": 4.0, "position": [1, 0, 0]}]
+    route = {"kind": "trajectory", "knots": knots, "yaw_knots": [{"time": 0, "yaw": 0}, {"time": 4, "yaw": 1}]}
+    plain, moved = (
+        plan_route(load_mission(diagrams / "figure_eight.yaml", {"route": {**route, **more}}))
+        for more in ({}, {"origin": [1.0, 2.0, 3.0], "time_scale": 1.5})
+    )
+    assert moved.duration == 6.0
+    place = evaluate(plain.path, [2.0])[:, 0]
+    np.testing.assert_allclose(evaluate(moved.path, [3.0])[:, 0], place + np.array([1.0, 2.0, 3.0]), rtol=1e-14)
+    np.testing.assert_allclose(evaluate(moved.yaw, [3.0]), evaluate(plain.yaw, [2.0]), rtol=1e-14)
+
+
+def test_what_a_trajectory_does_not_say_is_not_written_of_it(diagrams):
+    """Studies from before it could be said go on."""
+    knots = [{"time": 0.0, "position": [0, 0, 0]}, {"time": 4.0, "position": [1, 0, 0]}]
+    route = load_mission(diagrams / "figure_eight.yaml", {"route": {"kind": "trajectory", "knots": knots}}).route
+    assert [*route.model_dump()] == ["kind", "knots", "yaw_knots"]
+
+
+def test_a_plan_that_knots_cannot_say_is_saved_with_its_pieces(write, tmp_path, diagrams):
+    plan = plan_route(load_mission(write(THERE_AND_BACK)))
+    assert "knots" not in save_plan(plan, tmp_path, name="there")[1].read_text()
+    again = load_scenario(diagrams / "figure_eight.yaml", layers=[tmp_path / "trajectory.yaml"])
+    assert_alike(plan, plan_route(again))
+    save_plan(PLAN, tmp_path, name="there")
+    assert_alike(PLAN, plan_route(load_mission(tmp_path / "trajectory.yaml")))
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("duration,x^0,y^0,z^0\n", r"course.csv: holds no pieces"),
+        ("duration,x^0,y^0\n1,0,0\n", r"course.csv:1: there is no column z\^0$"),
+        (
+            "duration,x^0,y^0,z^0,w^0\n1,0,0,1,0\n",
+            r"course.csv:1: the column 'w\^0' is unknown; allowed are duration, ",
+        ),
+        ("duration,x^0,y^0,z^0,x^0\n1,0,0,1,0\n", r"course.csv:1: two columns have the same name$"),
+        ("duration,x^0,y^0,z^0\n1,0,0\n", r"course.csv:2: has 3 cells, but there are 4 columns$"),
+        ("duration,x^0,y^0,z^0\n1,0,here,1\n", r"course.csv:2: y\^0 is 'here', but must be a finite number$"),
+        ("duration,x^0,y^0,z^0\n1,0,nan,1\n", r"course.csv:2: y\^0 is 'nan', but must be a finite number$"),
+        ("duration,x^0,y^0,z^0\n0,0,0,1\n", r"course.csv:2: route.pieces.0.duration is 0.0, but must be .* 0.0001"),
+        ("duration,x^0,y^0,z^0\n1,0,0,2e9\n", r"course.csv:2: route.pieces.0.z.0 is 2000000000.0, but must be "),
+        ("duration,x^0,y^0,z^0\n1,0,0,1\n1,0,0.5,1\n", r"course.csv:3: .* its position jumps by 0.5 m, 0.001 at most$"),
+        ("duration,x^0,x^1,y^0,z^0\n1,0,0,0,1\n1,0,1,0,1\n", r"course.csv:3: .* its velocity jumps by 1 m/s, 0.01 at"),
+        (
+            "duration,x^0,y^0,z^0,yaw^0\n1,0,0,1,0\n1,0,0,1,3\n",
+            r"course.csv:3: .* its yaw jumps by 3 rad, 0.01 at most$",
+        ),
+        ("duration,x^0,y^0,z^0\n" + "1,0,0,1\n" * 1001, r"too many rows: a route may have 1,000 pieces$"),
+        ("duration,x^0,x^2,y^0,z^0\n1,0,-500,0,1\n", r"the rotors cannot fly this route"),
+    ],
+)
+def test_what_is_wrong_in_a_file_is_named(write, text, words):
+    with pytest.raises(InputError, match=words):
+        plan_route(load_mission(write(text)))
+
+
+@pytest.mark.parametrize(
+    ("route", "words"),
+    [
+        ("{kind: trajectory}", "must have either knots or pieces, not neither"),
+        ("{kind: trajectory, pieces: nowhere.csv}", "nowhere.csv: cannot be read"),
+        ("{kind: trajectory, pieces: loop.yaml}", "loop.yaml:1: "),
+        (
+            "{kind: trajectory, pieces: short.csv}",
+            "short.csv:1: 4 columns need a first row that names them: duration, ",
+        ),
+        ("{kind: trajectory, pieces: []}", "2: route.pieces is .* at least 1 item"),
+        ("{kind: trajectory, pieces: 3}", "2: route.pieces is 3, but must be a list"),
+        ("{kind: trajectory, pieces: [{duration: 1, x: [0], y: [0], z: []}]}", "2: route.pieces.0.z is .* at least 1"),
+        (
+            "{kind: trajectory, pieces: [{duration: 1, x: [0], y: [0], z: [1]}], yaw_knots: [{time: 0, yaw: 0},"
+            " {time: 1, yaw: 0}]}",
+            "2: route.yaw_knots .* must be left out: pieces have their yaw",
+        ),
+        (
+            "{kind: trajectory, time_scale: 0, pieces: [{duration: 1, x: [0], y: [0], z: [1]}]}",
+            "2: route.time_scale is 0, but must be",
+        ),
+    ],
+)
+def test_what_is_wrong_in_a_route_is_named(write, route, words):
+    write("1,0,0,1\n", "short.csv")
+    with pytest.raises(InputError, match=words):
+        load_mission(write(f"a:\n  route: {route}\n", "loop.yaml"))
+
+
+@pytest.mark.parametrize("before", ["# a course\n\n", "# two lines, of\n# duration\n"])
+def test_lines_before_the_names_do_not_count(write, before):
+    write(before + THERE_AND_BACK, "noted.csv")
+    loop = write("a:\n  route: {kind: trajectory, pieces: noted.csv}\n", "loop.yaml")
+    for file in (write(before + THERE_AND_BACK), loop):
+        assert_alike(plan_route(load_mission(write(THERE_AND_BACK, "bare.csv"))), plan_route(load_mission(file)))
+
+
+def test_many_empty_lines_are_read_at_once(write):
+    """In a time that is proportional to their number: the square of this one would take minutes."""
+    with pytest.raises(InputError, match="holds no waypoints"):
+        load_mission(write("\n" * 300_000))
+
+
+def test_a_table_without_names_has_all_columns(write):
+    write("\n".join(THERE_AND_BACK.splitlines()[1:]), "bare.csv")
+    loop = write("a:\n  route: {kind: trajectory, pieces: bare.csv}\n", "loop.yaml")
+    assert_alike(plan_route(load_mission(write(THERE_AND_BACK))), plan_route(load_mission(loop)))
+
+
+def test_minsnap_trajectories_has_the_same_values():
+    times = np.linspace(0.0, 5.2, 301)
+    sampled = minsnap_trajectories.compute_trajectory_derivatives(minsnap_trajectory(PLAN), times, 5)
+    for order in range(5):
+        np.testing.assert_allclose(sampled[order].T, evaluate(PATH, times, order), rtol=1e-11, atol=1e-10)
+    assert_alike(Plan.facing(PATH, 0.4), plan_of_minsnap(minsnap_trajectory(PLAN), 0.4))
+
+
+def test_minsnap_trajectories_makes_the_same_path_of_our_waypoints():
+    made = minsnap_trajectories.generate_trajectory(minsnap_waypoints(PLAN), degree=7, num_continuous_orders=4)
+    assert_alike(Plan.facing(PATH), plan_of_minsnap(made), atol=1e-9)
+
+
+def test_what_is_no_trajectory_of_minsnap_trajectories_is_refused(monkeypatch):
+    flat = minsnap_trajectory(PLAN)._replace(coefficients=np.zeros((3, 8, 2)))
+    with pytest.raises(InputError, match=r"shape \(3, 8, 2\), but must have \(pieces, powers, 3\)"):
+        plan_of_minsnap(flat)
+    monkeypatch.setitem(sys.modules, "minsnap_trajectories", None)
+    with pytest.raises(ImportError, match=r"^minsnap_trajectories is not installed; .*'drake_quad\[minsnap\]'"):
+        minsnap_trajectory(PLAN)
