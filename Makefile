@@ -65,12 +65,15 @@ figures: $(VENV)/.installed
 	$(VENV)/bin/drake-quad replay laboratory:high_wind --samples 1 --output out/front \
 		--controller controllers/designed/laboratory:lqg \
 		$(foreach name,pd_t2fnn pd,--controller controllers/calibrated:$(name))
-	chromium --headless --no-sandbox --use-angle=swiftshader --enable-unsafe-swiftshader --window-size=880,560 \
-		--virtual-time-budget=16000 --screenshot=docs/pictures/replay.png "file://$(CURDIR)/out/front/replay.html#t=19"
+	$(VENV)/bin/python tests/visualization/browser.py out/front/replay.html 19 docs/pictures/replay.png
 	$(VENV)/bin/drake-quad map laboratory:nominal
 	cp out/stability/nominal/position_map.png docs/pictures/stability.png
 	$(VENV)/bin/drake-quad compare
 	cp out/comparison/comparison.png docs/pictures/comparison.png
+	$(VENV)/bin/drake-quad identify tests/data/crazyflie/crazyswarm2/log100.xz --mass 0.0375
+	cp out/identified/log100/fit.png docs/pictures/identification.png
+	$(VENV)/bin/drake-quad compare-log tests/data/crazyflie/crazyswarm2/log100.xz crazyswarm2:log100
+	cp out/compare_log/log100_log100/comparison.png docs/pictures/log_comparison.png
 	rm -rf out/monte_carlo/robustness
 	$(VENV)/bin/drake-quad study $(foreach name,pd pd_t1fnn pd_t2fnn pd_feed_forward, \
 		--controller controllers/paper:$(name))

@@ -6,6 +6,7 @@ from collections.abc import Callable, Mapping
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.text import Annotation
 
 from drake_quad.analysis.cascade_design import CascadeDesign
 from drake_quad.analysis.closed_loop import ClosedLoop
@@ -13,6 +14,7 @@ from drake_quad.analysis.gain_design import LoopDesign, pd_loop
 from drake_quad.analysis.margins import frequencies
 from drake_quad.analysis.step_response import release
 from drake_quad.signals import State
+from drake_quad.visualization.labels import place_labels
 from drake_quad.visualization.style import BLACK, BLUE, LIMIT, PLATE, VERMILION, new_figure, styled
 
 # One axis of each kind of loop is drawn; roll and y are mirror images of these.
@@ -34,14 +36,16 @@ def plot_bode(design: CascadeDesign) -> Figure:
         figure = new_figure(9.0, 5.4)
         axes = figure.subplots(2, 2, sharex="col", sharey="row")
         loops = design.all_loops
+        labels: list[Annotation] = []
         for column, (axis, title) in enumerate(_drawn(loops).items()):
-            _draw_bode(axes[0, column], axes[1, column], loops[axis], title)
+            labels += _draw_bode(axes[0, column], axes[1, column], loops[axis], title)
         axes[0, 0].set_ylabel("|L| (dB)")
         axes[1, 0].set_ylabel("phase of L (°)")
+        place_labels(figure, labels)
         return figure
 
 
-def _draw_bode(upper: Axes, lower: Axes, design: LoopDesign, title: str) -> None:
+def _draw_bode(upper: Axes, lower: Axes, design: LoopDesign, title: str) -> list[Annotation]:
     grid, response = _response(design)
     gain = 20.0 * np.log10(np.abs(response))
     phase = np.degrees(np.unwrap(np.angle(response)))
@@ -54,32 +58,19 @@ def _draw_bode(upper: Axes, lower: Axes, design: LoopDesign, title: str) -> None
     crossover = margins.crossover
     at = float(np.interp(crossover, grid, phase))
     lower.plot([crossover, crossover], [-180.0, at], color=VERMILION, linewidth=2.0)
-    lower.annotate(
-        f"{margins.phase:.0f}°, {1e3 * margins.delay:.0f} ms",
-        (crossover, 0.5 * (at - 180.0)),
-        xytext=(-6, 4),
-        textcoords="offset points",
-        ha="right",
-        va="center",
-        color=VERMILION,
-        bbox=PLATE,
-    )
+    text = f"{margins.phase:.0f}°, {1e3 * margins.delay:.0f} ms"
+    place = (crossover, 0.5 * (at - 180.0))
+    labels = [lower.annotate(text, place, (-6, 4), textcoords="offset points", color=VERMILION)]
     turns = np.flatnonzero((phase[:-1] > -180.0) & (phase[1:] <= -180.0) & (gain[1:] < 0.0))
     if len(turns):
-        place = grid[turns[0]]
-        upper.plot([place, place], [-margins.gain, 0.0], color=VERMILION, linewidth=2.0)
-        upper.annotate(
-            f"{margins.gain:.1f} dB",
-            (place, -0.5 * margins.gain),
-            xytext=(6, 0),
-            textcoords="offset points",
-            va="center",
-            color=VERMILION,
-            bbox=PLATE,
-        )
+        turn = grid[turns[0]]
+        upper.plot([turn, turn], [-margins.gain, 0.0], color=VERMILION, linewidth=2.0)
+        text, middle = f"{margins.gain:.1f} dB", (turn, -0.5 * margins.gain)
+        labels.append(upper.annotate(text, middle, (6, 0), textcoords="offset points", color=VERMILION))
     upper.set(title=title, ylim=(-60.0, 60.0))
     lower.set(xlabel="frequency (rad/s)", ylim=(-360.0, -90.0), yticks=[-360, -270, -180, -90])
     lower.set_xlim(0.02, math.pi / design.plant.period)
+    return labels
 
 
 def plot_nyquist(design: CascadeDesign) -> Figure:
@@ -148,7 +139,7 @@ def plot_root_locus(design: CascadeDesign) -> Figure:
             xlim=(-1.3 * limit, 0.4 * limit),
             ylim=(-limit, limit),
         )
-        axes.legend(loc="lower left")
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower center", ncols=3)
         return figure
 
 
@@ -165,7 +156,9 @@ def plot_steps(loop: ClosedLoop) -> Figure:
             axes.plot(response.time, model + size, "--", color=VERMILION, label="linear model")
             axes.axhline(size, **LIMIT)
             axes.set(xlabel="time (s)", ylabel=label, title=f"step in {row}")
-        axes.legend(loc="lower right")
+            low, high = axes.get_ylim()
+            axes.set_ylim(low, max(high, 1.06 * size))
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside lower right", ncols=2)
         return figure
 
 

@@ -7,7 +7,7 @@ from collections.abc import Sequence
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
-from matplotlib.ticker import NullFormatter
+from matplotlib.ticker import LogLocator, NullFormatter
 
 from drake_quad.identification.flown_again.prediction import Predictions
 from drake_quad.identification.identified import Fitted, Identification
@@ -42,7 +42,7 @@ def plot_fit(identification: Identification) -> Figure:
         for (left, right), output in zip(rows, outputs, strict=True):
             _draw_windows(left, right, output)
         rows[0][0].set_title("measured, and predicted in windows")
-        rows[0][1].set_title("measured minus predicted")
+        rows[0][1].set_title("measured minus predicted", loc="left")
         for axes in rows[-1]:
             axes.set_xlabel(f"time (s) in {_shown_log(outputs[0])}")
         handles, labels = rows[0][0].get_legend_handles_labels()
@@ -84,7 +84,7 @@ def _draw_windows(left: Axes, right: Axes, output: Fitted) -> None:
     right.axhline(0.0, color="0.3", linewidth=0.8)
     share = output.share if math.isfinite(output.share) else output.share_fitted
     said = f"explained {100.0 * share:.1f} %" if share > -1.0 else "nothing explained"
-    right.text(0.99, 0.97, said, transform=right.transAxes, ha="right", va="top", fontsize=8)
+    right.set_title(said, loc="right", fontsize=8, pad=2.0)
 
 
 def plot_residuals(identification: Identification) -> Figure:
@@ -101,6 +101,8 @@ def plot_residuals(identification: Identification) -> Figure:
         reach = 1.96 / math.sqrt(identification.outputs[0].residual.size)
         left.axhspan(-reach, reach, color=_HELD_OUT, zorder=0)
         left.set(xlabel="lag (s)", ylabel="autocorrelation (1)", ylim=(-0.6, 1.05))
+        right.xaxis.set_major_locator(LogLocator(subs=(1.0, 2.0, 5.0)))
+        right.xaxis.set_major_formatter("{x:g}")
         right.xaxis.set_minor_formatter(NullFormatter())
         right.set(xlabel="frequency (Hz)", ylabel="spectral density over variance (s)")
         figure.legend(*left.get_legend_handles_labels(), loc="outside right upper")
@@ -230,5 +232,5 @@ def plot_predictions(predictions: Predictions, quantities: Sequence[str] = ("pos
             )
             axes.set_xticks(predictions.horizons, [f"{horizon:g}" for horizon in predictions.horizons])
             axes.minorticks_off()
-        axes.legend(loc="upper left")
+        figure.legend(*axes.get_legend_handles_labels(), loc="outside upper center", ncols=len(predictions.vehicles))
         return figure

@@ -1,22 +1,42 @@
 """Plots of a fuzzy network: its memberships, and what it learns in a flight."""
 
+import itertools
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.lines import Line2D
+from matplotlib.text import Annotation
 
 from drake_quad.assembly.control import antecedents
 from drake_quad.control.fuzzy.inference import Antecedents, elliptic_membership, firing_strengths
 from drake_quad.flight import Flight
 from drake_quad.scenario.networks import Network
-from drake_quad.visualization.style import BLUE, GREEN, PLATE, VERMILION, new_figure, shading, styled
+from drake_quad.visualization.labels import place_labels
+from drake_quad.visualization.style import (
+    ABOVE,
+    BLACK,
+    BLUE,
+    GREEN,
+    ORANGE,
+    PURPLE,
+    SKY,
+    VERMILION,
+    new_figure,
+    shading,
+    styled,
+)
 
 # The pairs of exponents of the paper's Fig. 4.
 PAPER_EXPONENTS = ((1.0, 1.0), (1.2, 0.8), (1.4, 0.6), (1.6, 0.4))
 # Errors at which the secant gain is written, m, and points along each side of a surface.
 _ERRORS, _FINE = (0.001, 0.01, 0.05), 101
+# Of the weights: colours of the sets of the first input, styles of those of the second.
+_COLORS = (BLUE, BLACK, VERMILION, GREEN, PURPLE, ORANGE, SKY)
+_STYLES: tuple[Any, ...] = ("--", "-", ":", "-.", (0, (6, 1, 1, 1, 1, 1)), (0, (8, 3)), (0, (1, 3)))
+_INPUTS = {"error": "error", "error_rate": "rate"}
 
 
 def plot_memberships(exponents: Sequence[tuple[float, float]] = PAPER_EXPONENTS) -> Figure:
@@ -59,7 +79,8 @@ def plot_learning(flight: Flight) -> Figure:
             network = -getattr(correction, axis)
             commanded.plot(flight.time, network, color=VERMILION, linewidth=1.0, label="network, -τ_f")
             commanded.set_title(f"on {axis.upper()}", loc="left")
-            learned.plot(flight.time, weights[axis], linewidth=1.0)
+            for rule, style in _rules(_network(flight)).items():
+                learned.plot(flight.time, weights[axis][:, style.number], label=rule, linewidth=1.1, **style.line)
         if has_trace:
             for lower, trace in zip(grid[2], flight.record("covariance_trace"), strict=True):
                 lower.plot(flight.time, trace, color=GREEN)
@@ -67,11 +88,63 @@ def plot_learning(flight: Flight) -> Figure:
         for lowest in grid[-1]:
             lowest.set_xlabel("time (s)")
         grid[0, 0].set_ylabel("command (m/s²)")
-        grid[0, 0].legend(loc="lower right", bbox_to_anchor=(1.0, 1.0), ncols=2)
+        grid[0, 0].legend(ncols=2, **ABOVE)
+        grid[1, -1].legend(
+            handles=_rule_key(_network(flight)), loc="upper left", bbox_to_anchor=(1.0, 1.0), title="sets of a rule"
+        )
         grid[1, 0].set_ylabel("weights F, one a rule (m/s²)")
         if has_trace:
             grid[2, 0].set_ylabel("trace of P (1/s)")
         return figure
+
+
+class _Rule(NamedTuple):
+    """How the weight of a rule is drawn.
+
+    Attributes:
+        number: of the rule, from 0 on.
+        line: colour and style.
+    """
+
+    number: int
+    line: dict[str, Any]
+
+
+def _rules(network: Network) -> dict[str, _Rule]:
+    """The rules by the centres of their sets: a colour for each set of the first input, a style for the others'."""
+    first, *others = [sets.centres for sets in network.inputs.given.values()]
+    choices = list(itertools.product(*others))
+    return {
+        ", ".join(f"{centre:g}" for centre in (of_first, *rest)): _Rule(
+            i * len(choices) + k, {"color": _COLORS[i % len(_COLORS)], "linestyle": _STYLES[k % len(_STYLES)]}
+        )
+        for i, of_first in enumerate(first)
+        for k, rest in enumerate(choices)
+    }
+
+
+def _rule_key(network: Network) -> list[Line2D]:
+    """Handles of a legend: the colours of the sets of the first input, and the styles of those of the second.
+
+    With more inputs than two, a style stands for a choice of sets of all but the first.
+    """
+    (name, sets), *others = network.inputs.given.items()
+    handles = [
+        Line2D([], [], color=_COLORS[i % len(_COLORS)], label=f"{_INPUTS.get(name, name)} at {_at(centre)}")
+        for i, centre in enumerate(sets.centres)
+    ]
+    if len(others) == 1:
+        ((second, sets),) = others
+        handles += [
+            Line2D([], [], color="0.3", linestyle=style, label=f"{_INPUTS.get(second, second)} at {_at(centre)}")
+            for style, centre in zip(_STYLES, sets.centres, strict=False)
+        ]
+    return handles
+
+
+def _at(centre: float) -> str:
+    """Where a set is, of the scaled input."""
+    return f"{centre:+g}".replace("-", "−") if centre else "0"
 
 
 def plot_surfaces(flight: Flight) -> Figure:
@@ -133,22 +206,26 @@ def plot_secant_gains(flight: Flight) -> Figure:
     with styled():
         figure = new_figure(4.2 * len(weights), 3.2)
         row = figure.subplots(1, len(weights), sharey=True, squeeze=False)[0]
+        labels: list[Annotation] = []
         for axes, (axis, learned) in zip(row, weights.items(), strict=True):
             own, triangles = (-gains for gains in secant_gains(sets, learned[-1], tuple(errors)))
-            _draw_gains(axes, errors, own, triangles)
+            labels += _draw_gains(axes, errors, own, triangles)
             axes.set(title=f"on {axis.upper()}, at rest", xlabel="error (m)")
         row[0].set_ylabel("secant gain of -τ_f (1/s²)")
-        row[0].legend(loc="best")
+        figure.legend(*row[0].get_legend_handles_labels(), loc="outside upper center", ncols=2)
+        place_labels(figure, labels)
         return figure
 
 
-def _draw_gains(axes: Axes, errors: np.ndarray, own: np.ndarray, triangles: np.ndarray) -> None:
+def _draw_gains(axes: Axes, errors: np.ndarray, own: np.ndarray, triangles: np.ndarray) -> list[Annotation]:
+    labels = []
     axes.semilogx(errors, own, color=VERMILION, label="the network")
     axes.semilogx(errors, triangles, color=BLUE, linestyle="--", label="the same with triangles")
     for error in _ERRORS:
         gain = float(np.interp(error, errors, own))
         axes.plot(error, gain, "o", color=VERMILION, markersize=4)
-        axes.annotate(f"{gain:.2f}", (error, gain), xytext=(0, 6), textcoords="offset points", fontsize=8, bbox=PLATE)
+        labels.append(axes.annotate(f"{gain:.2f}", (error, gain), (0, 6), textcoords="offset points", fontsize=8))
+    return labels
 
 
 def _firing(error: Any, rate: Any, sets: Antecedents) -> np.ndarray:

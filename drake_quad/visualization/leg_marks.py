@@ -63,6 +63,7 @@ def number_legs(axes: Axes, plan: Plan, *, distance: float = 11.0) -> None:
                 va="center",
                 color="0.35",
                 bbox=PLATE,
+                annotation_clip=True,
             )
 
 
@@ -80,14 +81,14 @@ def _outline(text: str) -> Path:
     return Path(path.vertices - path.get_extents().get_points().mean(axis=0), path.codes)
 
 
-def shade_legs(axes: Axes, plan: Plan, last_time: float, *, height: float) -> None:
+def shade_legs(axes: Axes, plan: Plan, last_time: float, *, height: float | None = None) -> None:
     """Writes the numbers of the legs over time, and shades every second leg.
 
     Args:
         axes: over time, s.
         plan: with the legs.
         last_time: up to which the axes show something, s.
-        height: at which the numbers stand, as a share of the axes.
+        height: at which the numbers stand, as a share of the axes; None for above them, where no curve is.
     """
     for number, (start, end) in enumerate(_legs(plan), start=1):
         if start >= last_time:
@@ -95,8 +96,17 @@ def shade_legs(axes: Axes, plan: Plan, last_time: float, *, height: float) -> No
         if number % 2 == 0:
             axes.axvspan(start, min(end, last_time), color="0.95", zorder=0, linewidth=0)
         middle = 0.5 * (start + min(end, last_time))
-        place = (middle, height)
-        axes.annotate(str(number), place, xycoords=("data", "axes fraction"), ha="center", color="0.4", bbox=PLATE)
+        place, lift = (middle, 1.0 if height is None else height), 4.0 if height is None else 0.0
+        axes.annotate(
+            str(number),
+            place,
+            (0.0, lift),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            ha="center",
+            color="0.4",
+            bbox=PLATE,
+        )
 
 
 def _legs(plan: Plan) -> list[tuple[float, float]]:

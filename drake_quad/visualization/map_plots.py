@@ -5,6 +5,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import LogNorm
+from matplotlib.contour import ContourSet
 from matplotlib.figure import Figure
 from matplotlib.image import AxesImage
 from matplotlib.lines import Line2D
@@ -27,6 +28,8 @@ _STAR: dict[str, Any] = {
     "zorder": 5,
 }
 _CRASHED = "0.85"
+# Room that the label of a line needs on each side, pixels.
+_LABEL = 24.0
 _DAMPINGS = (0.2, 0.4, 0.6, 0.8)
 _DELAYS = tuple(0.02 * 4**i for i in range(5))
 
@@ -74,9 +77,10 @@ def plot_map(
         figure = new_figure(5.2 * len(panels) + 0.8, 4.8)
         row = figure.subplots(1, len(panels), sharey=True, squeeze=False)[0]
         for axes, panel, error in zip(row, panels, errors, strict=True):
-            shades = _draw(axes, panel, error, first, second, norm)
+            # Before the lines, whose labels leave it free.
             if first[0] <= marked[0] <= first[-1] and second[0] <= marked[1] <= second[-1]:
                 axes.plot(marked[1], marked[0], **_STAR)
+            shades = _draw(axes, panel, error, first, second, norm)
             axes.set(xlabel=labels[1], title=panel.title)
         row[0].set_ylabel(labels[0])
         label = "RMSE of the flight (cm)"
@@ -112,13 +116,41 @@ def _draw(
     if not panel.linear.stable.all():
         axes.contour(second, first, panel.linear.size, [1.0], **_contour(_EDGE))
     damping = axes.contour(second, first, panel.linear.damping, _DAMPINGS, **_contour(_DAMPING))
-    labels = axes.clabel(damping, fmt=lambda level: f"ζ {level:g}", fontsize=9)
     delay = axes.contour(second, first, panel.linear.delay, _DELAYS, **_contour(_DELAY))
-    labels += axes.clabel(delay, fmt=lambda level: f"{1e3 * level:.0f} ms", fontsize=9)
-    for label in labels:
-        label.set_clip_on(False)
+    where = _free_places(axes, [damping, delay])
+    for lines, text in ((damping, lambda level: f"ζ {level:g}"), (delay, lambda level: f"{1e3 * level:.0f} ms")):
+        axes.clabel(lines, fmt=text, fontsize=9, manual=where[lines])
     axes.grid(visible=False)
     return shades
+
+
+def _free_places(axes: Axes, contours: list[ContourSet]) -> dict[ContourSet, list[tuple[float, float]]]:
+    """Where on its line a level is written: farthest from borders, from other lines and from what is written already.
+
+    A line without room for its label has none.
+    """
+    axes.set_xlim(axes.get_xlim())
+    axes.set_ylim(axes.get_ylim())
+    axes.figure.draw_without_rendering()  # type: ignore[union-attr]
+    inside, there = axes.get_window_extent(), axes.transData
+    lines = [
+        (found, np.vstack([there.transform(part) for part in path.to_polygons(closed_only=False)]))
+        for found in contours
+        for path in found.get_paths()
+        if np.size(path.vertices) > 2
+    ]
+    written: list[np.ndarray] = [there.transform(line.get_xydata()) for line in axes.lines]
+    places: dict[ContourSet, list[tuple[float, float]]] = {found: [] for found in contours}
+    for k, (found, line) in enumerate(lines):
+        room = np.minimum.reduce([line - inside.min, inside.max - line]).min(axis=1)
+        for others in [*(other for i, (_, other) in enumerate(lines) if i != k), *written]:
+            apart = np.linalg.norm(line[:, np.newaxis] - others, axis=2).min(axis=1)
+            room = np.minimum(room, apart)
+        best = int(np.argmax(room))
+        if room[best] > _LABEL:
+            written.append(line[best : best + 1])
+            places[found].append(tuple(there.inverted().transform(line[best])))
+    return places
 
 
 def _contour(line: dict[str, Any]) -> dict[str, Any]:

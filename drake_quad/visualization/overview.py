@@ -10,11 +10,12 @@ from matplotlib.figure import Figure
 from drake_quad.flight import Flight
 from drake_quad.studies import Study
 from drake_quad.studies.statistics import mean_interval, of_survivors, share_interval
+from drake_quad.visualization.curves import tell_apart
 from drake_quad.visualization.plots import draw_error, draw_from_above, draw_rotor_speeds
 from drake_quad.visualization.study_plots import draw_distribution, metric_label
 from drake_quad.visualization.style import AXES, BLACK, VERMILION, new_figure, styled
 
-_ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "handlelength": 1.0, "columnspacing": 0.8}
+_ABOVE: Any = {"loc": "lower right", "bbox_to_anchor": (1.0, 0.97), "columnspacing": 0.8}
 
 
 def plot_flight(flight: Flight) -> tuple[Figure, dict[str, Axes]]:
@@ -34,6 +35,7 @@ def plot_flight(flight: Flight) -> tuple[Figure, dict[str, Axes]]:
             for axis, color in AXES.items():
                 values = getattr(command, axis)
                 axes["command"].plot(flight.time, values, color=color, linewidth=1.1, label=axis.upper())
+            tell_apart(axes["command"])
             axes["command"].legend(**_ABOVE, ncols=3)
         axes["command"].set(xlabel="time (s)", ylabel="acceleration\ncommand (m/s²)")
         draw_rotor_speeds(axes["rotors"], flight)

@@ -7,6 +7,7 @@ from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.patches import Circle, Rectangle
+from matplotlib.text import Annotation
 
 from drake_quad.assembly.planning import plan_demand
 from drake_quad.reference.feasibility import sample_times
@@ -14,7 +15,9 @@ from drake_quad.reference.path_problem import Box, Limits, Sphere
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.visualization.style import BLUE, GREEN, LIMIT, ORANGE, PLATE, ROTORS, new_figure, styled
+from drake_quad.visualization.curves import tell_apart
+from drake_quad.visualization.labels import place_labels
+from drake_quad.visualization.style import ABOVE, BLUE, GREEN, LIMIT, ORANGE, ROTORS, new_figure, styled
 
 # The horizontal plane and the two vertical ones, by the places of their axes in (x, y, z).
 _VIEWS = ((0, 1), (0, 2), (1, 2))
@@ -42,11 +45,16 @@ def plot_plan(
         figure = new_figure(11.0, 8.5)
         sides = figure.add_gridspec(1, 2, width_ratios=[1.0, 1.25])
         views = sides[0].subgridspec(3, 1, height_ratios=[1.6, 1.0, 1.0])
+        labels: list[Annotation] = []
         for i, view in enumerate(_VIEWS):
-            _draw_view(figure.add_subplot(views[i]), view, plan, evaluate(plan.path, times), places, corridors)
+            labels += _draw_view(
+                figure.add_subplot(views[i]), view, plan, evaluate(plan.path, times), places, corridors
+            )
         rows = sides[1].subgridspec(5, 1)
         _draw_profiles([figure.add_subplot(rows[i]) for i in range(5)], plan, parameters, times, limits or Limits())
         figure.axes[0].set_title("Path, from above and from two sides")
+        figure.align_ylabels(figure.axes[3:])
+        place_labels(figure, labels)
         return figure
 
 
@@ -57,7 +65,8 @@ def _draw_view(
     position: np.ndarray,
     places: Sequence[Box | Sphere],
     corridors: Sequence[Box | None],
-) -> None:
+) -> list[Annotation]:
+    """Draws the path in a plane, and returns the numbers of its waypoints, which have no places yet."""
     i, j = view
     # The same box for several segments is drawn once.
     drawn: list[Box] = []
@@ -75,13 +84,17 @@ def _draw_view(
     waypoints = plan.waypoints
     axes.plot(waypoints[:, i], waypoints[:, j], color="black", marker="o", markersize=3, linestyle="none")
     axes.plot(*waypoints[0, [i, j]], color=GREEN, marker="o", markersize=7, linestyle="none")
+    labels = []
     if len(waypoints) <= 30 and j == 1:
         for point, numbers in _numbered(waypoints[:, [i, j]]):
-            axes.annotate(numbers, point, (5, 5), textcoords="offset points", fontsize=8, color="0.35", bbox=PLATE)
+            labels.append(axes.annotate(numbers, point, (5, 5), textcoords="offset points", fontsize=8, color="0.35"))
     names = "XYZ"
     axes.set(xlabel=f"{names[i]} (m)", ylabel=f"{names[j]} (m)")
     axes.set_aspect("equal", adjustable="datalim")
-    axes.margins(0.06)
+    axes.margins(0.08)
+    # A hover has no extent.
+    axes.update_datalim([waypoints[0, [i, j]] - 0.25, waypoints[0, [i, j]] + 0.25])
+    return labels
 
 
 def _numbered(points: np.ndarray) -> list[tuple[tuple[float, float], str]]:
@@ -114,7 +127,7 @@ def _draw_profiles(
     for axes, order, label, limit in rows:
         values = np.linalg.norm(evaluate(plan.path, times, order), axis=0)
         axes.plot(times, values, color=BLUE)
-        top = max(float(values.max()), 1e-9)
+        top = float(values.max()) if values.max() > 1e-9 else 1.0
         if np.isfinite(limit):
             axes.axhline(limit, **LIMIT)
             top = max(top, limit)
@@ -126,11 +139,12 @@ def _draw_profiles(
         yaw.set_ylim(0.5 * (low + high) - 10.0, 0.5 * (low + high) + 10.0)
     demand = plan_demand(plan, parameters, times).rotor_speed
     for (name, speeds), color in zip(demand._asdict().items(), ROTORS, strict=True):
-        rotors.plot(times, speeds, color=color, linewidth=1.1, label=name.replace("_", " "))
+        rotors.plot(times, speeds, color=color, label=name.replace("_", " "))
     for limit in (parameters.min_rotor_speed, parameters.max_rotor_speed):
         rotors.axhline(limit, **LIMIT)
     rotors.set(xlabel="time (s)", ylabel="rotors (rad/s)", ylim=(0.0, 1.12 * parameters.max_rotor_speed))
-    rotors.legend(ncols=4, loc="center right", bbox_to_anchor=(1.0, 0.4), handlelength=1.2, columnspacing=1.0)
+    tell_apart(rotors)
+    rotors.legend(ncols=4, columnspacing=1.0, **ABOVE)
     for axes in profiles:
         axes.set_xlim(times[0], times[-1])
         for time in plan.path.times:

@@ -12,6 +12,7 @@ from matplotlib.ticker import MaxNLocator
 from drake_quad.files import output_folder
 from drake_quad.flight import Flight
 from drake_quad.signals import Attitude
+from drake_quad.visualization.curves import tell_apart
 from drake_quad.visualization.learning_plots import (
     plot_learning,
     plot_own_memberships,
@@ -21,6 +22,7 @@ from drake_quad.visualization.learning_plots import (
 from drake_quad.visualization.leg_marks import leg_names, number_legs, shade_legs
 from drake_quad.visualization.places import places
 from drake_quad.visualization.style import (
+    ABOVE,
     AXES,
     BLUE,
     LIMIT,
@@ -34,6 +36,10 @@ from drake_quad.visualization.style import (
 )
 from drake_quad.visualization.wind_plots import plot_wind
 
+_INSIDE: Any = {"xycoords": ("axes fraction", "data"), "textcoords": "offset points"}
+# The shortest side of a box in space over its longest one, and the least side at all, m.
+_FLAT, _LEAST = 0.35, 0.5
+
 
 def plot_path(flight: Flight) -> Figure:
     """Plots the flown path and the reference, in space and seen from above."""
@@ -46,11 +52,19 @@ def plot_path(flight: Flight) -> Figure:
         space.scatter(*flown[:, :1], color=BLUE, marker="o", s=18)
         space.set(xlabel="X (m)", ylabel="Y (m)", zlabel="Z (m)", title="Path")
         space.yaxis.labelpad = 12.0
-        # A hover has no extent; half a metre is shown then.
-        extent = np.maximum(np.ptp(np.hstack([flown, wanted]), axis=1), 0.5)
-        space.set_box_aspect(extent, zoom=0.85)
+        shown = np.hstack([flown, wanted])
+        shown = shown[:, np.isfinite(shown).all(axis=0)]  # a vehicle that diverged ends nowhere
+        low, high = shown.min(axis=1), shown.max(axis=1)
+        # A hover has no extent, and a box that is flat has no room for its numbers.
+        extent = np.maximum(high - low, max(_FLAT * float(np.max(high - low)), _LEAST))
+        middle = 0.5 * (low + high)
+        space.set(
+            **{f"{axis}lim": (m - 0.5 * e, m + 0.5 * e) for axis, m, e in zip("xyz", middle, extent, strict=True)}
+        )
+        space.set_box_aspect(extent, zoom=0.8)
         for axis in (space.xaxis, space.yaxis, space.zaxis):
             axis.set_major_locator(MaxNLocator(3))
+        figure.get_layout_engine().set(w_pad=0.2)  # type: ignore[union-attr,call-arg]
         plane = figure.add_subplot(1, 2, 2)
         draw_from_above(plane, flight)
         handles, _ = plane.get_legend_handles_labels()
@@ -71,6 +85,9 @@ def draw_from_above(axes: Axes, flight: Flight) -> None:
         axes.plot(state.x[-1:], state.y[-1:], linestyle="none", label=label, **crash)
     axes.set(xlabel="X (m)", ylabel="Y (m)", title="From above")
     axes.margins(0.1)
+    # A hover has no extent.
+    for end in (-0.5 * _LEAST, 0.5 * _LEAST):
+        axes.update_datalim([(float(state.x[0]) + end, float(state.y[0]) + end)])
     axes.set_aspect("equal", adjustable="datalim")
 
 
@@ -83,9 +100,11 @@ def plot_errors(flight: Flight) -> Figure:
         for axis, color in AXES.items():
             error = 100.0 * (getattr(reference, axis) - getattr(state, axis))
             upper.plot(flight.time, error, color=color, label=axis.upper())
-        upper.set(ylabel="error (cm)", title="Position error, reference minus flown")
-        upper.legend(ncols=3, loc="upper right")
-        shade_legs(upper, flight.plan, float(flight.time[-1]), height=0.02)
+        upper.set_ylabel("error (cm)")
+        tell_apart(upper)
+        figure.suptitle("Position error, reference minus flown", x=0.01, ha="left", fontsize=10)
+        figure.legend(*upper.get_legend_handles_labels(), loc="outside upper right", ncols=3)
+        shade_legs(upper, flight.plan, float(flight.time[-1]))
         draw_error(lower, flight)
         return figure
 
@@ -99,7 +118,7 @@ def draw_error(axes: Axes, flight: Flight) -> None:
         beside = ("axes fraction", "data")
         axes.annotate(f"RMSE\n{rmse:.2f} cm", (1.01, rmse), xycoords=beside, va="center", annotation_clip=False)
     axes.set(xlabel="time (s)", ylabel="Euclidean error (cm)", ylim=(0.0, None))
-    shade_legs(axes, flight.plan, float(flight.time[-1]), height=0.02)
+    shade_legs(axes, flight.plan, float(flight.time[-1]))
 
 
 def plot_attitude(flight: Flight) -> Figure:
@@ -113,13 +132,14 @@ def plot_attitude(flight: Flight) -> Figure:
                 commanded = np.degrees(getattr(wanted, angle))
                 axes.plot(flight.time, commanded, color=VERMILION, linewidth=1.0, label="commanded")
             axes.plot(flight.time, np.degrees(getattr(flown, angle)), color=BLUE, label="flown")
+            tell_apart(axes)
             axes.set(ylabel=f"{angle} (°)")
             low, high = axes.get_ylim()
             if high - low < 2.0:
                 middle = 0.5 * (low + high)
                 axes.set_ylim(middle - 1.0, middle + 1.0)
-        figure.axes[0].set_title("Attitude")
-        figure.axes[0].legend(ncols=2, loc="upper right")
+        figure.axes[0].set_title("Attitude", loc="left")
+        figure.axes[0].legend(ncols=2, **ABOVE)
         figure.axes[-1].set_xlabel("time (s)")
         return figure
 
@@ -136,11 +156,12 @@ def plot_rotors(flight: Flight) -> Figure:
         for limit in limits:
             whole.axhline(limit, **LIMIT)
             close.axhline(limit, **LIMIT)
-        close.set(ylim=(low, high), ylabel="rotor speed (rad/s)", title="Rotor speeds")
-        close.legend(ncols=4, loc="upper center", handlelength=1.2, columnspacing=1.0)
+        close.set(ylim=(low, high), ylabel="rotor speed (rad/s)")
+        close.set_title("Rotor speeds", loc="left")
+        close.legend(ncols=4, columnspacing=1.0, **ABOVE)
         whole.set(title="between the limits", ylabel="", ylim=(0.0, 1.08 * limits[1]))
         for limit, name in zip(limits, ("idle", "top"), strict=True):
-            whole.annotate(f"{name} {limit:g}", (flight.time[0], limit), va="bottom", fontsize=8.5)
+            whole.annotate(f"{name} {limit:g}", (0.02, limit), (0, 2), **_INSIDE, va="bottom", fontsize=8.5)
         return figure
 
 
@@ -148,8 +169,9 @@ def draw_rotor_speeds(axes: Axes, flight: Flight) -> None:
     """Draws the speeds of the rotors over time."""
     speeds = flight.record("rotor_speed")._asdict()
     for (name, speed), color in zip(speeds.items(), ROTORS, strict=True):
-        axes.plot(flight.time, speed, color=color, linewidth=1.1, label=name.replace("_", " "))
+        axes.plot(flight.time, speed, color=color, label=name.replace("_", " "))
     axes.set(xlabel="time (s)", ylabel="rotor speed (rad/s)")
+    tell_apart(axes)
 
 
 PLOTS: dict[str, Callable[[Flight], Figure]] = {

@@ -5,16 +5,21 @@ from itertools import cycle
 
 import numpy as np
 from matplotlib.axes import Axes
+from matplotlib.axis import Axis
 from matplotlib.figure import Figure
 from matplotlib.patches import Patch
-from matplotlib.ticker import FuncFormatter, LogLocator, NullLocator, PercentFormatter
+from matplotlib.ticker import FuncFormatter, LogLocator, MaxNLocator, NullLocator, PercentFormatter
+from matplotlib.transforms import ScaledTranslation
 
+from drake_quad.errors import InputError
 from drake_quad.laboratory.metrics import UNITS
 from drake_quad.scenario.description import unit_at
 from drake_quad.studies.statistics import (
     Interval,
+    crash_levels,
     crash_probability,
     influences,
+    most_influential,
     of_survivors,
     quantile_interval,
     running_mean,
@@ -28,6 +33,8 @@ _LINES = [(BLUE, "-"), (VERMILION, "--"), (GREEN, "-."), (PURPLE, ":"), (ORANGE,
 _NAMES = {"rmse": "RMSE", "peak_error": "peak error", "saturation_share": "share of ticks with saturated rotors"}
 # Fields that a tornado shows at most.
 _MOST_FIELDS = 16
+# Between the points of one controller and the next, in points of print.
+_ASIDE = 3.0
 
 
 def metric_label(name: str) -> str:
@@ -87,7 +94,7 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
             linewidth=0.0,
         )
     axes.set(xlabel=metric_label(name), ylabel="share of the samples", ylim=(0.0, 1.02))
-    axes.yaxis.set_major_formatter(PercentFormatter(1.0))
+    _in_percent(axes.yaxis)
     axes.set_title(f"{_count(studies)}; bands: 95 % confidence", loc="left")
     axes.legend(loc="lower right")
 
@@ -121,7 +128,7 @@ def plot_convergence(studies: Mapping[str, Study], name: str = "rmse") -> Figure
         right.set_title("crashes" if crashes else "95 % quantile", loc="left")
         right.set_ylabel(metric_label("crashed" if crashes else name))
         if crashes:
-            right.yaxis.set_major_formatter(PercentFormatter(1.0))
+            _in_percent(right.yaxis)
         for axes in (left, right):
             # An axis without anything on it cannot be logarithmic.
             drawn = any(len(line.get_xdata()) for line in axes.lines)
@@ -175,7 +182,10 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
         axes.set_yticks(range(len(labels)), labels)
         axes.set_ylim(max(len(labels), 1) - 0.5, -0.5)
         axes.grid(visible=False, axis="y")
+        axes.set_axisbelow(True)
         axes.set_xlabel(metric_label(name))
+        if name == "crashed":
+            _in_percent(axes.xaxis)
         axes.axvline(mean, color="0.3", linewidth=1.0)
         bars = [Patch(color=color) for color in (SKY, ORANGE)]
         axes.legend(
@@ -195,6 +205,63 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
             fontsize=8.5,
         )
         return figure
+
+
+def plot_crash_probability(
+    studies: Mapping[str, Study], path: str | None = None, *, num_bins: int | None = None
+) -> Figure:
+    """Plots the probability of a crash over a drawn number, with its 95 % intervals.
+
+    A point stands at the median of a bin of equally many samples, its line from the least to the largest number of the
+    bin; see `crash_levels`. Thin lines are the probabilities over all samples.
+
+    Args:
+        studies: by controller; the number is drawn in all of them.
+        path: of the number's field; that which has most to do with crashes if not given.
+        num_bins: as for `crash_levels`.
+
+    Raises:
+        InputError: nothing is drawn, or nothing at this path.
+    """
+    path = path or most_influential(studies.values())
+    if path is None:
+        raise InputError("no number is drawn in this study, over which the probability of a crash could be plotted")
+    with styled():
+        figure = new_figure(7.0, 4.2)
+        axes = figure.subplots()
+        for place, ((controller, study), (color, style)) in enumerate(
+            zip(studies.items(), cycle(_LINES), strict=False)
+        ):
+            levels = crash_levels(study, path, num_bins=num_bins)
+            if not levels:
+                continue
+            middle = np.array([level.middle for level in levels])
+            value, low, high = np.transpose([level.probability for level in levels])
+            aside = np.array([[level.middle - level.low, level.high - level.middle] for level in levels]).T
+            whole = crash_probability(study.metrics)
+            label = f"{controller}: {whole.percent()} of {len(study.samples):,} samples"
+            upright = axes.errorbar(middle, value, [value - low, high - value], fmt="none", ecolor=color, capsize=2.5)
+            across = axes.errorbar(middle, value, xerr=aside, fmt="none", ecolor=color, alpha=0.5)
+            points = axes.plot(middle, value, color=color, linestyle=style, marker="o", markersize=4.0, label=label)
+            # Beside each other, where controllers have the same numbers. Limits are those of the numbers themselves.
+            offset = _ASIDE * (place - 0.5 * (len(studies) - 1)) / 72.0
+            there = axes.transData + ScaledTranslation(offset, 0.0, figure.dpi_scale_trans)
+            for artist in (*upright.get_children(), *across.get_children(), *points):
+                artist.set_transform(there)
+            if np.all(middle == np.round(middle)) and not aside.any():
+                axes.xaxis.set_major_locator(MaxNLocator(integer=True))
+            axes.axhline(whole.value, color=color, linewidth=0.7)
+        axes.set(xlabel=_field_label(next(iter(studies.values())), path), ylabel="probability of a crash")
+        axes.set_ylim(bottom=0.0)
+        _in_percent(axes.yaxis)
+        axes.set_title("bins of equally many samples; bars: 95 % confidence", loc="left")
+        if axes.lines:
+            axes.legend(loc="best")
+        return figure
+
+
+def _in_percent(axis: Axis) -> None:
+    axis.set_major_formatter(PercentFormatter(1.0, symbol=" %"))
 
 
 def _field_label(study: Study, path: str) -> str:

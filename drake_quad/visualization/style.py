@@ -30,6 +30,8 @@ REFERENCE: dict[str, Any] = {"color": "0.45", "linestyle": "--", "linewidth": 1.
 LIMIT: dict[str, Any] = {"color": "0.3", "linestyle": ":", "linewidth": 1.2}
 # Keeps text legible where it crosses a line.
 PLATE: dict[str, Any] = {"facecolor": "white", "edgecolor": "none", "alpha": 0.75, "pad": 1.0}
+# A legend above the axes, at their right, where no curve is.
+ABOVE: dict[str, Any] = {"loc": "lower right", "bbox_to_anchor": (1.0, 1.0), "borderaxespad": 0.2}
 AXES = {"x": BLUE, "y": VERMILION, "z": GREEN}
 ROTORS = (BLUE, VERMILION, GREEN, PURPLE)
 
@@ -74,13 +76,10 @@ def styled() -> Iterator[None]:
 
 
 def new_figure(width: float, height: float) -> "Figure":
-    """Returns an empty figure of a size in inches, which no window or notebook shows by itself."""
-    from matplotlib.backends.backend_agg import FigureCanvasAgg
-    from matplotlib.figure import Figure
+    """Returns an empty figure of a size in inches, which no window shows by itself; a notebook shows it once asked."""
+    from drake_quad.visualization.notebook_figure import NotebookFigure
 
-    figure = Figure(figsize=(width, height), layout="constrained")
-    FigureCanvasAgg(figure)
-    return figure
+    return NotebookFigure(figsize=(width, height), layout="constrained")
 
 
 def save_figures(figures: Mapping[str, "Figure"], folder: Path, *, vector: Vector | None = None) -> list[Path]:

@@ -142,7 +142,7 @@ def _draw_map(axes: Axes, plane: _Plane, field: _Field, top: float) -> QuadMesh:
     axes.quiver(a, b, v_a, v_b, color="0.25", angles="xy", scale_units="xy", scale=per_metre, width=0.0016)
     axes.set(xlabel=f"{plane.across.upper()} (m)", ylabel=f"{plane.up.upper()} (m)")
     side = "From the side" if plane.up == "z" else "From above"
-    axes.set_title(f"{side}: wind at {plane.normal.upper()} = {plane.level:.1f} m", loc="left")
+    axes.set_title(f"{side}: wind at {plane.normal.upper()} = {plane.level:.1f} m".replace("-", "−"), loc="left")
     axes.set_aspect("equal")
     axes.grid(visible=False)
     return shades

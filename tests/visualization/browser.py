@@ -1,4 +1,7 @@
-"""A headless Chromium, spoken to by the DevTools protocol over a pair of pipes."""
+"""A headless Chromium, spoken to by the DevTools protocol over a pair of pipes.
+
+As a script it takes a picture of a replay: browser.py PAGE MOMENT FILE, with the moment in seconds.
+"""
 
 import base64
 import json
@@ -6,6 +9,7 @@ import os
 import shutil
 import subprocess
 import sys
+import tempfile
 import time
 from pathlib import Path
 from typing import Any
@@ -103,3 +107,30 @@ class Browser:
             self._rest += more
         message, _, self._rest = self._rest.partition(b"\0")
         return json.loads(message)
+
+
+# The picture of the README is shown 500 px wide: a small window, finely drawn. The eye and where it looks, m.
+_SIZE = {"width": 640, "height": 440, "deviceScaleFactor": 1.5, "mobile": False}
+_EYE, _TARGET = (4.1, -1.5, 3.0), (0.0, -1.15, 0.9)
+
+
+def take_picture(page: Path, moment: float, file: Path) -> None:
+    """Writes what a replay shows at a moment (s) as PNG."""
+    # Meshcat's camera has Y up.
+    (a, b, c), (d, e, f) = ((x, z, -y) for x, y, z in (_EYE, _TARGET))
+    with (
+        tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile,
+        Browser(page.resolve(), Path(profile), fragment=f"#t={moment}") as browser,
+    ):
+        browser.wait_for(f"document.getElementById('clock')?.textContent === '{moment:.1f} s'", timeout=60.0)
+        browser.call("Emulation.setDeviceMetricsOverride", **_SIZE)
+        browser.wait_for(f"viewer.renderer.domElement.clientWidth === {_SIZE['width']}", timeout=60.0)
+        time.sleep(1.0)  # until the page has set its own view
+        browser.value(f"viewer.camera.position.set({a}, {b}, {c}); viewer.controls.target.set({d}, {e}, {f})")
+        browser.value("viewer.controls.update(); viewer.set_dirty()")
+        time.sleep(1.0)  # a few frames
+        browser.screenshot(file)
+
+
+if __name__ == "__main__":
+    take_picture(Path(sys.argv[1]), float(sys.argv[2]), Path(sys.argv[3]))

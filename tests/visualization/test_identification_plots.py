@@ -42,7 +42,7 @@ def test_the_fit_has_a_row_for_each_output_and_shades_what_was_held_out(identifi
     first = left.lines[0]
     assert first.get_xdata()[0] == 3.0
     np.testing.assert_allclose(first.get_ydata(), 100.0 * np.sin(first.get_xdata()))
-    assert "explained 92.0 %" in right.texts[0].get_text()
+    assert "explained 92.0 %" in right.get_title(loc="right")
 
 
 def test_white_residuals_have_no_autocorrelation_and_a_flat_spectrum(identification):

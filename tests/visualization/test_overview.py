@@ -1,10 +1,14 @@
 """Figures at a glance show the numbers of their flights and studies."""
 
+import io
+
 import numpy as np
 import pytest
+from PIL import Image
 
 from drake_quad import load_scenario, run_monte_carlo, simulate
 from drake_quad.visualization.overview import plot_flight, plot_study
+from drake_quad.visualization.style import new_figure, styled
 
 
 @pytest.mark.slow
@@ -30,3 +34,10 @@ def test_studies_at_a_glance():
     assert shown[0][0] == pytest.approx([study.metrics.rmse.mean() for study in studies.values()])
     figure.canvas.draw()
     assert set(plot_study(studies["a"])[1]) == {"distribution", "mean", "crashes"}
+
+
+def test_a_notebook_shows_a_figure():
+    with styled():
+        figure = new_figure(2.0, 1.0)
+    # The protocol by which IPython asks a value for its picture.
+    assert Image.open(io.BytesIO(figure._repr_png_())).size == (220, 110)

@@ -1,20 +1,26 @@
 """Replays in a real browser, if there is one."""
 
+import itertools
+import json
 import re
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from browser import CHROMIUM, Browser
+from matplotlib.transforms import Bbox
 from PIL import Image
 
 from drake_quad import load_scenario, simulate
 from drake_quad.flight import simulate_samples
 from drake_quad.signals import RotorSpeed
 from drake_quad.vehicle.rotors import Rotors
+from drake_quad.visualization.places import places
 from drake_quad.visualization.replay.live import LiveView
 from drake_quad.visualization.replay.page import save_replay, save_swarm
-from drake_quad.visualization.replay.scene import local_meshcat
+from drake_quad.visualization.replay.scene import Room, local_meshcat, reference_points, round_spacing
 from drake_quad.visualization.replay.shapes import Frame, draw_quadrotor, quadrotor_mesh, rotor_poses, turned_by
+from drake_quad.visualization.replay.story import story
 
 needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium on PATH; Debian's package is chromium")
 
@@ -87,6 +93,120 @@ def test_a_replay_can_be_opened_at_a_moment(flight, tmp_path):
     assert place == pytest.approx(at(flight, 5.0), abs=0.01)
 
 
+def opened(page, folder, fragment="#t=3.0"):
+    """A browser that shows a page at a moment."""
+    browser = Browser(page, folder / "profile", fragment=fragment)
+    browser.wait_for(f"document.getElementById('clock')?.textContent === '{float(fragment[3:]):.1f} s'")
+    return browser
+
+
+def resize(browser, width, height):
+    """Gives the window a size and waits until the scene has it."""
+    browser.call("Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=1, mobile=False)
+    browser.wait_for(
+        f"viewer.renderer.domElement.clientWidth === {width} && document.getElementById('errors').clientWidth > 0"
+        f" && viewer.renderer.domElement.clientHeight + overlay.offsetHeight === {height}"
+    )
+
+
+def on_screen(browser, points):
+    """(n, 3) where world points are in the view: -1 to 1 across, up and in depth if they are in it."""
+    rows = [[x, z, -y] for x, y, z in np.asarray(points, dtype=float).tolist()]
+    return np.array(
+        browser.value(
+            f"{json.dumps(rows)}.map((p) => viewer.camera.position.clone().set(...p).project(viewer.camera).toArray())"
+        )
+    )
+
+
+@pytest.mark.slow
+@needs_chromium
+@pytest.mark.parametrize(
+    ("spec", "overrides"),
+    [
+        ("crazyswarm2.yaml:log08", ["duration=4"]),
+        ("laboratory.yaml:high_wind", ["duration=4"]),
+        (
+            "figure_eight.yaml",
+            ["route={kind: waypoints, waypoints: [[0, 0, 1], [40, 5, 12], [20, -40, 6]], top_speed: 4}", "duration=4"],
+        ),
+    ],
+    ids=["crazyflie", "with fans", "forty metres"],
+)
+def test_the_camera_frames_everything(spec, overrides, tmp_path):
+    """The path, the vehicle and the metres are in the view, in its middle, and fill it; on a phone too."""
+    flight = simulate(load_scenario(f"diagrams/{spec}", overrides), sample=0)
+    page = save_replay({"one": flight}, tmp_path / "replay.html")
+    text = page.read_text(encoding="utf-8")
+    path = np.vstack([reference_points(flight.plan), places(flight.record("state"))])
+    with opened(page, tmp_path) as browser:
+        for width, height in ((880, 560), (360, 640)):
+            resize(browser, width, height)
+            browser.value("reset.click()")
+            across = on_screen(browser, path)
+            assert np.abs(across).max() < 1.0
+            frame = on_screen(browser, json.loads(re.search(r'"frame":(\[\[.*?\]\])', text).group(1)))[:, :2]
+            low, high = frame.min(axis=0), frame.max(axis=0)
+            # One pair of sides is touched, and leaves a margin of 6 % of the view.
+            assert high.max() < 0.881
+            assert low.min() > -0.881
+            assert np.max(np.minimum(high, -low)) > 0.879
+        # The metres are written where they are, and do not cover each other.
+        texts = browser.value(
+            "[...labels.children].filter((l) => l.style.display !== 'none')"
+            ".map((l) => [l, l.getBoundingClientRect()])"
+            ".map(([l, box]) => [l.textContent, box.left, box.top, box.right, box.bottom])"
+        )
+        assert {"X (m)", "Y (m)", "Z (m)"} <= {text for text, *_ in texts}
+        height = browser.value("viewer.renderer.domElement.clientHeight")
+        for mark in json.loads(re.search(r'"marks":(\[\{.*?\}\])', text).group(1)):
+            if mark["text"].endswith("(m)"):
+                x, y, _ = on_screen(browser, [mark["at"]])[0]
+                left, top, right, bottom = next(box for name, *box in texts if name == mark["text"])
+                middle = (0.5 * (left + right), 0.5 * (top + bottom))
+                assert middle == pytest.approx((180.0 * (1.0 + x), 0.5 * height * (1.0 - y)), abs=1.0)
+        # Trails are seen through jets.
+        jet = "viewer.scene_tree.find(['fan_1', 'jet', '<object>']).object.material.depthWrite"
+        assert "laboratory" not in spec or browser.value(jet) is False
+        assert len(texts) >= 6
+        boxes = [Bbox([[a, b], [c, d]]) for _, a, b, c, d in texts]
+        assert not any(a.overlaps(b) for a, b in itertools.combinations(boxes, 2))
+        assert all(box.x0 >= 0 and box.x1 <= 360 and box.y0 >= 0 for box in boxes)
+        assert browser.console == []
+
+
+@pytest.mark.slow
+@needs_chromium
+def test_the_panel_follows_speeds_and_scrubs(flight, tmp_path):
+    page = save_replay({"first": flight, "second": flight}, tmp_path / "replay.html")
+    with opened(page, tmp_path) as browser:
+        resize(browser, 880, 560)
+        # What is said is what was flown.
+        tick = np.searchsorted(flight.time, 3.0 - 1e-9)
+        error, speed = 100.0 * flight.euclidean_error[tick], np.linalg.norm(flight["state"][tick, 6:9])
+        said = browser.value("document.querySelector('#key .now').textContent")
+        found = re.fullmatch(r"error ([\d.]+) cm, ([\d.]+) m/s", said)
+        assert [float(each) for each in found.groups()] == pytest.approx([error, speed], abs=0.05)
+        # A click on the plot goes to its moment: 44 px from the left is 0, 8 px from the right the end.
+        box = browser.value("(({left, top, width}) => [left, top, width])(errors.getBoundingClientRect())")
+        x, y = box[0] + 44 + 0.75 * (box[2] - 52), box[1] + 40
+        for kind in ("mousePressed", "mouseReleased"):
+            browser.call("Input.dispatchMouseEvent", type=kind, x=x, y=y, button="left", buttons=1, clickCount=1)
+        browser.wait_for(f"Math.abs(viewer.animator.time - {0.75 * flight.time[-1]}) < 0.02")
+        place = at(flight, browser.value("viewer.animator.time"))
+        # F follows the first vehicle: it is in the middle of the view, and near.
+        for key in ("f", "+", "+"):
+            browser.call("Input.dispatchKeyEvent", type="keyDown", key=key, text=key)
+        browser.wait_for("viewer.animator.mixer.timeScale === 5")
+        browser.wait_for("follow.value === '/first'")
+        assert np.abs(on_screen(browser, [place])[0, :2]).max() < 0.05
+        near = browser.value("viewer.camera.position.distanceTo(viewer.controls.target)")
+        browser.call("Input.dispatchKeyEvent", type="keyDown", key="r", text="r")
+        browser.wait_for("follow.value === ''")
+        assert browser.value("viewer.camera.position.distanceTo(viewer.controls.target)") > 2.0 * near
+        assert browser.console == []
+
+
 @pytest.mark.slow
 @needs_chromium
 def test_a_swarm_replays_its_crashes(tmp_path):
@@ -121,6 +241,34 @@ def test_a_flight_is_shown_as_long_as_it_is_finite(tmp_path):
     assert save_swarm({"diverged": [flight, flight]}, tmp_path / "swarm.html").exists()
     short = simulate(load_scenario("diagrams/hover.yaml", ["duration=0.02"]))
     assert save_replay({"short": short}, tmp_path / "short.html").exists()
+
+
+def test_a_story_tells_the_middle_of_many_flights(tmp_path):
+    """Of five flights, whose errors are 1 to 5 cm and of which the last crashes in the middle."""
+    flight = simulate(load_scenario("diagrams/hover.yaml", ["duration=2"]))
+    group = []
+    for number in range(1, 6):
+        signals = {name: values.copy() for name, values in flight.signals.items()}
+        signals["state"][:, :3] = signals["reference"][:, :3] + [0.01 * number, 0.0, 0.0]
+        group.append(replace(flight, signals=signals))
+    half = len(flight.time) // 2
+    crash = flight.metrics._replace(crash_time=1.0)
+    signals = {name: values[:half] for name, values in group[-1].signals.items()}
+    group[-1] = replace(group[-1], time=flight.time[:half], signals=signals, metrics=crash)
+    room = Room(np.zeros(3), np.ones(3), 0.2, np.zeros((1, 3)))
+    told = json.loads(story({"</script>": group}, {"</script>": "#000000"}, dict.fromkeys("abcde", "/x"), room))
+    (curve,) = told["curves"]
+    assert [curve[name][5] for name in ("low", "error", "high")] == pytest.approx([1.2, 3.0, 4.8])
+    assert [curve[name][-2] for name in ("low", "error", "high")] == pytest.approx([1.15, 2.5, 3.85])
+    assert curve["crashes"] == [1.0]
+    assert curve["name"] == "</script>"
+
+
+@pytest.mark.parametrize(("length", "spacing"), [(0.9, 0.2), (4.0, 0.5), (8.1, 2.0), (42.0, 10.0)])
+def test_a_grid_has_round_spacing(length, spacing):
+    room = Room(np.full(3, -0.5 * length), np.full(3, 0.5 * length), round_spacing(length), np.zeros((1, 3)))
+    assert room.spacing == pytest.approx(spacing)
+    assert room.grid(0)[[0, -1]] == pytest.approx(np.array([-1, 1]) * spacing * np.floor(0.5 * length / spacing))
 
 
 def test_rotors_1_and_3_turn_clockwise():

@@ -21,6 +21,7 @@ from drake_quad.visualization.replay.shapes import (
     draw_trail_piece,
     pose_of,
     rotor_poses,
+    shrunk,
     turned_by,
     wind_arrow,
 )
@@ -45,9 +46,10 @@ class LiveView:
         flown = draw_sample(scenario, scenario.sample or 0)
         frame = Frame.of(flown.vehicle)
         self._meshcat, self._rotors = meshcat, frame.rotors
-        draw_surroundings(meshcat, scenario, plan, np.empty((0, 3)))
+        draw_surroundings(meshcat, flown, plan, np.empty((0, 3)))
         draw_quadrotor(meshcat, _WHERE, frame, BLACK)
-        meshcat.SetObject("/reference/point", Sphere(0.04))
+        self._size = shrunk(frame.rotors)
+        meshcat.SetObject("/reference/point", Sphere(self._size * 0.04))
         self._shows_wind = wind_blows_elsewhere(scenario)
         if self._shows_wind:
             draw_arrow(meshcat, f"{_WHERE}_wind/arrow")
@@ -86,7 +88,9 @@ class LiveView:
             self._meshcat.SetProperty(f"{_WHERE}_wind/arrow", "scale", scale)
         self._trail.append(places(state))
         if len(self._trail) * _FRAME > TRAIL_PIECE:
-            draw_trail_piece(self._meshcat, f"{_WHERE}_trail/{self._pieces}", np.array(self._trail), VERMILION)
+            draw_trail_piece(
+                self._meshcat, f"{_WHERE}_trail/{self._pieces}", np.array(self._trail), VERMILION, self._size
+            )
             self._trail, self._pieces = self._trail[-1:], self._pieces + 1
         return EventStatus.Succeeded()
 

@@ -15,7 +15,7 @@ from drake_quad.files import write_text
 from drake_quad.flight import Flight
 from drake_quad.signals import RotorSpeed, State, Wind
 from drake_quad.visualization.places import places
-from drake_quad.visualization.replay.scene import draw_surroundings, local_meshcat, wind_blows_elsewhere
+from drake_quad.visualization.replay.scene import Room, draw_surroundings, local_meshcat, wind_blows_elsewhere
 from drake_quad.visualization.replay.shapes import (
     ERRORS,
     TRAIL_PIECE,
@@ -27,9 +27,11 @@ from drake_quad.visualization.replay.shapes import (
     quadrotor_mesh,
     rgba,
     rotor_poses,
+    shrunk,
     turned_by,
     wind_arrow,
 )
+from drake_quad.visualization.replay.story import story
 from drake_quad.visualization.style import BLACK, BLUE, GREEN, ORANGE, PURPLE, SKY, VERMILION
 
 FRAMES_PER_SECOND = 30.0
@@ -47,21 +49,27 @@ def save_replay(flights: Mapping[str, Flight], path: Path | str) -> Path:
     """
     meshcat = local_meshcat()
     flights = {name: _seen(flight) for name, flight in flights.items()}
-    draw_replay(meshcat, flights)
-    legend = _color_bar(_top_error(flights)) if len(flights) == 1 else _key_of(_body_colors(flights))
-    return _write(meshcat, path, ", ".join(flights), legend, _duration(flights.values()))
+    room = draw_replay(meshcat, flights)
+    vehicles = {name: f"/{_key(name)}" for name in flights}
+    groups = {name: [flight] for name, flight in flights.items()}
+    told = story(groups, _body_colors(flights), vehicles, room)
+    legend = _color_bar(_top_error(flights)) if len(flights) == 1 else ""
+    return _write(meshcat, path, ", ".join(flights), legend, _duration(flights.values()), told)
 
 
-def draw_replay(meshcat: Meshcat, flights: Mapping[str, Flight]) -> None:
+def draw_replay(meshcat: Meshcat, flights: Mapping[str, Flight]) -> Room:
     """Draws flights of one reference in a scene that can be played and scrubbed.
 
     Args:
         meshcat: in which the scene is drawn.
         flights: as for `save_replay`.
+
+    Returns:
+        The room around them.
     """
     flights = {name: _seen(flight) for name, flight in flights.items()}
     first = next(iter(flights.values()))
-    draw_surroundings(meshcat, first.scenario, first.plan, _places(flights.values()))
+    room = draw_surroundings(meshcat, first.scenario, first.plan, _places(flights.values()))
     meshcat.StartRecording(FRAMES_PER_SECOND, set_visualizations_while_recording=False)
     animation = meshcat.get_mutable_recording()
     last, top = _last_frame(flights.values(), FRAMES_PER_SECOND), _top_error(flights)
@@ -71,6 +79,7 @@ def draw_replay(meshcat: Meshcat, flights: Mapping[str, Flight]) -> None:
         _animate_trail(meshcat, animation, f"{where}_trail", flights[name], trail, top, last)
     _animate_reference(meshcat, animation, max(flights.values(), key=lambda flight: len(flight.time)), last)
     _publish(meshcat, animation)
+    return room
 
 
 def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
@@ -83,7 +92,7 @@ def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
     meshcat = local_meshcat()
     flights = {name: [_seen(flight) for flight in group] for name, group in flights.items()}
     everyone = [flight for group in flights.values() for flight in group]
-    draw_surroundings(meshcat, everyone[0].scenario, everyone[0].plan, _places(everyone))
+    room = draw_surroundings(meshcat, everyone[0].scenario, everyone[0].plan, _places(everyone))
     meshcat.StartRecording(SWARM_FRAMES_PER_SECOND, set_visualizations_while_recording=False)
     animation = meshcat.get_mutable_recording()
     colors = dict(zip(flights, (_BODIES[2 + i % 5] for i in range(len(flights))), strict=True))
@@ -103,8 +112,9 @@ def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
     _publish(meshcat, animation)
     crashes = sum(bool(flight.metrics.crashed) for flight in everyone)
     title = f"{len(everyone)} flights, {crashes} crashed"
-    legend = _key_of(colors | ({"crashed": _RED} if crashes else {}))
-    return _write(meshcat, path, title, legend, _duration(everyone))
+    vehicles = {f"{name} {i}": f"/{_key(name)}/{i}" for name, group in flights.items() for i in range(len(group))}
+    legend = _key_of({"crashed": _RED}) if crashes else ""
+    return _write(meshcat, path, title, legend, _duration(everyone), story(flights, colors, vehicles, room))
 
 
 def _seen(flight: Flight) -> Flight:
@@ -159,11 +169,12 @@ def _animate_trail(
     """
     times = np.arange(0.0, flight.time[-1], TRAIL_PIECE)
     errors, path = flight.euclidean_error, places(flight.record("state"))
+    size = shrunk(Frame.of(flight.scenario.vehicle).rotors)
     for number, start in enumerate(times):
         ticks = np.searchsorted(flight.time, np.linspace(start, min(start + TRAIL_PIECE, flight.time[-1]), 5) - 1e-9)
         piece = f"{where}/{number}"
         shades = color if color is not None else errors[ticks] / max(top, 1e-9)
-        draw_trail_piece(meshcat, piece, path[ticks], shades)
+        draw_trail_piece(meshcat, piece, path[ticks], shades, size)
         frame = max(round(flight.time[ticks[-1]] * FRAMES_PER_SECOND), 1)
         animation.SetProperty(0, piece, "visible", False)
         for shown in (frame, max(last, frame)):
@@ -171,7 +182,8 @@ def _animate_trail(
 
 
 def _animate_reference(meshcat: Meshcat, animation: MeshcatAnimation, flight: Flight, last: int) -> None:
-    meshcat.SetObject("/reference/point", Sphere(0.04), rgba("0.3", 0.8))
+    size = shrunk(Frame.of(flight.scenario.vehicle).rotors)
+    meshcat.SetObject("/reference/point", Sphere(size * 0.04), rgba("0.3", 0.8))
     path = places(flight.record("reference"))
     for frame, tick in _frames(flight, animation.frames_per_second(), last):
         animation.SetTransform(frame, "/reference", RigidTransform(path[tick]))
@@ -216,19 +228,21 @@ def _publish(meshcat: Meshcat, animation: MeshcatAnimation) -> None:
     meshcat.PublishRecording()
 
 
-def _write(meshcat: Meshcat, path: Path | str, title: str, legend: str, duration: float) -> Path:
+def _write(meshcat: Meshcat, path: Path | str, title: str, legend: str, duration: float, told: str) -> Path:
     overlay = files(__package__).joinpath("overlay.html").read_text(encoding="utf-8")
-    for field, text in (("title", html.escape(title)), ("legend", legend), ("duration", f"{duration:.3f}")):
-        overlay = overlay.replace(f"{{{field}}}", text)
+    # The story comes last, so that no name in it is taken for a field.
+    fields = {"title": html.escape(title), "legend": legend, "duration": f"{duration:.3f}", "story": told}
+    for field, text in fields.items():
+        overlay = overlay.replace(f"{{{field}}}", text, 1)
     return write_text(Path(path), meshcat.StaticHtml().replace("</body>", f"{overlay}</body>"))
 
 
 def _color_bar(top: float) -> str:
     stops = ", ".join(to_hex(ERRORS(x)) for x in np.linspace(0.0, 1.0, 9))
     return (
-        f'<div style="width:220px;height:10px;margin-top:6px;background:linear-gradient(to right, {stops})"></div>'
-        f'<div style="display:flex;justify-content:space-between;width:220px"><span>0</span><span>position error</span>'
-        f"<span>{100.0 * top:.3g} cm</span></div>"
+        '<span class="row"><span>trail: error 0</span>'
+        f'<span style="width:110px;height:9px;background:linear-gradient(to right, {stops})"></span>'
+        f"<span>{100.0 * top:.3g} cm</span></span>"
     )
 
 

@@ -1,6 +1,8 @@
 """What stands still in a scene: the room, the path of the reference, fans and the camera."""
 
 import logging
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from pydrake.geometry import Box, Meshcat, MeshcatParams
@@ -10,13 +12,16 @@ from drake_quad.assembly.laboratory import jets
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.wind import Fan
-from drake_quad.visualization.replay.shapes import draw_fan, rgba
+from drake_quad.visualization.replay.shapes import Frame, draw_fan, rgba
+from drake_quad.visualization.style import AXES
 
-# Room around what is flown, m.
-_ROOM = 0.7
+# Room around what is flown, in distances of a rotor from the middle: 0.7 m for the paper's vehicle.
+_ROOM = 4.0
 # Distance from the reference beyond which a vehicle leaves the room, m.
 _FAR = 3.0
 _LINE = 2.0
+# Lines of the grid along the longer side of the floor, about.
+_GRID = 8
 _LIGHTS = {
     "AmbientLight": 2.2,
     "FillLight": 0.8,
@@ -24,6 +29,28 @@ _LIGHTS = {
     "PointLightNegativeX": 0.0,
     "PointLightPositiveX": 0.0,
 }
+
+
+class Room(NamedTuple):
+    """What is drawn around a flight.
+
+    Attributes:
+        low: (3,) corner, m.
+        high: (3,) corner, m.
+        spacing: of the grid, m.
+        seen: (n, 3) points that a camera shall show, m.
+    """
+
+    low: np.ndarray
+    high: np.ndarray
+    spacing: float
+    seen: np.ndarray
+
+    def grid(self, axis: int) -> np.ndarray:
+        """Coordinates along an axis that the grid has lines or marks at, m."""
+        first, last = np.ceil(self.low[axis] / self.spacing - 1e-9), np.floor(self.high[axis] / self.spacing + 1e-9)
+        places: np.ndarray = np.round(self.spacing * np.arange(first, last + 1.0), 6) + 0.0
+        return places
 
 
 def local_meshcat() -> Meshcat:
@@ -43,31 +70,43 @@ def local_meshcat() -> Meshcat:
     return meshcat
 
 
-def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: np.ndarray) -> None:
-    """Draws floor, room, path of the reference and fans, and turns the camera to them.
+def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: np.ndarray) -> Room:
+    """Draws floor, grid, room, path of the reference and fans, and turns the camera to them.
 
     Args:
         meshcat: in which they are drawn.
         scenario: that is flown.
         plan: of the reference.
         flown: (n, 3) positions of vehicles, m.
+
+    Returns:
+        The room, of which a page writes the metres.
     """
     path = reference_points(plan)
+    margin = _ROOM * Frame.of(scenario.vehicle).reach
     near = np.vstack([path, np.clip(flown, path.min(axis=0) - _FAR, path.max(axis=0) + _FAR)])
-    low, high = near.min(axis=0) - _ROOM, near.max(axis=0) + _ROOM
+    low, high = near.min(axis=0) - margin, near.max(axis=0) + margin
     fans = jets(scenario.laboratory.wind)
     outlets = [np.array(jet.outlet) for jet in fans]
     for outlet in outlets:
         low, high = np.minimum(low, outlet), np.maximum(high, outlet)
     low[2] = 0.0
-    _draw_room(meshcat, low, high)
+    corners = np.array(np.meshgrid(*zip(near.min(axis=0), near.max(axis=0), strict=True))).reshape(3, 8).T
+    room = Room(low, high, round_spacing(float(np.max(high - low))), np.vstack([corners, *outlets]))
+    _draw_room(meshcat, room)
     if len(path) > 1:
         meshcat.SetLine("/reference_path", path.T, _LINE, rgba("0.45"))
     for number, (jet, outlet) in enumerate(zip(fans, outlets, strict=True), start=1):
-        reach = float(np.max((path - outlet) @ np.asarray(jet.direction))) + _ROOM
+        reach = float(np.max((path - outlet) @ np.asarray(jet.direction))) + margin
         draw_fan(meshcat, f"/fan_{number}", jet, max(reach, 1.0))
-    # Most of the way to the fans, so that they are in the picture without being its subject.
-    look_at(meshcat, np.vstack([near, *(0.15 * near.mean(axis=0) + 0.85 * outlet for outlet in outlets)]))
+    look_at(meshcat, room.seen)
+    return room
+
+
+def round_spacing(length: float) -> float:
+    """A distance of 1, 2 or 5 times a power of ten, that divides a length (m) into about so many as a grid has."""
+    power = 10.0 ** np.floor(np.log10(length / _GRID))
+    return float(next(power * each for each in (1.0, 2.0, 5.0, 10.0) if power * each >= length / _GRID * (1.0 - 1e-9)))
 
 
 def look_at(meshcat: Meshcat, path: np.ndarray) -> None:
@@ -90,11 +129,27 @@ def wind_blows_elsewhere(scenario: Scenario) -> bool:
     return any(not isinstance(source, Fan) for source in scenario.laboratory.wind)
 
 
-def _draw_room(meshcat: Meshcat, low: np.ndarray, high: np.ndarray) -> None:
+def _draw_room(meshcat: Meshcat, room: Room) -> None:
+    """Draws floor and grid, the edges of the room, and X, Y and Z along those that have the metres."""
+    low, high = room.low, room.high
     size, middle = high - low, 0.5 * (low + high)
-    meshcat.SetObject("/floor", Box(size[0], size[1], 0.01), rgba("0.85"))
+    meshcat.SetObject("/floor", Box(size[0], size[1], 0.01), rgba("0.93"))
     meshcat.SetTransform("/floor", RigidTransform([middle[0], middle[1], -0.01]))
+    along_y = [([x, low[1], 0.0], [x, high[1], 0.0]) for x in room.grid(0)]
+    along_x = [([low[0], y, 0.0], [high[0], y, 0.0]) for y in room.grid(1)]
+    _draw_segments(meshcat, "/room/grid", [*along_y, *along_x], "0.6")
     corners = np.array([[x, y, z] for x in (0, 1) for y in (0, 1) for z in (0, 1)])
     edges = [(a, b) for a in range(8) for b in range(a, 8) if np.abs(corners[a] - corners[b]).sum() == 1]
-    starts, ends = (low + corners[[edge[i] for edge in edges]] * size for i in (0, 1))
-    meshcat.SetLineSegments("/room", starts.T, ends.T, 1.0, rgba("0.7"))
+    _draw_segments(
+        meshcat, "/room/edges", [(low + corners[a] * size, low + corners[b] * size) for a, b in edges], "0.7"
+    )
+    # They stand where the camera sees them in front, or at the side.
+    for axis, start in zip("xyz", ([0, 0, 0], [1, 0, 0], [0, 0, 0]), strict=True):
+        begin = low + np.array(start) * size
+        end = np.where([axis == each for each in "xyz"], high, begin)
+        _draw_segments(meshcat, f"/room/{axis}", [(begin, end)], AXES[axis])
+
+
+def _draw_segments(meshcat: Meshcat, path: str, segments: Sequence[tuple[Any, Any]], color: str) -> None:
+    starts, ends = (np.array([segment[i] for segment in segments], dtype=float).reshape(-1, 3).T for i in (0, 1))
+    meshcat.SetLineSegments(path, starts, ends, 1.0, rgba(color))

@@ -17,6 +17,9 @@ from drake_quad.vehicle.rotors import Rotors
 from drake_quad.visualization.places import places
 from drake_quad.visualization.style import BLUE, ORANGE, SKY, VERMILION
 
+# What is drawn of a vehicle is of this size if its rotors are so far from the middle, as the paper's, and smaller if
+# they are nearer, m.
+_FULL_REACH = 0.17
 # A propeller of 8 inches, as on the paper's vehicle; smaller where rotors are close to each other.
 _PROPELLER = 0.1
 _ARM, _BLADE = (0.022, 0.014), (0.018, 0.004)
@@ -56,6 +59,11 @@ class Frame(NamedTuple):
         return cls(rotors, tuple(np.array([0.0, rotor.y if has_sides else 0.0, 0.0]) for rotor in rotors))
 
     @property
+    def reach(self) -> float:
+        """The distance of the farthest rotor from the middle, seen from above, m."""
+        return max(float(np.hypot(rotor.x, rotor.y)) for rotor in self.rotors)
+
+    @property
     def crossbars(self) -> list[np.ndarray]:
         """(3,) where the bars from the middle end, m."""
         return [np.array(end) for end in dict.fromkeys(map(tuple, self.roots)) if any(end)]
@@ -87,7 +95,7 @@ def wind_arrow(wind: Wind, state: State) -> tuple[RigidTransform, list[float]]:
     return RigidTransform(turn, places(state) + np.array([0.0, 0.0, 0.3])), [length, min(length, 1.0), min(length, 1.0)]
 
 
-def draw_trail_piece(meshcat: Meshcat, path: str, points: np.ndarray, shades: str | np.ndarray) -> None:
+def draw_trail_piece(meshcat: Meshcat, path: str, points: np.ndarray, shades: str | np.ndarray, size: float) -> None:
     """Draws a piece of a trail.
 
     Args:
@@ -95,17 +103,23 @@ def draw_trail_piece(meshcat: Meshcat, path: str, points: np.ndarray, shades: st
         path: of the piece in the scene.
         points: (n, 3) along it, m.
         shades: a colour, or (n,) errors as shares of the largest one.
+        size: of the vehicle, as `shrunk` has it.
     """
-    vertices, faces = tube(points, _TRAIL)
+    vertices, faces = tube(points, size * _TRAIL)
     if isinstance(shades, str):
         meshcat.SetTriangleMesh(path, vertices, faces, rgba(shades, 0.7))
     else:
         meshcat.SetTriangleColorMesh(path, vertices, faces, np.repeat(ERRORS(shades)[:, :3], 3, axis=0).T)
 
 
+def shrunk(rotors: Rotors) -> float:
+    """The share of their full size in which motors, arms and trails of a vehicle are drawn."""
+    return min(max(float(np.hypot(rotor.x, rotor.y)) for rotor in rotors) / _FULL_REACH, 1.0)
+
+
 def _rotor_places(rotors: Rotors) -> list[np.ndarray]:
     """The positions of rotors 1 to 4 in B, m."""
-    return [np.array([rotor.x, rotor.y, rotor.z + _ROTOR_HEIGHT]) for rotor in rotors]
+    return [np.array([rotor.x, rotor.y, rotor.z + shrunk(rotors) * _ROTOR_HEIGHT]) for rotor in rotors]
 
 
 def _propeller_radius(rotors: Rotors) -> float:
@@ -119,33 +133,36 @@ def draw_quadrotor(meshcat: Meshcat, path: str, frame: Frame, color: str) -> Non
 
     Its front is orange; the blades that turn clockwise are blue, the others light blue.
     """
-    rotors, middle = frame.rotors, np.zeros(3)
+    rotors, middle, size = frame.rotors, np.zeros(3), shrunk(frame.rotors)
+    height = size * _ROTOR_HEIGHT
     radius, foremost = _propeller_radius(rotors), max(rotor.x for rotor in rotors)
-    meshcat.SetObject(f"{path}/hub", Cylinder(0.45 * radius, 0.04), rgba(color))
+    meshcat.SetObject(f"{path}/hub", Cylinder(0.45 * radius, size * 0.04), rgba(color))
     for number, end in enumerate(frame.crossbars, start=1):
-        _draw_arm(meshcat, f"{path}/crossbar_{number}", middle, end, color)
+        _draw_arm(meshcat, f"{path}/crossbar_{number}", middle, end, color, size)
     for number, (rotor, place) in enumerate(zip(rotors, _rotor_places(rotors), strict=True), start=1):
-        foot = place - [0.0, 0.0, _ROTOR_HEIGHT]
+        foot = place - [0.0, 0.0, height]
         in_front = rotor.x > 0.0 and rotor.x >= _FRONT * foremost
-        _draw_arm(meshcat, f"{path}/arm_{number}", frame.roots[number - 1], foot, ORANGE if in_front else color)
+        _draw_arm(meshcat, f"{path}/arm_{number}", frame.roots[number - 1], foot, ORANGE if in_front else color, size)
         if in_front:
-            meshcat.SetObject(f"{path}/nose_{number}", Sphere(0.022), rgba(ORANGE))
+            meshcat.SetObject(f"{path}/nose_{number}", Sphere(size * 0.022), rgba(ORANGE))
             meshcat.SetTransform(f"{path}/nose_{number}", RigidTransform(foot))
         shade = BLUE if rotor.direction < 0.0 else SKY
-        meshcat.SetObject(f"{path}/motor_{number}", Cylinder(0.014, _ROTOR_HEIGHT), rgba("0.25"))
-        meshcat.SetTransform(f"{path}/motor_{number}", RigidTransform(place - [0.0, 0.0, 0.5 * _ROTOR_HEIGHT]))
-        meshcat.SetObject(f"{path}/disc_{number}", Cylinder(radius, 0.002), rgba(shade, 0.2))
+        meshcat.SetObject(f"{path}/motor_{number}", Cylinder(size * 0.014, height), rgba("0.25"))
+        meshcat.SetTransform(f"{path}/motor_{number}", RigidTransform(place - [0.0, 0.0, 0.5 * height]))
+        meshcat.SetObject(f"{path}/disc_{number}", Cylinder(radius, size * 0.002), rgba(shade, 0.2))
         meshcat.SetTransform(f"{path}/disc_{number}", RigidTransform(place))
-        meshcat.SetObject(f"{path}/rotor_{number}/blades", Box(2.0 * radius, *_BLADE), rgba(shade))
+        meshcat.SetObject(
+            f"{path}/rotor_{number}/blades", Box(2.0 * radius, *(size * each for each in _BLADE)), rgba(shade)
+        )
         meshcat.SetTransform(f"{path}/rotor_{number}", RigidTransform(place))
 
 
-def _draw_arm(meshcat: Meshcat, path: str, start: np.ndarray, end: np.ndarray, color: str) -> None:
+def _draw_arm(meshcat: Meshcat, path: str, start: np.ndarray, end: np.ndarray, color: str, size: float) -> None:
     """Draws an arm between two points in B, unless they are the same."""
     along = end - start
     length = float(np.linalg.norm(along))
     if length > 0.0:
-        meshcat.SetObject(path, Box(length, *_ARM), rgba(color))
+        meshcat.SetObject(path, Box(length, *(size * each for each in _ARM)), rgba(color))
         turn = RotationMatrix.MakeFromOneVector(along, 0)
         meshcat.SetTransform(path, RigidTransform(turn, 0.5 * (start + end)))
 
@@ -155,7 +172,7 @@ def quadrotor_mesh(frame: Frame) -> TriangleSurfaceMesh:
     rotors, middle = frame.rotors, np.zeros(3)
     feet = [np.array([rotor.x, rotor.y, rotor.z]) for rotor in rotors]
     bars = [*((middle, end) for end in frame.crossbars), *zip(frame.roots, feet, strict=True)]
-    parts = [_bar(start, end) for start, end in bars if np.hypot(*(end - start)[:2]) > 0.0]
+    parts = [_bar(start, end, 0.009 * shrunk(rotors)) for start, end in bars if np.hypot(*(end - start)[:2]) > 0.0]
     angles = np.linspace(0.0, 2.0 * np.pi, 10, endpoint=False)
     rim = _propeller_radius(rotors) * np.stack([np.cos(angles), np.sin(angles), np.zeros_like(angles)], axis=1)
     fan = [(0, i + 1, (i + 1) % len(rim) + 1) for i in range(len(rim))]
@@ -172,7 +189,9 @@ def draw_fan(meshcat: Meshcat, path: str, jet: Jet, reach: float) -> None:
     meshcat.SetTransform(f"{path}/housing", RigidTransform([0.0, 0.0, -0.5 * _FAN_DEPTH]))
     lengths = np.linspace(0.0, reach, 9)
     radii = np.maximum(0.5 * jet.diameter, SPREAD * lengths)
-    meshcat.SetObject(f"{path}/jet", _revolved(lengths, radii), rgba(SKY, 0.1))
+    meshcat.SetObject(f"{path}/jet", _revolved(lengths, radii), rgba(SKY, 0.07))
+    # A jet hides nothing: else trails within it, and those behind it, are not drawn where it is drawn first.
+    meshcat.SetProperty(f"{path}/jet/<object>", "material.depthWrite", False)
 
 
 def draw_arrow(meshcat: Meshcat, path: str) -> None:

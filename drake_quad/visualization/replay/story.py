@@ -1,0 +1,94 @@
+"""What the page of a replay knows beside the scene: errors and speeds over time, names, and where the room ends."""
+
+import json
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+
+from drake_quad.flight import Flight
+from drake_quad.visualization.replay.scene import Room
+from drake_quad.visualization.replay.shapes import Frame
+from drake_quad.visualization.style import AXES
+
+# Instants of the plot at most, and their distance at least, s.
+_INSTANTS, _SHORTEST = 800, 0.05
+# Ends of the band of many flights.
+_BAND = (0.05, 0.95)
+
+
+def story(
+    groups: Mapping[str, Sequence[Flight]], colors: Mapping[str, str], vehicles: Mapping[str, str], room: Room
+) -> str:
+    """The numbers of a page, as JSON.
+
+    A group of several flights is told by the median of those that fly, and by the band from 5 to 95 %.
+
+    Args:
+        groups: flights by the name of the curve.
+        colors: of the curves.
+        vehicles: path of each vehicle in the scene, by name; in the order of the flights.
+        room: that was drawn.
+    """
+    flights = [flight for group in groups.values() for flight in group]
+    duration = max(float(flight.time[-1]) for flight in flights)
+    step = max(_SHORTEST, duration / _INSTANTS)
+    times = np.arange(0.0, duration + 1e-9, step)
+    sizes = [Frame.of(flight.scenario.vehicle).reach for flight in flights]
+    marks = _marks(room)
+    told = {
+        "duration": duration,
+        "step": step,
+        "curves": [{"name": name, "color": colors[name], **_curve(group, times)} for name, group in groups.items()],
+        "vehicles": [
+            {"name": name, "path": path, "size": size}
+            for (name, path), size in zip(vehicles.items(), sizes, strict=True)
+        ],
+        "frame": [*np.round(room.seen, 3).tolist(), *(mark["at"] for mark in marks)],
+        "marks": marks,
+    }
+    # A name must not end the script that it stands in.
+    return json.dumps(told, separators=(",", ":"), allow_nan=False).replace("</", "<\\/")
+
+
+def _curve(group: Sequence[Flight], times: np.ndarray) -> dict[str, Any]:
+    """Error (cm), speed (m/s), their band and the times of crashes (s) of flights."""
+    errors, speeds = np.full((2, len(group), len(times)), np.nan)
+    for flight, error, speed in zip(group, errors, speeds, strict=True):
+        there = times <= flight.time[-1] + 1e-9
+        state = flight.record("state")
+        ticks = np.searchsorted(flight.time, times[there] + 1e-9, side="right") - 1
+        error[there] = 100.0 * flight.euclidean_error[ticks]
+        speed[there] = np.sqrt(state.v_x**2 + state.v_y**2 + state.v_z**2)[ticks]
+    crashes = sorted(round(float(f.metrics.crash_time), 3) for f in group if f.metrics.crashed)
+    told: dict[str, Any] = {"crashes": crashes, "error": _middle(errors), "speed": _middle(speeds)}
+    if len(group) > 1:
+        told |= {end: _middle(errors, share) for end, share in zip(("low", "high"), _BAND, strict=True)}
+    return told
+
+
+def _middle(values: np.ndarray, share: float = 0.5) -> list[float | None]:
+    """A quantile over the flights that are still under way at each instant; None where there is none."""
+    found = np.full(values.shape[1], np.nan)
+    there = np.isfinite(values).any(axis=0)
+    found[there] = np.nanquantile(values[:, there], share, axis=0)
+    return [float(f"{value:.3g}") if np.isfinite(value) else None for value in found]
+
+
+def _marks(room: Room) -> list[dict[str, Any]]:
+    """Where metres are written: along two edges of the floor, and up the corner that both leave free."""
+    low, high = room.low, room.high
+    out = 0.04 * float(np.max(high - low))
+    lines = {
+        "x": lambda value: [value, low[1] - out, 0.0],
+        "y": lambda value: [high[0] + out, value, 0.0],
+        "z": lambda value: [low[0], low[1] - out, value],
+    }
+    names, numbers = [], []
+    for i, (axis, at) in enumerate(lines.items()):
+        end, color = high[i] + (out if axis == "z" else 0.0), AXES[axis]
+        names.append({"at": at(end), "text": f"{axis.upper()} (m)", "color": color})
+        for value in room.grid(i):
+            numbers.append({"at": at(value), "text": f"{value:g}".replace("-", "−"), "color": color})
+    # Names first: where there is no room for all, numbers are left out.
+    return [mark | {"at": [round(float(each), 3) for each in mark["at"]]} for mark in names + numbers]

@@ -1,0 +1,160 @@
+"""What is drawn can be read: labels stand free, curves that coincide are told apart, legends say what is what."""
+
+from itertools import combinations
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+from matplotlib.text import Annotation
+
+from drake_quad import load_scenario, simulate
+from drake_quad.analysis.cascade_design import design_cascade
+from drake_quad.assembly.planning import plan_route, planned_parameters
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.visualization.comparison_plots import plot_comparison
+from drake_quad.visualization.curves import dashes, tell_apart
+from drake_quad.visualization.design_plots import plot_bode
+from drake_quad.visualization.labels import crossings, outlines, place_labels
+from drake_quad.visualization.learning_plots import plot_learning, plot_secant_gains
+from drake_quad.visualization.plan_plots import plot_plan
+from drake_quad.visualization.plots import plot_errors, plot_path, plot_rotors
+from drake_quad.visualization.style import new_figure
+
+
+@pytest.fixture(scope="module")
+def flight():
+    return simulate(load_scenario("diagrams/figure_eight.yaml", ["duration=8"]))
+
+
+@pytest.fixture(scope="module")
+def learned():
+    return simulate(load_scenario("diagrams/paper.yaml:low_wind_pd_t2fnn", ["duration=8"]))
+
+
+def free_labels(figure):
+    """Checks that no annotation of a figure crosses a curve, a border or another; returns how many there are."""
+    figure.draw_without_rendering()
+    count = 0
+    for axes in figure.axes:
+        labels = [text for text in axes.texts if isinstance(text, Annotation) and text.get_text()]
+        for label in labels:
+            assert crossings(label, outlines(axes)) == 0, label.get_text()
+        for one, other in combinations([label.get_window_extent() for label in labels], 2):
+            assert not one.overlaps(other)
+        count += len(labels)
+    return count
+
+
+def test_a_label_gives_way():
+    """To a curve above, a border at the right and another label at the left: it stands below."""
+    figure = new_figure(4.0, 3.0)
+    axes = figure.subplots()
+    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+    axes.plot([0.0, 1.0], [0.56, 0.56])
+    labels = [axes.annotate("label", (0.97, 0.5), (3, 3), textcoords="offset points") for _ in range(2)]
+    before = [crossings(label, outlines(axes), [labels[0].get_window_extent()]) for label in labels]
+    assert min(before) > 0
+    place_labels(figure, labels)
+    assert free_labels(figure) == 2
+    assert all(label.get_position()[0] < 0.0 for label in labels)
+
+
+def test_numbers_of_waypoints_stand_free():
+    scenario = load_scenario("diagrams/figure_eight.yaml")
+    figure = plot_plan(plan_route(scenario), planned_parameters(scenario))
+    assert free_labels(figure) == 15
+
+
+def test_margins_stand_free():
+    figure = plot_bode(design_cascade(load_scenario("diagrams/laboratory.yaml:nominal")))
+    assert free_labels(figure) == 4
+
+
+def test_gains_stand_free(learned):
+    assert free_labels(plot_secant_gains(learned)) == 6
+
+
+def test_means_stand_free():
+    generator = np.random.default_rng(1)
+    count = len(Metrics._fields) - 1
+
+    def metrics(mean):
+        rows = np.abs(mean * (1.0 + 0.02 * generator.standard_normal((count, 20))))
+        return Metrics(*rows, crash_time=np.full(20, np.inf))
+
+    found = {name: {"low": metrics(0.01), "middle": metrics(0.5), "high": metrics(1.0)} for name in ("a", "b", "c")}
+    assert free_labels(plot_comparison(found)) == 9
+
+
+def test_legs_and_legend_of_errors_stand_above_the_curves(flight):
+    figure = plot_errors(flight)
+    figure.draw_without_rendering()
+    (legend,) = figure.legends
+    renderer = figure.canvas.get_renderer()
+    for axes in figure.axes:
+        inside = axes.get_window_extent()
+        assert not legend.get_window_extent(renderer).overlaps(inside)
+        numbers = [text for text in axes.texts if text.get_text().isdigit()]
+        assert len(numbers) >= 3
+        for number in numbers:
+            box = number.get_window_extent(renderer)
+            assert box.y0 >= inside.y1
+            assert not legend.get_window_extent(renderer).overlaps(box)
+
+
+def test_curves_that_coincide_are_dashed():
+    figure = new_figure(4.0, 3.0)
+    axes = figure.subplots()
+    time = np.linspace(0.0, 1.0, 200)
+    curves = [axes.plot(time, values)[0] for values in (time, 1.0 - time, time + 1e-3, 0.5 * time, time - 1e-3)]
+    tell_apart(axes)
+    assert [curve.is_dashed() for curve in curves] == [False, False, True, False, True]
+
+
+def test_each_of_coinciding_curves_is_seen():
+    """Each has less drawn than those below it, and something."""
+    drawn = [dashes(place, 4)[1] for place in range(4)]
+    shares = [on / (on + off) for on, off in drawn]
+    assert shares == pytest.approx([1.0, 0.75, 0.5, 0.25])
+    assert len({on + off for on, off in drawn}) == 1
+    # What is seen of each is several times as long as the curve is wide.
+    seen = -np.diff([on for on, _ in drawn] + [0.0])
+    assert np.all(seen > 4.0)
+
+
+def test_rotors_that_turn_alike_are_told_apart(flight):
+    figure = plot_rotors(flight)
+    close = figure.axes[0]
+    rotors = [line for line in close.lines if line.get_label().startswith("rotor")]
+    assert [line.is_dashed() for line in rotors] == [False, True, True, True]
+    figure.draw_without_rendering()
+    box = close.get_legend().get_window_extent(figure.canvas.get_renderer())
+    assert box.y0 >= close.get_window_extent().y1
+
+
+def test_a_legend_says_which_weight_is_which(learned):
+    """The curve of the last rule, both sets at their highest, has the colour and the style that the legend gives."""
+    figure = plot_learning(learned)
+    weights = figure.axes[3]
+    key = {text.get_text(): line for text, line in zip(*legend_of(weights), strict=True)}
+    assert list(key) == [f"{name} at {at}" for name in ("error", "rate") for at in ("−1", "0", "+1")]
+    last = learned["weights"][:, -1]
+    (curve,) = [line for line in weights.lines if np.array_equal(line.get_ydata(), last)]
+    assert to_hex(curve.get_color()) == to_hex(key["error at +1"].get_color())
+    assert curve.get_linestyle() == key["rate at +1"].get_linestyle()
+    looks = {(line.get_color(), line.get_linestyle()) for line in weights.lines}
+    assert len(looks) == len(weights.lines) == 9
+
+
+def legend_of(axes):
+    legend = axes.get_legend()
+    return legend.get_texts(), legend.get_lines()
+
+
+def test_a_path_has_one_scale_in_space():
+    flight = simulate(load_scenario("diagrams/slalom.yaml", ["duration=3"]))
+    space = plot_path(flight).axes[0]
+    lengths = np.ptp([space.get_xlim(), space.get_ylim(), space.get_zlim()], axis=1)
+    aspect = np.array(space._box_aspect)
+    np.testing.assert_allclose(lengths / lengths[0], aspect / aspect[0], rtol=0.05)
+    assert lengths.min() > 0.3 * lengths.max()
