@@ -64,7 +64,7 @@ _TWO_SETS = [
     for name in ("error", "error_rate", "x", "y")
     for numbers in ("centres=[-1.0, 1.0]", "widths=[2.0, 2.0]")
 ]
-# A covariance of 81 by 81 would be most of the time (docs/performance.md).
+# A covariance of 81 by 81 would be most of the time (docs/background/performance.md).
 _GRADIENT = "control.network.learning={kind: gradient, slope: 2.1, rate: 0.7}"
 _COSTLIER: dict[str, tuple[Path, list[str]]] = {
     "the paper's network, 9 rules on two inputs": (_NETWORK, []),

@@ -1,0 +1,29 @@
+"""Identifies a Crazyflie from a flight log, and compares it with that log: predicted ahead, and flown again."""
+
+from pathlib import Path
+
+from drake_quad import compare_with_log, identify, load_scenario, load_undesigned, predict, read_log, write_vehicle
+
+# The vehicle of the data sheet, with the mass of the one that flew and the gains that its controller had.
+SHEET = "crazyswarm2:sheet_100"
+
+record = read_log("tests/data/crazyflie/crazyswarm2/log100.xz")
+sheet = load_undesigned(SHEET)
+found = identify([record], sheet, held_out_share=1.0 / 3.0)
+print(found.estimates)
+
+# On open loop, from the logged commands, where the flight was held out.
+ahead = predict(record, {"identified": found.vehicle, "sheet": sheet}, believed=sheet, share=1.0 / 3.0)
+for horizon in (0.1, 0.2, 0.5):
+    off = ahead.rmse("position", "identified", horizon).text(".2f", unit="cm", size=0.01)
+    less = ahead.better("position", "identified", "sheet", horizon).percent()
+    print(f"after {horizon} s: {off} off, {less} less than the data sheet")
+
+# Under the controller that flew it: a hundred vehicles that the log allows, some of which swing up and crash.
+path = write_vehicle(Path("identified.yaml"), "identified", found.estimates, base=SHEET)
+again = compare_with_log(record, load_scenario(path), samples=100)
+median, low, _ = again.interval("rmse")
+print(f"RMSE flown {100.0 * again.flown_figures.rmse[-1]:.2f} cm")
+print(
+    f"flown again {100.0 * median[-1]:.2f} cm in the median, at least {100.0 * low[-1]:.2f} cm; {again.crashes} crash"
+)

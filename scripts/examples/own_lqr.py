@@ -1,0 +1,58 @@
+"""Designs a linear-quadratic regulator of the whole vehicle, and flies it on the samples of the built-in controller."""
+
+import control
+import numpy as np
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from drake_quad import compare_studies, laboratory_plant, load_scenario, mean_interval, run_monte_carlo
+from drake_quad.signals import Reference, State, Wrench
+
+LABORATORY, UNCERTAIN = "laboratory:low_wind", "vehicle.mass={uniform: {min: 0.66, max: 0.70}}"
+BELIEVED = load_scenario(LABORATORY)
+MASS, GRAVITY = BELIEVED.nominal.mass, BELIEVED.nominal.gravity
+# From wrench to measurement, from one tick to the next: cameras, filters, link, rotors and body.
+PLANT = laboratory_plant(BELIEVED).system
+# Errors and commands that cost as much, and what the filter believes of noise: m, rad, m/s, rad/s; N, N m.
+ERROR = np.array([*State(0.05, 0.05, 0.05, 0.5, 0.5, 0.2, 0.5, 0.5, 0.5, 2.0, 2.0, 2.0)])
+COMMAND = np.array([*Wrench(3.0, 0.3, 0.3, 0.1)])
+NOISE = np.array([*State(*3 * [0.001], *3 * [0.004], *3 * [0.01], *3 * [0.04])])
+K, _, _ = control.dlqr(PLANT.A, PLANT.B, PLANT.C.T @ np.diag(ERROR**-2) @ PLANT.C, np.diag(COMMAND**-2))
+L, _, _ = control.dlqe(PLANT.A, PLANT.B, PLANT.C, np.diag((0.1 * COMMAND) ** 2), np.diag(NOISE**2))
+
+
+class Lqr(LeafSystem):
+    """A regulator of the error, whose state a Kalman filter estimates: a column for each vehicle."""
+
+    def __init__(self, num_vehicles: int = 1) -> None:
+        super().__init__()
+        self.measurement = self.DeclareVectorInputPort("measurement", BasicVector(12 * num_vehicles))
+        self.reference = self.DeclareVectorInputPort("reference", BasicVector(11 * num_vehicles))
+        self.DeclareDiscreteState(len(PLANT.A) * num_vehicles)
+        self.DeclareVectorOutputPort("wrench", BasicVector(4 * num_vehicles), self.regulate)
+        self.DeclarePeriodicDiscreteUpdateEvent(PLANT.period, 0.0, self.observe)
+
+    def estimate(self, context: Context) -> np.ndarray:
+        """The state of the error."""
+        return context.get_discrete_state_vector().value().reshape(len(PLANT.A), -1)
+
+    def regulate(self, context: Context, output: BasicVector) -> None:
+        """Carries the vehicle along the reference, and brings the error to zero."""
+        r = Reference(*self.reference.Eval(context).reshape(11, -1))
+        carrying = Wrench(MASS * (GRAVITY + r.a_z), *3 * [0.0 * r.a_z])
+        output.SetFromVector((carrying - K @ self.estimate(context)).ravel())
+
+    def observe(self, context: Context, values: DiscreteValues) -> None:
+        """Predicts the error, and corrects it by what is measured beside the reference."""
+        m, r = self.measurement.Eval(context), Reference(*self.reference.Eval(context).reshape(11, -1))
+        still = 3 * [0.0 * r.yaw]
+        target = State(r.x, r.y, r.z, -r.a_y / GRAVITY, r.a_x / GRAVITY, r.yaw, r.v_x, r.v_y, r.v_z, *still)
+        x, error = self.estimate(context), m.reshape(12, -1) - target
+        values.set_value((PLANT.A @ x - PLANT.B @ (K @ x) + L @ (error - PLANT.C @ x)).ravel())
+
+
+if __name__ == "__main__":  # worker processes import this file
+    uncertain = load_scenario(LABORATORY, [UNCERTAIN])
+    mine, built_in = run_monte_carlo(uncertain, 200, seed=1, control=Lqr), run_monte_carlo(uncertain, 200, seed=1)
+    for name, study in {"LQR": mine, BELIEVED.cascade.position.kind: built_in}.items():
+        print(f"RMSE, {name}: {mean_interval(study.metrics.rmse).text('.2f', unit='cm', size=0.01)}")
+    print(f"that is {compare_studies(mine, built_in).share.ratio()} times as much")
