@@ -1,5 +1,6 @@
 """Sphinx: `make docs` builds the pages and the reference."""
 
+import argparse
 import inspect
 import itertools
 import re
@@ -8,32 +9,43 @@ from typing import Any, get_args, get_type_hints
 from docutils import nodes
 from docutils.parsers.rst import Directive
 
+from drake_quad.command_line.main import COMMANDS, module_of
 from drake_quad.signals import Quantity
 
 project = "drake_quad"
 author = "The drake_quad authors"
 extensions = [
-    "myst_parser",
+    "myst_nb",
     "sphinx.ext.autodoc",
     "sphinx.ext.autosummary",
     "sphinx.ext.napoleon",
     "sphinx.ext.viewcode",
+    "sphinx_copybutton",
+    "sphinx_design",
 ]
+myst_enable_extensions = ["attrs_block", "colon_fence", "dollarmath", "html_image"]
 myst_heading_anchors = 3
+# Notebooks are flown whenever the site is built; one that fails fails the build.
+nb_execution_mode = "force"
+nb_execution_in_temp = True
+nb_execution_raise_on_error = True
+nb_execution_timeout = 300
+nb_merge_streams = True
+copybutton_exclude = ".linenos, .gp, .go"
+exclude_patterns = ["replication/table_ii.md"]
 html_theme = "furo"
 html_title = "drake_quad"
 html_static_path = ["_static"]
-html_css_files = ["wide.css"]
+html_css_files = ["site.css"]
 html_show_copyright = False
-exclude_patterns = ["replication", "controllers"]
+smartquotes_action = "qe"  # options begin with two dashes
+html_show_sphinx = False
 default_role = "code"
 autodoc_member_order = "bysource"
 autodoc_default_options = {"members": True}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False
 napoleon_custom_sections = [("Attributes", "params_style")]
-# On the host of the code, links of pages lead into the tree.
-suppress_warnings = ["myst.xref_missing"]
 
 
 class PortBlock(Directive):
@@ -100,8 +112,35 @@ def skipped(app: Any, what: str, name: str, obj: Any, skip: bool, options: Any) 
     return True if getattr(obj, "__module__", "").startswith("pydrake") else None
 
 
+def with_commands(app: Any, page: str, source: list[str]) -> None:
+    """Adds to the page of the command line what the parsers of the commands say."""
+    if page == "reference/command_line":
+        source[0] += "\n".join(f"\n## {name}\n{command_section(name, module_of(name).options())}" for name in COMMANDS)
+
+
+def command_section(name: str, parser: argparse.ArgumentParser) -> str:
+    """A command in Markdown: what it does, its arguments, and an example."""
+    formatter = parser._get_formatter()
+    rows = []
+    for action in parser._actions:
+        if isinstance(action, argparse._HelpAction):
+            continue
+        value = "" if action.nargs == 0 else formatter._format_args(action, action.dest.upper()).replace(",", ", ")
+        names = " ".join([", ".join(action.option_strings), value]).strip() or action.dest
+        words = formatter._expand_help(action) if action.help else ""
+        rows.append(f"| {_cell(f'`{names}`')} | {_cell(words)} |")
+    example = re.sub(r"^examples?: ", "", parser.epilog or "")
+    table = ["| argument | |", "|---|---|", *rows]
+    return "\n".join(["", parser.description or COMMANDS[name], "", *table, "", "```text", example, "```"])
+
+
+def _cell(text: str) -> str:
+    return text.replace("|", r"\|").replace("\n", " ").replace("<", "&lt;")
+
+
 def setup(app: Any) -> None:
     """Tells Sphinx of what is ours."""
+    app.connect("source-read", with_commands)
     app.add_directive("pydrake_system", PortBlock)
     app.connect("autodoc-process-docstring", as_written, priority=400)
     app.connect("autodoc-process-signature", constructor)
