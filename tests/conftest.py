@@ -19,7 +19,7 @@ from drake_quad.vehicle.rotors import Rotor, Rotors
 
 _ROOT = Path(__file__).parent.parent
 # Files that wait for other processes or take long: they begin first, and the others fill the gaps.
-_FIRST = ("test_cluster", "test_docs", "test_commands", "test_replay", "test_report", "test_fuzz")
+_FIRST = ("test_cluster", "test_wheel", "test_docs", "test_commands", "test_replay", "test_report", "test_fuzz")
 
 
 @pytest.hookimpl(optionalhook=True)  # pytest runs without xdist, too
