@@ -118,7 +118,8 @@ def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
     for name, scenario in found.items():
         drawn = [*distributions_in(scenario)]
         if arguments.over is not None and arguments.over not in drawn:
-            raise InputError(f"--over is {arguments.over}, which is not drawn in {name}; drawn are {listed(drawn)}")
+            there = listed(drawn) or "no numbers"
+            raise InputError(f"--over is {arguments.over}, which is not drawn in {name}; drawn are {there}")
     return found
 
 

@@ -208,7 +208,7 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
 
 
 def plot_crash_probability(
-    studies: Mapping[str, Study], path: str | None = None, *, num_bins: int | None = None
+    studies: Study | Mapping[str, Study], path: str | None = None, *, num_bins: int | None = None
 ) -> Figure:
     """Plots the probability of a crash over a drawn number, with its 95 % intervals.
 
@@ -216,13 +216,14 @@ def plot_crash_probability(
     bin; see `crash_levels`. Thin lines are the probabilities over all samples.
 
     Args:
-        studies: by controller; the number is drawn in all of them.
+        studies: a study, or several by controller; the number is drawn in all of them.
         path: of the number's field; that which has most to do with crashes if not given.
         num_bins: as for `crash_levels`.
 
     Raises:
         InputError: nothing is drawn, or nothing at this path.
     """
+    studies = {studies.scenario.name: studies} if isinstance(studies, Study) else studies
     path = path or most_influential(studies.values())
     if path is None:
         raise InputError("no number is drawn in this study, over which the probability of a crash could be plotted")

@@ -184,4 +184,4 @@ def test_the_plot_is_over_the_number_that_matters_most_and_has_the_levels_and_in
     (over_mass,) = plot_crash_probability(studies, "vehicle.mass").axes
     assert over_mass.get_xlabel() == "mass (kg)"
     with pytest.raises(InputError, match="no number is drawn"):
-        plot_crash_probability({"still": study(3, 1, scenario="diagrams/hover.yaml")})
+        plot_crash_probability(study(3, 1, scenario="diagrams/hover.yaml"))

@@ -98,7 +98,7 @@ def _fitting(log: LogFile, text: str, given: tuple[str, Mapping] | None) -> tupl
         columns = listed([shown(each) for each in _header(log, text, ",")], 12)
         raise InputError(
             f"{log.mark}: none of the shipped mappings ({', '.join(shipped_mappings())}) fits its columns, {columns};"
-            " docs/how_to/identification.md shows how to write one"
+            " the how-to on identification shows how to write one"
         )
     raise InputError(f"{log.mark}: {_misfit(*given, _header(log, text, given[1].delimiter))}")
 
