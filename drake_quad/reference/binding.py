@@ -5,8 +5,9 @@ from typing import NamedTuple
 
 import numpy as np
 
-from drake_quad.reference.path_problem import AXES, Box, Limits
+from drake_quad.reference.path_problem import Limits
 from drake_quad.reference.polynomial_path import PolynomialPath, norm_peaks
+from drake_quad.reference.regions import Corridor
 from drake_quad.reference.walls import turns
 
 # A limit is attained, and a corridor touched, within this share of the limit or of the corridor's largest extent.
@@ -18,7 +19,7 @@ class Binding(NamedTuple):
 
     Attributes:
         what: "speed", "acceleration" or "corridor".
-        where: the side of the corridor, as in "y max"; empty for a limit.
+        where: the side of the corridor, as in "y max", or its "face 0"; empty for a limit.
         segment: index.
         time: s.
     """
@@ -29,7 +30,7 @@ class Binding(NamedTuple):
     time: float
 
 
-def bindings(path: PolynomialPath, limits: Limits, corridors: Sequence[Box | None] = ()) -> list[Binding]:
+def bindings(path: PolynomialPath, limits: Limits, corridors: Sequence[Corridor | None] = ()) -> list[Binding]:
     """Returns what binds a path, in order of time.
 
     Args:
@@ -51,14 +52,14 @@ def _attained(path: PolynomialPath, limits: Limits) -> list[Binding]:
     return found
 
 
-def _touched(path: PolynomialPath, corridors: Sequence[Box | None]) -> list[Binding]:
+def _touched(path: PolynomialPath, corridors: Sequence[Corridor | None]) -> list[Binding]:
     found = []
     for turn in turns(path, corridors):
         for side, room in (("min", turn.position - turn.low), ("max", turn.high - turn.position)):
             if room < _ATTAINED * turn.size:
-                found.append(
-                    Binding("corridor", f"{AXES[turn.axis]} {side}", turn.segment, _time(path, turn.segment, turn.s))
-                )
+                # The lower wall of a face is infinitely far.
+                where = f"{turn.wall} {side}" if np.isfinite(turn.low) else turn.wall
+                found.append(Binding("corridor", where, turn.segment, _time(path, turn.segment, turn.s)))
     return found
 
 

@@ -79,18 +79,18 @@ def rest_at_ends(count: int, axes: int) -> np.ndarray:
 
 
 class Contact(NamedTuple):
-    """A place at which one axis of a path is held, as by a wall that it touches.
+    """A place at which a path is held along a direction, as by a wall that it touches.
 
     Attributes:
         segment: index.
         s: place on the segment, 0 to 1.
-        axis: index.
-        position: of that axis, m.
+        direction: (axes,) unit vector, or the index of an axis.
+        position: along it, m.
     """
 
     segment: int
     s: float
-    axis: int
+    direction: np.ndarray | int
     position: float
 
 
@@ -134,6 +134,13 @@ class MinimumSnap:
         self.boundary[:, 4] = np.diff(points, axis=0)
         # From boundary derivatives to the position at each contact.
         self._contact_bases = [power_basis(0, contact.s, DEGREE + 1) @ FROM_BOUNDARY for contact in self.contacts]
+        identity = np.eye(axes)
+        self._directions = np.array(
+            [
+                identity[contact.direction] if isinstance(contact.direction, int) else contact.direction
+                for contact in self.contacts
+            ]
+        ).reshape(-1, axes)
         self._forces = np.zeros(len(self.contacts))
         if not self._fixed.all():
             self._factorise()
@@ -141,7 +148,12 @@ class MinimumSnap:
                 self._hold()
             # Position enters only through its change over the segment: the rows of the form cancel on constants.
             pull = -self._pull(BOUNDARY_FORM @ self.boundary)
-            gaps = np.array([contact.position - points[contact.segment, contact.axis] for contact in self.contacts])
+            gaps = np.array(
+                [
+                    contact.position - direction @ points[contact.segment]
+                    for contact, direction in zip(self.contacts, self._directions, strict=True)
+                ]
+            )
             answer, self._forces = self._answer(pull, gaps - self._at_contacts(self.boundary))
             self.boundary += self._to_boundary(answer)
 
@@ -181,10 +193,10 @@ class MinimumSnap:
             local = np.zeros((segments, 8, axes, segments))
             local[every, :, :, every] = residual
             gaps = np.zeros((len(self.contacts), segments))
-            for i, (segment, _, axis, _) in enumerate(self.contacts):
-                force = self._forces[i] / self._weight[segment]
-                local[segment, :, axis, segment] += force * ORDERS * self._contact_bases[i]
-                gaps[i, segment] = -self._contact_bases[i] @ growth[segment, :, axis]
+            for i, (segment, *_) in enumerate(self.contacts):
+                force, direction = self._forces[i] / self._weight[segment], self._directions[i]
+                local[segment, :, :, segment] += np.outer(force * ORDERS * self._contact_bases[i], direction)
+                gaps[i, segment] = -self._contact_bases[i] @ growth[segment] @ direction
             pull = -self._pull(local.reshape(segments, 8, axes * segments))
             answer, _ = self._answer(pull, gaps)
             gradient += self._to_boundary(answer).reshape(gradient.shape)
@@ -243,11 +255,11 @@ class MinimumSnap:
         self._answers = self._solve(self._rows.T.reshape(size // FREE, FREE, -1)).reshape(size, -1)
 
     def _at_contacts(self, boundary: np.ndarray) -> np.ndarray:
-        """(contacts,) what boundary derivatives (segments, 8, axes) make of the position at each, m."""
+        """(contacts,) what boundary derivatives (segments, 8, axes) make of the position along each, m."""
         return np.array(
             [
-                basis @ boundary[contact.segment, :, contact.axis]
-                for contact, basis in zip(self.contacts, self._contact_bases, strict=True)
+                basis @ boundary[contact.segment] @ direction
+                for contact, basis, direction in zip(self.contacts, self._contact_bases, self._directions, strict=True)
             ]
         )
 
@@ -258,19 +270,17 @@ class MinimumSnap:
             pull: (waypoints, 3, axes × columns).
             gaps: (contacts,) + columns, m.
         """
-        answer, forces = self._solve(pull), np.zeros_like(gaps)
+        answer = self._solve(pull)
         if not self.contacts:
-            return answer, forces
+            return answer, np.zeros_like(gaps)
         by_axis = answer.reshape(len(self._unit), self.points.shape[1], -1)
-        for axis in range(self.points.shape[1]):
-            held = [i for i, contact in enumerate(self.contacts) if contact.axis == axis]
-            if held:
-                rows, answers = self._rows[held], self._answers[:, held]
-                missing = rows @ by_axis[:, axis] - gaps[held].reshape(len(held), -1)
-                # Least squares, should two contacts say the same.
-                force = np.linalg.lstsq(rows @ answers, missing, rcond=1e-12)[0]
-                by_axis[:, axis] -= answers @ force
-                forces[held] = force.reshape(forces[held].shape)
+        missing = np.einsum("cu,ca,uan->cn", self._rows, self._directions, by_axis) - gaps.reshape(len(gaps), -1)
+        # A force along one direction moves the path along another by their common part.
+        response = (self._rows @ self._answers) * (self._directions @ self._directions.T)
+        # Least squares, should two contacts say the same.
+        forces = np.linalg.lstsq(response, missing, rcond=1e-12)[0]
+        by_axis -= np.einsum("uc,ca,cn->uan", self._answers, self._directions, forces)
+        forces = forces.reshape(gaps.shape)
         return by_axis.reshape(answer.shape), forces
 
     def _solve(self, pull: np.ndarray) -> np.ndarray:

@@ -17,7 +17,7 @@ from drake_quad.reference.minimum_snap import (
     boundary_scales,
     waypoint_units,
 )
-from drake_quad.reference.path_problem import PathProblem, Sphere
+from drake_quad.reference.path_problem import PathProblem
 from drake_quad.reference.polynomial_path import (
     PolynomialPath,
     knots,
@@ -25,7 +25,8 @@ from drake_quad.reference.polynomial_path import (
     peak_norm,
     power_basis,
 )
-from drake_quad.reference.walls import turns
+from drake_quad.reference.regions import Box, Sphere
+from drake_quad.reference.walls import Turn, turns
 
 # Tried in turn: near the edge of what is feasible Clarabel may make no progress towards the first. Its own is 1e-8.
 _TOLERANCES = (1e-9, 1e-7, 1e-5)
@@ -42,8 +43,8 @@ _SNAP_BESIDE_SLACK = 1e-6
 
 
 @contextmanager
-def _without_solver_remarks() -> Iterator[None]:
-    """Keeps Drake's log from telling of attempts that are made again with another tolerance."""
+def without_solver_remarks() -> Iterator[None]:
+    """Keeps Drake's log from telling of attempts and roundings that nobody asked for."""
     logger = logging.getLogger("drake")
     level = logger.level
     logger.setLevel(logging.WARNING)
@@ -178,18 +179,31 @@ class MinimumSnapProgram:
         elif np.linalg.norm(offset[1:]) > 1.0:
             raise InfeasibleError
 
-    def bound_position(self, segment: int, s: float, axis: int, low: float, high: float) -> None:
-        """Holds one axis of the position to an interval in m at one place of a segment."""
+    def bound_position(self, segment: int, s: float, direction: np.ndarray | int, low: float, high: float) -> None:
+        """Holds the position along a direction to an interval in m at one place of a segment.
+
+        Args:
+            segment: index.
+            s: place, 0 to 1.
+            direction: (axes,) unit vector, or the index of an axis.
+            low: m, or -inf.
+            high: m.
+        """
         rows, variables, constant = self._derivative(segment, s, 0)
-        used = rows[axis] != 0.0
-        row, variables = rows[axis, used], variables[used]
+        if isinstance(direction, int):
+            direction = np.eye(len(rows))[direction]
+        row = direction @ rows
+        used = row != 0.0
+        row, variables = row[used], variables[used]
         size = float(np.abs(row).max(initial=0.0)) or 1.0
-        low, high = low - constant[axis], high - constant[axis]
+        known = float(direction @ constant)
+        low, high = low - known, high - known
         if self._slack is Slack.CORRIDORS:
             for sign, bound in ((1.0, low), (-1.0, -high)):
-                matrix = np.append(sign * row, 1.0)[np.newaxis] / size
-                both = np.concatenate([variables, self._slack_variable])
-                self.program.AddLinearConstraint(matrix, [bound / size], [np.inf], both)
+                if np.isfinite(bound):
+                    matrix = np.append(sign * row, 1.0)[np.newaxis] / size
+                    both = np.concatenate([variables, self._slack_variable])
+                    self.program.AddLinearConstraint(matrix, [bound / size], [np.inf], both)
         elif len(variables):
             self.program.AddLinearConstraint(row[np.newaxis] / size, [low / size], [high / size], variables)
         elif low > 0.0 or high < 0.0:
@@ -208,7 +222,7 @@ class MinimumSnapProgram:
             else:
                 self._base[i, 0] = np.nan
         for i, corridor in enumerate(problem.corridors):
-            if corridor is not None:
+            if isinstance(corridor, Box):
                 # A corridor without extent leaves nothing but to stay where it is.
                 flat = corridor.low == corridor.high
                 self._base[i : i + 2, 1:, flat] = 0.0  # what is given is zero there too, or the problem was refused
@@ -242,8 +256,12 @@ class MinimumSnapProgram:
                 if variable is not None and room is not None:
                     low, high = room.low[axis] - self._points[i, axis], room.high[axis] - self._points[i, axis]
                     self.program.AddBoundingBoxConstraint(low / length, high / length, variable)
+            free, faces = self._free[i, 0], self._problem.faces(i)
+            if faces is not None and free.any():
+                offsets = (faces.offsets - faces.normals @ self._points[i]) / length
+                unbounded = np.full(len(offsets), -np.inf)
+                self.program.AddLinearConstraint(faces.normals[:, free], unbounded, offsets, position[free])
             if isinstance(place, Sphere):
-                free = self._free[i, 0]
                 matrix = np.vstack([np.zeros(free.sum()), np.eye(len(position))[:, free] * length / place.radius])
                 offset = np.concatenate([[1.0], (self._points[i] - place.centre) / place.radius])
                 if free.any():
@@ -289,7 +307,7 @@ class MinimumSnapProgram:
             options = SolverOptions()
             for name in ("tol_feas", "tol_gap_abs", "tol_gap_rel"):
                 options.SetOption(ClarabelSolver.id(), name, tolerance)
-            with _without_solver_remarks():
+            with without_solver_remarks():
                 result = ClarabelSolver().Solve(self.program, None, options)
             status = result.get_solution_result()
             if status != SolutionResult.kSolverSpecificError:
@@ -321,14 +339,23 @@ class MinimumSnapProgram:
             if turn.room >= -(_WALL_TOLERANCE * turn.size + beyond):
                 continue
             broken = True
-            ends = (turn.segment, turn.segment + 1)
-            rooms = [room for i in ends if (room := self._problem.room(i)) is not None]
-            # No further in than half way to where the waypoints must be.
-            margin = WALL_MARGIN * turn.size
-            low = turn.low + min([margin, *(0.5 * (room.high[turn.axis] - turn.low) for room in rooms)])
-            high = turn.high - min([margin, *(0.5 * (turn.high - room.low[turn.axis]) for room in rooms)])
-            self.bound_position(turn.segment, turn.s, turn.axis, low, high)
+            low, high = self._inside(turn)
+            self.bound_position(turn.segment, turn.s, turn.direction, low, high)
         return broken
+
+    def _inside(self, turn: Turn) -> tuple[float, float]:
+        """The walls with a margin, no further in than half way to where the waypoints must be."""
+        ends = (turn.segment, turn.segment + 1)
+        margin = WALL_MARGIN * turn.size
+        if not np.isfinite(turn.low):
+            depths = [turn.high - turn.direction @ self._problem.inner_point(i) for i in ends]
+            return turn.low, turn.high - max(min(margin, *(0.5 * depth for depth in depths)), 0.0)
+        axis = int(np.argmax(turn.direction))
+        rooms = [room for i in ends if (room := self._problem.room(i)) is not None]
+        return (
+            turn.low + min([margin, *(0.5 * (room.high[axis] - turn.low) for room in rooms)]),
+            turn.high - min([margin, *(0.5 * (turn.high - room.low[axis]) for room in rooms)]),
+        )
 
 
 def _sizes(path: MinimumSnap, unit: np.ndarray) -> np.ndarray:

@@ -7,106 +7,18 @@ import itertools
 import math
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
 
 from drake_quad.errors import InputError
 from drake_quad.reference.minimum_snap import rest_at_ends
+from drake_quad.reference.regions import AXES, Box, Corridor, Place, Polytope, Sphere, bounds, common, touch
 
-AXES = "xyz"
 # What a quadrotor flies, and what floating point can plan, lies between: m.
 _NEAREST, _FARTHEST = 1e-5, 1e5
-
-
-@dataclass(frozen=True)
-class Box:
-    """An axis-aligned box; a point if both corners are the same.
-
-    Attributes:
-        low: (axes,) its lowest corner, m.
-        high: (axes,) its highest corner, m.
-
-    Raises:
-        InputError: a corner is not finite, or low exceeds high.
-    """
-
-    low: np.ndarray
-    high: np.ndarray
-
-    def __init__(self, low: ArrayLike, high: ArrayLike) -> None:
-        object.__setattr__(self, "low", np.array(low, dtype=float))
-        object.__setattr__(self, "high", np.array(high, dtype=float))
-        if self.low.shape != self.high.shape or self.low.ndim != 1:
-            raise InputError(f"a box needs two corners of one dimension, not {_vector(low)} and {_vector(high)}")
-        if not (np.isfinite(self.low).all() and np.isfinite(self.high).all() and (self.low <= self.high).all()):
-            raise InputError(f"a box from {_vector(self.low)} to {_vector(self.high)} m is empty or not finite")
-
-    @classmethod
-    def point(cls, position: ArrayLike) -> "Box":
-        """A box of no extent, m."""
-        return cls(position, position)
-
-    @property
-    def centre(self) -> np.ndarray:
-        """(axes,), m."""
-        return 0.5 * (self.low + self.high)
-
-    @property
-    def is_point(self) -> bool:
-        """True if the box has no extent."""
-        return bool((self.low == self.high).all())
-
-    def equals(self, other: "Box") -> bool:
-        """True if both are the same box."""
-        return bool((self.low == other.low).all() and (self.high == other.high).all())
-
-    def intersection(self, other: "Box") -> "Box | None":
-        """What both have in common, or None."""
-        low, high = np.maximum(self.low, other.low), np.minimum(self.high, other.high)
-        return Box(low, high) if (low <= high).all() else None
-
-    def nearest(self, position: np.ndarray) -> np.ndarray:
-        """The point of the box that is nearest to a position (axes,), m."""
-        return np.clip(position, self.low, self.high)
-
-    def __str__(self) -> str:
-        if self.is_point:
-            return _vector(self.low)
-        return f"the box from {_vector(self.low)} to {_vector(self.high)}"
-
-
-@dataclass(frozen=True)
-class Sphere:
-    """A ball to pass through.
-
-    Attributes:
-        centre: (axes,), m.
-        radius: m.
-
-    Raises:
-        InputError: the centre is not finite or the radius not positive.
-    """
-
-    centre: np.ndarray
-    radius: float
-
-    def __init__(self, centre: ArrayLike, radius: float) -> None:
-        object.__setattr__(self, "centre", np.array(centre, dtype=float))
-        object.__setattr__(self, "radius", float(radius))
-        if not np.isfinite(self.centre).all():
-            raise InputError(f"the centre of a sphere, {_vector(self.centre)}, must be finite")
-        if not 0.0 < self.radius < math.inf:
-            raise InputError(f"the radius of a sphere is {self.radius:g} m, but must be positive and finite")
-
-    def nearest(self, position: np.ndarray) -> np.ndarray:
-        """The point of the ball that is nearest to a position (axes,), m."""
-        away = position - self.centre
-        distance = float(np.linalg.norm(away))
-        return position if distance <= self.radius else self.centre + away * (self.radius / distance)
-
-    def __str__(self) -> str:
-        return f"the sphere of {self.radius:g} m around {_vector(self.centre)}"
 
 
 @dataclass(frozen=True)
@@ -145,28 +57,32 @@ class PathProblem:
         derivatives: (segments + 1, 3, axes) velocity (m/s), acceleration (m/s²) and jerk (m/s³) at the waypoints, each
             on all axes, or NaN on all where the path is free to choose. Rest at both ends and freedom in between by
             default.
-        corridors: (segments) boxes that the path must not leave on a segment, or None; none by default.
+        corridors: (segments) boxes or polytopes that the path must not leave on a segment, or None; none by default.
         limits: on speed and acceleration; none by default.
+        start: (segments + 1, axes) where a search begins for waypoints that may be chosen, m; if not given, at the
+            centres of their places, and along the shortest way through those that are polytopes.
 
     Raises:
         InputError: the shapes do not fit, or no path can keep to all of this, whatever its times.
     """
 
-    places: tuple[Box | Sphere, ...]
+    places: tuple[Place, ...]
     derivatives: np.ndarray
-    corridors: tuple[Box | None, ...]
+    corridors: tuple[Corridor | None, ...]
     limits: Limits = field(default_factory=Limits)
+    start: np.ndarray | None = None
 
     def __init__(
         self,
-        places: Sequence[Box | Sphere],
+        places: Sequence[Place],
         *,
         derivatives: ArrayLike | None = None,
-        corridors: Sequence[Box | None] | None = None,
+        corridors: Sequence[Corridor | None] | None = None,
         limits: Limits | None = None,
+        start: ArrayLike | None = None,
     ) -> None:
-        if not all(isinstance(place, Box | Sphere) for place in places):
-            raise InputError("a waypoint must be a Box, of which Box.point is one, or a Sphere")
+        if not all(isinstance(place, Box | Sphere | Polytope) for place in places):
+            raise InputError("a waypoint must be a Box, of which Box.point is one, a Sphere or a Polytope")
         axes = len(places[0].centre) if places else 0
         if len(places) < 2 or any(len(place.centre) != axes for place in places):
             raise InputError("two or more waypoints of the same dimension are needed")
@@ -180,6 +96,9 @@ class PathProblem:
         object.__setattr__(self, "derivatives", given)
         object.__setattr__(self, "corridors", boxes)
         object.__setattr__(self, "limits", limits or Limits())
+        object.__setattr__(self, "start", None if start is None else np.array(start, dtype=float))
+        if self.start is not None and self.start.shape != (len(places), axes):
+            raise InputError(f"the start has the shape {self.start.shape}, but must have {(len(places), axes)}")
         self._check_places()
         self._check_overlaps()
         self._check_derivatives()
@@ -201,25 +120,100 @@ class PathProblem:
 
     def without_limits(self) -> "PathProblem":
         """The same problem, whatever the speed and acceleration."""
-        return PathProblem(self.places, derivatives=self.derivatives, corridors=self.corridors)
+        return PathProblem(
+            self.places, derivatives=self.derivatives, corridors=self.corridors, start=self.representatives()
+        )
 
     def room(self, waypoint: int) -> Box | None:
-        """The box that the corridors before and after a waypoint leave it, and its own if it has one."""
-        boxes = [*self.corridors[max(waypoint - 1, 0) : waypoint + 1], self.places[waypoint]]
+        """The box that the boxes among a waypoint's place and the corridors before and after it leave it."""
         room = None
-        for box in boxes:
-            if isinstance(box, Box):
-                room = box if room is None else room.intersection(box)
+        for region in self._regions(waypoint):
+            if isinstance(region, Box):
+                room = region if room is None else room.intersection(region)
                 assert room is not None, "seen to by the constructor"
         return room
 
+    def faces(self, waypoint: int) -> Polytope | None:
+        """What the polytopes among a waypoint's place and the corridors before and after it leave it.
+
+        None for a point, which lies there already.
+        """
+        return None if _is_point(self.places[waypoint]) else self._faces[waypoint]
+
+    def inner_point(self, waypoint: int) -> np.ndarray:
+        """(axes,) a point of a waypoint's room as far from its faces as can be, m; its representative without faces."""
+        faces, room = self.faces(waypoint), self.room(waypoint)
+        place = self.places[waypoint]
+        if faces is None or isinstance(place, Sphere):
+            return self.representatives()[waypoint]
+        joint = faces if room is None else faces.intersection(room)
+        assert joint is not None, "seen to by the constructor"
+        return joint.centre
+
     def representatives(self) -> np.ndarray:
-        """(segments + 1, axes) an allowed point for each waypoint: the centre, or the nearest that corridors leave."""
+        """(segments + 1, axes) an allowed point for each waypoint: the centre, or the nearest that corridors leave.
+
+        Where a place is a polytope, its point on the shortest way; or the nearest to the start if there is one.
+        """
+        return self._representatives
+
+    @cached_property
+    def _representatives(self) -> np.ndarray:
+        polytopes = any(isinstance(place, Polytope) for place in self.places)
+        if self.start is None and polytopes:
+            return self._shortest_way()
+        wishes = [place.centre for place in self.places] if self.start is None else self.start
         points = []
-        for i, place in enumerate(self.places):
-            room = self.room(i)
-            points.append(place.centre if room is None else room.nearest(place.centre))
+        for i, wish in enumerate(wishes):
+            room, faces = self.room(i), self.faces(i)
+            if faces is None or faces.beyond(wish if room is None else room.nearest(wish)) <= 0.0:
+                points.append(wish if room is None else room.nearest(wish))
+            else:
+                points.append((faces if room is None else faces.intersection(room) or faces).nearest(wish))
         return np.array(points)
+
+    @cached_property
+    def _faces(self) -> tuple[Polytope | None, ...]:
+        found: list[Polytope | None] = []
+        for i in range(len(self.places)):
+            joint = None
+            for region in self._regions(i):
+                if isinstance(region, Polytope):
+                    joint = region if joint is None else joint.intersection(region)
+            found.append(joint)
+        return tuple(found)
+
+    def _regions(self, waypoint: int) -> list[Place]:
+        around = self.corridors[max(waypoint - 1, 0) : waypoint + 1]
+        return [*(corridor for corridor in around if corridor is not None), self.places[waypoint]]
+
+    def _shortest_way(self) -> np.ndarray:
+        """(segments + 1, axes) the shortest polyline with a point in every waypoint's room."""
+        program = MathematicalProgram()
+        axes = len(self.places[0].centre)
+        points = program.NewContinuousVariables(len(self.places), axes)
+        for i, place in enumerate(self.places):
+            room, faces = self.room(i), self.faces(i)
+            if room is not None:
+                program.AddBoundingBoxConstraint(room.low, room.high, points[i])
+            if faces is not None:
+                program.AddLinearConstraint(faces.normals, np.full(faces.faces, -np.inf), faces.offsets, points[i])
+            if isinstance(place, Sphere):
+                matrix = np.vstack([np.zeros(axes), np.eye(axes)])
+                program.AddLorentzConeConstraint(matrix, np.concatenate([[place.radius], -place.centre]), points[i])
+        difference = np.vstack([np.zeros(2 * axes), np.hstack([-np.eye(axes), np.eye(axes)])])
+        for pair in itertools.pairwise(points):
+            length = program.NewContinuousVariables(1)
+            program.AddLinearCost(length[0])
+            rows = np.column_stack([np.eye(axes + 1)[:, 0], difference])
+            program.AddLorentzConeConstraint(rows, np.zeros(axes + 1), np.concatenate([length, *pair]))
+        result = ClarabelSolver().Solve(program)
+        if not result.is_success():
+            raise InputError("no point was found for each waypoint: the places and corridors leave too little room")
+        found = result.GetSolution(points)
+        return np.array(
+            [found[i] if (room := self.room(i)) is None else room.nearest(found[i]) for i in range(len(found))]
+        )
 
     def _check_places(self) -> None:
         for i, place in enumerate(self.places):
@@ -234,20 +228,20 @@ class PathProblem:
 
     def _check_overlaps(self) -> None:
         for i, (before, after) in enumerate(itertools.pairwise(self.corridors)):
-            if before and after and before.intersection(after) is None:
+            if before and after and common(before, after) is None:
                 raise InputError(f"the corridors of segments {i} and {i + 1} do not overlap{_gap(before, after)}")
         for i, place in enumerate(self.places):
             around = range(max(i - 1, 0), min(i + 1, self.segments))
-            corridors = [(segment, box) for segment in around if (box := self.corridors[segment])]
-            for segment, box in corridors:
-                if not _touch(place, box):
+            corridors = [(segment, region) for segment in around if (region := self.corridors[segment])]
+            for segment, region in corridors:
+                if not touch(place, region):
                     raise InputError(
-                        f"waypoint {i}, {place} m, lies outside the corridor of segment {segment}, {box} m"
-                        f"{_gap(_bounds(place), box)}"
+                        f"waypoint {i}, {place} m, lies outside the corridor of segment {segment}, {region} m"
+                        f"{_gap(place, region)}"
                     )
             if len(corridors) == 2:
-                joint = corridors[0][1].intersection(corridors[1][1])
-                if joint is None or not _touch(place, joint):
+                joint = common(corridors[0][1], corridors[1][1])
+                if joint is None or not touch(place, joint):
                     raise InputError(
                         f"waypoint {i}, {place} m, has no point where the corridors of segments {i - 1} and {i} overlap"
                     )
@@ -257,7 +251,11 @@ class PathProblem:
         if (given.any(axis=2) != given.all(axis=2)).any() or np.isinf(self.derivatives).any():
             raise InputError("velocity, acceleration and jerk at a waypoint are finite, on all axes or on none")
         for segment, corridor in enumerate(self.corridors):
-            if corridor is None:
+            if isinstance(corridor, Polytope) and corridor.is_flat:
+                raise InputError(
+                    f"the corridor of segment {segment}, {corridor} m, is flat: give it an extent, or a box"
+                )
+            if not isinstance(corridor, Box):
                 continue
             flat = corridor.low == corridor.high
             for waypoint in (segment, segment + 1):
@@ -275,28 +273,20 @@ class PathProblem:
                 )
 
 
-def _is_point(place: Box | Sphere) -> bool:
+def _is_point(place: Place) -> bool:
     return isinstance(place, Box) and place.is_point
 
 
-def _touch(place: Box | Sphere, box: Box) -> bool:
-    """True if a place has a point in a box."""
-    if isinstance(place, Box):
-        return place.intersection(box) is not None
-    return bool(np.linalg.norm(box.nearest(place.centre) - place.centre) <= place.radius)
-
-
-def _bounds(place: Box | Sphere) -> Box:
-    return place if isinstance(place, Box) else Box(place.centre - place.radius, place.centre + place.radius)
-
-
-def _gap(one: Box, other: Box) -> str:
-    """Says on which axis two boxes are apart, and by how much."""
+def _gap(one: Place, other: Place) -> str:
+    """Says how far two regions are apart, and boxes on which axis."""
+    if isinstance(one, Polytope) or isinstance(other, Polytope):
+        polytope, place = (one, other) if isinstance(one, Polytope) else (other, one)
+        if not _is_point(place):
+            return ""
+        distance = float(np.linalg.norm(polytope.nearest(place.centre) - place.centre))
+        return f": they are {distance:g} m apart"
+    one, other = bounds(one), bounds(other)
     gaps = np.maximum(one.low - other.high, other.low - one.high)
     axis = int(np.argmax(gaps))
     name = AXES[axis] if len(gaps) <= len(AXES) else f"axis {axis}"
     return f": they are {gaps[axis]:g} m apart on {name}" if gaps[axis] > 0.0 else ""
-
-
-def _vector(values: ArrayLike) -> str:
-    return "(" + ", ".join(f"{value:g}" for value in np.atleast_1d(np.asarray(values, dtype=float))) + ")"

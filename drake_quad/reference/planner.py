@@ -1,13 +1,14 @@
 """From what a path must keep to, and a way to choose its times, to the path."""
 
 import itertools
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 
 from drake_quad.errors import InputError
-from drake_quad.reference.path_problem import Box, PathProblem, Sphere
+from drake_quad.reference.path_problem import PathProblem
 from drake_quad.reference.polynomial_path import PolynomialPath
+from drake_quad.reference.regions import Box, Place
 from drake_quad.reference.time_allocation import rest_to_rest_durations
 from drake_quad.reference.timing_search import (
     heuristic_path,
@@ -125,7 +126,11 @@ def merged(problem: PathProblem) -> PathProblem:
     # The segments that are left are those that lead to the waypoints that are left.
     corridors = [problem.corridors[i - 1] for i in keep[1:]]
     return PathProblem(
-        [problem.places[i] for i in keep], derivatives=derivatives[keep], corridors=corridors, limits=problem.limits
+        [problem.places[i] for i in keep],
+        derivatives=derivatives[keep],
+        corridors=corridors,
+        limits=problem.limits,
+        start=None if problem.start is None else problem.start[keep],
     )
 
 
@@ -137,7 +142,7 @@ def passing_times(problem: PathProblem, path: PolynomialPath) -> np.ndarray:
     return np.asarray(path.times[np.cumsum([0, *new])])
 
 
-def _repeats(one: Box | Sphere, other: Box | Sphere) -> bool:
+def _repeats(one: Place, other: Place) -> bool:
     """True if both are the same point."""
     return isinstance(one, Box) and isinstance(other, Box) and one.is_point and one.equals(other)
 
@@ -158,5 +163,5 @@ def _at_given_times(problem: PathProblem, times: np.ndarray) -> PolynomialPath:
         if _repeats(problem.places[i], problem.places[i + 1]):
             pair = derivatives[i : i + 2]
             pair[np.isnan(pair)] = 0.0
-    staying = PathProblem(problem.places, derivatives=derivatives, corridors=problem.corridors, limits=problem.limits)
+    staying = replace(problem, derivatives=derivatives)
     return path_or_reason(staying, np.diff(times))._replace(times=times)

@@ -190,14 +190,24 @@ def turning_points(path: PolynomialPath) -> tuple[np.ndarray, np.ndarray, np.nda
     segments, powers, axes = path.coefficients.shape
     rows = path.coefficients.transpose(0, 2, 1).reshape(segments * axes, powers)
     # As largest value of the position, and of its mirror image.
-    both = np.concatenate([rows, -rows])
-
-    def slope(row: np.ndarray, s: np.ndarray) -> np.ndarray:
-        return np.einsum("nk,nk->n", power_basis(1, s, powers), both[row])
-
-    row, s = _maxima(both @ power_basis(1, _SAMPLES, powers).T, slope)
+    row, s, _ = summits(np.concatenate([rows, -rows]))
     segment, axis = np.divmod(row % len(rows), axes)
     return segment, axis, s
+
+
+def summits(rows: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Returns row, s and value of the inner maxima of polynomials on [0, 1], each (maxima,).
+
+    Args:
+        rows: (rows, powers) coefficients, from the constant on.
+    """
+    powers = rows.shape[1]
+
+    def slope(row: np.ndarray, s: np.ndarray) -> np.ndarray:
+        return np.einsum("nk,nk->n", power_basis(1, s, powers), rows[row])
+
+    row, s = _maxima(rows @ power_basis(1, _SAMPLES, powers).T, slope)
+    return row, s, np.einsum("nk,nk->n", power_basis(0, s, powers), rows[row])
 
 
 def _maxima(slopes: np.ndarray, slope: Callable[[np.ndarray, np.ndarray], np.ndarray]) -> tuple[np.ndarray, np.ndarray]:

@@ -262,7 +262,7 @@ def _nearest_within_limits(problem: PathProblem, durations: np.ndarray) -> Polyn
 def _contacts(problem: PathProblem, path: PolynomialPath) -> list[Contact]:
     """Where the path touches its corridors."""
     return [
-        Contact(turn.segment, turn.s, turn.axis, turn.position)
+        Contact(turn.segment, turn.s, turn.direction, turn.position)
         for turn in turns(path, problem.corridors)
         if turn.room < _TOUCHING * turn.size and _CONTACT_ROOM < turn.s < 1.0 - _CONTACT_ROOM
     ]

@@ -1,6 +1,7 @@
 """Routes of the scenario language: where to fly, and when."""
 
 import itertools
+from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
 import numpy as np
@@ -16,9 +17,10 @@ from pydantic_core import PydanticCustomError
 
 from drake_quad.errors import InputError
 from drake_quad.reference.minimum_snap import rest_at_ends
-from drake_quad.reference.path_problem import Box, Limits, PathProblem, Sphere
+from drake_quad.reference.path_problem import Limits, PathProblem
 from drake_quad.reference.pieces import POWERS, plan_of_pieces
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, power_basis
+from drake_quad.reference.regions import Box, Corridor, Polytope, Sphere, common
 from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.limits import LONGEST, MOST_WAYPOINTS, SHORTEST
 from drake_quad.scenario.quantities import Number, PlainMoment, PlainPositive, PlainSpan, Point, Position, Positive
@@ -26,6 +28,8 @@ from drake_quad.scenario.quantities import Number, PlainMoment, PlainPositive, P
 _Laps = Annotated[int, Field(ge=1, le=100)]
 # Of a sine in a lap.
 _Turns = Annotated[int, Field(ge=0, le=20)]
+# Of a corridor; a normal shorter than this, 1, has no direction to speak of.
+_MOST_FACES, _SHORTEST_NORMAL = 100, 1e-9
 # Path of a field, and its number.
 _End = tuple[tuple[str | int, ...], float | None]
 
@@ -119,6 +123,12 @@ class HoverRoute(Model):
         return ("route", "duration"), self.duration
 
 
+def _check_corners(region: Model, lowest: Sequence[float], highest: Sequence[float]) -> None:
+    for i, (low, high) in enumerate(zip(lowest, highest, strict=True)):
+        if low > high:
+            raise region.wrong("max", i, kind="box", demand="must not be less than that of min, {low}", low=low)
+
+
 class BoxRegion(Model):
     """An axis-aligned box."""
 
@@ -127,14 +137,79 @@ class BoxRegion(Model):
 
     @model_validator(mode="after")
     def _not_empty(self) -> "BoxRegion":
-        for i, (low, high) in enumerate(zip(self.min, self.max, strict=True)):
-            if low > high:
-                raise self.wrong("max", i, kind="box", demand="must not be less than that of min, {low}", low=low)
+        _check_corners(self, self.min, self.max)
         return self
 
     def box(self) -> Box:
         """The region as the planner has it."""
         return Box(self.min, self.max)
+
+
+class HalfSpace(Model):
+    """All that lies behind a plane."""
+
+    normal: Point = Field(description="out of the half-space, in W; of any length (1)")
+    point: Point = Field(description="on the plane, in W (m)")
+
+    @model_validator(mode="after")
+    def _has_a_direction(self) -> "HalfSpace":
+        if not np.linalg.norm(self.normal) > _SHORTEST_NORMAL:
+            raise self.wrong("normal", kind="normal", demand="must not be zero")
+        return self
+
+
+class CorridorRegion(Model):
+    """A box, or what lies behind planes of any direction, or both at once: the part of the box behind the planes."""
+
+    min: Point | None = Field(default=None, description="lowest corner, in W (m)")
+    max: Point | None = Field(default=None, description="highest corner, in W (m)")
+    half_spaces: Annotated[tuple[HalfSpace, ...], Field(strict=False, min_length=1, max_length=_MOST_FACES)] | None = (
+        Field(default=None, description="the corridor lies in all of them")
+    )
+
+    @model_serializer(mode="wrap")
+    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """What is not given is not written, so that a box is written as ever."""
+        return {name: value for name, value in write(self).items() if value is not None}
+
+    @model_validator(mode="after")
+    def _not_empty(self) -> "CorridorRegion":
+        if (self.min is None) != (self.max is None):
+            missing = "min" if self.min is None else "max"
+            raise self.wrong(missing, kind="box", demand="must be given: a box has both corners")
+        if self.min is None and self.half_spaces is None:
+            raise PydanticCustomError("place", "must have min and max, or half_spaces, or both", {})
+        if self.min is not None and self.max is not None:
+            _check_corners(self, self.min, self.max)
+        if self.half_spaces is not None:
+            try:
+                region = self.region()
+            except InputError:
+                region = None
+            beside = "" if self.min is None else " of the box"
+            if region is None:
+                left = "no point"
+            elif isinstance(region, Polytope) and region.is_flat:
+                left = "no more than a plane, a line or a point"
+            else:
+                return self
+            demand = "must have room: its half-spaces leave {left}{beside}"
+            raise PydanticCustomError("place", demand, {"left": left, "beside": beside})
+        return self
+
+    def region(self) -> Corridor | None:
+        """The region as the planner has it; None if the half-spaces leave nothing of the box.
+
+        Raises:
+            InputError: the half-spaces have no point in common.
+        """
+        box = None if self.min is None or self.max is None else Box(self.min, self.max)
+        if self.half_spaces is None:
+            return box
+        normals = np.array([half_space.normal for half_space in self.half_spaces])
+        points = np.array([half_space.point for half_space in self.half_spaces])
+        polytope = Polytope(normals, (normals * points).sum(axis=1))
+        return polytope if box is None else polytope.intersection(box)
 
 
 class SphereRegion(Model):
@@ -235,8 +310,8 @@ class WaypointRoute(_Moving):
         description="places to pass, in order; segment i leads from waypoint i to waypoint i + 1"
     )
     times: Times = Field(default=Shortest(kind="shortest"), description="when to pass them, or how to choose that")
-    corridors: Annotated[tuple[BoxRegion | None, ...], Field(strict=False)] | None = Field(
-        default=None, description="for each segment a box that the path must not leave, or null"
+    corridors: Annotated[tuple[CorridorRegion | None, ...], Field(strict=False)] | None = Field(
+        default=None, description="for each segment a box or half-spaces that the path must not leave, or null"
     )
     space: BoxRegion | None = Field(default=None, description="a box that the whole path must not leave")
     laps: _Laps = Field(
@@ -273,7 +348,7 @@ class WaypointRoute(_Moving):
             raise self.wrong(
                 "corridors",
                 kind="count",
-                demand="must hold one box or null for each of the {count} segments",
+                demand="must hold one box, half-spaces or null for each of the {count} segments",
                 count=count - 1,
             )
         yaws = [waypoint.yaw for waypoint in self.waypoints]
@@ -361,17 +436,16 @@ class WaypointRoute(_Moving):
             limits=self.limits(),
         )
 
-    def _corridors(self) -> list[Box | None]:
+    def _corridors(self) -> list[Corridor | None]:
         """Each segment's corridor, as much of it as lies in the space."""
-        boxes = [
-            None if region is None else region.box() for region in self.corridors or (None,) * (len(self.waypoints) - 1)
-        ]
+        given = self.corridors or (None,) * (len(self.waypoints) - 1)
+        corridors = [None if corridor is None else corridor.region() for corridor in given]
         if self.space is None:
-            return boxes
+            return corridors
         space = self.space.box()
-        inside = [space if box is None else box.intersection(space) for box in boxes]
-        for i, box in enumerate(inside):
-            if box is None:
+        inside = [space if corridor is None else common(corridor, space) for corridor in corridors]
+        for i, corridor in enumerate(inside):
+            if corridor is None:
                 raise InputError(f"the corridor of segment {i} lies outside the space")
         return inside
 

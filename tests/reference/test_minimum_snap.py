@@ -257,11 +257,11 @@ def test_contacts_are_where_they_are_held_and_the_rest_costs_least():
     held = MinimumSnap(points, durations, contacts=contacts)
     for contact in contacts:
         place = evaluate_at(held.path(), np.array([contact.segment]), np.array([contact.s]))
-        assert place[0, contact.axis] == pytest.approx(contact.position, abs=1e-12)
+        assert place[0, contact.direction] == pytest.approx(contact.position, abs=1e-12)
     # The same by the program, with the contacts as equalities.
     planned = MinimumSnapProgram(PathProblem([Box.point(point) for point in points]), durations)
     for contact in contacts:
-        planned.bound_position(contact.segment, contact.s, contact.axis, contact.position, contact.position)
+        planned.bound_position(contact.segment, contact.s, contact.direction, contact.position, contact.position)
     solved = planned.solve()
     assert snap_cost(solved).sum() == pytest.approx(held.cost, rel=1e-6)
     scale = np.abs(held.path().coefficients).max()

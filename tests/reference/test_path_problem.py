@@ -102,7 +102,7 @@ def test_only_points_without_corridors_are_the_fast_path_s():
         ({"places": POINTS[:1]}, "two or more waypoints"),
         ({"places": []}, "two or more waypoints"),
         ({"places": [POINTS[0], Box.point([1.0])]}, "same dimension"),
-        ({"places": [[0.0, 0.0], [1.0, 1.0]]}, "must be a Box, of which Box.point is one, or a Sphere"),
+        ({"places": [[0.0, 0.0], [1.0, 1.0]]}, "must be a Box, of which Box.point is one, a Sphere or a Polytope"),
         ({"places": [POINTS[0], Box.point([1e-7, 0, 0])]}, "waypoints 0 and 1 are 1e-07 m apart: repeat one exactly"),
         ({"places": [POINTS[0], Box.point([1e150, 0, 0])]}, "waypoint 1, .* is farther than 100000 m from the origin"),
         ({"derivatives": np.full((3, 3, 3), np.inf)}, "are finite, on all axes or on none"),

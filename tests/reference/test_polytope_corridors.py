@@ -1,0 +1,103 @@
+"""Paths behind faces of any direction."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from drake_quad.errors import InputError
+from drake_quad.reference.path_problem import Limits, PathProblem
+from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, plan_path
+from drake_quad.reference.polynomial_path import evaluate, evaluate_at
+from drake_quad.reference.regions import Box, Polytope
+
+LIMITS = Limits(speed=2.0, acceleration=0.7)
+TIMINGS = [GivenTimes((0.0, 5.0, 10.0, 15.0)), LeastSnap(15.0), Heuristic(), Shortest()]
+POINTS = np.array([[0, 0, 1], [3, 0.2, 1.2], [3.2, 3, 1.5], [0, 3.5, 1.0]])
+HALLS = [Box(np.minimum(a, b) - 0.25, np.maximum(a, b) + 0.25) for a, b in itertools.pairwise(POINTS)]
+SAMPLES = 10_000
+
+
+def rotation(seed):
+    matrix, _ = np.linalg.qr(np.random.default_rng(seed).normal(size=(3, 3)))
+    return matrix * np.linalg.det(matrix)
+
+
+def turned(box, matrix):
+    """A box about which space is rotated."""
+    faces = Polytope.from_box(box)
+    return Polytope(faces.normals @ matrix.T, faces.offsets)
+
+
+def planned(points, corridors, timing):
+    return plan_path(PathProblem([Box.point(point) for point in points], corridors=corridors, limits=LIMITS), timing)
+
+
+def positions(path):
+    return evaluate(path, np.linspace(path.times[0], path.times[-1], 1000)).T
+
+
+def farthest_beyond(path, corridors):
+    """By samples, apart from the code that plans, m."""
+    s = np.linspace(0.0, 1.0, SAMPLES)
+    return max(
+        float((evaluate_at(path, np.full(SAMPLES, i), s) @ corridor.normals.T - corridor.offsets).max())
+        for i, corridor in enumerate(corridors)
+    )
+
+
+@pytest.mark.parametrize("timing", TIMINGS, ids=lambda timing: type(timing).__name__)
+def test_an_axis_aligned_polytope_gives_the_plan_of_the_box(timing):
+    boxes = planned(POINTS, HALLS, timing)
+    polytopes = planned(POINTS, [Polytope.from_box(box) for box in HALLS], timing)
+    assert polytopes.duration == pytest.approx(boxes.duration, rel=1e-6)
+    np.testing.assert_allclose(positions(polytopes), positions(boxes), atol=1e-5)
+
+
+@pytest.mark.parametrize("seed", [1, 2])
+@pytest.mark.parametrize("timing", TIMINGS, ids=lambda timing: type(timing).__name__)
+def test_a_rotated_problem_has_the_rotated_plan(timing, seed):
+    matrix = rotation(seed)
+    boxes = planned(POINTS, HALLS, timing)
+    rotated = planned(POINTS @ matrix.T, [turned(box, matrix) for box in HALLS], timing)
+    assert rotated.duration == pytest.approx(boxes.duration, rel=1e-6)
+    np.testing.assert_allclose(positions(rotated), positions(boxes) @ matrix.T, atol=1e-5)
+
+
+def chain(seed):
+    """3 to 6 polytopes along a random way, each around its leg and of random faces, and points to begin and end at."""
+    rng = np.random.default_rng(seed)
+    count = int(rng.integers(3, 7))
+    ways = np.cumsum(rng.normal(size=(count + 1, 3)) * [2.0, 2.0, 0.7], axis=0)
+    corridors = []
+    for a, b in itertools.pairwise(ways):
+        normals = rng.normal(size=(int(rng.integers(6, 16)), 3))
+        normals /= np.linalg.norm(normals, axis=1)[:, np.newaxis]
+        reach = np.maximum(normals @ a, normals @ b)
+        around = Box(np.minimum(a, b) - 1.0, np.maximum(a, b) + 1.0)
+        corridors.append(Polytope(normals, reach + rng.uniform(0.1, 0.4, len(reach))).intersection(around))
+    places = [Box.point(ways[0])]
+    places += [a.intersection(b) for a, b in itertools.pairwise(corridors)]
+    return PathProblem([*places, Box.point(ways[-1])], corridors=corridors, limits=LIMITS)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(8))
+@pytest.mark.parametrize("timing", [Heuristic(), LeastSnap(30.0), Shortest()], ids=lambda timing: type(timing).__name__)
+def test_a_path_stays_behind_every_face_everywhere(timing, seed):
+    problem = chain(seed)
+    path = plan_path(problem, timing)
+    largest = max(corridor.size for corridor in problem.corridors)
+    assert farthest_beyond(path, problem.corridors) <= 1e-6 * largest
+
+
+def test_a_flat_polytope_is_refused():
+    flat = Polytope([[1, 1, 0], [-1, -1, 0]], [0, 0])
+    with pytest.raises(InputError, match=r"corridor of segment 0, .* is flat: give it an extent, or a box"):
+        PathProblem([Box.point([0, 0, 0]), Box.point([1, -1, 0])], corridors=[flat])
+
+
+def test_a_point_outside_is_told_by_how_far():
+    behind = Polytope([[3, 4, 0]], [0])
+    with pytest.raises(InputError, match="waypoint 1, .* lies outside the corridor of segment 0, .* 0.6 m apart"):
+        PathProblem([Box.point([0, 0, 0]), Box.point([1, 0, 0])], corridors=[behind])
