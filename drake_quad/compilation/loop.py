@@ -156,13 +156,14 @@ def _copied(listing: Listing, operation: Operation, symbol_of: Callable[[int], S
     operands = operation.operands
     if operation.name not in LEAVES:
         operands = tuple([symbol_of(operand).line for operand in operands])
-    return listing.add(operation.name, operands, operation.kind)
+    return listing.add(operation.name, operands, operation.kind, operation.branch)
 
 
 def _follow_from_parameters(listing: Listing) -> list[bool]:
     """Which lines of a listing do."""
     follow: list[bool] = []
-    for name, operands, _ in listing.operations:
+    for operation in listing.operations:
+        name, operands = operation.name, operation.operands
         if name in LEAVES:
             follow.append(name == "constant" or (name == "row" and operands[0] == PARAMETERS))
         else:

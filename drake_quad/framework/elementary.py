@@ -7,13 +7,14 @@ refuse an Expression, and it knows no symbols.
 """
 
 import math
+from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
 from pydrake import symbolic
 
 from drake_quad.framework import approximations
-from drake_quad.framework.symbols import Symbol
+from drake_quad.framework.symbols import Symbol, branched
 from drake_quad.signals import Row
 
 _Rows = TypeVar("_Rows")
@@ -124,6 +125,42 @@ def where(mask: bool, x: _Rows, y: _Rows) -> _Rows:
     if mask.__class__ is Symbol:
         return untyped(x if x is y else approximations.select(mask, x, y))
     return untyped(_of_one_type(np.where(mask, x, y)))
+
+
+def where_needed(mask: bool, formula: Callable[..., _Rows], arguments: Sequence[Row], otherwise: _Rows) -> _Rows:
+    """The same as `where(mask, formula(*arguments), otherwise)`, for a formula that costs much and is seldom needed.
+
+    It is computed for the vehicles for which the mask is true and not at all if there are none; by machine code, for
+    those beside them in a vector, too. Not for Expression.
+
+    Args:
+        mask: for which vehicles it is needed.
+        formula: a function of rows that returns a row or a tuple of rows; the rows that it takes are its arguments.
+        arguments: rows.
+        otherwise: what the others get.
+
+    Raises:
+        TypeError: machine code is made, and the formula takes rows that are not among its arguments.
+    """
+    if isinstance(mask, _TRUTH):
+        return formula(*arguments) if mask else otherwise
+    if mask.__class__ is Symbol:
+        return where(mask, branched(untyped(mask), formula, arguments), otherwise)
+    needed: Any = np.asarray(mask, dtype=bool)
+    if not needed.any():
+        return where(mask, otherwise, otherwise)
+    return _placed(needed, formula(*[x[needed] if isinstance(x, np.ndarray) else x for x in arguments]), otherwise)
+
+
+def _placed(mask: np.ndarray, some: Any, others: Any) -> Any:
+    """Rows of the vehicles for which a mask is true among those of the others."""
+    if isinstance(others, tuple):
+        rows = [_placed(mask, row, other) for row, other in zip(some, others, strict=True)]
+        return others._make(rows) if hasattr(others, "_make") else tuple(rows)
+    placed = np.empty(mask.shape, dtype=np.result_type(np.asarray(some), np.asarray(others)))
+    placed[...] = others
+    placed[mask] = some
+    return _of_one_type(placed)
 
 
 def wrapped(angle: Row) -> Row:

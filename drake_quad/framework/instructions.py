@@ -9,6 +9,12 @@ Each line of the listing becomes one instruction on a vector of vehicles, or on 
 Arithmetic is as the formula has it: no sum is taken in another order, and a product is rounded before it is added. So a
 vehicle flies the same alone and in a fleet, on any processor. The lines themselves are written in the order in which a
 processor does them soonest (`drake_quad.framework.scheduling`).
+
+What is done only where it is needed is a function of its own, which is called if a vehicle of the vector needs it:
+
+    %v15_lanes = bitcast <8 x i1> %v15 to i8
+    %v16_any = icmp ne i8 %v15_lanes, 0
+    br i1 %v16_any, label %needed_16, label %beyond_16
 """
 
 from collections import defaultdict
@@ -16,7 +22,7 @@ from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 from drake_quad.framework.scheduling import scheduled
-from drake_quad.framework.symbols import Kind, Listing, Symbol
+from drake_quad.framework.symbols import Branch, Kind, Listing, Symbol
 
 # What an operation is in LLVM's language, {t} being the type of its first operand and {r} that of the result.
 INSTRUCTIONS = {
@@ -130,17 +136,100 @@ def function(
         due[max(position[store.symbol.line], free)].append((count, store))
     names: dict[int, str] = {}
     lines: list[str] = []
+    branches = _Branches(head.split("(")[0], lanes)
     for k, number in enumerate(order):
-        names[number] = _written(lines, names, listing, number, sources, shared, lanes)
+        if listing.operations[number].branch is None:
+            names[number] = _written(lines, names, listing, number, sources, shared, lanes)
+        else:
+            names[number] = branches.written(lines, names, listing, number)
         for count, (target, place, symbol) in due[k]:
             pointer = f"%store_{count}"
             lines += _pointer(pointer, target, place)
             lines.append(f"store {_type(symbol.kind, lanes)} {names[symbol.line]}, ptr {pointer}, align 8")
     # A processor is slow with vectors on the stack that do not begin where its registers would.
     attributes = "" if lanes == 1 else f" alignstack({8 * lanes})"
+    body = [*branches.memory(), *lines, "ret void"]
     return "\n".join(
-        [f"define internal void {head}{attributes} {{", *(f"  {line}" for line in lines), "  ret void", "}"]
+        [*branches.functions, f"define internal void {head}{attributes} {{", *(f"  {line}" for line in body), "}"]
     )
+
+
+class _Branches:
+    """The branches of a function.
+
+    Args:
+        name: of the function.
+        lanes: vehicles of a vector.
+
+    Attributes:
+        functions: the text of what is called.
+    """
+
+    def __init__(self, name: str, lanes: int) -> None:
+        self.functions: list[str] = []
+        self._name, self._lanes, self._rows = name, lanes, 0
+        self._called: dict[Branch, str] = {}
+        self._results: dict[tuple[Branch, tuple[int, ...]], int] = {}
+
+    def memory(self) -> list[str]:
+        """The lines that make room for what is given to functions and for their results."""
+        if not self._called:
+            return []
+        room = f"alloca [{self._rows * self._lanes} x double], align {8 * self._lanes}"
+        return [f"%given = {room}", f"%found = {room}"]
+
+    def written(self, lines: list[str], names: Mapping[int, str], listing: Listing, number: int) -> str:
+        """Writes the branch that a line is a result of, unless it stands above; returns the name of the result."""
+        operation = listing.operations[number]
+        assert operation.branch is not None
+        branch, place = operation.branch
+        first = self._results.setdefault((branch, operation.operands), number)
+        if first == number:
+            self._write(lines, names, listing, number, branch)
+        return f"%v{first}_{place}"
+
+    def _write(self, lines: list[str], names: Mapping[int, str], listing: Listing, number: int, branch: Branch) -> None:
+        mask, *arguments = listing.operations[number].operands
+        lanes = self._lanes
+        lines += [
+            f"%v{number}_lanes = bitcast <{lanes} x i1> {names[mask]} to i{lanes}",
+            f"%v{number}_any = icmp ne i{lanes} %v{number}_lanes, 0",
+            f"br i1 %v{number}_any, label %needed_{number}, label %beyond_{number}",
+            f"needed_{number}:",
+        ]
+        for place, argument in enumerate(arguments):
+            pointer = f"%v{number}_given_{place}"
+            lines += _pointer(pointer, Rows("%given", lanes), place)
+            lines.append(
+                f"store {_type(listing.operations[argument].kind, lanes)} {names[argument]}, ptr {pointer}, align 8"
+            )
+        lines += [
+            f"call void {self._function(branch)}(ptr %given, ptr %found)",
+            f"br label %beyond_{number}",
+            f"beyond_{number}:",
+        ]
+        for place, line in enumerate(branch.results):
+            pointer = f"%v{number}_found_{place}"
+            lines += _pointer(pointer, Rows("%found", lanes), place)
+            kind = branch.operations[line].kind
+            lines.append(f"%v{number}_{place} = load {_type(kind, lanes)}, ptr {pointer}, align 8")
+        self._rows = max(self._rows, len(arguments), len(branch.results))
+
+    def _function(self, branch: Branch) -> str:
+        """The name of the function that does what is in a branch."""
+        if branch not in self._called:
+            name = self._called[branch] = f"{self._name}_{len(self._called)}"
+            given, found, listing = Rows("%rows", self._lanes), Rows("%results", self._lanes), branch.listing
+            stores = [
+                Store(found, place, Symbol(listing, line, branch.operations[line].kind))
+                for place, line in enumerate(branch.results)
+            ]
+            # Cold, so that what is computed around the call stays in registers where it is not called.
+            head = f"{name}(ptr %rows, ptr %results) noinline cold"
+            self.functions.append(
+                function(head, listing, stores, {0: given}, shared="", lanes=self._lanes, overlapping=False)
+            )
+        return self._called[branch]
 
 
 def _type(kind: Kind, lanes: int) -> str:

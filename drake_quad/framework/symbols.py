@@ -2,10 +2,11 @@
 
 A formula says what it computes in plain Python. Run once on symbols, it leaves a `Listing` of everything that it did,
 in order, from which machine code is made. What Python decides meanwhile, such as a loop over rules or an `if` on a
-constant, is decided once; a row can decide nothing, only select: `drake_quad.framework.elementary.where`.
+constant, is decided once; a row can decide nothing, only select: `drake_quad.framework.elementary.where`. What costs
+much and is seldom needed is a listing of its own, a `Branch`: `drake_quad.framework.elementary.where_needed`.
 """
 
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -33,11 +34,34 @@ class Operation(NamedTuple):
         operands: numbers of the lines that it takes; of a constant its bits, of a row its group and place, of a number
             that is shared its place.
         kind: of the result.
+        branch: what is done if the first operand is true for any vehicle at hand, with the other operands, and which of
+            its results this is; None unless the operation is called "branch".
     """
 
     name: str
     operands: tuple[int, ...]
     kind: Kind
+    branch: "tuple[Branch, int] | None" = None
+
+
+class Branch(NamedTuple):
+    """What is done only where it is needed.
+
+    Attributes:
+        operations: its lines, which take from elsewhere the rows of group 0 and nothing else.
+        results: numbers of the lines that it results in.
+    """
+
+    operations: tuple[Operation, ...]
+    results: tuple[int, ...]
+
+    @property
+    def listing(self) -> "Listing":
+        """Its lines."""
+        listing = Listing()
+        for operation in self.operations:
+            listing.add(*operation)
+        return listing
 
 
 class Listing:
@@ -45,11 +69,13 @@ class Listing:
 
     def __init__(self) -> None:
         self.operations: list[Operation] = []
-        self._symbols: dict[tuple[str, tuple[int, ...], Kind], Symbol] = {}
+        self._symbols: dict[tuple[Any, ...], Symbol] = {}
 
-    def add(self, name: str, operands: tuple[int, ...], kind: Kind) -> "Symbol":
+    def add(
+        self, name: str, operands: tuple[int, ...], kind: Kind, branch: tuple[Branch, int] | None = None
+    ) -> "Symbol":
         """The symbol of a line, which is added unless it is there."""
-        key = name, operands, kind
+        key = name, operands, kind, branch
         symbol = self._symbols.get(key)
         if symbol is None:
             symbol = self._symbols[key] = Symbol(self, len(self.operations), kind)
@@ -140,6 +166,42 @@ def operation(name: str, *operands: Any, kind: Kind | None = None) -> Symbol:
 
 
 def lifted(*operands: Any) -> list[Symbol]:
-    """The operands, of which at least one is a symbol, as symbols."""
+    """The operands, of which at least one is a symbol, as symbols.
+
+    Raises:
+        TypeError: they are of several listings.
+    """
     listing = next(operand.listing for operand in operands if operand.__class__ is Symbol)
-    return [operand if operand.__class__ is Symbol else listing.constant(operand) for operand in operands]
+    symbols = [operand if operand.__class__ is Symbol else listing.constant(operand) for operand in operands]
+    if any(symbol.listing is not listing for symbol in symbols):
+        raise TypeError(_FOREIGN)
+    return symbols
+
+
+_FOREIGN = "what is computed only where it is needed must take all its rows as arguments"
+
+
+def branched(mask: Symbol, formula: Callable[..., Any], arguments: Sequence[Any]) -> Any:
+    """What a formula makes of symbols and constants, a row or a tuple of them, if the mask is true for any vehicle.
+
+    For vehicles for which it is not true the result means nothing.
+
+    Raises:
+        TypeError: the formula takes symbols that are not among its arguments.
+    """
+    inside, taken = Listing(), [argument for argument in arguments if argument.__class__ is Symbol]
+    rows = iter([inside.row(0, place, symbol.kind) for place, symbol in enumerate(taken)])
+    returned = formula(*[next(rows) if argument.__class__ is Symbol else argument for argument in arguments])
+    parts = returned if isinstance(returned, tuple) else (returned,)
+    symbols = [part for part in parts if part.__class__ is Symbol]
+    if any(symbol.listing is not inside for symbol in symbols):
+        raise TypeError(_FOREIGN)
+    branch = Branch(tuple(inside.operations), tuple([symbol.line for symbol in symbols]))
+    operands = tuple([symbol.line for symbol in lifted(mask, *taken)])
+    results = iter(
+        [mask.listing.add("branch", operands, symbol.kind, (branch, place)) for place, symbol in enumerate(symbols)]
+    )
+    found = [next(results) if part.__class__ is Symbol else part for part in parts]
+    if not isinstance(returned, tuple):
+        return found[0]
+    return returned._make(found) if hasattr(returned, "_make") else tuple(found)

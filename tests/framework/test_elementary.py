@@ -114,3 +114,31 @@ def test_a_word_holds_the_whole_number_that_it_is_made_of(number):
         assert elementary.float_of(word).tolist() == [number]
     words = elementary.word_of(np.array([number, 3.0]))
     assert words.tolist() == [int(number), 3]
+
+
+def test_what_is_seldom_needed_is_computed_for_those_who_need_it_alone():
+    asked = []
+
+    def inverse(x):
+        asked.append(np.size(x))
+        return 1.0 / x, x
+
+    x = np.array([0.0, 2.0, 4.0, 0.0])
+    found = elementary.where_needed(x > 0.0, inverse, (x,), (math.inf, -x))
+    np.testing.assert_array_equal(found, [[math.inf, 0.5, 0.25, math.inf], [0.0, 2.0, 4.0, 0.0]])
+    found = elementary.where_needed(x > 9.0, inverse, (x,), (7.0, x))
+    np.testing.assert_array_equal(found, [[7.0] * 4, x])
+    assert elementary.where_needed(False, inverse, (0.0,), (1.0, 2.0)) == (1.0, 2.0)
+    assert elementary.where_needed(True, inverse, (4.0,), (1.0, 2.0)) == (0.25, 4.0)
+    assert asked == [2, 1]
+    # What is the same for all stays so.
+    shifted = elementary.where_needed(x > 0.0, lambda x, y: x + y, (x, 1.0), 0.0)
+    np.testing.assert_array_equal(shifted, [0.0, 3.0, 5.0, 0.0])
+
+
+def test_what_is_seldom_needed_has_derivatives():
+    x = np.array([AutoDiffXd(value, [1.0]) for value in (1.0, 3.0)])
+    found = elementary.where_needed(x > 2.0, lambda x: x * x, (x,), 5.0)
+    assert [each.value() for each in found] == [5.0, 9.0]
+    assert found[1].derivatives() == [6.0]
+    assert elementary.where_needed(x[1] > 2.0, lambda x: x * x, (x[1],), 5.0).derivatives() == [6.0]

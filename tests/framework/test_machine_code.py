@@ -5,17 +5,18 @@ import os
 import subprocess
 import sys
 from collections.abc import Callable
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from drake_quad.framework import elementary
+from drake_quad.framework import elementary, kernels
 from drake_quad.framework.formulas import TIME, kernel
 from drake_quad.framework.machine_code import LANES
 from drake_quad.framework.records import ROW, layout_of
+from drake_quad.framework.symbols import Listing
 from drake_quad.signals import Row
 
 
@@ -142,6 +143,7 @@ BINARY = (
     "arctan2({}, {})",
     "where({0} > {1}, {0}, 2.0 * {1})",
     "where(({0} <= {1}) & ({0} != 1.0) | ({1} >= 2.0), {1}, {0})",
+    "where_needed({0} > {1}, lambda a, b: sqrt(abs(a)) - a * b, ({0}, {1}), {1})",
 )
 
 
@@ -227,6 +229,133 @@ def test_a_branch_on_a_row_is_refused_in_a_sentence():
 
     with pytest.raises(TypeError, match=r"formula branching: a formula cannot branch on a row, .* select with `where`"):
         machine(branching, 1.0)
+
+
+class Polar(NamedTuple):
+    length: Row
+    slope: Row
+
+
+def polar(x: Row, y: Row) -> Polar:
+    return Polar(elementary.sqrt(x * x + y * y), y / x)
+
+
+def seldom_polar(x: Row, y: Row, bound: Row) -> Polar:
+    return elementary.where_needed(x > bound, polar, (x, y), Polar(y, -1.0))
+
+
+def nested(x: Row, y: Row, bound: Row) -> Row:
+    """Twice the same branch with other rows, one in another, and what follows from it."""
+
+    def inside(x: Row, y: Row) -> Row:
+        length, slope = elementary.where_needed(y > 0.0, polar, (x, y), (x, 0.5))
+        return length + elementary.where_needed(slope > 1.0, lambda y: elementary.sqrt(abs(y)), (y,), 2.0)
+
+    first = elementary.where_needed(x > bound, inside, (x, y), x)
+    return first / (3.0 + abs(elementary.where_needed(first < y, inside, (y, first), 0.25)))
+
+
+MASKED = [np.zeros(3 * LANES + 5, bool), np.ones(3 * LANES + 5, bool), np.arange(3 * LANES + 5) % 7 == 3]
+
+
+@pytest.mark.parametrize("needed", MASKED, ids=("none", "all", "some"))
+@pytest.mark.parametrize("n", [1, LANES - 1, LANES, 3 * LANES + 5])
+@pytest.mark.parametrize("lone", [True, False])
+def test_what_is_computed_where_needed_is_what_where_selects_to_the_bit(needed, n, lone):
+    rng = np.random.default_rng(n)
+    x, y = rng.uniform(0.5, 2.0, (2, n))
+    bound = np.where(needed[:n], x - 0.1, x + 0.1)
+    expected = elementary.where(x > bound, polar(x, y), Polar(y, -1.0))
+    np.testing.assert_array_equal(seldom_polar(x, y, bound), expected)
+    run = kernel(seldom_polar, (ROW, ROW, ROW), (layout_of(Polar),), lone=lone)
+    if not lone:
+        found = np.full((2, n), np.nan)
+        run(n, 0.0, found, x, y, bound)
+        np.testing.assert_array_equal(found, expected)
+    for i in range(n):
+        alone, one = np.full(2, np.nan), [np.array([row[i]]) for row in (x, y, bound)]
+        run(1, 0.0, alone, *one)
+        np.testing.assert_array_equal(alone, np.array(expected)[:, i])
+        assert seldom_polar(*(float(row[0]) for row in one)) == tuple(np.array(expected)[:, i].tolist())
+
+
+@pytest.mark.parametrize("n", [1, LANES, 3 * LANES + 5])
+def test_what_is_needed_may_need_something_itself(n):
+    rng = np.random.default_rng(n)
+    rows = [*rng.normal(size=(3, n))]
+    expected = nested(*rows)
+    np.testing.assert_array_equal(run_on_arrays(nested, rows), expected)
+    np.testing.assert_array_equal([nested(*each) for each in np.transpose(rows).tolist()], expected)
+
+
+def test_one_mask_serves_several_rows():
+    def formula(x: Row, y: Row) -> Row:
+        mask = x > 0.0
+        return elementary.where_needed(mask, polar, (x, y), Polar(y, x)).slope - (
+            2.0 * elementary.where_needed(mask, polar, (y, x), Polar(x, y)).slope
+        )
+
+    rows = [*np.random.default_rng(2).normal(size=(2, 2 * LANES))]
+    np.testing.assert_array_equal(run_on_arrays(formula, rows), formula(*rows))
+
+
+def test_truths_and_words_are_taken_and_given_where_needed():
+    def inside(word: Any, truth: bool, x: Row) -> tuple[Any, bool]:
+        return word + elementary.word_of(abs(x)), truth & (x > 2.0)
+
+    def formula(x: Row, y: Row) -> Row:
+        word, truth = elementary.word_of(x), y > 1.0
+        sums, both = elementary.where_needed(x > 1.0, inside, (word, truth, y), (word, truth))
+        return elementary.where(both, elementary.float_of(sums), -1.0)
+
+    x, y = np.random.default_rng(1).integers(0, 5, (2, 4 * LANES)).astype(float)
+    expected = np.where(y > np.where(x > 1.0, 2.0, 1.0), np.where(x > 1.0, x + y, x), -1.0)
+    np.testing.assert_array_equal(run_on_arrays(formula, [x, y]), expected)
+    np.testing.assert_array_equal(formula(x, y), expected)
+
+
+def test_what_is_needed_is_apart_from_what_is_always_done():
+    listing = Listing()
+    x, y, bound = (listing.row(0, place) for place in range(3))
+    results = [*seldom_polar(x, y, bound), *seldom_polar(y, x, bound)]
+    assert {operation.name for operation in listing.operations} == {"row", "constant", "greater", "branch", "select"}
+    text = kernels._module(listing, results, [3], [4], LANES)
+    # One function is called for both.
+    assert text.count("fdiv") == text.count("define internal void @block_0(") == 1
+    assert text.count("call void @block_0(") == 2
+
+
+def test_what_is_known_when_machine_code_is_made_is_no_branch():
+    listing = Listing()
+    x = listing.row(0, 0)
+    taken = []
+
+    def doubled(x: Row, factor: Row) -> Row:
+        taken.append(factor)
+        return x * factor
+
+    assert elementary.where_needed(False, doubled, (x, 2.0), 7.0) == 7.0
+    assert taken == []
+    assert elementary.where_needed(True, doubled, (x, 2.0), 7.0) is doubled(x, 2.0)
+    assert "branch" not in {operation.name for operation in listing.operations}
+    elementary.where_needed(x > 0.0, doubled, (x, 2.0), 7.0)
+    assert taken == [2.0, 2.0, 2.0]
+    # A number that is the same for all needs no function.
+    results = [elementary.where_needed(x > 0.0, lambda: 3.0, (), x)]
+    assert machine(lambda x: elementary.where_needed(x > 0.0, lambda: 3.0, (), x), 1.0) == 3.0
+    assert results[0].listing is listing
+
+
+def test_rows_that_are_no_arguments_of_what_is_needed_are_refused():
+    def summed(x: Row, y: Row) -> Row:
+        return elementary.where_needed(x > 0.0, lambda x: x + y, (x,), 0.0)
+
+    def passed(x: Row, y: Row) -> Row:
+        return elementary.where_needed(x > 0.0, lambda x: y, (x,), 0.0)
+
+    for formula in (summed, passed):
+        with pytest.raises(TypeError, match="must take all its rows as arguments"):
+            machine(formula, 1.0, 2.0)
 
 
 def test_a_formula_that_returns_something_else_is_refused():
