@@ -2,6 +2,8 @@
 
 from collections.abc import Callable, Sequence
 
+import numpy as np
+
 from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
@@ -80,3 +82,7 @@ class StudyFleet:
         self._simulation.reset(batch.padded(self.num_vehicles))
         self._simulation.fly(self.duration if duration is None else duration, progress=progress)
         return Metrics(*(values[: len(batch)] for values in self._simulation.metrics()))
+
+    def touched(self) -> np.ndarray:
+        """(N,) number of the obstacle that each vehicle last crashed into, from 1 on; 0 if it touched none."""
+        return self._simulation.touched()

@@ -51,9 +51,20 @@ class FleetSimulation(ABC):
     def reset(self, batch: Batch) -> None:
         """Makes the fleet what it would be, had it been built for another batch of the same scenario and size."""
 
-    @abstractmethod
     def metrics(self) -> Metrics:
         """The (N,) metrics so far."""
+        return read_metrics(*self._wired_now())
+
+    def touched(self) -> np.ndarray:
+        """(N,) number of the obstacle that each vehicle crashed into, from 1 on; 0 if it touched none."""
+        diagram, context = self._wired_now()
+        monitor = diagram.GetSubsystemByName("monitor")
+        touched: np.ndarray = monitor.touched(monitor.GetMyContextFromRoot(context))
+        return touched
+
+    @abstractmethod
+    def _wired_now(self) -> tuple[Diagram, Context]:
+        """The diagram as it is wired, and a context of it with the state so far."""
 
     @abstractmethod
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
@@ -82,9 +93,8 @@ class WiredSimulation(FleetSimulation):
         reset_fleet(self._diagram, self.simulator.get_mutable_context(), batch, self._plan, own=self._own)
         self.simulator.Initialize()
 
-    def metrics(self) -> Metrics:
-        """As for every `FleetSimulation`."""
-        return read_metrics(self._diagram, self.simulator.get_context())
+    def _wired_now(self) -> tuple[Diagram, Context]:
+        return self._diagram, self.simulator.get_context()
 
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """As for every `FleetSimulation`."""
@@ -127,10 +137,9 @@ class CompiledSimulation(FleetSimulation):
         self._compiled.read(self._part_of(context), self._wired_context)
         self.simulator.Initialize()
 
-    def metrics(self) -> Metrics:
-        """As for every `FleetSimulation`."""
+    def _wired_now(self) -> tuple[Diagram, Context]:
         self._compiled.write(self._part_of(self.simulator.get_mutable_context()), self._wired_context)
-        return read_metrics(self._wired, self._wired_context)
+        return self._wired, self._wired_context
 
     def recording(self) -> tuple[np.ndarray, dict[str, np.ndarray]]:
         """As for every `FleetSimulation`."""

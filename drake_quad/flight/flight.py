@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 # What NumPy meets in a file that is not what it was.
 _DAMAGES = (OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error)
 ARRAYS, TABLE, SCENARIO, METRICS = "flight.npz", "flight.csv", "scenario.yaml", "metrics.csv"
-# What stands beside the signals in a flight's file of arrays: how it was flown, and its plan.
-_COMPILED, _OF_PLAN = "compiled", "plan."
+# What stands beside the signals in a flight's file of arrays: how it was flown, what it crashed into, and its plan.
+_COMPILED, _TOUCHED, _OF_PLAN = "compiled", "touched", "plan."
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -45,6 +45,7 @@ class Flight(Mapping[str, np.ndarray]):
         signals: (ticks, rows) values of each signal at the ticks; `record` gives the rows their names.
         metrics: of the flight; NaN where there is nothing to measure.
         compiled: whether it was flown in a compiled diagram; else in the diagram as it is wired.
+        touched: name of the obstacle that it crashed into, if it did.
     """
 
     scenario: Scenario
@@ -53,6 +54,7 @@ class Flight(Mapping[str, np.ndarray]):
     signals: dict[str, np.ndarray]
     metrics: Metrics
     compiled: bool = False
+    touched: str | None = None
 
     def __getitem__(self, name: str) -> np.ndarray:
         """The (ticks, rows) values of a signal."""
@@ -114,11 +116,19 @@ class Flight(Mapping[str, np.ndarray]):
 
     def __repr__(self) -> str:
         """A line of text."""
-        end = f"crashed at {self.metrics.crash_time:.2f} s" if self.metrics.crashed else f"{self.time[-1]:.2f} s"
+        end = self.crash or f"{self.time[-1]:.2f} s"
         how = ", compiled" if self.compiled else ""
         return (
             f"<Flight of {self.scenario.name}{how}: {end}, RMSE {self.metrics.rmse:.4g} m; {', '.join(self.signals)}>"
         )
+
+    @property
+    def crash(self) -> str:
+        """What became of a flight that crashed, in words; empty for one that did not."""
+        if not self.metrics.crashed:
+            return ""
+        into = "" if self.touched is None else f" into {self.touched}"
+        return f"crashed{into} at {self.metrics.crash_time:.2f} s"
 
     @property
     def euclidean_error(self) -> np.ndarray:
@@ -145,6 +155,8 @@ class Flight(Mapping[str, np.ndarray]):
 
         def save_arrays(path: Path) -> None:
             arrays: dict[str, Any] = {"time": self.time, **self.signals, _COMPILED: np.array(self.compiled)}
+            if self.touched is not None:
+                arrays[_TOUCHED] = np.array(self.touched, dtype=str)
             np.savez_compressed(path, **(arrays | _arrays_of(self.plan)))
 
         return [
@@ -174,6 +186,7 @@ def read_flight(path: Path | str) -> Flight:
             arrays = {name: loaded[name] for name in loaded}
         time = arrays.pop("time")
         compiled = bool(arrays.pop(_COMPILED, False))
+        touched = str(arrays.pop(_TOUCHED)) if _TOUCHED in arrays else None
         planned = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_OF_PLAN)}
         plan = _plan_of(planned) if planned else None
     except _DAMAGES:
@@ -181,7 +194,8 @@ def read_flight(path: Path | str) -> Flight:
     strange = [name for name, values in arrays.items() if name not in SIGNALS or values.shape[:1] != time.shape]
     if strange:
         raise InputError(f"{folder / ARRAYS} is not the file of a flight: {listed(strange)} is no signal of its length")
-    return Flight(scenario, plan or plan_route(scenario), time, arrays, _read_metrics(folder / METRICS), compiled)
+    metrics = _read_metrics(folder / METRICS)
+    return Flight(scenario, plan or plan_route(scenario), time, arrays, metrics, compiled, touched)
 
 
 def _read_metrics(path: Path) -> Metrics:

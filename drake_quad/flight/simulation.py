@@ -125,7 +125,10 @@ def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool = F
 
 def _flights(batch: Batch, plan: Plan, simulation: FleetSimulation) -> list[Flight]:
     """The flights of a fleet's vehicles so far."""
-    metrics, (time, signals) = simulation.metrics(), simulation.recording()
+    metrics, touched = simulation.metrics(), simulation.touched()
+    time, signals = simulation.recording()
+    space = batch.scenario.space
+    obstacles = [None, *(() if space is None else space.obstacles)]
     rows = {name: values.reshape(len(time), -1, len(batch)) for name, values in signals.items()}
     flights = []
     for i in range(len(batch)):
@@ -134,5 +137,6 @@ def _flights(batch: Batch, plan: Plan, simulation: FleetSimulation) -> list[Flig
         # Within the step into its crash a vehicle may have left all numbers behind.
         kept &= np.all([np.isfinite(values[:, :, i]).all(axis=1) for values in rows.values()], axis=0)
         mine = {name: values[kept, :, i] for name, values in rows.items()}
-        flights.append(Flight(batch.scenario_of(i), plan, time[kept], mine, own, simulation.compiled))
+        name = obstacles[touched[i]]
+        flights.append(Flight(batch.scenario_of(i), plan, time[kept], mine, own, simulation.compiled, name))
     return flights

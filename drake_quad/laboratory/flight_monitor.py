@@ -1,12 +1,12 @@
 """The referee of a flight: who has crashed, and how well it goes."""
 
 import math
-from typing import Any, NamedTuple
+from typing import Any, NamedTuple, Protocol
 
 import numpy as np
 from pydrake.systems.framework import Context
 
-from drake_quad.framework.elementary import minimum, where
+from drake_quad.framework.elementary import maximum, minimum, where, where_needed
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.laboratory.metrics import Metrics, PerAxis, Sums, add_tick, summarized
 from drake_quad.signals import Acceleration, Crashed, CrashTime, PositionError, Reference, Row, State, Wrench
@@ -24,6 +24,56 @@ class CrashLimits(NamedTuple):
     tilt: float = math.radians(80.0)
     position_error: float = 5.0
     height: float = -0.5
+
+
+class Solid(Protocol):
+    """Something to fly into."""
+
+    def distance(self, x: Row, y: Row, z: Row) -> Row:
+        """How far a point of W is from its surface, m; negative inside."""
+
+    def at_least(self, x: Row, y: Row, z: Row) -> Row | None:
+        """A number that the distance is not below, m, and that costs less; None if the distance costs little itself."""
+
+
+class Surroundings(NamedTuple):
+    """What a vehicle may touch.
+
+    Attributes:
+        solids: a vehicle that touches one of them has crashed.
+        radius: of the vehicle around its centre of mass, m.
+    """
+
+    solids: tuple[Solid, ...] = ()
+    radius: float = 0.0
+
+
+class Touched(NamedTuple):
+    """What a vehicle crashed into.
+
+    Attributes:
+        number: of the solid, from 1 on; 0 if it touched none.
+    """
+
+    number: Row = 0.0
+
+
+class FreeBall(NamedTuple):
+    """Where a vehicle can touch nothing.
+
+    Attributes:
+        x, y, z: the middle, m.
+        radius: as far as its centre of mass can be from there, m.
+    """
+
+    x: Row = 0.0
+    y: Row = 0.0
+    z: Row = 0.0
+    radius: Row = 0.0
+
+
+# What distances may be off by in floating point, m.
+_ROUNDING = 1e-6
 
 
 class Window(NamedTuple):
@@ -44,11 +94,15 @@ class Judgement(NamedTuple):
     Attributes:
         crashed: whether it has crashed.
         crash_time: when.
+        touched: what it crashed into.
+        free: where it can touch nothing.
         sums: from which its metrics follow.
     """
 
     crashed: Crashed
     crash_time: CrashTime
+    touched: Touched
+    free: FreeBall
     sums: Sums
 
 
@@ -58,9 +112,12 @@ def judged(
     command: Acceleration,
     shortfall: Wrench,
     before: CrashTime,
+    touched: Touched,
+    free: FreeBall,
     sums: Sums,
     time: Row,
     limits: CrashLimits,
+    surroundings: Surroundings,
     window: Window,
 ) -> Judgement:
     """What the monitor knows of a vehicle after one more tick.
@@ -71,13 +128,17 @@ def judged(
         command: commanded acceleration.
         shortfall: what is given up of the wrench.
         before: when it crashed, until now.
+        touched: what it crashed into, until now.
+        free: where it can touch nothing, as was found last.
         sums: until now.
         time: s.
         limits: beyond which a vehicle has crashed.
+        surroundings: that it must not touch.
         window: in which ticks count.
     """
     error = PositionError(reference.x - state.x, reference.y - state.y, reference.z - state.z)
     total = command.x + command.y + command.z
+    touch, free = touching(state, before.crash_time == math.inf, free, surroundings)
     # Not a number is beyond any limit.
     flying = (
         (abs(state.roll) <= limits.tilt)
@@ -85,6 +146,7 @@ def judged(
         & (error.x * error.x + error.y * error.y + error.z * error.z <= limits.position_error * limits.position_error)
         & (state.z >= limits.height)
         & (total - total == 0.0)
+        & (touch.number == 0.0)
         & (before.crash_time == math.inf)
     )
     complete = True
@@ -95,8 +157,51 @@ def judged(
     return Judgement(
         Crashed(where(flying, 0.0, 1.0)),
         CrashTime(where(flying, before.crash_time, minimum(before.crash_time, time))),
+        Touched(where(touch.number > 0.0, touch.number, touched.number)),
+        free,
         where(flying & counts, after, sums),
     )
+
+
+def touching(state: State, flies: bool, free: FreeBall, surroundings: Surroundings) -> tuple[Touched, FreeBall]:
+    """What a vehicle touches now if it flies, and where it can touch nothing.
+
+    A distance changes by no more than the vehicle moves: it can touch nothing that is r + d away (r its radius) before
+    it has moved by d, and until then no distance is computed.
+
+    Args:
+        state: the true one.
+        flies: whether it has not crashed.
+        free: where it can touch nothing, as was found last.
+        surroundings: that it must not touch.
+    """
+    if not surroundings.solids:
+        return Touched(), free
+    x, y, z = state.x - free.x, state.y - free.y, state.z - free.z
+    leaves = flies & (x * x + y * y + z * z >= free.radius * free.radius)
+    position = state.x, state.y, state.z
+
+    def nearest(x: Row, y: Row, z: Row) -> tuple[Row, Row]:
+        return nearest_solid(x, y, z, surroundings.solids)
+
+    distance, number = where_needed(leaves, nearest, position, (math.inf, 0.0))
+    around = FreeBall(*position, maximum(0.0, distance - (surroundings.radius + _ROUNDING)))
+    return Touched(where(distance < surroundings.radius, number, 0.0)), where(leaves, around, free)
+
+
+def nearest_solid(x: Row, y: Row, z: Row, solids: tuple[Solid, ...]) -> tuple[Row, Row]:
+    """How far a point is from the nearest solid, m, and the number of that from 1 on; infinity and 0 if none."""
+    least: Row = math.inf
+    number: Row = 0.0
+    for i, solid in enumerate(solids, start=1):
+        bound = solid.at_least(x, y, z)
+        if bound is None:
+            distance = solid.distance(x, y, z)
+        else:
+            distance = where_needed(bound < least, solid.distance, (x, y, z), math.inf)
+        nearer = distance < least
+        least, number = where(nearer, distance, least), where(nearer, float(i), number)
+    return least, number
 
 
 @fleet_system(float, AutoDiffXd)
@@ -116,21 +221,29 @@ class FlightMonitor(FleetSystem):
         - crash_time
 
     At every tick of the control it compares the true position in `state` with that in `reference` and adds to the sums
-    of `drake_quad.laboratory.metrics`. A vehicle has crashed when it is beyond a limit or when the commanded
-    acceleration is not finite: `crashed` is then 1 instead of 0, and `crash_time` is that tick instead of infinity. The
-    tick of a crash no longer counts. `acceleration_command` is what the control effort is made of and `shortfall` what
-    saturation is; not connected they count as zero.
+    of `drake_quad.laboratory.metrics`. A vehicle has crashed when it is beyond a limit, when its centre of mass is
+    nearer to a solid than its radius, or when the commanded acceleration is not finite: `crashed` is then 1 instead of
+    0, and `crash_time` is that tick instead of infinity. The tick of a crash no longer counts. `acceleration_command`
+    is what the control effort is made of and `shortfall` what saturation is; not connected they count as zero.
 
-    The states are `crashed`, `crash_time` and `sums`.
+    The states are `crashed`, `crash_time`, `touched`, `free` and `sums`.
 
     Args:
         num_vehicles: N.
         period: of the ticks, s.
         limits: beyond which a vehicle has crashed.
+        surroundings: that it must not touch.
         window: in which ticks count for the metrics.
     """
 
-    def declare(self, *, period: float = 0.02, limits: CrashLimits = CrashLimits(), window: Window = Window()) -> None:
+    def declare(
+        self,
+        *,
+        period: float = 0.02,
+        limits: CrashLimits = CrashLimits(),
+        surroundings: Surroundings = Surroundings(),
+        window: Window = Window(),
+    ) -> None:
         """Declares the system."""
         self._period = period
         state, reference = self.input("state"), self.input("reference")
@@ -138,8 +251,10 @@ class FlightMonitor(FleetSystem):
         self._shortfall = self.input("shortfall", absent=Wrench(0.0, 0.0, 0.0, 0.0))
         crashed = self.state("crashed", lambda _: Crashed(0.0))
         crash_time, sums = self.state("crash_time", lambda _: CrashTime(math.inf)), self.state("sums", lambda _: Sums())
-        reads = state, reference, self._command, self._shortfall, crash_time, sums, TIME, limits, window
-        self.update(period, judged, *reads, writes=[crashed, crash_time, sums])
+        touched = self.state("touched", lambda _: Touched())
+        held = crash_time, touched, self.state("free", lambda _: FreeBall()), sums
+        reads = state, reference, self._command, self._shortfall, *held, TIME, limits, surroundings, window
+        self.update(period, judged, *reads, writes=[crashed, *held])
         self.state_output(crashed)
         self.state_output(crash_time)
 
@@ -151,6 +266,10 @@ class FlightMonitor(FleetSystem):
         if not self.get_input_port(self._shortfall.index).HasValue(context):
             sums = sums._replace(saturated=np.nan)
         return summarized(sums, self._arrays(context, "crash_time").crash_time, self._period)
+
+    def touched(self, context: Context) -> np.ndarray:
+        """(N,) number of the solid that each vehicle crashed into, from 1 on; 0 if it touched none."""
+        return np.asarray(self._arrays(context, "touched").number).astype(int)
 
     def _arrays(self, context: Context, name: str) -> Any:
         """The record of a state, of (N,) arrays."""

@@ -8,6 +8,7 @@ from drake_quad.scenario.distributions import DISTRIBUTIONS
 from drake_quad.scenario.documents import parse_document
 from drake_quad.scenario.limits import MOST_BASES, MOST_BYTES, MOST_NODES
 from drake_quad.scenario.marked_tree import Mark, Tree
+from drake_quad.scenario.mesh_file import mesh_points
 from drake_quad.scenario.piece_table import is_piece_table, parse_piece_table
 from drake_quad.scenario.reading import read_text
 from drake_quad.scenario.shipped import shipped_file, unknown
@@ -61,6 +62,14 @@ class Library:
         text = read_text(path, most=self._bytes)
         self._bytes -= len(text)
         return parse_piece_table(text, path)
+
+    def points(self, path: Path) -> Tree:
+        """Reads the points of a mesh, see `mesh_points`.
+
+        Raises:
+            InputError: it cannot be read, or is something else.
+        """
+        return mesh_points(path)
 
     def parse(self, text: str, source: str, *, numbered: bool) -> Tree:
         """Parses YAML as a part of the scenario; see `parse_document`."""

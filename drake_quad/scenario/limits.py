@@ -19,6 +19,10 @@ MOST_BASES = 100
 MOST_WAYPOINTS = 1_000
 # Sources of wind; walls of fans have about as many.
 MOST_SOURCES = 100
+# Solids of a space: the nearest is looked for at every tick.
+MOST_OBSTACLES = 200
+# Of a mesh, and of its convex hull; the latter are written out in machine code.
+MOST_POINTS, MOST_CORNERS = 5_000, 100
 # Of a network, four inputs of four sets: every rule is written out in machine code, on every axis.
 MOST_RULES = 256
 # Of an input: of a lap of the laboratory's figure eight one every 36 cm.

@@ -140,10 +140,13 @@ def _loaded(
     return tree
 
 
+# Stands in a path for each name of a mapping.
+_EACH = "*"
 # Fields in which the name of a file may stand, and how a library reads it.
 _FILES: dict[tuple[str, ...], Callable[[Library, Path], Tree]] = {
     ("control", "network", "learned"): Library.mapping,
     ("route", "pieces"): Library.pieces,
+    ("space", "obstacles", _EACH, "points"): Library.points,
 }
 
 
@@ -163,9 +166,12 @@ def _with_file(tree: Tree, path: tuple[str, ...], read: Callable[[Path], Tree]) 
         folder = Path(tree.mark.source).parent if tree.mark.line else Path()
         return read(folder / tree.value)
     field, *inside = path
-    if not isinstance(tree.value, dict) or field not in tree.value:
+    if not isinstance(tree.value, dict):
         return tree
-    return Tree({**tree.value, field: _with_file(tree.value[field], tuple(inside), read)}, tree.mark)
+    fields = tree.value.keys() & ({field} if field != _EACH else tree.value.keys())
+    return Tree(
+        {**tree.value, **{each: _with_file(tree.value[each], tuple(inside), read) for each in fields}}, tree.mark
+    )
 
 
 def validated(model: type[_Valid], tree: Tree) -> _Valid:

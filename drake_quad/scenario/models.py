@@ -62,6 +62,7 @@ from drake_quad.scenario.quantities import (
     whole,
 )
 from drake_quad.scenario.routes import Route
+from drake_quad.scenario.space import Space
 from drake_quad.scenario.wind import Wind
 from drake_quad.vehicle.authority import hover_flaw, missing_direction
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -372,6 +373,13 @@ class Mission(Model):
     )
     route: Route
     nominal: Nominal = Nominal()
+    space: Space | None = Field(default=None, description="obstacles, if any")
+
+    @model_serializer(mode="wrap")
+    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Without a space where there is none, as before there were any: old studies go on."""
+        fields: dict[str, Any] = write(self)
+        return {name: value for name, value in fields.items() if name != "space" or value is not None}
 
     def __repr__(self) -> str:
         """A line of text: what flies where."""
@@ -379,7 +387,12 @@ class Mission(Model):
 
     def _words(self) -> list[str]:
         """What there is to say in a line."""
-        return [f"route {self.route.kind}", f"nominal mass {self.nominal.mass:g} kg"]
+        return [f"route {self.route.kind}", f"nominal mass {self.nominal.mass:g} kg", *self._obstructed()]
+
+    def _obstructed(self) -> list[str]:
+        """How many obstacles there are, if any."""
+        count = 0 if self.space is None else len(self.space.obstacles)
+        return [f"{count} obstacle{'' if count == 1 else 's'}"] if count else []
 
 
 class Scenario(Mission):
@@ -405,6 +418,7 @@ class Scenario(Mission):
             f"control {' + '.join(_kinds(self.control))}",
             *([] if laboratory.autopilot.kind == "none" else [f"autopilot {laboratory.autopilot.kind}"]),
             f"wind: {wind}" if wind else "no wind",
+            *self._obstructed(),
             f"{count or 'no'} distribution{'' if count == 1 else 's'}",
         ]
 

@@ -50,11 +50,13 @@ def parts_of(value: Any) -> Iterator[tuple[str, Any]]:
     elif isinstance(value, tuple):
         for i, item in enumerate(value):
             yield str(i), item
+    elif isinstance(value, dict):
+        yield from value.items()
 
 
 def leaves(value: Any, path: str = "") -> Iterator[tuple[str, Any]]:
     """All numbers, distributions, words and so on in a part of a scenario, each after its path."""
-    inside = False
+    inside = isinstance(value, dict)
     for step, part in parts_of(value):
         inside = True
         yield from leaves(part, joined(path, step))
@@ -92,9 +94,11 @@ def replaced(value: Any, replace: Callable[[str, Any], Any], path: str = "") -> 
     """
     parts = dict(parts_of(value))
     if not parts:
-        return value if isinstance(value, tuple) else replace(path, value)
+        return value if isinstance(value, tuple | dict) else replace(path, value)
     after = {step: replaced(part, replace, joined(path, step)) for step, part in parts.items()}
     changed = {step: part for step, part in after.items() if part is not parts[step]}
     if not changed:
         return value
+    if isinstance(value, dict):
+        return after
     return tuple(after.values()) if isinstance(value, tuple) else value.model_copy(update=changed)

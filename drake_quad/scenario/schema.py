@@ -26,6 +26,11 @@ def file_schema() -> dict[str, Any]:
     definitions["TrajectoryRoute"]["properties"]["pieces"]["anyOf"].append({"type": "string"})
     for name in ("Type1Network", "Type2Network"):
         definitions[name]["properties"]["learned"]["anyOf"].append({"type": "string"})
+    points = definitions["HullObstacle"]["properties"]
+    points["points"] = {
+        "description": points["points"].pop("description"),
+        "anyOf": [points["points"], {"type": "string"}],
+    }
     # Vehicles and beliefs have the same layouts, but of what is believed there are no distributions.
     believed = definitions["Nominal"]["properties"]
     believed["layout"] = _of_numbers(believed["layout"], definitions)
@@ -89,6 +94,7 @@ def _limits() -> str:
 - A scenario: {limits.MOST_LEVELS} levels, {limits.MOST_BASES} extensions.
 - A name or text: {limits.MOST_CHARACTERS:,} characters.
 - A route: {limits.MOST_WAYPOINTS:,} waypoints. A laboratory: {limits.MOST_SOURCES} sources of wind.
+- A space: {limits.MOST_OBSTACLES} obstacles, each hull of {limits.MOST_CORNERS} corners.
 - All distributions: {limits.MOST_SHARED} shared variables.
 - A number: {limits.LARGEST:,.0f} in size, and at least {limits.SMALLEST:g} where it must be larger than 0.
 - A period: from {limits.SHORTEST:g} to 1 s. A duration: from {limits.SHORTEST:g} to {limits.LONGEST:,.0f} s, a day.

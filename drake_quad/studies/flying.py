@@ -53,7 +53,9 @@ def fly_batch(job: Job, samples: Sequence[int]) -> np.ndarray:
         InputError: this process has other code than the one that wants the study.
     """
     batch = Batch.draw(job.scenario, samples)
-    return rows_of(batch, _fleet(job, len(batch)).fly_batch(batch))
+    fleet = _fleet(job, len(batch))
+    metrics = fleet.fly_batch(batch)
+    return rows_of(batch, metrics, fleet.touched()[: len(batch)])
 
 
 def fly_trial(job: Job, samples: Sequence[int]) -> np.ndarray:

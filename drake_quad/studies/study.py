@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 RESULTS, SCENARIO, STUDY, FAILED = "results.csv", "scenario.yaml", "study.yaml", "failed.csv"
 PARQUET = "results.parquet"
+# The column of what samples crashed into.
+_OBSTACLE = "obstacle"
 # Of two numbers that are written with twelve digits.
 _ROUNDING = 1e-11
 
@@ -43,6 +45,8 @@ class Study:
         flown_time: seconds of flight that were flown just now, and not read from a file.
         misfits: numbers of the lines of the results file that were not as they had been written, and whose samples were
             flown again.
+        touched: (n,) number of the obstacle that each sample crashed into, from 1 on in the scenario's order, 0 if it
+            touched none; None without obstacles.
     """
 
     scenario: Scenario
@@ -53,6 +57,7 @@ class Study:
     failures: Mapping[int, str] = field(default_factory=dict)
     flown_time: float = 0.0
     misfits: Sequence[int] = ()
+    touched: np.ndarray | None = None
 
     @classmethod
     def of_rows(
@@ -76,6 +81,7 @@ class Study:
             dict(failures),
             flown_time,
             tuple(misfits),
+            columns[_OBSTACLE].astype(int) if _OBSTACLE in columns else None,
         )
 
     def __repr__(self) -> str:
@@ -90,13 +96,26 @@ class Study:
         """(n,) seconds that each sample flew, until the end or its crash."""
         return np.minimum(self.metrics.crash_time, self.duration)
 
+    @property
+    def touches(self) -> dict[str, int]:
+        """How many samples crashed into each obstacle, by its name."""
+        if self.touched is None:
+            return {}
+        return {name: int((self.touched == i).sum()) for i, name in enumerate(_obstacles(self.scenario), start=1)}
+
+    def obstacle_of(self, place: int) -> str | None:
+        """The name of the obstacle that the sample in a place crashed into; None if it touched none."""
+        number = 0 if self.touched is None else int(self.touched[place])
+        return _obstacles(self.scenario)[number - 1] if number else None
+
     def to_frame(self) -> "pd.DataFrame":
         """The study as a table of pandas, with a row for each sample that was flown.
 
         Its index is the number of the sample, so that tables of controllers that flew the same samples join row by row.
         Its columns are every number that was drawn, by the path of its field, every metric, `crashed` as True or False,
-        and `crash_time`, which is NaN for a sample that flew to the end. The metrics of a sample that crashed are those
-        until then. `frame.attrs` has the `units` of the columns, the `scenario`'s name, the `seed`, the `duration` of a
+        and `crash_time`, which is NaN for a sample that flew to the end. Where there are obstacles, `obstacle` is
+        the name of that which it crashed into, if it did. The metrics of a sample that crashed are those until then.
+        `frame.attrs` has the `units` of the columns, the `scenario`'s name, the `seed`, the `duration` of a
         flight (s), and, by their numbers, the `failures`: why samples could not be flown, which have no row.
 
         Raises:
@@ -105,6 +124,9 @@ class Study:
         pandas = needed("pandas", "tables")
         columns = {**self.parameters, **self.metrics._asdict(), "crashed": self.metrics.crashed}
         columns["crash_time"] = np.where(self.metrics.crashed, self.metrics.crash_time, np.nan)
+        if self.touched is not None:
+            names = np.array([None, *_obstacles(self.scenario)], dtype=object)
+            columns[_OBSTACLE] = names[self.touched]
         ordered = {name: columns[name] for name in columns_of(self.scenario)[1:]}
         frame = pandas.DataFrame(ordered, index=pandas.Index(self.samples, name="sample"))
         frame.attrs = {
@@ -131,14 +153,27 @@ class Study:
 
 
 def columns_of(scenario: Scenario) -> list[str]:
-    """The columns of a study's table: the sample, every field that is drawn, and every metric."""
+    """The columns of a study's table: the sample, every field that is drawn, every metric, and the obstacle, if any."""
     measured = [name for name in Metrics._fields if name != "crash_time"]
-    return ["sample", *distributions_in(scenario), *measured, "crashed", "crash_time"]
+    touched = [_OBSTACLE] if _obstacles(scenario) else []
+    return ["sample", *distributions_in(scenario), *measured, "crashed", "crash_time", *touched]
 
 
-def rows_of(batch: Batch, metrics: Metrics) -> np.ndarray:
-    """The (n, columns) table of what a batch flew."""
+def _obstacles(scenario: Scenario) -> list[str]:
+    """The names of the obstacles."""
+    return [] if scenario.space is None else [*scenario.space.obstacles]
+
+
+def rows_of(batch: Batch, metrics: Metrics, touched: np.ndarray | None = None) -> np.ndarray:
+    """The (n, columns) table of what a batch flew.
+
+    Args:
+        batch: of n vehicles.
+        metrics: (n,) arrays.
+        touched: (n,) number of the obstacle that each crashed into, or 0; nobody asks for it without obstacles.
+    """
     columns = {"sample": batch.samples, **batch.varying, **metrics._asdict(), "crashed": metrics.crashed}
+    columns[_OBSTACLE] = touched
     return np.column_stack([columns[name] for name in columns_of(batch.scenario)])
 
 
@@ -314,6 +349,7 @@ def meaning(scenario: Scenario, column: str) -> str:
     own = {
         "sample": "number of the sample",
         "crashed": "1 if the vehicle crashed, else 0",
+        _OBSTACLE: "number of the obstacle that it crashed into, from 1 on as in the scenario; 0 if it touched none",
         CHECKSUM: "CRC-32 of the row and its study, by which a row that was altered is known",
     }
     if column in own:
@@ -323,4 +359,4 @@ def meaning(scenario: Scenario, column: str) -> str:
 
 def unit_of(scenario: Scenario, column: str) -> str:
     """The unit of a column of a study's table; "" if it has none."""
-    return UNITS.get(column, "") if column in ("sample", "crashed", *UNITS) else unit_at(scenario, column)
+    return UNITS.get(column, "") if column in ("sample", "crashed", _OBSTACLE, *UNITS) else unit_at(scenario, column)

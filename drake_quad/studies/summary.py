@@ -13,6 +13,7 @@ from drake_quad.studies.statistics import (
     metric_mean,
     of_survivors,
     quantile_interval,
+    share_interval,
     with_crashes,
 )
 from drake_quad.studies.study import Study
@@ -46,8 +47,21 @@ class Summary(NamedTuple):
 
 
 def crashes_of(study: Study) -> str:
-    """How many samples of a study crashed, and how probable a crash is."""
-    return f"{int(study.metrics.crashed.sum()):,} crashed, {crash_probability(study.metrics).percent()}"
+    """How many samples of a study crashed, and how probable a crash is; how many of them into obstacles, if any are."""
+    crashes = f"{int(study.metrics.crashed.sum()):,} crashed, {crash_probability(study.metrics).percent()}"
+    touched = sum(study.touches.values())
+    if study.touched is None:
+        return crashes
+    return f"{crashes}; {touched:,} of them into obstacles, {share_interval(touched, len(study.samples)).percent()}"
+
+
+def touches_of(study: Study) -> Summary:
+    """The obstacles into which samples of a study crashed, most often first, with the probability of each."""
+    ordered = sorted(study.touches.items(), key=lambda each: -each[1])
+    rows: list[tuple[str, ...]] = [
+        (name, f"{count:,}", share_interval(count, len(study.samples)).percent()) for name, count in ordered if count
+    ]
+    return Summary(("crashed into", "samples", "share"), rows, [])
 
 
 def summary_of(study: Study) -> Summary:

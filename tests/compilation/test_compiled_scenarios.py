@@ -64,3 +64,25 @@ def test_random_scenarios_fly_as_wired(number, tmp_path):
     assert len({flight.metrics.rmse for flight in flights}) == NUMBERS
     if CASES:
         assert_flown_alike(Batch.draw(scenario, [number]))
+
+
+OBSTACLES = {
+    "pillar": {"kind": "cylinder", "centre": [1.9, 2.3, 1.0], "radius": 0.05, "height": 4.0},
+    "beam": {"kind": "box", "centre": [9.0, 1.6, 2.0], "size": [0.3, 0.3, 0.3], "rotation": [0.1, 0.2, 0.3]},
+    "ball": {"kind": "sphere", "centre": [-0.3, 3.9, 1.98], "radius": 0.1},
+    "rock": {"kind": "hull", "points": [[0, 0, 0], [-1, 0, 0], [0, -1, 0], [0, 0, 1]], "centre": [-1.8, 1.9, 1.8]},
+}
+
+
+def test_fleets_touch_obstacles_compiled_as_they_do_wired_and_alone():
+    scenario = load_scenario(f"{ROOT}/diagrams/robustness.yaml", {"space": {"obstacles": OBSTACLES}, "duration": 12.0})
+    fleet = assert_flown_alike(Batch.draw(scenario, range(8)))
+    touched = [flight.touched for flight in fleet]
+    assert len({*touched}) > 2
+    alone = assert_flown_alike(Batch.draw(scenario, [5]))[0]
+    assert (alone.touched, alone.crash) == (fleet[5].touched, fleet[5].crash)
+    for flight in fleet:
+        if flight.touched is not None:
+            state, solid = flight.record("state"), scenario.space.obstacles[flight.touched].shape()
+            distances = solid.distances(np.column_stack([state.x, state.y, state.z]))
+            assert distances[-1] < 0.17 <= distances[:-1].min()

@@ -199,3 +199,30 @@ def test_a_long_chain_of_operations_is_not_followed_in_depth():
         x, k = x + 1.0, k + 1.0
     before, event, _ = loop_module._divided(listing, [x + k])
     assert (len(before.listing.operations), len(event.operations)) == (3002, 3004)
+
+
+@pytest.mark.parametrize(("n", "lone"), [(1, True), *((n, False) for n in NUM_VEHICLES)])
+def test_what_is_needed_now_and_then_is_computed_event_by_event(n, lone):
+    """From parameters alone, too, which is before the first event; and twice in an event."""
+
+    def root(x, y):
+        return elementary.sqrt(x * x + y), y
+
+    listing = Listing()
+    (x, v), (a, b) = rows_of(listing, STATE, 2), rows_of(listing, PARAMETERS, 2)
+    fixed, _ = elementary.where_needed(a > 0.0, root, (a, 2.0), (b, 0.0))
+    first, _ = elementary.where_needed(x > v, root, (x, 1.0), (v, 0.0))
+    second, given = elementary.where_needed(first > 1.0, root, (first, abs(v)), (x, -1.0))
+    rng = np.random.default_rng(n)
+    state, parameters = rng.normal(size=(2, n)), rng.normal(size=(2, n))
+    changes = {0: 0.5 * second - listing.shared(0), 1: fixed - first}
+    shared = rng.uniform(0.5, 1.0, (6, 1))
+    found, log = run(listing, changes, [given, fixed], state=state, parameters=parameters, shared=shared, lone=lone)
+    constant = np.where(parameters[0] > 0.0, np.sqrt(parameters[0] * parameters[0] + 2.0), parameters[1])
+    for event, (h,) in enumerate(shared):
+        x, v = state
+        one = np.where(x > v, np.sqrt(x * x + 1.0), v)
+        np.testing.assert_array_equal(log[event], [np.where(one > 1.0, abs(v), -1.0), constant])
+        two = np.where(one > 1.0, np.sqrt(one * one + abs(v)), x)
+        state = np.array([0.5 * two - h, constant - one])
+    np.testing.assert_array_equal(found, state)

@@ -227,6 +227,13 @@ FLIGHTS = {
             "laboratory.motion_capture.derivative_bandwidth=null",
         ],
     ),
+    "an obstacle": (
+        "pid",
+        [
+            "space={radius: 0.2, obstacles: {far: {kind: sphere, centre: [9, 9, 9], radius: 1}, near: {kind: cylinder,"
+            " centre: [-1.1, 2.3, 0.9], rotation: [0.3, 0.2, 0], radius: 0.265, height: 4.0}}}",
+        ],
+    ),
     "a crash": ("pid", ["crash.position_error=1.1", "control.position.k_p.2=1.5", "control.position.k_i.2=0"]),
 }
 
@@ -257,8 +264,9 @@ def assert_same(flight, signals, metrics):
 @pytest.mark.parametrize("name", FLIGHTS)
 def test_a_flight_is_what_its_equations_make_it(flown, name):
     flight = flown(name)
-    assert flight.metrics.crashed == (name == "a crash")
-    if flight.metrics.crashed:  # not without what it has sunk
+    assert flight.metrics.crashed == (name in ("a crash", "an obstacle"))
+    assert flight.touched == ("near" if name == "an obstacle" else None)
+    if name == "a crash":  # not without what it has sunk
         reference, state = flight.record("reference"), flight.record("state")
         assert np.hypot(reference.x[-1] - state.x[-1], reference.y[-1] - state.y[-1]) < 1.1
     assert_same(flight, *fly(flight.scenario, flight.plan.reference(), flight.plan.leg_times))

@@ -7,8 +7,17 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from drake_quad.laboratory.flight_monitor import CrashLimits, FlightMonitor, Window
+from drake_quad.laboratory.flight_monitor import (
+    CrashLimits,
+    FlightMonitor,
+    FreeBall,
+    Surroundings,
+    Touched,
+    Window,
+    touching,
+)
 from drake_quad.signals import SIGNALS, State
+from drake_quad.space.shapes import Ball, Cuboid, hull_of
 
 PERIOD = 0.02
 
@@ -19,7 +28,13 @@ def row(port, field):
 
 
 def watched(tape, num_vehicles=1, **options):
-    """The metrics that the monitor gathers over a tape of (ticks, size) inputs by port."""
+    """The metrics that the monitor gathers over a tape of (ticks, size) inputs by port, and who has crashed."""
+    monitor, context = judged(tape, num_vehicles, **options)
+    return monitor.metrics(context), monitor.GetOutputPort("crashed").Eval(context)
+
+
+def judged(tape, num_vehicles=1, **options):
+    """The monitor of a tape, and its context at the end."""
     builder = DiagramBuilder()
     monitor = builder.AddNamedSystem("monitor", FlightMonitor(num_vehicles=num_vehicles, period=PERIOD, **options))
     ticks = len(next(iter(tape.values())))
@@ -33,8 +48,7 @@ def watched(tape, num_vehicles=1, **options):
     simulator = Simulator(diagram)
     simulator.AdvanceTo(PERIOD * (ticks - 1))
     simulator.AdvancePendingEvents()
-    context = monitor.GetMyContextFromRoot(simulator.get_context())
-    return monitor.metrics(context), monitor.GetOutputPort("crashed").Eval(context)
+    return monitor, monitor.GetMyContextFromRoot(simulator.get_context())
 
 
 def random_tape(ticks=40, num_vehicles=1, seed=0):
@@ -163,3 +177,113 @@ def test_what_is_not_connected_is_not_measured():
     metrics, _ = watched({name: tape[name] for name in ("state", "reference")})
     assert math.isfinite(metrics.rmse[0])
     assert np.isnan([metrics.effort_x[0], metrics.variation_z[0], metrics.saturation_share[0]]).all()
+
+
+SOLIDS = Ball((2.0, 0.0, 1.0), radius=0.5), Cuboid((0.0, 3.0, 1.0), size=(1.0, 1.0, 1.0))
+
+
+def still(num_vehicles=1, **rows):
+    """Five ticks in which vehicles stay at the reference, at 1 m."""
+    tape = {"state": np.zeros((5, 12, num_vehicles)), "reference": np.zeros((5, 11, num_vehicles))}
+    for port in tape:
+        tape[port][:, row(port, "z")] = 1.0
+    for name, values in rows.items():
+        tape["state"][:, row("state", name)] = values
+        tape["reference"][:, row("reference", name)] = values
+    return {port: values.reshape(5, -1) for port, values in tape.items()}
+
+
+def test_who_is_nearer_to_a_solid_than_the_radius_has_crashed_into_it():
+    """Just within and just beyond the radius of each, and inside of one."""
+    x = np.array([1.29, 1.31, 0.0, 0.0, 0.0])
+    y = np.array([0.0, 0.0, 2.29, 2.31, 3.0])
+    monitor, context = judged(still(5, x=x, y=y), 5, surroundings=Surroundings(SOLIDS, 0.2))
+    np.testing.assert_array_equal(monitor.touched(context), [0, 1, 0, 2, 2])
+    np.testing.assert_array_equal(monitor.metrics(context).crashed, [False, True, False, True, True])
+
+
+def test_a_touch_is_for_good_and_the_first_counts():
+    tape = still()
+    tape["state"][2:, row("state", "x")] = tape["reference"][2:, row("reference", "x")] = 1.4
+    tape["state"][3:, 0:2] = tape["reference"][3:, 0:2] = 0.0, 3.0
+    monitor, context = judged(tape, surroundings=Surroundings(SOLIDS, 0.2))
+    assert monitor.touched(context) == [1]
+    assert monitor.metrics(context).crash_time[0] == pytest.approx(2 * PERIOD)
+
+
+def test_who_crashed_before_it_came_to_a_solid_touched_none():
+    tape = still()
+    tape["state"][2, row("state", "roll")] = 1.5
+    tape["state"][3:, row("state", "x")] = tape["reference"][3:, row("reference", "x")] = 1.4
+    monitor, context = judged(tape, surroundings=Surroundings(SOLIDS, 0.2))
+    assert monitor.touched(context) == [0]
+    assert monitor.metrics(context).crash_time[0] == pytest.approx(2 * PERIOD)
+
+
+@pytest.mark.parametrize("num_vehicles", [1, 11])
+def test_no_touch_is_missed_where_no_distance_is_computed(num_vehicles):
+    """Against the distances to all solids at every tick, of vehicles that crawl, fly and jump about them."""
+    rng = np.random.default_rng(num_vehicles)
+    ticks, radius = 400, 0.2
+    rock = hull_of(rng.normal(size=(12, 3)) * 0.2 + [-1.5, -1.0, 1.2])
+    solids = *SOLIDS, rock, hull_of(rng.normal(size=(8, 3)) * 0.3 + [1.0, -2.0, 1.0])
+    steps = rng.normal(size=(ticks, 3, num_vehicles)) * rng.choice([0.001, 0.03, 0.3], (ticks, 1, num_vehicles))
+    places = np.cumsum(steps, axis=0) + np.array([0.0, 0.0, 1.5])[:, None]
+    if num_vehicles > 1:
+        places[20:, :, 0] = np.nan
+    tape = {name: np.zeros((ticks, size, num_vehicles)) for name, size in (("state", 12), ("reference", 11))}
+    for values in tape.values():
+        values[:, :3] = places
+    tape = {name: values.reshape(ticks, -1) for name, values in tape.items()}
+    limits = CrashLimits(height=-math.inf)
+    monitor, context = judged(tape, num_vehicles, surroundings=Surroundings(solids, radius), limits=limits)
+    touched, crash_time = monitor.touched(context), monitor.metrics(context).crash_time
+    touches = 0
+    for i in range(num_vehicles):
+        distances = np.array([solid.distances(places[:, :, i]) for solid in solids])
+        crashes = np.flatnonzero((distances.min(axis=0) < radius) | np.isnan(places[:, 0, i]))
+        if not len(crashes):
+            assert (touched[i], crash_time[i]) == (0, math.inf)
+            continue
+        first = distances[:, crashes[0]]
+        assert touched[i] == (0 if np.isnan(first[0]) else 1 + np.argmin(first))
+        assert crash_time[i] == pytest.approx(PERIOD * crashes[0])
+        touches += touched[i] > 0
+    assert num_vehicles == 1 or 3 <= touches < num_vehicles
+
+
+class Counted:
+    """A solid that counts how often it is asked for its distance."""
+
+    def __init__(self, shape):
+        self.shape, self.count = shape, 0
+
+    def distance(self, x, y, z):
+        self.count += 1
+        return self.shape.distance(x, y, z)
+
+    def at_least(self, x, y, z):
+        return self.shape.at_least(x, y, z)
+
+
+def test_distances_are_computed_only_of_who_has_moved_as_far_as_it_may():
+    solid = Counted(Ball((2.0, 0.0, 1.0), radius=0.5))
+    surroundings, free = Surroundings((solid,), 0.2), FreeBall()
+    level = State(*[0.0] * 12)._replace(z=1.0)
+    counts = []
+    # It may move by 1.3 m, then by 2.61 m; a vehicle that has crashed is not looked at.
+    for x, flies in ((0.0, True), (0.5, True), (-1.29, True), (-1.31, True), (0.5, True), (0.9, True), (1.4, True)):
+        touch, free = touching(level._replace(x=x), flies, free, surroundings)
+        counts.append(solid.count)
+        assert touch == Touched(1.0 if x == 1.4 else 0.0)
+    assert counts == [1, 1, 1, 2, 2, 2, 3]
+    touch, kept = touching(level._replace(x=1.5), False, free, surroundings)
+    assert (touch, kept, solid.count) == (Touched(), free, 3)
+
+
+def test_a_hull_s_distance_is_computed_only_if_it_may_be_the_nearest():
+    near, far = Counted(Ball((1.0, 0.0, 1.0), radius=0.5)), Counted(hull_of(np.add(np.eye(4, 3), [5.0, 0.0, 0.0])))
+    touching(State(*[0.0] * 12), True, FreeBall(), Surroundings((near, far), 0.1))
+    assert (near.count, far.count) == (1, 0)
+    touching(State(*[0.0] * 12), True, FreeBall(), Surroundings((far, near), 0.1))
+    assert (near.count, far.count) == (2, 1)

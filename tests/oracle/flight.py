@@ -7,6 +7,7 @@ import numpy as np
 from oracle.autopilot import ON_BOARD, vehicle_of
 from oracle.control import Controller
 from oracle.laboratory import Cameras, Link
+from oracle.obstacles import Obstacles
 from oracle.vehicle import allocate
 from oracle.wind import Wind
 
@@ -99,13 +100,19 @@ class Referee:
 
     def __init__(self, scenario):
         self.limits, self.window = scenario.crash, scenario.metrics
+        self.obstacles = Obstacles(scenario)
         self.errors, self.commands, self.saturated, self.crash_time = [], [], [], math.inf
 
     def watch(self, time, state, wanted, command, shortfall):
         """Whether the vehicle still flies; the tick of a crash counts no more."""
         error = wanted - state[0:3]
         tilted = np.abs(state[3:5]).max() > self.limits.tilt
-        if tilted or np.linalg.norm(error) > self.limits.position_error or state[2] < self.limits.height:
+        if (
+            self.obstacles.touch(state[0:3])
+            or tilted
+            or np.linalg.norm(error) > self.limits.position_error
+            or state[2] < self.limits.height
+        ):
             self.crash_time = time
             return False
         if self.window.start <= time <= (math.inf if self.window.end is None else self.window.end):

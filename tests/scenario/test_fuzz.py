@@ -62,6 +62,16 @@ ROUTES = [
         "waypoints": [[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]],
         "times": [0.0, 4.0],
         "heading": "along_path",
+        "corridors": [
+            {
+                "min": [-1.0, -1.0, 0.0],
+                "max": [2.0, 1.0, 2.0],
+                "half_spaces": [
+                    {"normal": [1.0, 1.0, 0.0], "point": [1.5, 0.0, 0.0]},
+                    {"normal": [0.0, -3.0, 4.0], "point": [0.0, 0.0, 1.5]},
+                ],
+            }
+        ],
     },
     {
         "kind": "waypoints",
@@ -88,6 +98,19 @@ WIND = [
     {"kind": "gust", "speed": 1.0, "heading": 0.5, "start": 0.05, "rise_time": 1.0, "hold_time": 2.0},
     {"kind": "dryden", "level": "light", "height": 6.0, "airspeed": 2.0, "heading": 0.1},
 ]
+
+SPACE = {
+    "bounds": {"min": [-5.0, -5.0, -1.0], "max": [5.0, 5.0, 4.0]},
+    "obstacles": {
+        "beam": {"kind": "box", "centre": [2.0, 0.0, 2.0], "size": [0.1, 0.2, 0.3], "rotation": [0.1, 0.2, 0.3]},
+        "pillar": {"kind": "cylinder", "centre": [1.6, 1.8, 1.0], "radius": 0.1, "height": 4.0},
+        "ball": {"kind": "sphere", "centre": [9.0, 9.0, 9.0], "radius": 0.1},
+        "rock": {"kind": "hull", "points": [[3.0, 0.0, 0.0], [4.0, 0.0, 0.0], [3.0, 1.0, 0.0], [3.0, 0.0, 1.0]]},
+    },
+    "margin": 0.1,
+    "radius": 0.2,
+    "tracking": 2.0,
+}
 
 
 def dumped(spec, layers=()):
@@ -131,6 +154,7 @@ def seeds():
         dumped("laboratory.yaml:low_wind", layers=[f"{DIAGRAMS}/controllers/lqg.yaml:lqg"]),
         dumped("laboratory.yaml:nominal", layers=[f"{DIAGRAMS}/controllers/mpc.yaml:mpc_short_of_thrust"]),
     ]
+    found[1]["space"] = copy.deepcopy(SPACE)
     found[2]["control"]["position"] |= {"kind": "pid", "k_i": [0.1, 0.1, 0.1]}
     found[3]["control"]["position"]["learning"] = {"kind": "gradient", "rate": 1.0}
     found[4]["control"]["position"]["learning"] = {"kind": "sign", "rate": 1.0}

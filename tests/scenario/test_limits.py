@@ -169,7 +169,7 @@ def test_aliases_that_multiply_or_contain_themselves_are_refused(write, value, w
         (f"{SMALL}  vehicle: !!bool 3\n", "loop.yaml:6: '3' is not true or false"),
         (f"{SMALL}  vehicle: !!float x\n", "loop.yaml:6: 'x' is not a number"),
         (f"{SMALL}  vehicle: !!int ''\n", "loop.yaml:6: '' is not a number"),
-        (f"{SMALL}  {'y' * 900}: 1\n", "loop.yaml:6: yyyyy.*yyy is unknown; allowed are name, route, .*, and 3 more"),
+        (f"{SMALL}  {'y' * 900}: 1\n", "loop.yaml:6: yyyyy.*yyy is unknown; allowed are name, route, .*, and 4 more"),
         (f"{SMALL}  seed: 1\0\n", "loop.yaml:6: is not YAML: it holds '.x00', which is no text"),
         ("a: {extends: x\\ny.yaml}", "loop.yaml:1: extends .*, which does not exist"),
         ('a: {extends: "x\\0y.yaml"}', "loop.yaml:1: extends .*, which does not exist"),
@@ -244,7 +244,7 @@ def test_errors_call_an_override_what_its_giver_calls_it(write):
     assert refusal(load_scenario, path, ["seed=-1"]).startswith("override seed=-1: seed is -1, but must be")
     assert refusal(load_scenario, path, [Override("seed=-1", "--seed -1")]).startswith("--seed -1: seed is -1, but")
     assert refusal(load_mission, path, ["seed=1"]) == (
-        "override seed=1: a plan does not depend on seed, only on name, route, nominal"
+        "override seed=1: a plan does not depend on seed, only on name, route, nominal, space"
     )
     assert refusal(load_mission, path, [Override("seed=1", "--set seed=1")]).startswith("--set seed=1: a plan does")
 

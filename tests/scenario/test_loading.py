@@ -434,7 +434,7 @@ def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehi
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [null, null]}",
-            r"2: route.corridors is .* one box or null for each of the 1 segments",
+            r"2: route.corridors is .* one box, half-spaces or null for each of the 1 segments",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{min: [0, 0, 2], max: [1, 1, 1]}]}",
@@ -443,6 +443,43 @@ def test_limits_of_the_rotors_are_checked_as_they_are_flown(write, nominal, vehi
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{min: [0, 0, 0.5], max: [1, 1, 2]}]}",
             r"2: route cannot be flown: waypoint 0, .* lies outside the corridor of segment 0, .* 0.5 m apart on z",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], "
+            "corridors: [{half_spaces: [{normal: [0, 0, 0], point: [0, 0, 2]}]}]}",
+            r"2: route.corridors.0.half_spaces.0.normal is .*, but must not be zero",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{half_spaces: []}]}",
+            r"2: route.corridors.0.half_spaces ",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{}]}",
+            r"2: route.corridors.0 .*must have min and max, or half_spaces, or both",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{min: [0, 0, 0]}]}",
+            r"2: route.corridors.0.max is .*must be given: a box has both corners",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{half_spaces: "
+            "[{normal: [1, 1, 0], point: [1, 0, 0]}, {normal: [-1, -1, 0], point: [2, 0, 0]}]}]}",
+            r"2: route.corridors.0 is .*, but must have room: its half-spaces leave no point$",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{min: [0, 0, 0], max: [1, 1, 1], "
+            "half_spaces: [{normal: [1, 1, 0], point: [-1, 0, 0]}]}]}",
+            r"2: route.corridors.0 is .*, but must have room: its half-spaces leave no point of the box$",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], corridors: [{half_spaces: "
+            "[{normal: [1, 1, 0], point: [0, 0, 0]}, {normal: [-1, -1, 0], point: [0, 0, 0]}]}]}",
+            r"2: route.corridors.0 is .*, but must have room: its half-spaces leave no more than a plane",
+        ),
+        (
+            "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], "
+            "corridors: [{half_spaces: [{normal: [0, 3, 4], point: [0, 0, 0.5]}]}]}",
+            r"2: route cannot be flown: waypoint 1, .* lies outside the corridor of segment 0, .* 0.4 m apart",
         ),
         (
             "{kind: waypoints, waypoints: [[0, 0, 0], [0, 0, 1]], space: {min: [0, 0, 0], max: [1, 1, 0.5]}}",

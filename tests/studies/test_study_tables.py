@@ -11,6 +11,7 @@ from drake_quad import InputError, load_scenario, read_studies, read_study, run_
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario import Batch
 from drake_quad.studies.study import Study, columns_of, rows_of
+from drake_quad.studies.summary import crashes_of, touches_of
 
 DRAWN = {
     "duration": 0.1,
@@ -47,6 +48,35 @@ def test_a_frame_has_a_row_for_each_sample_and_a_column_for_each_path_and_metric
     assert frame["crashed"].tolist() == [False, True, False]
     np.testing.assert_array_equal(frame["crash_time"], [math.nan, 0.04, math.nan])
     assert frame[~frame.crashed]["rmse"].mean() == pytest.approx(np.mean(study.metrics.rmse[[0, 2]]))
+
+
+def test_a_study_with_obstacles_says_into_which_samples_crashed():
+    ball = {"kind": "sphere", "centre": [0.0, 0.0, 5.0], "radius": 0.1}
+    scenario = load_scenario("hover", {"space.obstacles": {"near": ball, "far": ball}})
+    metrics = Metrics(*np.ones((len(Metrics._fields) - 1, 4)), np.array([math.inf, 0.04, 0.06, 0.08]))
+    study = Study.of_rows(scenario, 0.1, rows_of(Batch.draw(scenario, range(4)), metrics, np.array([0, 2, 0, 2])))
+    assert study.touches == {"near": 0, "far": 2}
+    assert [study.obstacle_of(place) for place in range(4)] == [None, "far", None, "far"]
+    frame = study.to_frame()
+    assert ["sample", *frame.columns] == columns_of(scenario)
+    assert frame["obstacle"].isna().tolist() == [True, False, True, False]
+    assert frame["obstacle"].dropna().tolist() == ["far", "far"]
+    assert crashes_of(study).startswith("3 crashed, 75.0 % ")
+    assert "; 2 of them into obstacles, 50.0 % " in crashes_of(study)
+    ((name, count, share),) = touches_of(study).rows
+    assert (name, count) == ("far", "2")
+    assert share.startswith("50.0 %")
+
+
+def test_a_study_on_disk_keeps_what_samples_crashed_into(tmp_path):
+    space = {"obstacles": {"pillar": {"kind": "cylinder", "centre": [0.4, 0.0, 1.0], "radius": 0.13, "height": 1.0}}}
+    changed = {"space": space, "duration": 0.4, "laboratory.wind": [{"kind": "steady", "velocity": [3.0, 0.0, 0.0]}]}
+    scenario = load_scenario("hover", {**changed, "vehicle.linear_drag": {"uniform": {"min": 0.0, "max": 1.0}}})
+    study = run_monte_carlo(scenario, 6, folder=tmp_path / "study", num_workers=1)
+    assert 0 < study.touches["pillar"] < 6
+    again = read_study(tmp_path / "study")
+    np.testing.assert_array_equal(again.touched, study.touched)
+    np.testing.assert_array_equal(again.touched > 0, again.metrics.crashed)
 
 
 def test_a_frame_says_what_its_columns_and_its_study_are(study):

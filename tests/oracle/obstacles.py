@@ -1,0 +1,49 @@
+"""What a vehicle flies into."""
+
+import numpy as np
+from pydrake.math import RollPitchYaw
+
+
+class Obstacles:
+    """Whether the ball around the centre of mass meets a solid: boxes and cylinders by clipping, hulls by steps."""
+
+    def __init__(self, scenario):
+        space = scenario.space
+        self.solids = [] if space is None else [*space.obstacles.values()]
+        self.radius = 0.0
+        if space is not None:
+            nominal = scenario.nominal
+            self.radius = nominal.arm_length if space.radius is None else space.radius
+
+    def touch(self, position):
+        """Whether any is nearer than the radius."""
+        return any(distance(solid, position) < self.radius for solid in self.solids)
+
+
+def distance(solid, position):
+    """From outside, to the nearest point; zero inside."""
+    if solid.kind == "sphere":
+        return max(0.0, np.linalg.norm(position - np.array(solid.centre)) - solid.radius)
+    rotation = RollPitchYaw(np.array(solid.rotation)).ToRotationMatrix().matrix()
+    own = rotation.T @ (position - np.array(solid.centre))
+    if solid.kind == "box":
+        half = 0.5 * np.array(solid.size)
+        return np.linalg.norm(own - np.clip(own, -half, half))
+    if solid.kind == "cylinder":
+        nearest = own.copy()
+        nearest[2] = np.clip(own[2], -0.5 * solid.height, 0.5 * solid.height)
+        nearest[0:2] *= min(1.0, solid.radius / max(np.linalg.norm(own[0:2]), 1e-300))
+        return np.linalg.norm(own - nearest)
+    return distance_to_hull(solid.scale * np.array(solid.points), own)
+
+
+def distance_to_hull(points, p, iterations=2000):
+    """By Gilbert's algorithm: steps towards the point of the hull that is farthest in the direction of p."""
+    nearest = points[0]
+    for _ in range(iterations):
+        support = points[np.argmax(points @ (p - nearest))]
+        step = support - nearest
+        if (p - nearest) @ step <= 1e-12:
+            break
+        nearest = nearest + np.clip((p - nearest) @ step / (step @ step), 0.0, 1.0) * step
+    return np.linalg.norm(p - nearest)

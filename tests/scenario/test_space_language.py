@@ -1,0 +1,170 @@
+import struct
+
+import numpy as np
+import pytest
+from ruamel.yaml import YAML
+
+from drake_quad import InputError, load_scenario
+from drake_quad.scenario.paths import distributions_in, value_at
+from drake_quad.scenario.saving import save_scenario
+
+ROOM = """
+room:
+  extends: figure_eight
+  space:
+    bounds: {min: [-5, -5, 0], max: [5, 5, 3]}
+    obstacles:
+      pillar: {kind: cylinder, centre: [2.0, 0.5, 1.0], radius: 0.2, height: 2.0}
+      beam: {kind: box, centre: [0, 0, 2], size: [1, 2, 0.1], rotation: [0, 0, 0.6]}
+      ball: {kind: sphere, centre: [0, 1, 1], radius: 0.3}
+      rock: {kind: hull, points: rock.obj, scale: 0.5, centre: [3, 3, 0], rotation: [0, 0, 1.5707963267948966]}
+    margin: 0.1
+smaller:
+  extends: room
+  space: {radius: 0.2, obstacles: {ball: {radius: 0.1}, new: {kind: sphere, centre: [0, 3, 1], radius: 0.3}}}
+other_kind: {extends: room, space: {obstacles: {ball: {kind: box, centre: [0, 0, 1], size: [1, 1, 1]}}}}
+"""
+CORNERS = [[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 1.0, 0.0], [0.0, 0.0, 1.0]]
+TRIANGLES = [(0, 2, 1), (0, 1, 3), (0, 3, 2), (1, 2, 3)]
+
+
+def obj():
+    inside = "v 0.1 0.1 0.1 1.0\n"
+    vertices = "".join(f"v {x} {y} {z}\n" for x, y, z in CORNERS)
+    return f"# a rock\n{vertices}{inside}vn 9 9 9\nf 1/1/1 2/2/2 3/3/3\n".encode()
+
+
+def binary_stl():
+    rows = [struct.pack("<12fH", 0, 0, 0, *np.ravel([CORNERS[i] for i in each]), 0) for each in TRIANGLES]
+    return b"solid".ljust(80) + struct.pack("<I", len(rows)) + b"".join(rows)
+
+
+def text_stl():
+    facets = (
+        "facet normal 0 0 0\nouter loop\n"
+        + "".join("vertex {} {} {}\n".format(*CORNERS[i]) for i in each)
+        + "endloop\nendfacet\n"
+        for each in TRIANGLES
+    )
+    return f"solid rock\n{''.join(facets)}endsolid rock\n".encode()
+
+
+@pytest.fixture
+def folder(tmp_path):
+    (tmp_path / "rooms.yaml").write_text(ROOM)
+    (tmp_path / "rock.obj").write_bytes(obj())
+    return tmp_path
+
+
+def test_a_room_is_what_is_written(folder):
+    space = load_scenario(folder / "rooms.yaml:room").space
+    room = space.room(0.25)
+    assert room.names == ("pillar", "beam", "ball", "rock")
+    assert (room.radius, room.margin, room.tracking) == (0.25, 0.1, 0.0)
+    np.testing.assert_array_equal([room.bounds.low, room.bounds.high], [[-5.0, -5.0, 0.0], [5.0, 5.0, 3.0]])
+    pillar, beam, ball, rock = (obstacle.shape for obstacle in room.obstacles)
+    assert (pillar.centre, pillar.radius, pillar.height) == ((2.0, 0.5, 1.0), 0.2, 2.0)
+    assert (beam.centre, beam.size, beam.rotation) == ((0.0, 0.0, 2.0), (1.0, 2.0, 0.1), (0.0, 0.0, 0.6))
+    assert (ball.centre, ball.radius) == ((0.0, 1.0, 1.0), 0.3)
+    # A quarter turn about Z takes (x, y, z) to (-y, x, z).
+    expected = [[3.0, 3.0, 0.0], [3.0, 3.5, 0.0], [2.5, 3.0, 0.0], [3.0, 3.0, 0.5]]
+    np.testing.assert_allclose(sorted(rock.corners), sorted(expected), atol=1e-12)
+
+
+def test_the_predicted_error_counts_as_often_as_is_said(folder):
+    space = load_scenario(folder / "rooms.yaml:room", "space.tracking=3").space
+    assert space.room(0.25, 0.02).clearance == pytest.approx(0.25 + 0.1 + 0.06)
+
+
+def test_obstacles_are_joined_by_their_names(folder):
+    smaller = load_scenario(folder / "rooms.yaml:smaller").space.room(0.25)
+    assert smaller.names == ("pillar", "beam", "ball", "rock", "new")
+    assert smaller.radius == 0.2
+    assert smaller.obstacles[2].shape.radius == 0.1
+    assert load_scenario(folder / "rooms.yaml:other_kind").space.obstacles["ball"].kind == "box"
+
+
+@pytest.mark.parametrize(
+    ("name", "data"), [("rock.obj", obj()), ("binary.stl", binary_stl()), ("text.STL", text_stl())]
+)
+def test_meshes_give_the_corners_of_their_hull(folder, name, data):
+    (folder / name).write_bytes(data)
+    path = folder / "rooms.yaml"
+    path.write_text(ROOM.replace("rock.obj", name))
+    assert sorted(map(list, load_scenario(f"{path}:room").space.obstacles["rock"].points)) == sorted(CORNERS)
+
+
+def test_what_is_saved_is_the_same_without_the_mesh(folder, tmp_path):
+    scenario = load_scenario(folder / "rooms.yaml:smaller")
+    path = tmp_path / "saved.yaml"
+    with path.open("w") as file:
+        save_scenario(scenario, file)
+    (folder / "rock.obj").unlink()
+    assert load_scenario(path) == scenario
+    plain = tmp_path / "plain.yaml"
+    with plain.open("w") as file:
+        save_scenario(load_scenario("figure_eight"), file)
+    (written,) = YAML(typ="safe").load(plain).values()
+    assert "space" not in written
+
+
+def test_fields_of_obstacles_have_paths(folder):
+    scenario = load_scenario(folder / "rooms.yaml:room", "space.obstacles.ball.centre.1=1.5")
+    assert value_at(scenario, "space.obstacles.ball.centre.1") == 1.5
+    assert distributions_in(scenario) == {}
+    assert "4 obstacles" in repr(scenario)
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("obstacles.ball.radius=0", "obstacles.ball.radius is 0"),
+        ("obstacles.ball.radius={uniform: {min: 1, max: 2}}", "must be a valid number"),
+        ("obstacles.beam.size=[1, -1, 1]", "obstacles.beam.size.1 is -1"),
+        ("obstacles.rock.points=[[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]", "the 4 points of a hull are in a plane"),
+        ("obstacles.rock.points=[[0, 0, 0]]", "must have at least 4 items, not 1"),
+        ("obstacles.rock.points=no.obj", "no.obj: cannot be read: no such file"),
+        ("obstacles.rock.points=rock.ply", "its name must end in .obj or .stl"),
+        ("obstacles.two words={}", "the name of an obstacle must be of letters"),
+        ("obstacles.kind=3", "the name of an obstacle"),
+        ("obstacles.x={kind: cone}", "must be one of 'box', 'cylinder', 'sphere', 'hull'"),
+        ("obstacles=[1]", "must be a mapping of names to solids"),
+        ("margin=-0.1", "space.margin is -0.1"),
+        ("bounds.max.0=-6", "space.bounds.max.0 is -6, but must not be less than that of min"),
+        ("walls=3", "space.walls is unknown"),
+    ],
+)
+def test_what_is_wrong_is_said_with_its_place(folder, override, words):
+    with pytest.raises(InputError, match="space|obj|ply") as error:
+        load_scenario(folder / "rooms.yaml:room", f"space.{override}")
+    assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("data", "words"),
+    [
+        (b"v 1 2\nv 3 four 5\n", "is not a mesh"),
+        (b"", "at least 4 points"),
+        (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n", "in a plane"),
+        (b"v nan 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n", "finite"),
+        (
+            "".join(f"v {np.cos(i)} {np.sin(i)} {i % 2}\n" for i in range(200)).encode(),
+            "the convex hull has 200 corners, but may have 100",
+        ),
+    ],
+)
+def test_a_mesh_that_is_none_is_refused(folder, data, words):
+    (folder / "rock.obj").write_bytes(data)
+    with pytest.raises(InputError, match=r"rock\.obj: ") as error:
+        load_scenario(folder / "rooms.yaml:room")
+    assert words in str(error.value)
+
+
+def test_there_are_not_too_many_obstacles_and_none_twice(folder):
+    ball = {"kind": "sphere", "centre": [0.0, 0.0, 1.0], "radius": 0.1}
+    with pytest.raises(InputError, match="there may be 200 obstacles, not 201"):
+        load_scenario("figure_eight", {"space.obstacles": {f"ball_{i}": ball for i in range(201)}})
+    path = folder / "twice.yaml"
+    path.write_text("a: {extends: figure_eight, space: {obstacles: {b: {}, b: {}}}}")
+    with pytest.raises(InputError, match="'b' is already given"):
+        load_scenario(path)

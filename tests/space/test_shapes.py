@@ -1,0 +1,182 @@
+import math
+
+import numpy as np
+import pytest
+from pydrake.math import RollPitchYaw
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+
+from drake_quad.errors import InputError
+from drake_quad.framework.formulas import kernel
+from drake_quad.framework.records import ROW
+from drake_quad.space.shapes import Ball, Cuboid, Cylinder, hull_of, placed
+from drake_quad.space.space import Obstacle, Space
+
+CENTRE, ROTATION = (0.3, -0.7, 1.1), (0.4, -0.9, 2.0)
+POINTS = np.random.default_rng(5).normal(size=(30, 3))
+SHAPES = {
+    "cuboid": Cuboid(CENTRE, ROTATION, (0.4, 1.2, 2.1)),
+    "upright cuboid": Cuboid(CENTRE, size=(0.4, 1.2, 2.1)),
+    "cylinder": Cylinder(CENTRE, ROTATION, 0.3, 1.7),
+    "upright cylinder": Cylinder(CENTRE, radius=0.7, height=0.4),
+    "ball": Ball(CENTRE, radius=0.6),
+    "hull": hull_of(POINTS),
+    "tetrahedron": hull_of([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0], [0.0, 2.0, 0.0], [0.2, 0.3, 3.0]]),
+    "hull of a box": hull_of(Cuboid(CENTRE, ROTATION, (0.4, 1.2, 2.1)).corners()),
+    "sliver": hull_of([[0.0, 0.0, 0.0], [4.0, 0.0, 0.0], [0.0, 3.0, 0.0], [1.0, 1.0, 0.01]]),
+}
+each_shape = pytest.mark.parametrize("shape", SHAPES.values(), ids=SHAPES)
+
+
+def around(shape, count, seed=0):
+    """Points in and around a shape."""
+    low, high = shape.extent()
+    return np.random.default_rng(seed).uniform(low - 1.0, high + 1.0, (count, 3))
+
+
+def projected(shape, point):
+    """The distance to the nearest point of the set that Drake takes for the shape."""
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(3)
+    shape.convex_set().AddPointInSetConstraints(program, x)
+    # A cone's distance keeps more digits than a quadratic cost: |x - point| <= bound.
+    (bound,) = program.NewContinuousVariables(1)
+    program.AddLorentzConeConstraint(np.eye(4), np.concatenate([[0.0], -point]), np.concatenate([[bound], x]))
+    program.AddLinearCost(bound)
+    solution = ClarabelSolver().Solve(program)
+    assert solution.is_success()
+    return np.linalg.norm(solution.GetSolution(x) - point)
+
+
+@each_shape
+def test_outside_a_distance_is_that_to_the_projection(shape):
+    points = around(shape, 60)
+    for point, distance in zip(points, shape.distances(points), strict=True):
+        assert max(0.0, distance) == pytest.approx(projected(shape, point), abs=2e-6)
+        assert (distance <= 0.0) == shape.convex_set().PointInSet(point, 1e-9)
+
+
+@each_shape
+def test_inside_the_largest_ball_touches_the_surface(shape):
+    """Against the support function of the shape's corners, along the normals of its triangles."""
+    corners = shape.triangles().reshape(-1, 3)
+    normals = np.cross(*(shape.triangles()[:, [1, 2]] - shape.triangles()[:, [0]]).transpose(1, 0, 2))
+    normals /= np.linalg.norm(normals, axis=1, keepdims=True)
+    offsets = (corners @ normals.T).max(axis=0)
+    points = np.vstack([around(shape, 2000), np.tile(shape.centre, (1, 1))])
+    distances = shape.distances(points)
+    inside = distances < 0.0
+    assert inside.any()
+    expected = (points[inside] @ normals.T - offsets).max(axis=1)
+    # Triangles of 32 sides a turn are within the radius of a ball by this share, in both directions.
+    slack = (1.0 - math.cos(math.pi / 32.0) ** 2) * getattr(shape, "radius", 0.0) + 1e-8
+    np.testing.assert_allclose(distances[inside], expected, atol=slack)
+
+
+@each_shape
+def test_a_distance_changes_no_faster_than_the_point_moves(shape):
+    a, b = around(shape, 3000, seed=1), around(shape, 3000, seed=2)
+    assert (np.abs(shape.distances(a) - shape.distances(b)) <= np.linalg.norm(a - b, axis=1) + 1e-9).all()
+
+
+@each_shape
+def test_on_its_corners_a_distance_is_nothing(shape):
+    np.testing.assert_allclose(shape.distances(shape.triangles().reshape(-1, 3)), 0.0, atol=1e-8)
+
+
+@each_shape
+def test_floats_and_machine_code_agree_with_arrays(shape):
+    points = np.vstack([around(shape, 300), shape.triangles().reshape(-1, 3)[:20]])
+    expected = shape.distances(points)
+    np.testing.assert_allclose([shape.distance(*p) for p in points.tolist()], expected, rtol=1e-12, atol=1e-9)
+    for lone, one in ((False, points), *((True, point[None]) for point in points[:20])):
+        found = np.full(len(one), np.nan)
+        kernel(shape.distance, (ROW, ROW, ROW), (ROW,), lone=lone)(len(one), 0.0, found, *one.T.copy())
+        np.testing.assert_allclose(found, shape.distances(one), rtol=1e-12, atol=1e-9)
+
+
+@each_shape
+def test_no_distance_is_below_its_bound(shape):
+    points = np.vstack([around(shape, 2000), shape.triangles().reshape(-1, 3)])
+    bound = shape.at_least(*points.T)
+    assert bound is None or (shape.distances(points) >= bound).all()
+    # Half the hull's corners are not far within the ball: a bound of minus infinity would be one, too.
+    assert (bound is None) == (not hasattr(shape, "corners") or isinstance(shape, Cuboid))
+    if bound is not None:
+        assert (shape.distances(points) - bound).min() < 1e-6
+
+
+@each_shape
+def test_a_shape_is_within_its_extent_and_touches_it(shape):
+    low, high = shape.extent()
+    corners = shape.triangles().reshape(-1, 3)
+    assert (corners >= low - 1e-9).all()
+    assert (corners <= high + 1e-9).all()
+    np.testing.assert_allclose(corners.min(axis=0), low, atol=0.02)
+    np.testing.assert_allclose(corners.max(axis=0), high, atol=0.02)
+
+
+@each_shape
+def test_triangles_close_a_surface_that_faces_outward(shape):
+    a, b, c = shape.triangles().transpose(1, 0, 2)
+    volume = np.sum(np.cross(b - a, c - a) * (a - np.array(shape.centre))) / 6.0
+    assert volume > 0.0
+    np.testing.assert_allclose(np.cross(b - a, c - a).sum(axis=0), 0.0, atol=1e-8)
+
+
+def test_volumes_are_known():
+    def volume(shape):
+        a, b, c = shape.triangles().transpose(1, 0, 2)
+        return np.sum(np.cross(b - a, c - a) * a) / 6.0
+
+    assert volume(SHAPES["cuboid"]) == pytest.approx(0.4 * 1.2 * 2.1)
+    assert volume(SHAPES["cylinder"]) == pytest.approx(math.pi * 0.3**2 * 1.7, rel=0.01)
+    assert volume(SHAPES["ball"]) == pytest.approx(4.0 / 3.0 * math.pi * 0.6**3, rel=0.02)
+
+
+def test_a_hull_of_a_box_has_its_faces_and_edges():
+    hull = SHAPES["hull of a box"]
+    assert (len(hull.corners), len(hull.normals), len(hull.edges), len(hull.facets)) == (8, 6, 12, 12)
+    points = around(hull, 2000)
+    np.testing.assert_allclose(hull.distances(points), SHAPES["cuboid"].distances(points), atol=1e-8)
+
+
+def test_rotation_is_roll_pitch_yaw():
+    half = RollPitchYaw(np.array(ROTATION)).ToRotationMatrix().matrix() @ [0.2, 0.6, 1.05]
+    assert SHAPES["cuboid"].distances([np.array(CENTRE) + half]) == pytest.approx(0.0, abs=1e-12)
+    tip = RollPitchYaw(np.array(ROTATION)).ToRotationMatrix().matrix() @ [0.0, 0.0, 2.0]
+    assert SHAPES["cylinder"].distances([np.array(CENTRE) + tip]) == pytest.approx(2.0 - 0.85)
+
+
+def test_placed_points_are_scaled_turned_and_moved():
+    cuboid = SHAPES["cuboid"]
+    own = Cuboid((0.0, 0.0, 0.0), size=cuboid.size).corners()
+    np.testing.assert_allclose(placed(0.5 * own, centre=CENTRE, rotation=ROTATION, scale=2.0), cuboid.corners())
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: Cuboid(CENTRE, size=(1.0, 0.0, 1.0)), "the size of a solid is 0 m"),
+        (lambda: Cylinder(CENTRE, radius=-1.0), "the radius of a solid is -1 m"),
+        (lambda: Cylinder(CENTRE, height=math.inf), "the height of a solid is inf m"),
+        (lambda: Ball((0.0, math.nan, 0.0)), "the centre of a solid must be three finite numbers"),
+        (lambda: hull_of(POINTS[:3]), "at least 4 points"),
+        (lambda: hull_of(POINTS * [1.0, 1.0, 0.0]), "in a plane"),
+        (lambda: hull_of([[0.0, 0.0, math.inf]] * 4), "finite"),
+    ],
+)
+def test_what_is_no_solid_is_refused(make, words):
+    with pytest.raises(InputError, match=words):
+        make()
+
+
+def test_a_space_knows_the_nearest_obstacle():
+    near, far = Ball((0.0, 0.0, 1.0), radius=0.5), Cuboid((3.0, 0.0, 1.0))
+    space = Space((Obstacle("near", near), Obstacle("far", far)), radius=0.2, margin=0.1, tracking=0.05)
+    distance, number = space.nearest([[1.0, 0.0, 1.0], [2.0, 0.0, 1.0]])
+    np.testing.assert_allclose(distance, [0.5, 0.5])
+    np.testing.assert_array_equal(number, [0, 1])
+    assert space.clearance == pytest.approx(0.35)
+    assert space.names == ("near", "far")
+    distance, number = Space((), 0.2).nearest([[1.0, 0.0, 1.0]])
+    assert (distance[0], number[0]) == (math.inf, -1)
