@@ -283,7 +283,12 @@ DEFAULTS = {
     DisturbanceEstimator: {"period": 0.02, "delay_ticks": 0},
     DrydenTurbulence: {"period": 0.01},
     Fans: {"period": 0.01},
-    FlightMonitor: {"period": 0.02, "limits": (math.radians(80.0), 5.0, -0.5), "window": (0.0, math.inf)},
+    FlightMonitor: {
+        "period": 0.02,
+        "limits": (math.radians(80.0), 5.0, -0.5),
+        "surroundings": ((), 0.0),
+        "window": (0.0, math.inf),
+    },
     FuzzyRules: {
         "axes": ("x", "y"),
         "inputs": ("error", "error_rate"),

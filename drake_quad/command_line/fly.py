@@ -129,7 +129,7 @@ def summary(flight: Flight) -> list[tuple[str, str, str]]:
     def number(value: float, digits: int) -> str:
         return f"{value:.{digits}f}" if math.isfinite(value) else "–"
 
-    end = f"crashed at {metrics.crash_time:.2f}" if metrics.crashed else f"{flight.time[-1]:.2f}"
+    end = flight.crash.removesuffix(" s") or f"{flight.time[-1]:.2f}"
     return [
         ("flown", end, "s, compiled" if flight.compiled else "s"),
         ("RMSE", number(100.0 * metrics.rmse, 2), "cm"),

@@ -22,7 +22,7 @@ from drake_quad.studies.crew import Crew
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.statistics import most_influential, of_survivors, worst
 from drake_quad.studies.study import PARQUET
-from drake_quad.studies.summary import Summary, comparison_of, crashes_of, summary_of
+from drake_quad.studies.summary import Summary, comparison_of, crashes_of, summary_of, touches_of
 from drake_quad.visualization.style import save_figures
 
 
@@ -170,6 +170,8 @@ def print_study(name: str, study: Study, folder: Path, how: str) -> None:
         f" {how}; {crashes_of(study)}"
     )
     print_summary(summary_of(study))
+    if (touches := touches_of(study)).rows:
+        print_summary(touches)
     if pairs := correlated_pairs(distributions_in(study.scenario)):
         first, more = pairs[0], f" and {len(pairs) - 1:,} pairs more" if len(pairs) > 1 else ""
         print(
@@ -178,11 +180,18 @@ def print_study(name: str, study: Study, folder: Path, how: str) -> None:
         )
     if len(study.samples):
         print("the worst:")
-    for sample in worst(study):
-        place = int(np.searchsorted(study.samples, sample))
-        own = study.metrics.taken(place)
-        error = f"crashed at {own.crash_time:.2f} s" if own.crashed else f"{100.0 * own.rmse:.1f} cm"
-        print(f"  {error:<18}  drake-quad fly {folder / 'scenario.yaml'} --sample {sample}")
+    ends = {sample: _end_of(study, int(np.searchsorted(study.samples, sample))) for sample in worst(study)}
+    width = max(18, *map(len, ends.values())) if ends else 0
+    for sample, end in ends.items():
+        print(f"  {end:<{width}}  drake-quad fly {folder / 'scenario.yaml'} --sample {sample}")
+
+
+def _end_of(study: Study, place: int) -> str:
+    """What came of the sample in a place: its error, or when it crashed, and into what."""
+    own, obstacle = study.metrics.taken(place), study.obstacle_of(place)
+    if not own.crashed:
+        return f"{100.0 * own.rmse:.1f} cm"
+    return f"crashed{'' if obstacle is None else f' into {obstacle}'} at {own.crash_time:.2f} s"
 
 
 def print_comparison(studies: Mapping[str, Study], metric: str) -> None:

@@ -543,6 +543,25 @@ def test_the_command_for_a_worst_sample_flies_it_again(run, tmp_path):
 
 
 @pytest.mark.slow
+@pytest.mark.usefixtures("unpainted")
+def test_the_worst_samples_are_those_that_crashed_and_say_into_what(run, tmp_path):
+    scenario = tmp_path / "pillars.yaml"
+    scenario.write_text(
+        "pillars:\n  extends: hover\n  duration: 0.4\n  vehicle: {linear_drag: {uniform: {min: 0.0, max: 1.0}}}\n"
+        "  laboratory: {wind: [{kind: steady, velocity: [3.0, 0.0, 0.0]}]}\n"
+        "  space: {obstacles: {pillar: {kind: cylinder, centre: [0.46, 0.0, 1.0], radius: 0.13, height: 1.0}}}\n"
+    )
+    result = run("study", scenario, "--samples", 6, "--workers", 1, "--output", tmp_path / "study")
+    assert result.returncode == 0
+    ends = re.findall(r"^  (.*?) +drake-quad fly", result.stdout.split("the worst:")[1], re.MULTILINE)
+    crashed = [end for end in ends if end.startswith("crashed")]
+    assert len(ends) == 5
+    assert 0 < len(crashed) < 5
+    assert all(re.fullmatch(r"crashed into pillar at 0\.\d\d s", end) for end in crashed)
+    assert all(re.fullmatch(r"\d+\.\d cm", end) for end in ends[len(crashed) :])
+
+
+@pytest.mark.slow
 def test_monte_carlo_compares_controllers_on_the_same_samples(run, tmp_path):
     chosen = [word for name in ("pd", "pid") for word in ("--controller", f"diagrams/controllers/paper.yaml:{name}")]
     result = monte_carlo(run, tmp_path, *chosen)
