@@ -1,6 +1,7 @@
 # make fly   sets up a virtual environment and flies the figure eight
 # make test  sets it up and runs the tests; TESTS="-m 'not slow'" those that are quick
 # make fuzz  reads and flies ten thousand mutated scenarios, and a hundred structures in compiled diagrams
+# make rooms  plans a hundred random rooms, or proves that there is no way
 # make paper  flies the paper's experiment again and writes a report
 # make controllers  flies all controllers in all laboratories and writes a report; TUNE=1 tunes them anew before
 # make lint  checks style, spelling and types
@@ -22,7 +23,7 @@ DRAWN = figure_eight hover slalom laboratory:low_wind neural_fly:wind_8 onboard 
 MUTANTS ?= 500
 SEED ?= 0
 
-.PHONY: fly test fuzz paper controllers lint docs benchmark mutants figures
+.PHONY: fly test fuzz rooms paper controllers lint docs benchmark mutants figures
 
 fly: $(VENV)/.installed
 	$(VENV)/bin/drake-quad fly figure_eight
@@ -34,6 +35,9 @@ test: $(VENV)/.installed-test
 
 fuzz: $(VENV)/.installed-test
 	FUZZ_CASES=10000 $(VENV)/bin/python -m pytest tests/scenario/test_fuzz.py tests/compilation/test_compiled_scenarios.py
+
+rooms: $(VENV)/.installed-test
+	ROOMS=100 $(VENV)/bin/python -m pytest --numprocesses auto tests/space/test_rooms.py
 
 paper: $(VENV)/.installed
 	$(VENV)/bin/drake-quad replicate

@@ -3,16 +3,18 @@
 import dataclasses
 import math
 from collections.abc import Iterable
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
 from drake_quad.assembly.effects import thrust_curve
+from drake_quad.assembly.space import space_of
 from drake_quad.errors import InputError
 from drake_quad.reference.feasibility import first_violation, sample_times
 from drake_quad.reference.laps import LapDurations, flown_in_laps
 from drake_quad.reference.lissajous import lissajous
 from drake_quad.reference.minimum_snap import minimum_snap
+from drake_quad.reference.path_problem import PathProblem
 from drake_quad.reference.pieces import plan_of_pieces
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.planner import (
@@ -41,9 +43,16 @@ from drake_quad.scenario.routes import (
     WaypointRoute,
 )
 from drake_quad.signals import Jerk, Reference, Snap
+from drake_quad.space.around import WayAround, check_places, plan_around, straight_on, within
+from drake_quad.space.distance import nearest_approach
+from drake_quad.space.space import Space
 from drake_quad.vehicle.inverse_dynamics import RotorDemand, rotor_demand
 from drake_quad.vehicle.motors import mean_thrust_factor, speeds_of_throttles
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
+
+# Ways around obstacles that are kept, by their scenarios' text.
+_MOST_WAYS = 16
+_ways: dict[str, "Planned"] = {}
 
 
 def nominal_parameters(mission: Mission) -> QuadrotorParameters:
@@ -76,18 +85,53 @@ def airframe_parameters(airframe: Any) -> dict[str, Any]:
     }
 
 
+class Planned(NamedTuple):
+    """A plan, and what it was made for.
+
+    Attributes:
+        plan: to fly.
+        problem: that its path solves, of a route through waypoints: with the corridors around obstacles, if there are
+            any in its way.
+        waypoints: (waypoints,) the numbers of the route's waypoints among the problem's, repeats left out.
+    """
+
+    plan: Plan
+    problem: PathProblem | None = None
+    waypoints: np.ndarray | None = None
+
+
 def plan_route(mission: Mission) -> Plan:
     """The plan for the route of a scenario, for the nominal vehicle.
 
     Raises:
-        InputError: the route holds a distribution, or no path or no rotors can keep to what it asks.
+        InputError: the route holds a distribution, or no path or no rotors can keep to what it asks, or obstacles leave
+            it no way.
     """
+    return planned(mission).plan
+
+
+def planned(mission: Mission) -> Planned:
+    """The plan for the route of a scenario, with the problem that it solves; errors as for `plan_route`.
+
+    A way around obstacles, which takes seconds, is found once for the same scenario.
+    """
+    if mission.space is None:
+        return _planned(mission, None)
+    key = mission.model_dump_json()
+    if key not in _ways:
+        if len(_ways) >= _MOST_WAYS:
+            del _ways[next(iter(_ways))]
+        _ways[key] = _planned(mission, space_of(mission))
+    return _ways[key]
+
+
+def _planned(mission: Mission, space: Space | None) -> Planned:
     for field in distributions_in(mission):
         if field.startswith("route."):
             raise InputError(
                 f"{field} is a distribution, but all vehicles fly the same plan, which needs a number there"
             )
-    route = mission.route
+    route, way = mission.route, None
     match route:
         case HoverRoute():
             plan = Plan.hover(route.position, duration=route.duration, yaw=route.yaw)
@@ -98,10 +142,10 @@ def plan_route(mission: Mission) -> Plan:
         case TrajectoryRoute():
             plan = _trajectory(route)
         case WaypointRoute():
-            path, laps = _through_waypoints(route)
+            path, laps, way = _through_waypoints(route, space)
             if route.heading == "waypoints":
                 yaws = [math.nan if waypoint.yaw is None else waypoint.yaw for waypoint in route.waypoints]
-                times = passing_times(route.problem(route.laps), path)
+                times = _waypoint_times(route, path, way)
                 yaw = yaw_through(times, [*yaws, *yaws[1:] * (route.laps - 1)])
             else:
                 yaw = _yaw(route, path)
@@ -124,7 +168,21 @@ def plan_route(mission: Mission) -> Plan:
     if not plan.duration <= LONGEST:
         raise InputError(f"within its limits the route would take {plan.duration:g} s, more than {LONGEST:g} s")
     _check_rotors(plan, mission)
-    return plan
+    if space is not None and way is None:
+        _check_obstacles(plan, space)
+    if not isinstance(route, WaypointRoute):
+        return Planned(plan)
+    return Planned(plan, route.problem(route.laps)) if way is None else Planned(plan, way.problem, way.waypoints)
+
+
+def _check_obstacles(plan: Plan, space: Space) -> None:
+    """Raises InputError if the path touches an obstacle."""
+    approach = nearest_approach(plan.path, space)
+    if approach is not None and approach.distance < space.radius:
+        raise InputError(
+            f"the route comes to {approach}, nearer than the radius of the vehicle, {space.radius:.3g} m; only a route"
+            " through waypoints, without laps, is led around obstacles"
+        )
 
 
 def refuse_distributions(paths: Iterable[str]) -> None:
@@ -162,8 +220,45 @@ def _of_three(durations: np.ndarray, segments: int) -> LapDurations:
     return LapDurations(first, between, last)
 
 
-def _through_waypoints(route: WaypointRoute) -> tuple[PolynomialPath, tuple[float, ...]]:
-    """The path of a route through waypoints, and the times of its laps, s, if there are several.
+def _around(route: WaypointRoute, space: Space) -> tuple[PolynomialPath, WayAround]:
+    """The path through waypoints that keeps the clearance and the bounds, and its way around obstacles.
+
+    Raises:
+        InputError: there is no such path, or none is found.
+    """
+    problem, timing = route.problem(), _timing(route)
+    if not isinstance(timing, GivenTimes):
+        problem = merged(problem)
+    bounded = within(problem, space.bounds)
+    check_places(space, problem)
+    path = plan_path(bounded, timing)
+    approach = nearest_approach(path, space)
+    if approach is None or approach.distance >= space.clearance:
+        return path, straight_on(bounded)
+    if space.bounds is None:
+        raise InputError(
+            f"without a way around, the path comes to {approach}, nearer than {space.clearance:.3g} m; space.bounds is"
+            " needed, the room in which to look for one"
+        )
+    path, way = plan_around(space, space.bounds, problem, timing)
+    approach = nearest_approach(path, space)
+    if approach is not None and approach.distance < space.clearance:
+        raise RuntimeError(f"a path planned at {space.clearance:g} m from obstacles comes to {approach}")
+    return path, way
+
+
+def _waypoint_times(route: WaypointRoute, path: PolynomialPath, way: WayAround | None) -> np.ndarray:
+    """(waypoints,) when the route's waypoints are passed, s."""
+    problem = route.problem(route.laps)
+    if way is None:
+        return passing_times(problem, path)
+    return passing_times(problem, path._replace(times=path.times[way.waypoints]))
+
+
+def _through_waypoints(
+    route: WaypointRoute, space: Space | None
+) -> tuple[PolynomialPath, tuple[float, ...], WayAround | None]:
+    """The path through waypoints, the times of its laps, s, if there are several, and its way around obstacles, if any.
 
     Where times are chosen they are chosen for three laps, and the middle one is repeated.
 
@@ -171,7 +266,10 @@ def _through_waypoints(route: WaypointRoute) -> tuple[PolynomialPath, tuple[floa
         InputError: there is no such path, or none is found.
     """
     if route.laps == 1:
-        return plan_path(route.problem(), _timing(route)), ()
+        if space is None:
+            return plan_path(route.problem(), _timing(route)), (), None
+        path, way = _around(route, space)
+        return path, (), way
     given = isinstance(route.times, routes.Given)
     problem = route.problem() if given else merged(route.problem(3))
     path = plan_path(problem.without_limits() if given else problem, _timing(route))
@@ -193,8 +291,8 @@ def _through_waypoints(route: WaypointRoute) -> tuple[PolynomialPath, tuple[floa
         if factor > 1.0 + 1e-9:
             raise InputError(f"in laps the times must be {factor:.3g} times as long to keep to the limits")
         start = float(path.times[0])
-        return flown._replace(times=flown.times + start), tuple([start + time for time in laps])
-    return flown.stretched(factor), tuple([factor * time for time in laps])
+        return flown._replace(times=flown.times + start), tuple([start + time for time in laps]), None
+    return flown.stretched(factor), tuple([factor * time for time in laps]), None
 
 
 def _laps_as_legs(path: PolynomialPath, laps: tuple[float, ...]) -> tuple[Leg, ...]:

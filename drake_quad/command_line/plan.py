@@ -5,7 +5,8 @@ import itertools
 
 import numpy as np
 
-from drake_quad.assembly.planning import plan_demand, plan_route, planned_parameters
+from drake_quad.assembly.planning import plan_demand, planned, planned_parameters
+from drake_quad.assembly.space import space_of
 from drake_quad.command_line.options import add_vector, folder_of, mission_of, parser
 from drake_quad.command_line.output import print_files, print_table
 from drake_quad.files import output_folder
@@ -18,6 +19,7 @@ from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.reference.trajectory_files import save_plan
 from drake_quad.scenario import Mission
 from drake_quad.scenario.routes import CircleRoute, FigureEightRoute, WaypointRoute
+from drake_quad.space.distance import nearest_approach
 from drake_quad.visualization.plan_plots import plot_plan
 from drake_quad.visualization.style import save_figures
 
@@ -38,23 +40,34 @@ def options() -> argparse.ArgumentParser:
 def main(arguments: argparse.Namespace) -> None:
     """Runs the command."""
     mission = mission_of(arguments)
-    plan = plan_route(mission)
+    plan, problem, waypoints = planned(mission)
     folder = output_folder(folder_of(arguments, mission.name))
     route = mission.route
-    problem = route.problem(route.laps) if isinstance(route, WaypointRoute) else None
+    # What is between two regions around obstacles is no place of the route.
+    places = () if problem is None else problem.places if waypoints is None else [problem.places[i] for i in waypoints]
     limits = route.limits() if isinstance(route, WaypointRoute | FigureEightRoute | CircleRoute) else Limits()
+    space = space_of(mission)
     figure = plot_plan(
         plan,
         planned_parameters(mission),
         limits=limits,
-        places=problem.places if problem else (),
+        places=places,
         corridors=problem.corridors if problem else (),
+        waypoints=waypoints,
+        space=space,
     )
     files = [
         *save_plan(plan, folder, name=mission.name),
         *save_figures({"plan": figure}, folder, vector=arguments.vector),
     ]
-    print_table(summary(mission, plan, limits, problem))
+    rows = summary(mission, plan, limits, problem)
+    approach = None if space is None else nearest_approach(plan.path, space)
+    if space is not None and approach is not None:
+        rows.append(
+            ("least distance", f"{approach.distance:.3f}", f"m, from {approach.obstacle} at {approach.time:.2f} s")
+        )
+        rows.append(("clearance", f"{space.clearance:.3f}", f"m: {space.clearance_in_words}"))
+    print_table(rows)
     print("binds:", binding_summary(bindings(plan.path, limits, problem.corridors if problem else ())))
     print_files(files)
 

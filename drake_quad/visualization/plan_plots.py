@@ -6,17 +6,21 @@ import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
-from matplotlib.patches import Circle, Rectangle
+from matplotlib.patches import Circle, Polygon, Rectangle
 from matplotlib.text import Annotation
+from pydrake.geometry.optimization import HPolyhedron, VPolytope
 
 from drake_quad.assembly.planning import plan_demand
 from drake_quad.reference.feasibility import sample_times
-from drake_quad.reference.path_problem import Box, Limits, Sphere
+from drake_quad.reference.path_problem import Limits
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.reference.regions import Box, Corridor, Place, Polytope, Sphere
+from drake_quad.space.space import Space
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.visualization.curves import tell_apart
 from drake_quad.visualization.labels import place_labels
+from drake_quad.visualization.obstacles import draw_obstacles
 from drake_quad.visualization.style import ABOVE, BLUE, GREEN, LIMIT, ORANGE, ROTORS, new_figure, styled
 
 # The horizontal plane and the two vertical ones, by the places of their axes in (x, y, z).
@@ -28,8 +32,10 @@ def plot_plan(
     parameters: QuadrotorParameters,
     *,
     limits: Limits | None = None,
-    places: Sequence[Box | Sphere] = (),
-    corridors: Sequence[Box | None] = (),
+    places: Sequence[Place] = (),
+    corridors: Sequence[Corridor | None] = (),
+    waypoints: np.ndarray | None = None,
+    space: Space | None = None,
 ) -> Figure:
     """Plots the path from three sides, and speed, acceleration, snap, yaw and rotor speeds over time.
 
@@ -37,8 +43,10 @@ def plot_plan(
         plan: to draw.
         parameters: of the vehicle that shall fly it.
         limits: on speed and acceleration, if there are any.
-        places: boxes and spheres that the path must pass through.
-        corridors: the box that each segment must stay in, or None.
+        places: regions that the path must pass through.
+        corridors: the box or polytope that each segment must stay in, or None.
+        waypoints: (n,) the path's waypoints that are drawn and numbered: those of a route, if not all are.
+        space: obstacles, if there are any.
     """
     times = sample_times(plan.path)
     with styled():
@@ -47,9 +55,11 @@ def plot_plan(
         views = sides[0].subgridspec(3, 1, height_ratios=[1.6, 1.0, 1.0])
         labels: list[Annotation] = []
         for i, view in enumerate(_VIEWS):
-            labels += _draw_view(
-                figure.add_subplot(views[i]), view, plan, evaluate(plan.path, times), places, corridors
-            )
+            axes = figure.add_subplot(views[i])
+            if space is not None:
+                draw_obstacles(axes, space, *view, clearance=True)
+            given = plan.waypoints if waypoints is None else plan.waypoints[waypoints]
+            labels += _draw_view(axes, view, given, evaluate(plan.path, times), places, corridors)
         rows = sides[1].subgridspec(5, 1)
         _draw_profiles([figure.add_subplot(rows[i]) for i in range(5)], plan, parameters, times, limits or Limits())
         figure.axes[0].set_title("Path, from above and from two sides")
@@ -61,27 +71,30 @@ def plot_plan(
 def _draw_view(
     axes: Axes,
     view: tuple[int, int],
-    plan: Plan,
+    waypoints: np.ndarray,
     position: np.ndarray,
-    places: Sequence[Box | Sphere],
-    corridors: Sequence[Box | None],
+    places: Sequence[Place],
+    corridors: Sequence[Corridor | None],
 ) -> list[Annotation]:
-    """Draws the path in a plane, and returns the numbers of its waypoints, which have no places yet."""
+    """Draws the path in a plane, and returns the numbers of its (n, 3) waypoints, which have no places yet."""
     i, j = view
-    # The same box for several segments is drawn once.
-    drawn: list[Box] = []
+    low, high = position.min(axis=1), position.max(axis=1)
+    margin = 0.25 + 0.1 * float((high - low).max())
+    drawing = Box(low - margin, high + margin)
+    # The same corridor for several segments is drawn once.
+    drawn: list[Corridor] = []
     for corridor in corridors:
-        if corridor is not None and not any(corridor.equals(box) for box in drawn):
+        if corridor is not None and not any(_same(corridor, other) for other in drawn):
             drawn.append(corridor)
-            axes.add_patch(_rectangle(corridor, i, j, facecolor=(0.0, 0.0, 0.0, 0.05), edgecolor="0.7", linewidth=0.8))
+            style: dict[str, object] = {"facecolor": (0.0, 0.0, 0.0, 0.05), "edgecolor": "0.7", "linewidth": 0.8}
+            axes.add_patch(_patch(corridor, drawing, i, j, **style))
     for place in places:
         if isinstance(place, Sphere):
             centre = (place.centre[i], place.centre[j])
             axes.add_patch(Circle(centre, place.radius, facecolor=to_rgba(ORANGE, 0.3), edgecolor=ORANGE))
-        elif not place.is_point:
-            axes.add_patch(_rectangle(place, i, j, facecolor=to_rgba(ORANGE, 0.3), edgecolor=ORANGE))
+        elif isinstance(place, Polytope) or not place.is_point:
+            axes.add_patch(_patch(place, drawing, i, j, facecolor=to_rgba(ORANGE, 0.3), edgecolor=ORANGE))
     axes.plot(position[i], position[j], color=BLUE)
-    waypoints = plan.waypoints
     axes.plot(waypoints[:, i], waypoints[:, j], color="black", marker="o", markersize=3, linestyle="none")
     axes.plot(*waypoints[0, [i, j]], color=GREEN, marker="o", markersize=7, linestyle="none")
     labels = []
@@ -110,9 +123,36 @@ def _numbered(points: np.ndarray) -> list[tuple[tuple[float, float], str]]:
     return [((float(x), float(y)), ", ".join(map(str, numbers))) for (x, y), numbers in labels]
 
 
-def _rectangle(box: Box, i: int, j: int, **style: object) -> Rectangle:
-    size = box.high - box.low
-    return Rectangle((box.low[i], box.low[j]), size[i], size[j], **style)  # type: ignore[arg-type]
+def _same(one: Corridor, other: Corridor) -> bool:
+    if isinstance(one, Box):
+        return isinstance(other, Box) and one.equals(other)
+    return isinstance(other, Polytope) and one.equals(other)
+
+
+def _patch(region: Corridor, drawing: Box, i: int, j: int, **style: object) -> Rectangle | Polygon:
+    if isinstance(region, Polytope):
+        return Polygon(outline(region, drawing, i, j), **style)  # type: ignore[arg-type]
+    size = region.high - region.low
+    return Rectangle((region.low[i], region.low[j]), size[i], size[j], **style)  # type: ignore[arg-type]
+
+
+def outline(region: Polytope, drawing: Box, i: int, j: int) -> np.ndarray:
+    """Returns the (corners, 2) convex polygon in m that a polytope covers in the plane of two axes, anticlockwise.
+
+    Args:
+        region: with an extent in every direction.
+        drawing: where an unbounded polytope is cut; nothing is left of one that lies outside.
+        i: axis to the right.
+        j: axis upwards.
+    """
+    solid = HPolyhedron(region.normals, region.offsets)
+    if not solid.IsBounded():
+        solid = solid.Intersection(HPolyhedron.MakeBox(drawing.low, drawing.high))
+        if solid.IsEmpty():
+            return np.empty((0, 2))
+    shadow = VPolytope(VPolytope(solid).vertices()[[i, j]]).GetMinimalRepresentation().vertices().T
+    x, y = (shadow - shadow.mean(axis=0)).T
+    return np.asarray(shadow[np.argsort(np.arctan2(y, x))])
 
 
 def _draw_profiles(

@@ -9,6 +9,7 @@ from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from matplotlib.ticker import MaxNLocator
 
+from drake_quad.assembly.space import space_of
 from drake_quad.files import output_folder
 from drake_quad.flight import Flight
 from drake_quad.signals import Attitude
@@ -20,6 +21,7 @@ from drake_quad.visualization.learning_plots import (
     plot_surfaces,
 )
 from drake_quad.visualization.leg_marks import leg_names, number_legs, shade_legs
+from drake_quad.visualization.obstacles import draw_obstacles, draw_solids
 from drake_quad.visualization.places import places
 from drake_quad.visualization.style import (
     ABOVE,
@@ -54,6 +56,9 @@ def plot_path(flight: Flight) -> Figure:
         space.yaxis.labelpad = 12.0
         shown = np.hstack([flown, wanted])
         shown = shown[:, np.isfinite(shown).all(axis=0)]  # a vehicle that diverged ends nowhere
+        room = space_of(flight.scenario)
+        if room is not None and room.obstacles:
+            shown = np.hstack([shown, draw_solids(space, room).T])
         low, high = shown.min(axis=1), shown.max(axis=1)
         # A hover has no extent, and a box that is flat has no room for its numbers.
         extent = np.maximum(high - low, max(_FLAT * float(np.max(high - low)), _LEAST))
@@ -75,14 +80,16 @@ def plot_path(flight: Flight) -> Figure:
 def draw_from_above(axes: Axes, flight: Flight) -> None:
     """Draws the flown path and the reference in the X-Y plane, with the numbers of the legs."""
     state, reference = flight.record("state"), flight.record("reference")
+    room = space_of(flight.scenario)
+    if room is not None:
+        draw_obstacles(axes, room, 0, 1)
     axes.plot(state.x, state.y, color=BLUE, label="flown")
     axes.plot(reference.x, reference.y, label="reference", **REFERENCE)
     axes.plot(state.x[:1], state.y[:1], color=BLUE, marker="o", markersize=4, linestyle="none", label="start")
     number_legs(axes, flight.plan)
     if flight.metrics.crashed:
         crash: dict[str, Any] = {"color": VERMILION, "marker": "x", "markersize": 9, "markeredgewidth": 2}
-        label = f"crashed at {flight.metrics.crash_time:.2f} s"
-        axes.plot(state.x[-1:], state.y[-1:], linestyle="none", label=label, **crash)
+        axes.plot(state.x[-1:], state.y[-1:], linestyle="none", label=flight.crash, **crash)
     axes.set(xlabel="X (m)", ylabel="Y (m)", title="From above")
     axes.margins(0.1)
     # A hover has no extent.

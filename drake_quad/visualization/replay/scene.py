@@ -9,10 +9,11 @@ from pydrake.geometry import Box, Meshcat, MeshcatParams
 from pydrake.math import RigidTransform
 
 from drake_quad.assembly.laboratory import jets
+from drake_quad.assembly.space import space_of
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.wind import Fan
-from drake_quad.visualization.replay.shapes import Frame, draw_fan, rgba
+from drake_quad.visualization.replay.shapes import Frame, draw_fan, draw_solid, rgba
 from drake_quad.visualization.style import AXES
 
 # Room around what is flown, in distances of a rotor from the middle: 0.7 m for the paper's vehicle.
@@ -71,7 +72,7 @@ def local_meshcat() -> Meshcat:
 
 
 def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: np.ndarray) -> Room:
-    """Draws floor, grid, room, path of the reference and fans, and turns the camera to them.
+    """Draws floor, grid, room, path of the reference, obstacles and fans, and turns the camera to them.
 
     Args:
         meshcat: in which they are drawn.
@@ -90,9 +91,16 @@ def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: n
     outlets = [np.array(jet.outlet) for jet in fans]
     for outlet in outlets:
         low, high = np.minimum(low, outlet), np.maximum(high, outlet)
+    space = space_of(scenario)
+    extents: list[np.ndarray] = []
+    for obstacle in () if space is None else space.obstacles:
+        extent = obstacle.shape.extent()
+        extents.append(extent)
+        low, high = np.minimum(low, extent[0]), np.maximum(high, extent[1])
+        draw_solid(meshcat, f"/obstacles/{obstacle.name}", obstacle.shape)
     low[2] = 0.0
     corners = np.array(np.meshgrid(*zip(near.min(axis=0), near.max(axis=0), strict=True))).reshape(3, 8).T
-    room = Room(low, high, round_spacing(float(np.max(high - low))), np.vstack([corners, *outlets]))
+    room = Room(low, high, round_spacing(float(np.max(high - low))), np.vstack([corners, *outlets, *extents]))
     _draw_room(meshcat, room)
     if len(path) > 1:
         meshcat.SetLine("/reference_path", path.T, _LINE, rgba("0.45"))

@@ -1,4 +1,4 @@
-"""Shapes of a scene, in metres: quadrotors, fans, tubes and arrows."""
+"""Shapes of a scene, in metres: quadrotors, obstacles, fans, tubes and arrows."""
 
 from collections.abc import Sequence
 from itertools import combinations
@@ -13,6 +13,8 @@ from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from drake_quad.laboratory.wind.fans import SPREAD, Jet
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.signals import RotorSpeed, State, Wind
+from drake_quad.space import shapes as solids
+from drake_quad.space.shapes import Ball, Cuboid, Hull, Shape
 from drake_quad.vehicle.rotors import Rotors
 from drake_quad.visualization.places import places
 from drake_quad.visualization.style import BLUE, ORANGE, SKY, VERMILION
@@ -192,6 +194,25 @@ def draw_fan(meshcat: Meshcat, path: str, jet: Jet, reach: float) -> None:
     meshcat.SetObject(f"{path}/jet", _revolved(lengths, radii), rgba(SKY, 0.07))
     # A jet hides nothing: else trails within it, and those behind it, are not drawn where it is drawn first.
     meshcat.SetProperty(f"{path}/jet/<object>", "material.depthWrite", False)
+
+
+def draw_solid(meshcat: Meshcat, path: str, shape: Shape) -> None:
+    """Draws an obstacle."""
+    color = rgba("0.6")
+    if isinstance(shape, Hull):
+        corners, facets = np.array(shape.corners), np.array(shape.facets)
+        meshcat.SetTriangleMesh(path, corners.T, facets.T, color)
+        return
+    solid: Box | Cylinder | Sphere
+    match shape:
+        case Cuboid():
+            solid = Box(*shape.size)
+        case solids.Cylinder():
+            solid = Cylinder(shape.radius, shape.height)
+        case Ball():
+            solid = Sphere(shape.radius)
+    meshcat.SetObject(path, solid, color)
+    meshcat.SetTransform(path, RigidTransform(RollPitchYaw(np.array(shape.rotation)), np.array(shape.centre)))
 
 
 def draw_arrow(meshcat: Meshcat, path: str) -> None:

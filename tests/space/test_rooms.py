@@ -1,0 +1,106 @@
+"""A hundred random rooms, each planned or proved blocked by a search of its own, and rooms with one best passage."""
+
+import hashlib
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+from rooms import Room, Search, least_distances, random_room
+
+from drake_quad.errors import InputError
+from drake_quad.reference.path_problem import Limits, PathProblem
+from drake_quad.reference.planner import Heuristic, LeastSnap, Shortest
+from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.reference.regions import Box
+from drake_quad.space.around import plan_around
+from drake_quad.space.shapes import Cuboid
+from drake_quad.space.space import Obstacle, Space
+
+# `make rooms` plans a hundred.
+ROOMS = int(os.environ.get("ROOMS", "15"))
+LIMITS = Limits(speed=2.0, acceleration=2.0)
+
+
+def plan(room, timing):
+    problem = PathProblem([Box.point(place) for place in room.places], limits=LIMITS)
+    return plan_around(room.space, room.bounds, problem, timing)[0]
+
+
+def keeps_clear(room, path):
+    """At 10,000 points, to the rounding of distances."""
+    points = evaluate(path, np.linspace(path.times[0], path.times[-1], 10_000)).T
+    inside = (points >= room.bounds.low - 1e-6).all() and (points <= room.bounds.high + 1e-6).all()
+    return inside and least_distances(room.space, points).min() >= room.space.clearance
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", range(ROOMS))
+def test_a_room_is_planned_or_blocked(seed):
+    room = random_room(seed)
+    timing = (Heuristic(), LeastSnap(12.0), *[Heuristic()] * 7, Shortest())[seed % 10]
+    search = Search(room)
+    try:
+        path = plan(room, timing)
+    except InputError as error:
+        assert "no way" in str(error)
+        assert search.shortest() is None
+        if "may be one" not in str(error):
+            assert search.is_surely_blocked() or Search(room, 0.02).is_surely_blocked()
+    else:
+        assert keeps_clear(room, path)
+        np.testing.assert_allclose(path.waypoints[[0, -1]], room.places, atol=1e-9)
+
+
+def walled(*solids):
+    """Two rooms with a wall between, and what is in it."""
+    obstacles = tuple(Obstacle(f"wall_{i}", Cuboid(centre, size=size)) for i, (centre, size) in enumerate(solids))
+    space = Space(obstacles, radius=0.15, margin=0.05)
+    return Room(space, Box([0.2, 0.2, 0.2], [3.8, 2.8, 1.8]), np.array([[0.7, 1.4, 1.0], [3.3, 1.4, 1.0]]))
+
+
+# A wall 10 cm thick in the middle: where it is open, and how the grid's way must pass there.
+PASSAGES = {
+    "a door on the left": [((2.0, 1.2, 1.0), (0.1, 2.4, 2.0))],
+    "a door on the right": [((2.0, 1.8, 1.0), (0.1, 2.4, 2.0))],
+    "over a beam": [((2.0, 1.5, 0.7), (0.1, 3.0, 1.4))],
+    "under a beam": [((2.0, 1.5, 1.4), (0.1, 3.0, 1.2))],
+    "a window": [
+        ((2.0, 0.9, 1.0), (0.1, 1.8, 2.0)),
+        ((2.0, 2.75, 1.0), (0.1, 0.5, 2.0)),
+        ((2.0, 2.15, 0.3), (0.1, 0.8, 0.6)),
+        ((2.0, 2.15, 1.75), (0.1, 0.8, 0.5)),
+    ],
+    "the nearer of two doors": [((2.0, 1.3, 1.0), (0.1, 1.2, 2.0))],
+}
+
+
+@pytest.mark.parametrize("solids", PASSAGES.values(), ids=PASSAGES)
+@pytest.mark.parametrize(
+    "timing", [Heuristic(), Shortest(), LeastSnap(8.0)], ids=["heuristic", "shortest", "least_snap"]
+)
+def test_the_one_best_passage_is_taken(solids, timing):
+    room = walled(*solids)
+    path = plan(room, timing)
+    assert keeps_clear(room, path)
+    way = Search(room).shortest()
+    points = evaluate(path, np.linspace(path.times[0], path.times[-1], 2000)).T
+    crossed, expected = (each[np.abs(each[:, 0] - 2.0).argmin()] for each in (points, way))
+    # Through the same hole: both on one side of the wall's middle where they differ in side or height.
+    between = crossed + np.linspace(0.0, 1.0, 200)[:, None] * (expected - crossed)
+    between[:, 0] = 2.0
+    assert least_distances(room.space, between).min() > 0.0
+
+
+def test_the_same_room_gives_the_same_plan_in_another_process():
+    path = plan(random_room(1), Heuristic())
+    digest = hashlib.sha256(path.times.tobytes() + path.coefficients.tobytes()).hexdigest()
+    text = (
+        "import hashlib, test_rooms as t\n"
+        "path = t.plan(t.random_room(1), t.Heuristic())\n"
+        "print(hashlib.sha256(path.times.tobytes() + path.coefficients.tobytes()).hexdigest())\n"
+    )
+    folder = __file__.rpartition("/")[0]
+    other = subprocess.run([sys.executable, "-c", text], cwd=folder, capture_output=True, text=True, check=True)
+    assert other.stdout.strip() == digest
