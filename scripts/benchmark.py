@@ -96,6 +96,7 @@ def main() -> None:
     print_flights(repetitions, (1, 64, 1024) if quick else (1, 8, 64, 512, 1024, 4096, 16384))
     print_rules(repetitions)
     print_controllers(repetitions)
+    print_obstacles(repetitions)
     print_studies(repetitions // 3, 3_000 if quick else 10_000)
     print_planning(repetitions)
 
@@ -266,6 +267,35 @@ def print_controllers(repetitions: int) -> None:
     for row, what in enumerate(_COSTLIER):
         cells = [f"{spread(found[row], size)}, {min(found[0]) / min(found[row]):.2f}" for found in costs.values()]
         print(f"| {what} | {' | '.join(cells)} |", flush=True)
+
+
+def print_obstacles(repetitions: int) -> None:
+    """Prints how fast fleets of 512 fly among 20 obstacles, compiled, and the share of the speed without."""
+    size = 512
+    print("\n| fleet of 512, vehicle-seconds per second | no obstacles | 20 of all kinds around the path | share |")
+    print("|---|---|---|---|")
+    for name in ("figure_eight", "robustness"):
+        flown = [load_scenario(_DIAGRAMS / f"{name}.yaml", changes) for changes in ({}, {"space": around(20)})]
+        without, among = interleaved([Stepper(each, size, compiled=True) for each in flown], repetitions)
+        share = statistics.median(without) / statistics.median(among)
+        print(f"| `{name}` | {spread(without, size)} | {spread(among, size)} | {share:.2f} |", flush=True)
+
+
+def around(count: int) -> dict[str, object]:
+    """Obstacles in a ring around the figure eight, half a metre from where most fly, hulls of 12 points among them."""
+    kinds: list[dict[str, object]] = [
+        {"kind": "cylinder", "radius": 0.2, "height": 2.0},
+        {"kind": "box", "size": [0.5, 0.4, 1.0], "rotation": [0.1, 0.2, 0.3]},
+        {"kind": "sphere", "radius": 0.3},
+        {"kind": "hull", "points": np.random.default_rng(0).normal(size=(12, 3)).tolist(), "scale": 0.2},
+    ]
+    angles = 2.0 * math.pi * np.arange(count) / count
+    centres = np.column_stack([2.4 * np.cos(angles), 4.4 * np.sin(angles), np.ones(count)])
+    return {
+        "obstacles": {
+            f"obstacle_{i}": kinds[i % len(kinds)] | {"centre": centre} for i, centre in enumerate(centres.tolist())
+        }
+    }
 
 
 def print_studies(repetitions: int, largest: int) -> None:
