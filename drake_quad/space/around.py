@@ -7,6 +7,7 @@ from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
+from pydrake.geometry.optimization import HPolyhedron, Hyperrectangle
 
 from drake_quad.errors import InputError
 from drake_quad.reference.minimum_snap import snap_cost
@@ -15,13 +16,15 @@ from drake_quad.reference.planner import GivenTimes, Heuristic, Shortest, Timing
 from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.reference.regions import Box, Corridor, Place, Sphere, common, touch
 from drake_quad.space.blocked import explain
-from drake_quad.space.grid import Grid
+from drake_quad.space.grid import Grid, is_near
 from drake_quad.space.passage import Passage, chain, find_passage, other_passages, worth_a_look
 from drake_quad.space.regions import SLACK, Regions
 from drake_quad.space.space import Space
 
 # Points of the grid that seeds regions, and its least spacing, m; where it shows no way, a finer one is tried.
 _GRIDS = ((30_000, 0.05), (400_000, 0.03))
+# Of a place that is not a point, so many points are looked at on each axis.
+_POINTS = 21
 # Passages beside the shortest, and all whose time is shortened: that takes most of a second for each.
 _OTHERS, _MOST_SHORTENED = 12, 4
 
@@ -85,20 +88,19 @@ def plan_around(space: Space, bounds: Box, problem: PathProblem, timing: Timing)
     tried = _planned(ways, timing)
     best = min(range(len(ways)), key=lambda i: tried[i][1])
     path, _ = tried[best]
-    if path is None:
-        plan_path(ways[best].problem, _timing_of(ways[best], timing))
-        raise AssertionError("it raises")
+    if isinstance(path, InputError):
+        raise path
     return path, ways[best]
 
 
-def _planned(ways: Sequence[WayAround], timing: Timing) -> list[tuple[PolynomialPath | None, float]]:
-    """The paths of ways, and what they cost; None and infinity where there is no path."""
-    found: list[tuple[PolynomialPath | None, float]] = []
+def _planned(ways: Sequence[WayAround], timing: Timing) -> list[tuple[PolynomialPath | InputError, float]]:
+    """The paths of ways, and what they cost; why there is none, and infinity, where there is no path."""
+    found: list[tuple[PolynomialPath | InputError, float]] = []
     for way in ways:
         try:
             path = plan_path(way.problem, _timing_of(way, timing))
-        except InputError:
-            found.append((None, np.inf))
+        except InputError as error:
+            found.append((error, np.inf))
         else:
             chosen = isinstance(timing, Shortest | Heuristic)
             found.append((path, path.duration if chosen else float(snap_cost(path).sum())))
@@ -117,13 +119,12 @@ def _timing_of(way: WayAround, timing: Timing) -> Timing:
 
 def _ways_around(space: Space, bounds: Box, problem: PathProblem) -> list[WayAround]:
     """Ways around obstacles, the shortest first."""
+    free = _free_points(problem, space, bounds)
     for most, finest in _GRIDS:
-        grid = Grid.of(space, bounds, most=most, finest=finest)
-        places = _free_places(problem, space, grid)
-        found = _ways(space, bounds, problem, grid, places)
+        found = _ways(space, bounds, problem, Grid.of(space, bounds, most=most, finest=finest), free)
         if found:
             return found
-    raise InputError(explain(space, bounds, places))
+    raise InputError(explain(space, bounds, problem))
 
 
 def check_places(space: Space, problem: PathProblem) -> None:
@@ -138,8 +139,8 @@ def check_places(space: Space, problem: PathProblem) -> None:
                 )
 
 
-def _ways(space: Space, bounds: Box, problem: PathProblem, grid: Grid, places: np.ndarray) -> list[WayAround]:
-    """Those that a grid leads to, through free points (n, 3) of the places, m."""
+def _ways(space: Space, bounds: Box, problem: PathProblem, grid: Grid, places: Sequence[np.ndarray]) -> list[WayAround]:
+    """Those that a grid leads to, through any of the free points (k, 3) of each place, m."""
     clearance = space.clearance + SLACK
     free = grid.nearest >= clearance
 
@@ -147,13 +148,13 @@ def _ways(space: Space, bounds: Box, problem: PathProblem, grid: Grid, places: n
     def field(number: int, leg: int | None) -> tuple[np.ndarray, np.ndarray]:
         corridor = None if leg is None else problem.corridors[leg]
         return grid.lengths_from(
-            places[number], clearance, None if corridor is None else _inside(corridor, grid.points)
+            places[number], clearance, None if corridor is None else is_near(corridor, grid.points)
         )
 
     regions = Regions(space, bounds)
     for place in places:
-        if not regions.holding(place[np.newaxis]).any():
-            regions.grow(place)
+        if not regions.holding(place).any():
+            regions.grow(place[0])
     points = grid.points[free]
     regions.cover(points, grid.nearest[free])
     candidates = []
@@ -177,34 +178,42 @@ def _ways(space: Space, bounds: Box, problem: PathProblem, grid: Grid, places: n
     return ways
 
 
-def _free_places(problem: PathProblem, space: Space, grid: Grid) -> np.ndarray:
-    """(n, 3) a free point of each place, m.
+def _free_points(problem: PathProblem, space: Space, bounds: Box) -> list[np.ndarray]:
+    """For each place its free points (k, 3), m, the nearest to its middle first; a point alone, or some on a grid.
 
     Raises:
-        InputError: no point of the grid in a place is free.
+        InputError: none of them is free.
     """
-    points = problem.representatives()
-    distances, numbers = space.nearest(points)
-    for i, place in enumerate(problem.places):
-        if distances[i] < space.clearance + SLACK:
-            inside = grid.points[(grid.nearest >= space.clearance + SLACK) & _inside(place, grid.points)]
-            if not len(inside):
-                raise InputError(
-                    f"waypoint {i}, {place} m, leaves no room at {space.clearance:.3g} m from obstacles"
-                    f" ({space.clearance_in_words}): {space.names[numbers[i]]} is too near"
-                )
-            points[i] = inside[np.linalg.norm(inside - points[i], axis=1).argmin()]
-    return points
+    found = []
+    for i, (place, middle) in enumerate(zip(problem.places, problem.representatives(), strict=True)):
+        points, spacing = _points_of(place)
+        points = np.vstack([middle, points[is_near(place, points) & is_near(bounds, points)]])
+        distances, numbers = space.nearest(points)
+        free = points[(distances >= space.clearance + SLACK) & is_near(bounds, points)]
+        if not len(free):
+            most = int(distances.argmax())
+            room = "no room" if distances[most] + 0.5 * spacing < space.clearance else "next to no room"
+            raise InputError(
+                f"waypoint {i}, {place} m, leaves {room} at {space.clearance:.3g} m from obstacles"
+                f" ({space.clearance_in_words}): {space.names[numbers[most]]} is too near"
+            )
+        found.append(free[np.linalg.norm(free - middle, axis=1).argsort(kind="stable")])
+    return found
 
 
-def _inside(place: Place, points: np.ndarray) -> np.ndarray:
-    """(n,) whether points (n, 3), m, are in a place."""
+def _points_of(place: Place) -> tuple[np.ndarray, float]:
+    """(n, 3) points on a grid over a place, m, and the diagonal of its cells, m."""
     match place:
         case Box():
-            return np.asarray(((place.low <= points) & (points <= place.high)).all(axis=1))
+            low, high = place.low, place.high
         case Sphere():
-            return np.asarray(np.linalg.norm(points - place.centre, axis=1) <= place.radius)
-    return np.asarray((points @ place.normals.T <= place.offsets).all(axis=1))
+            low, high = place.centre - place.radius, place.centre + place.radius
+        case _:
+            around = Hyperrectangle.MaybeCalcAxisAlignedBoundingBox(HPolyhedron(place.normals, place.offsets))
+            low, high = around.lb(), around.ub()
+    axes = [np.linspace(a, b, _POINTS if b > a else 1) for a, b in zip(low, high, strict=True)]
+    diagonal = float(np.linalg.norm([each[1] - each[0] for each in axes if len(each) > 1]))
+    return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3), diagonal
 
 
 def _with_corridors(problem: PathProblem, regions: Regions, passage: Passage) -> WayAround:

@@ -7,12 +7,12 @@ from functools import cached_property
 
 import numpy as np
 
-from drake_quad.reference.regions import Box
+from drake_quad.reference.regions import Box, Place, Sphere
 from drake_quad.space.space import Space
 
-# One of each pair of opposite directions to the 26 neighbours.
 # A place leads to points of the grid within so many spacings of it.
 _NEAR = 1.8
+# One of each pair of opposite directions to the 26 neighbours.
 _DIRECTIONS = [step for step in itertools.product((-1, 0, 1), repeat=3) if step > (0, 0, 0)]
 
 
@@ -64,15 +64,15 @@ class Grid:
         return np.stack(found, -1) if found else np.empty((len(self.points), 0))
 
     def lengths_from(
-        self, place: np.ndarray, clearance: float, inside: np.ndarray | None = None
+        self, places: np.ndarray, clearance: float, inside: np.ndarray | None = None
     ) -> tuple[np.ndarray, np.ndarray]:
-        """Lengths of the shortest ways over free points from a place, and where each way comes from.
+        """Lengths of the shortest ways over free points from any of some places, and where each way comes from.
 
         A way counts twice where it leaves no room, and less the more there is: regions around a convex obstacle are cut
         by planes, and what hugs it is in none of them for long.
 
         Args:
-            place: (3,), m.
+            places: (k, 3), m.
             clearance: that a way keeps from obstacles, m.
             inside: (n,) whether a way may lead over a point, if not over all.
 
@@ -100,7 +100,7 @@ class Grid:
             rows.append(one[sure])
             columns.append(other[sure])
             lengths.append((length * (1.0 + self.spacing / (self.spacing + room)))[sure])
-        away = np.linalg.norm(self.points - place, axis=1)
+        away = self._nearest_of(places)[0]
         near = np.flatnonzero(free & (away <= _NEAR * self.spacing))
         rows.append(np.full(len(near), len(self.points)))
         columns.append(near)
@@ -119,28 +119,47 @@ class Grid:
             there = numbers[tuple(slice(max(0, s), n - max(0, -s)) for s, n in zip(step, self.shape, strict=True))]
             yield here.ravel(), there.ravel()
 
-    def way(self, lengths: np.ndarray, before: np.ndarray, begin: np.ndarray, end: np.ndarray) -> np.ndarray | None:
-        """(corners, 3) the shortest way from a place to another, m; None if there is none.
+    def way(self, lengths: np.ndarray, before: np.ndarray, begins: np.ndarray, ends: np.ndarray) -> np.ndarray | None:
+        """(corners, 3) the shortest way from any of some places to any of others, m; None if there is none.
 
         Args:
-            lengths: from the first place, of `lengths_from`.
+            lengths: from the first places, of `lengths_from`.
             before: likewise.
-            begin: (3,) the first place, m.
-            end: (3,) the other, free as the first, m.
+            begins: (k, 3) the first places, m.
+            ends: (l, 3) the others, free as the first, m.
         """
-        away = np.linalg.norm(self.points - end, axis=1)
+        away, nearest = self._nearest_of(ends)
         near = np.flatnonzero(np.isfinite(lengths) & (away <= _NEAR * self.spacing))
         if not len(near):
             return None
         number = int(near[(lengths[near] + away[near]).argmin()])
-        corners = [end]
+        corners = [ends[nearest[number]]]
         while number >= 0:
             corners.append(self.points[number])
             number = int(before[number])
-        return np.array([*corners, begin][::-1])
+        first = np.linalg.norm(begins - corners[-1], axis=1).argmin()
+        return np.array([*corners, begins[first]][::-1])
+
+    def _nearest_of(self, places: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """For each point the distance (n,) to the nearest of some places (k, 3), m, and its number (n,)."""
+        from scipy.spatial import KDTree
+
+        distances, numbers = KDTree(places).query(self.points)
+        return distances, numbers
 
     def rooms(self, free: np.ndarray) -> np.ndarray:
         """(n,) the number of the room that a free point is in, zero for the others."""
         from scipy import ndimage
 
         return np.asarray(ndimage.label(free.reshape(self.shape), np.ones((3, 3, 3)))[0]).ravel()
+
+
+def is_near(place: Place, points: np.ndarray, distance: float = 0.0) -> np.ndarray:
+    """(n,) whether points (n, 3) are in a place or within a distance of it, m; some more near edges of a polytope."""
+    match place:
+        case Box():
+            return np.asarray(np.linalg.norm(points - np.clip(points, place.low, place.high), axis=1) <= distance)
+        case Sphere():
+            return np.asarray(np.linalg.norm(points - place.centre, axis=1) <= place.radius + distance)
+    lengths = np.linalg.norm(place.normals, axis=1)
+    return np.asarray((points @ place.normals.T <= place.offsets + distance * lengths).all(axis=1))

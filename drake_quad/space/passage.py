@@ -137,7 +137,12 @@ def find_passage(
 
 
 def other_passages(
-    regions: Regions, ends: np.ndarray, corridors: Sequence[Corridor | None], *, count: int, seed: int = 0
+    regions: Regions,
+    ends: Sequence[np.ndarray],
+    corridors: Sequence[Corridor | None],
+    *,
+    count: int,
+    seed: int = 0,
 ) -> list[Passage]:
     """Passages that are shortest from centre to centre, where every length is multiplied by a random number.
 
@@ -145,7 +150,7 @@ def other_passages(
 
     Args:
         regions: all.
-        ends: (legs + 1, 3) a free point of each place, m.
+        ends: for each of the legs + 1 places its free points (k, 3), m.
         corridors: that the legs must not leave, either; None for those without one.
         count: how many are drawn; those that are drawn twice come once.
         seed: of the random numbers.
@@ -153,8 +158,8 @@ def other_passages(
     from scipy.sparse.csgraph import dijkstra
 
     random = np.random.default_rng(seed)
-    holding = regions.holding(ends)
-    lengths = [_lengths(regions, holding[:, i : i + 2], ends[i : i + 2], each) for i, each in enumerate(corridors)]
+    holding = [regions.holding(points) for points in ends]
+    lengths = [_lengths(regions, holding[i : i + 2], ends[i : i + 2], corridor) for i, corridor in enumerate(corridors)]
     found: dict[Passage, None] = {}
     for _ in range(count):
         legs = []
@@ -171,7 +176,9 @@ def other_passages(
     return list(found)
 
 
-def _lengths(regions: Regions, holding: np.ndarray, ends: np.ndarray, corridor: Corridor | None) -> np.ndarray:
+def _lengths(
+    regions: Regions, holding: Sequence[np.ndarray], ends: Sequence[np.ndarray], corridor: Corridor | None
+) -> np.ndarray:
     """From region to region by their centres and that of what they have in common, m; the last two are the ends."""
     count = len(regions)
     lengths = np.zeros((count + 2, count + 2))
@@ -183,10 +190,11 @@ def _lengths(regions: Regions, holding: np.ndarray, ends: np.ndarray, corridor: 
             assert common is not None
             length = np.linalg.norm(centres[[i, j]] - common.centre, axis=1).sum() + _HANDOVER
             lengths[i, j] = lengths[j, i] = length
-    for end, place in enumerate(ends):
-        for number in np.flatnonzero(holding[:, end]):
+    for end, (points, held) in enumerate(zip(ends, holding, strict=True)):
+        for number in np.flatnonzero(held.any(axis=1)):
             if number in allowed:
-                length = float(np.linalg.norm(centres[number] - place)) + _HANDOVER
+                away = np.linalg.norm(points[held[number]] - centres[number], axis=1)
+                length = float(away.min()) + _HANDOVER
                 lengths[count + end, number] = lengths[number, count + end] = length
     return lengths
 

@@ -85,6 +85,14 @@ def test_gates_and_a_corridor_of_ones_own_are_kept(room):
     assert last[1].max() <= 0.5 + 1e-6
 
 
+def test_a_gate_is_passed_where_it_is_free(room):
+    gate = "route.waypoints=[[0, 0, 1], {box: {min: [3, 2.0, 0.8], max: [3, 3.4, 1.6]}}, [6, 0, 1]]"
+    scenario = room(gate, "space.obstacles.ball.centre=[3, 2.7, 1.2]", "route.times=heuristic")
+    plan, _, numbers = planned(scenario)
+    assert least(scenario, plan) >= 0.27
+    assert 2.0 - 1e-9 <= plan.waypoints[numbers[1]][1] <= 3.4 + 1e-9
+
+
 def test_what_is_not_in_the_way_changes_nothing(room):
     away = [f"space.obstacles.{name}.centre=[1, 9, 1]" for name in ("pillar", "wall", "ball")]
     beside = plan_route(room("route.times=heuristic", "space.bounds=null", *away))
@@ -102,6 +110,18 @@ REFUSED = {
     "a wall across": (
         ["space.obstacles.wall.size=[0.2, 9, 2.6]", "space.obstacles.wall.rotation=[0, 0, 0]"],
         r"no way from waypoint 1 to waypoint 2 at 0.27 m .* without wall, there would be one",
+    ),
+    "two walls, each enough": (
+        [
+            "space.obstacles.wall.size=[0.2, 9, 2.6]",
+            "space.obstacles.wall.rotation=[0, 0, 0]",
+            "space.obstacles.other={kind: box, centre: [5.2, 1.5, 1.25], size: [0.2, 9, 2.6]}",
+        ],
+        r"no way from waypoint 1 to waypoint 2 at .* without wall and other, there would be one",
+    ),
+    "a corridor that the wall closes": (
+        ["route.corridors=[null, {min: [2.5, -0.5, 0.5], max: [6.5, 3.5, 2.0]}]", "space.obstacles.wall.size.1=4.5"],
+        r"no way from waypoint 1 to waypoint 2 in the corridor of segment 1 at .* without wall, there would be one",
     ),
     "a gate in a wall": (
         ["route.waypoints=[[0, 0, 1], {box: {min: [2.45, 2.55, 1.15], max: [2.55, 2.65, 1.25]}}, [6, 0, 1]]"],
@@ -129,3 +149,8 @@ def test_tighter_margins_make_faster_flights(room):
     approach = nearest_approach(tight.path, space_of(room("space.margin=0")))
     assert tight.duration < wide.duration
     assert approach.distance >= 0.17
+
+
+def test_a_share_of_the_tracking_error_is_not_passed_over_in_silence(room):
+    with pytest.raises(InputError, match="space.tracking is given, but"):
+        plan_route(room("space.tracking=3"))
