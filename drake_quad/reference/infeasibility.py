@@ -28,6 +28,8 @@ def explain(problem: PathProblem, durations: np.ndarray) -> str:
         unlimited = path_within(problem.without_limits(), durations)
     except NO_PATH:
         return _explain_corridors(problem, durations)
+    if not problem.limits.by_order:
+        return "no path through these corridors was found; some may have next to nothing in common"
     try:
         least_excess = MinimumSnapProgram(problem, durations, slack=Slack.LIMITS).solve()
         complaint = _broken_limit(problem, least_excess, "at least")
@@ -42,8 +44,6 @@ def explain(problem: PathProblem, durations: np.ndarray) -> str:
 
 def _broken_limit(problem: PathProblem, path: PolynomialPath, how: str) -> str:
     """Names the limit and the segment that a path breaks most, and how much it needs there."""
-    if not problem.limits.by_order:
-        return "no path through these corridors was found; some may have next to nothing in common"
     found = []
     for order, limit in problem.limits.by_order.items():
         peaks = norm_peaks(path, order)
