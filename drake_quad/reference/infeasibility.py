@@ -29,7 +29,8 @@ def explain(problem: PathProblem, durations: np.ndarray) -> str:
     except NO_PATH:
         return _explain_corridors(problem, durations)
     if not problem.limits.by_order:
-        return "no path through these corridors was found; some may have next to nothing in common"
+        # That began at points a little elsewhere.
+        return "there is a path, but the solver gave up on the way to it; move a waypoint a little, or its times"
     try:
         least_excess = MinimumSnapProgram(problem, durations, slack=Slack.LIMITS).solve()
         complaint = _broken_limit(problem, least_excess, "at least")

@@ -107,7 +107,9 @@ class Space(Model):
         " in `nominal`",
     )
     tracking: PlainNonNegative | None = Field(
-        default=None, description="multiple of the predicted RMS position error that a plan keeps beyond the margin (1)"
+        default=None,
+        description="multiple of the predicted RMS position error that a plan keeps beyond the margin (1); refused"
+        " as long as nothing predicts that error",
     )
 
     @field_validator("obstacles", mode="before")

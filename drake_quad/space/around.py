@@ -186,13 +186,13 @@ def _free_points(problem: PathProblem, space: Space, bounds: Box) -> list[np.nda
     """
     found = []
     for i, (place, middle) in enumerate(zip(problem.places, problem.representatives(), strict=True)):
-        points, spacing = _points_of(place)
-        points = np.vstack([middle, points[is_near(place, points) & is_near(bounds, points)]])
+        points, diagonal = _points_of(place)
+        points = np.vstack([middle, points[is_near(place, points)]])
         distances, numbers = space.nearest(points)
         free = points[(distances >= space.clearance + SLACK) & is_near(bounds, points)]
         if not len(free):
             most = int(distances.argmax())
-            room = "no room" if distances[most] + 0.5 * spacing < space.clearance else "next to no room"
+            room = "no room" if distances[most] + 0.5 * diagonal < space.clearance else "next to no room"
             raise InputError(
                 f"waypoint {i}, {place} m, leaves {room} at {space.clearance:.3g} m from obstacles"
                 f" ({space.clearance_in_words}): {space.names[numbers[most]]} is too near"

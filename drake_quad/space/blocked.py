@@ -33,7 +33,7 @@ def explain(space: Space, bounds: Box, problem: PathProblem) -> str:
     """
     legs = len(problem.corridors)
     for most, finest in _GRIDS:
-        search = _Search(Grid.of(space, bounds, most=most, finest=finest), problem)
+        search = _Search(Grid.of(space, bounds, most=most, finest=finest), problem, certain=False)
         free = search.grid.nearest >= space.clearance - search.reach
         for last in range(1, legs + 1):
             # Each leg may be open, and not where the one before ends.
@@ -59,15 +59,17 @@ class _Search:
     Args:
         grid: of a space.
         problem: whose waypoints are to be passed in its corridors.
+        certain: whether all points must be in the corridors, and not only next to them.
     """
 
-    def __init__(self, grid: Grid, problem: PathProblem) -> None:
+    def __init__(self, grid: Grid, problem: PathProblem, *, certain: bool) -> None:
         self.grid = grid
         # From any place to the nearest point of the grid, m.
         self.reach = 0.5 * float(np.linalg.norm(grid.steps)) + 1e-9
         self._near = [is_near(place, grid.points, self.reach) for place in problem.places]
+        beside = 0.0 if certain else self.reach
         self._inside = [
-            None if corridor is None else is_near(corridor, grid.points, self.reach) for corridor in problem.corridors
+            None if corridor is None else is_near(corridor, grid.points, beside) for corridor in problem.corridors
         ]
 
     def leads(self, free: np.ndarray, first: int, last: int) -> bool:
@@ -108,14 +110,16 @@ def _closing(space: Space, bounds: Box, problem: PathProblem, first: int, last: 
     a cell's diagonal, so that all between neighbours is free.
     """
     most, finest = _GRIDS[0]
-    search = _Search(Grid.of(space, bounds, most=most, finest=finest), problem)
+    grid = Grid.of(space, bounds, most=most, finest=finest)
     every = tuple(range(len(space.obstacles)))
 
-    for distance, is_sure in ((space.clearance + search.reach, True), (space.clearance, False)):
+    for is_sure in (True, False):
+        search = _Search(grid, problem, certain=is_sure)
+        distance = space.clearance + (search.reach if is_sure else 0.0)
 
-        def leads(without: tuple[int, ...], distance: float = distance) -> bool:
+        def leads(without: tuple[int, ...], search: _Search = search, distance: float = distance) -> bool:
             left = [number for number in every if number not in without]
-            return search.leads(search.grid.distances[:, left].min(axis=1, initial=np.inf) >= distance, first, last)
+            return search.leads(grid.distances[:, left].min(axis=1, initial=np.inf) >= distance, first, last)
 
         if not leads(every):
             continue
