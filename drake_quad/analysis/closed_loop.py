@@ -15,7 +15,8 @@ from drake_quad.assembly.tracking import build_fleet_diagram, build_tracking_dia
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
 from drake_quad.framework.wiring import split_output
-from drake_quad.randomness.noise import Samples
+from drake_quad.randomness.noise import Exported, Samples
+from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario import Batch, Scenario, distributions_in
 from drake_quad.scenario.autopilots import AttitudeAutopilot, Autopilot
 from drake_quad.scenario.effects import Payload
@@ -68,9 +69,32 @@ class ClosedLoop(NamedTuple):
 def at_rest(scenario: Scenario) -> Scenario:
     """The scenario in hover where its route hovers, or at (0, 0, 1), without what is random or changes with time.
 
-    Left out are noise, lost frames and packets, turbulence, gusts, battery sag, the battery and rotor failures; delays,
-    lags, filters, drag, errors of the vehicle, a gyroscope's bias, fans and steady wind stay. A payload is there or not
-    as it is at the beginning.
+    Left out are noise, lost frames and packets, turbulence, gusts, battery sag, the battery, rotor failures and
+    obstacles; delays, lags, filters, drag, errors of the vehicle, a gyroscope's bias, fans and steady wind stay. A
+    payload is there or not as it is at the beginning.
+
+    Raises:
+        InputError: the scenario holds a distribution.
+    """
+    hovering = in_hover(scenario)
+    laboratory = hovering.laboratory
+    cameras = laboratory.motion_capture.model_copy(
+        update={"position_noise": 0.0, "attitude_noise": 0.0, "velocity_drift": (0.0, 0.0, 0.0)}
+    )
+    still = {
+        "motion_capture": cameras,
+        "autopilot": _with(laboratory.autopilot, gyroscope_noise=0.0, attitude_noise=0.0),
+        "wind": tuple(
+            source.model_copy(update={"turbulence": 0.0}) if source.kind == "fan" else source
+            for source in laboratory.wind
+            if source.kind != "dryden"
+        ),
+    }
+    return hovering.model_copy(update={"laboratory": laboratory.model_copy(update=still)})
+
+
+def in_hover(scenario: Scenario) -> Scenario:
+    """The same with its noise and turbulence, which a linear model can have as inputs.
 
     Raises:
         InputError: the scenario holds a distribution.
@@ -80,30 +104,12 @@ def at_rest(scenario: Scenario) -> Scenario:
             raise InputError(
                 f"{path} is a distribution; a linear model needs a number there, or the number of a sample"
             )
-    cameras, link, wind, autopilot = (
-        scenario.laboratory.motion_capture,
-        scenario.laboratory.command_link,
-        scenario.laboratory.wind,
-        scenario.laboratory.autopilot,
-    )
-    still = [
-        source.model_copy(update={"turbulence": 0.0}) if source.kind == "fan" else source
-        for source in wind
-        if source.kind in ("steady", "fan")
-    ]
-    laboratory = scenario.laboratory.model_copy(
+    laboratory = scenario.laboratory
+    laboratory = laboratory.model_copy(
         update={
-            "motion_capture": cameras.model_copy(
-                update={
-                    "position_noise": 0.0,
-                    "attitude_noise": 0.0,
-                    "dropout_rate": 0.0,
-                    "velocity_drift": (0.0, 0.0, 0.0),
-                }
-            ),
-            "command_link": link.model_copy(update={"loss_rate": 0.0}),
-            "autopilot": _with(autopilot, gyroscope_noise=0.0, attitude_noise=0.0),
-            "wind": tuple(still),
+            "motion_capture": laboratory.motion_capture.model_copy(update={"dropout_rate": 0.0}),
+            "command_link": laboratory.command_link.model_copy(update={"loss_rate": 0.0}),
+            "wind": tuple(source for source in laboratory.wind if source.kind not in ("gust", "sine")),
         }
     )
     payload = None if scenario.vehicle.payload is None else _lasting(scenario.vehicle.payload)
@@ -121,6 +127,7 @@ def at_rest(scenario: Scenario) -> Scenario:
             "duration": None,
             "sample": None,
             "crash": nowhere,
+            "space": None,
             "metrics": Window(),
         }
     )
@@ -139,14 +146,18 @@ def as_believed(scenario: Scenario) -> Scenario:
     Of the vehicle as it is, only what the ground knows besides `nominal` stays: the lag of the rotors that speed up,
     the drag, and what the air does to the rotors.
     """
-    resting = at_rest(scenario)
-    believed = {name: getattr(resting.nominal, name) for name in Nominal.model_fields}
+    return _even(with_believed_vehicle(at_rest(scenario)))
+
+
+def with_believed_vehicle(scenario: Scenario) -> Scenario:
+    """The scenario with the vehicle that the ground believes in, see `as_believed`."""
+    believed = {name: getattr(scenario.nominal, name) for name in Nominal.model_fields}
     kept = (
         *("rotor_time_constant", "linear_drag", "quadratic_drag", "body_drag", "rotor_aerodynamics"),
         *("attitude_kinematics", "time_step"),
     )
-    vehicle = Vehicle().model_copy(update=believed | {name: getattr(resting.vehicle, name) for name in kept})
-    return _even(resting.model_copy(update={"vehicle": vehicle}))
+    vehicle = Vehicle().model_copy(update=believed | {name: getattr(scenario.vehicle, name) for name in kept})
+    return scenario.model_copy(update={"vehicle": vehicle})
 
 
 def _even(resting: Scenario) -> Scenario:
@@ -224,6 +235,36 @@ def loop_with_injection(scenario: Scenario, *, position_controller: Any = None, 
     port = diagram.GetInputPort("injection")
     port.FixValue(context, np.zeros(port.size()))
     return _settled(scenario.name, diagram, context, period, inputs=["injection"], outputs=["injected"])
+
+
+def loop_with_noise(hovering: Scenario) -> tuple[ClosedLoop, np.ndarray]:
+    """The loop from its noise and turbulence to the vehicle's state.
+
+    The inputs of the system are normal numbers of deviation 1, those of a whole period for each stream; its outputs
+    are the rows of `state`.
+
+    Args:
+        hovering: a scenario of `in_hover`.
+
+    Returns:
+        The loop in its equilibrium, and by how much (12,) the state is beside the reference there.
+
+    Raises:
+        InputError: as `closed_loop`.
+    """
+    period = max(_periods(hovering).values())
+    plan = plan_route(hovering)
+    diagram = build_fleet_diagram(Batch.draw(hovering, [0]), plan, exported=Exported(period))
+    context = diagram.CreateDefaultContext()
+    ports = [diagram.get_input_port(i) for i in range(diagram.num_input_ports())]
+    for port in ports:
+        port.FixValue(context, np.zeros(port.size()))
+    loop = _settled(
+        hovering.name, diagram, context, period, inputs=[port.get_name() for port in ports], outputs=["state"]
+    )
+    beside = diagram.GetOutputPort("state").Eval(loop.context).copy()
+    beside[:3] -= evaluate(plan.path, [0.0])[:, 0]
+    return loop, beside
 
 
 def _settled(name: str, diagram: Diagram, context: Context, period: float, **ports: Sequence[str]) -> ClosedLoop:

@@ -21,7 +21,7 @@ from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
 from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind
-from drake_quad.randomness.noise import Samples
+from drake_quad.randomness.noise import Exported, Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario, autopilots, models, wind
 from drake_quad.scenario.layouts import are_paired, rotors_of
@@ -71,14 +71,14 @@ def laboratory_recipes(batch: Batch, plan: Plan, duration: float) -> dict[str, R
 
 
 def build_laboratory_of(
-    recipes: dict[str, Recipe], num_vehicles: int, samples: Samples | None, *, own_wind: Any = None
+    recipes: dict[str, Recipe], num_vehicles: int, samples: Samples | Exported | None, *, own_wind: Any = None
 ) -> Diagram:
     """Builds a laboratory.
 
     Args:
         recipes: of its parts.
         num_vehicles: N.
-        samples: that the vehicles fly; None for Drake's random sources.
+        samples: that the vehicles fly; None for Drake's random sources, `Exported` for input ports.
         own_wind: a source of wind beside those of the recipes.
     """
     systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}

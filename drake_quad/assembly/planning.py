@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.assembly.effects import thrust_curve
-from drake_quad.assembly.space import space_of
+from drake_quad.assembly.space import space_to_plan_in
 from drake_quad.errors import InputError
 from drake_quad.reference.feasibility import first_violation, sample_times
 from drake_quad.reference.laps import LapDurations, flown_in_laps
@@ -93,11 +93,13 @@ class Planned(NamedTuple):
         problem: that its path solves, of a route through waypoints: with the corridors around obstacles, if there are
             any in its way.
         waypoints: (waypoints,) the numbers of the route's waypoints among the problem's, repeats left out.
+        space: in which it was planned, if there is one.
     """
 
     plan: Plan
     problem: PathProblem | None = None
     waypoints: np.ndarray | None = None
+    space: Space | None = None
 
 
 def plan_route(mission: Mission) -> Plan:
@@ -117,11 +119,14 @@ def planned(mission: Mission) -> Planned:
     """
     if mission.space is None:
         return _planned(mission, None)
-    key = mission.model_dump_json()
+    # Of what is no part of a mission only the tracking error depends.
+    depends = None if mission.space.tracking else set(Mission.model_fields)
+    key = mission.model_dump_json(include=depends)
     if key not in _ways:
         if len(_ways) >= _MOST_WAYS:
             del _ways[next(iter(_ways))]
-        _ways[key] = _planned(mission, space_of(mission))
+        space = space_to_plan_in(mission)
+        _ways[key] = _planned(mission, space)._replace(space=space)
     return _ways[key]
 
 

@@ -20,7 +20,7 @@ from drake_quad.assembly.user_systems import UserSystems, check_user_systems
 from drake_quad.control.cascade import POSITION_SIGNALS
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.laboratory.wind.wind import build_held_wind
-from drake_quad.randomness.noise import NoiseSource, Samples
+from drake_quad.randomness.noise import EXPORTED, Exported, NoiseSource, Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
 from drake_quad.scenario import Batch, Scenario, distributions_in
@@ -93,6 +93,7 @@ def build_fleet_diagram(
     record: bool = False,
     drake_random: bool = False,
     injects: bool = False,
+    exported: Exported | None = None,
 ) -> Diagram:
     """Builds the closed loop of a scenario for the samples of a batch, each flown by a vehicle.
 
@@ -104,6 +105,7 @@ def build_fleet_diagram(
         drake_random: whether wind and noise come from Drake's random sources in place of those of the samples.
         injects: whether there is an input port `injection`, which is added to what goes over the link, and an output
             port `injected` with the sum.
+        exported: makes input ports of the random numbers of the laboratory.
 
     Raises:
         InputError: a system of the user's does not fit, or the vehicle's time step is too long for its drag.
@@ -111,7 +113,7 @@ def build_fleet_diagram(
     scenario, num_vehicles = batch.scenario, len(batch)
     check_user_systems(own, num_vehicles, command=scenario.laboratory.autopilot.command)
     recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan))
-    samples = None if drake_random else _samples(batch)
+    samples = exported or (None if drake_random else _samples(batch))
     builder = DiagramBuilder()
     reference = builder.AddNamedSystem("reference", build_reference(plan, num_vehicles=num_vehicles))
     control = own.control
@@ -146,6 +148,10 @@ def build_fleet_diagram(
     connect(reference, "reference", monitor)
     connect(control, "acceleration_command", monitor)
     connect(laboratory, "shortfall", monitor)
+
+    for port in (laboratory.get_input_port(i) for i in range(laboratory.num_input_ports())):
+        if port.get_name().startswith(EXPORTED):
+            builder.ExportInput(port, port.get_name())
 
     systems = {"reference": reference, "control": control, "laboratory": laboratory, "monitor": monitor}
     signals = {

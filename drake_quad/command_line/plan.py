@@ -6,7 +6,6 @@ import itertools
 import numpy as np
 
 from drake_quad.assembly.planning import plan_demand, planned, planned_parameters
-from drake_quad.assembly.space import space_of
 from drake_quad.command_line.options import add_vector, folder_of, mission_of, parser
 from drake_quad.command_line.output import print_files, print_table
 from drake_quad.files import output_folder
@@ -40,13 +39,12 @@ def options() -> argparse.ArgumentParser:
 def main(arguments: argparse.Namespace) -> None:
     """Runs the command."""
     mission = mission_of(arguments)
-    plan, problem, waypoints = planned(mission)
+    plan, problem, waypoints, space = planned(mission)
     folder = output_folder(folder_of(arguments, mission.name))
     route = mission.route
     # What is between two regions around obstacles is no place of the route.
     places = () if problem is None else problem.places if waypoints is None else [problem.places[i] for i in waypoints]
     limits = route.limits() if isinstance(route, WaypointRoute | FigureEightRoute | CircleRoute) else Limits()
-    space = space_of(mission)
     figure = plot_plan(
         plan,
         planned_parameters(mission),

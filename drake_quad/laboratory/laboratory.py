@@ -23,7 +23,14 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from drake_quad.framework.wiring import split_output
 from drake_quad.laboratory.wind.wind import build_wind
-from drake_quad.randomness.noise import Samples, connect_noise, connect_random_sources, random_streams
+from drake_quad.randomness.noise import (
+    Exported,
+    Samples,
+    connect_noise,
+    connect_random_sources,
+    export_noise,
+    random_streams,
+)
 from drake_quad.randomness.streams import Kind
 
 
@@ -35,7 +42,7 @@ def build_laboratory(
     command_link: Any,
     autopilot: Any = None,
     wind: Mapping[str, Any],
-    samples: Samples | None,
+    samples: Samples | Exported | None,
 ) -> Diagram:
     """Builds the diagram `laboratory` around a vehicle.
 
@@ -68,7 +75,7 @@ def build_laboratory(
         autopilot: from `attitude_target`, and perhaps `state`, to `wrench`; None if the wrench comes over the link.
         wind: its sources by name, each with one output port and perhaps the input port `state`.
         samples: of a study that the vehicles fly, which say what noise there is; None to feed random input ports from
-            Drake's random sources.
+            Drake's random sources, or `Exported` to make them input ports.
     """
     builder = DiagramBuilder()
     builder.AddNamedSystem("command_link", command_link)
@@ -109,10 +116,13 @@ def build_laboratory(
         for stream in streams
     }
     ports |= {stream: air.GetInputPort(stream.name) for streams in gusts.values() for stream in streams}
-    if samples is None:
-        connect_random_sources(builder, ports)
-    else:
-        connect_noise(builder, ports, samples)
+    match samples:
+        case None:
+            connect_random_sources(builder, ports)
+        case Exported():
+            export_noise(builder, ports, samples, vehicle.num_vehicles)
+        case Samples():
+            connect_noise(builder, ports, samples)
 
     builder.ExportInput(command_link.GetInputPort(carried), carried)
     builder.ExportInput(vehicle.GetInputPort("crashed"), "crashed")

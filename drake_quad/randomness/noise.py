@@ -7,12 +7,16 @@ from pydrake.common import RandomDistribution
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import RandomSource
 
+from drake_quad.framework.elementary import nearest, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, TickOf, fleet_system
 from drake_quad.framework.formulas import Tick
 from drake_quad.framework.records import ROW, Layout
 from drake_quad.framework.wiring import split_output
 from drake_quad.randomness.streams import Kind, StreamState, random_numbers, stream_states
 from drake_quad.signals import Row
+
+# What input ports of exported random numbers are called, before the names of their streams.
+EXPORTED = "random."
 
 
 class Samples(NamedTuple):
@@ -25,6 +29,16 @@ class Samples(NamedTuple):
 
     seed: int
     numbers: Sequence[int]
+
+
+class Exported(NamedTuple):
+    """Stands for random numbers that are inputs of the diagram: all of a period at its beginning, tick by tick.
+
+    Attributes:
+        period: s, a multiple of the periods of all streams.
+    """
+
+    period: float
 
 
 class Stream(NamedTuple):
@@ -126,6 +140,52 @@ def connect_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], samples:
         made = split_output(builder, "noise", NoiseSource(streams=list(ports), numbers=samples))
         for stream, port in ports.items():
             builder.Connect(made[stream.name], port)
+
+
+def of_this_tick(numbers: tuple[Row, ...], count: int, tick: Tick) -> tuple[Row, ...]:
+    """Those of a period's numbers that are for a tick, of which the period has some count."""
+    num_rows = len(numbers) // count
+    number = 2.0 * tick.pair + where(tick.second, 1.0, 0.0)
+    place = number - count * nearest(number / count - 0.5 + 0.5 / count)
+    rows = numbers[:num_rows]
+    for k in range(1, count):
+        here = numbers[k * num_rows : (k + 1) * num_rows]
+        rows = tuple([where(place > k - 0.5, new, row) for new, row in zip(here, rows, strict=True)])
+    return rows
+
+
+@fleet_system(float, AutoDiffXd)
+class TickByTick(FleetSystem):
+    """A stream whose numbers of a whole period come in at once.
+
+    .. pydrake_system::
+
+        name: TickByTick
+        input_ports:
+        - numbers
+        output_ports:
+        - random
+
+    Args:
+        num_vehicles: N.
+        stream: that goes out.
+        period: of what comes in, s.
+    """
+
+    def declare(self, *, stream: Stream, period: float) -> None:
+        """Declares the system."""
+        count = round(period / stream.period)
+        whole, one = (Layout(tuple, (ROW,) * rows, rows) for rows in (count * stream.num_rows, stream.num_rows))
+        numbers = self.input("numbers", layout=whole)
+        self.output("random", of_this_tick, numbers, count, TickOf(stream.period), layout=one)
+
+
+def export_noise(builder: DiagramBuilder, ports: Mapping[Stream, Any], exported: Exported, num_vehicles: int) -> None:
+    """Makes the numbers of random input ports input ports of the diagram, called `random.` and after their streams."""
+    for stream, port in ports.items():
+        system = TickByTick(num_vehicles=num_vehicles, stream=stream, period=exported.period)
+        builder.Connect(builder.AddNamedSystem(f"random_{stream.name}", system).get_output_port(), port)
+        builder.ExportInput(system.get_input_port(), f"{EXPORTED}{stream.name}")
 
 
 def connect_random_sources(builder: DiagramBuilder, ports: Mapping[Stream, Any]) -> None:

@@ -108,8 +108,9 @@ class Space(Model):
     )
     tracking: PlainNonNegative | None = Field(
         default=None,
-        description="multiple of the predicted RMS position error that a plan keeps beyond the margin (1); refused"
-        " as long as nothing predicts that error",
+        description="multiple of the predicted RMS position error that a plan keeps beyond the margin (1); it is"
+        " predicted in hover, by the linear model of the scenario's control with the nominal vehicle, for the steady"
+        " wind, the turbulence and the noise",
     )
 
     @field_validator("obstacles", mode="before")

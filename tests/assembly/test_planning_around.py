@@ -2,10 +2,12 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario
+from drake_quad.analysis.tracking_error import believed_tracking_error
 from drake_quad.assembly.planning import plan_route, planned
 from drake_quad.assembly.space import space_of
 from drake_quad.errors import InputError
 from drake_quad.reference.polynomial_path import evaluate, peak_norm
+from drake_quad.scenario import Mission
 from drake_quad.space.distance import nearest_approach
 
 ROOM = """
@@ -46,7 +48,7 @@ TIMES = {
 @pytest.mark.parametrize("times", TIMES.values(), ids=TIMES)
 def test_every_timing_keeps_the_clearance_and_its_limits(room, times):
     scenario = room(times)
-    plan, problem, waypoints = planned(scenario)
+    plan, problem, waypoints, _ = planned(scenario)
     assert space_of(scenario).clearance == pytest.approx(0.27)
     assert least(scenario, plan) >= 0.27
     passed = plan.waypoints[waypoints]
@@ -63,7 +65,7 @@ def test_a_yaw_is_had_where_its_waypoint_is_passed(room):
     waypoints = (
         "route.waypoints=[{point: [0, 0, 1], yaw: 0}, {point: [3, 3, 1.2], yaw: 1.0}, {point: [6, 0, 1], yaw: 2}]"
     )
-    plan, _, numbers = planned(room("route.heading=waypoints", waypoints, "route.times=heuristic"))
+    plan, _, numbers, _ = planned(room("route.heading=waypoints", waypoints, "route.times=heuristic"))
     yaws = evaluate(plan.yaw, plan.path.times[numbers])[0]
     np.testing.assert_allclose(yaws, [0.0, 1.0, 2.0], atol=1e-9)
 
@@ -75,7 +77,7 @@ def test_gates_and_a_corridor_of_ones_own_are_kept(room):
     )
     corridors = "route.corridors=[null, null, null, {min: [-1, -2, 0.3], max: [7, 0.5, 2.0]}]"
     scenario = room(waypoints, corridors, "route.times=heuristic")
-    plan, _, numbers = planned(scenario)
+    plan, _, numbers, _ = planned(scenario)
     assert least(scenario, plan) >= 0.27
     gate, ball = plan.waypoints[numbers[1]], plan.waypoints[numbers[2]]
     np.testing.assert_array_compare(np.less_equal, [3.0 - 1e-9, 2.6, 0.8], gate)
@@ -88,7 +90,7 @@ def test_gates_and_a_corridor_of_ones_own_are_kept(room):
 def test_a_gate_is_passed_where_it_is_free(room):
     gate = "route.waypoints=[[0, 0, 1], {box: {min: [3, 2.0, 0.8], max: [3, 3.4, 1.6]}}, [6, 0, 1]]"
     scenario = room(gate, "space.obstacles.ball.centre=[3, 2.7, 1.2]", "route.times=heuristic")
-    plan, _, numbers = planned(scenario)
+    plan, _, numbers, _ = planned(scenario)
     assert least(scenario, plan) >= 0.27
     assert 2.0 - 1e-9 <= plan.waypoints[numbers[1]][1] <= 3.4 + 1e-9
 
@@ -151,6 +153,23 @@ def test_tighter_margins_make_faster_flights(room):
     assert approach.distance >= 0.17
 
 
-def test_a_share_of_the_tracking_error_is_not_passed_over_in_silence(room):
-    with pytest.raises(InputError, match="space.tracking is given, but"):
-        plan_route(room("space.tracking=3"))
+def test_a_plan_keeps_a_share_of_the_predicted_tracking_error(room):
+    """The prediction depends on wind and control, and so does the plan."""
+    wind = "laboratory.wind=[{kind: dryden, level: light, intensity: 0.05, height: 3.048}]"
+    dragged = ["vehicle.linear_drag=0.1", "route.times=heuristic"]
+    calm, windy = (planned(room("space.tracking=0.5", *dragged, *each)) for each in ((), (wind,)))
+    predicted = believed_tracking_error(room(wind, *dragged)).rms
+    assert windy.space.tracking == pytest.approx(0.5 * predicted)
+    assert windy.space.clearance > calm.space.clearance + 0.01
+    nearest = windy.space.nearest(evaluate(windy.plan.path, np.linspace(0.0, windy.plan.duration, 10_000)).T)[0]
+    assert nearest.min() >= windy.space.clearance
+
+
+def test_without_control_there_is_no_tracking_error_to_keep(room):
+    scenario = room("space.tracking=3")
+    mission = Mission(**{name: getattr(scenario, name) for name in Mission.model_fields})
+    with pytest.raises(InputError, match="space.tracking asks for a prediction"):
+        plan_route(mission)
+    gust = "laboratory.wind=[{kind: gust, speed: 1.0, heading: 0.0, start: 1.0, rise_time: 0.5}]"
+    with pytest.raises(InputError, match=r"space\.tracking: laboratory\.wind\.0 is a gust"):
+        plan_route(room("space.tracking=3", gust))
