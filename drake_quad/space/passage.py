@@ -23,7 +23,7 @@ from pydrake.planning import GcsTrajectoryOptimization
 from pydrake.solvers import ClarabelSolver
 
 from drake_quad.reference.minimum_snap_program import without_solver_remarks
-from drake_quad.reference.regions import Corridor, Place, Polytope, Sphere
+from drake_quad.reference.regions import Box, Corridor, Place, Polytope, Sphere
 from drake_quad.space.regions import NARROWEST, Regions
 
 # Regions of a leg among which the graph is searched, those of its chain or more: it takes half a second for so many.
@@ -110,8 +110,12 @@ def find_passage(
         inside = [regions[n] if corridor is None else regions[n].intersection(corridor) for n in numbers]
         sets = [HPolyhedron(region.normals, region.offsets) for region in inside if region is not None]
         part = graph.AddRegions(sets, pairs, 1, name=f"leg {leg}")
-        graph.AddEdges(stops[leg], part)
-        graph.AddEdges(part, stops[leg + 1])
+        # Drake would find by linear programs which regions have a place, and gives up where one of them fails.
+        first, last = (
+            [n for n, region in enumerate(sets) if _has(region, place)] for place in places[leg : leg + 2]
+        )
+        graph.AddEdges(stops[leg], part, edges_between_regions=[(0, n) for n in first])
+        graph.AddEdges(part, stops[leg + 1], edges_between_regions=[(n, 0) for n in last])
     graph.AddPathLengthCost(1.0)
     convex = graph.graph_of_convex_sets()
     for edge in convex.Edges():
@@ -211,6 +215,13 @@ def _lead_to_each_other(regions: Regions, one: int, other: int, corridor: Corrid
 
 def _is_wide(region: Polytope | None) -> bool:
     return region is not None and region.radius > NARROWEST
+
+
+def _has(region: HPolyhedron, place: Place) -> bool:
+    """Is there a point of the place in the region?"""
+    if isinstance(place, Box) and place.is_point:
+        return region.PointInSet(place.centre, 1e-9)
+    return region.IntersectsWith(_set(place))
 
 
 def _set(place: Place) -> ConvexSet:
