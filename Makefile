@@ -17,7 +17,7 @@ PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --co
 
 # Scenarios whose diagrams are drawn in diagrams/drawings
 DRAWN = figure_eight hover slalom laboratory:low_wind neural_fly:wind_8 onboard outdoor robustness \
-	paper:low_wind_pd_t2fnn crazyswarm2:log08
+	paper:low_wind_pd_t2fnn crazyswarm2:log08 forest
 
 # Drawn evenly over the lines
 MUTANTS ?= 500
@@ -64,6 +64,10 @@ mutants: $(VENV)/.installed-test
 figures: $(VENV)/.installed
 	$(VENV)/bin/drake-quad plan slalom
 	cp out/slalom/plan.png docs/pictures/slalom.png
+	$(VENV)/bin/drake-quad plan forest
+	cp out/forest/plan.png docs/pictures/forest_plan.png
+	$(VENV)/bin/python scripts/forest_margins.py
+	cp out/forest_margins/forest_margins.png out/forest_margins/forest_margins.csv docs/pictures
 	$(VENV)/bin/drake-quad fly laboratory:low_wind
 	cp out/low_wind/wind.png docs/pictures/wind.png
 	$(VENV)/bin/drake-quad replay laboratory:high_wind --samples 1 --output out/front \
