@@ -53,7 +53,7 @@ from drake_quad.laboratory.wind.fans import Direction, Fans, Jet, Outlet
 from drake_quad.laboratory.wind.gust import Gust, GustNumbers
 from drake_quad.laboratory.wind.sine import SineNumbers, SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind, build_held_wind, build_wind
-from drake_quad.randomness.noise import NoiseSource, Samples, Stream, random_streams
+from drake_quad.randomness.noise import NoiseSource, Samples, Stream, TickByTick, random_streams
 from drake_quad.randomness.streams import Kind
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
@@ -357,6 +357,7 @@ FLEET_SYSTEMS = [
     ),
     Example(RespondingQuadrotor, RESPONDING, {"time_step": 0.0, "kinematics": "small_angle"}, num_vehicles=2),
     Example(SteadyWind, Wind(0.7, -0.5, 0.3), num_vehicles=2),
+    Example(TickByTick, structure={"stream": STREAMS[0], "period": 4.0 * STREAMS[0].period}, num_vehicles=2),
     Example(
         ThrottleAllocation,
         ThrottleModel(RotorModel.of(VEHICLE.parameters), 4.2e-5, ThrustCurve(0.1, 0.9, 3.1)),

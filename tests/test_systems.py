@@ -38,7 +38,7 @@ from drake_quad.laboratory.wind.fans import Fans
 from drake_quad.laboratory.wind.gust import Gust
 from drake_quad.laboratory.wind.sine import SineWind
 from drake_quad.laboratory.wind.wind import SteadyWind
-from drake_quad.randomness.noise import NoiseSource
+from drake_quad.randomness.noise import NoiseSource, TickByTick
 from drake_quad.vehicle.allocation import Allocation, RotorModel
 from drake_quad.vehicle.autopilot import AttitudeAutopilot, ThrustAlone
 from drake_quad.vehicle.motors import ThrottleAllocation
@@ -347,6 +347,7 @@ DEFAULTS = {
     },
     RespondingQuadrotor: {"time_step": 0.01, "kinematics": "exact", "faulty": False, "effects": ()},
     SteadyWind: {},
+    TickByTick: {},
     ThrottleAllocation: {"paired": False},
     ThrustAlone: {},
     ThrustVectoring: {"projects": False},
