@@ -66,6 +66,10 @@ figures: $(VENV)/.installed
 	cp out/slalom/plan.png docs/pictures/slalom.png
 	$(VENV)/bin/drake-quad plan forest
 	cp out/forest/plan.png docs/pictures/forest_plan.png
+	$(VENV)/bin/drake-quad replay forest --samples 1 --output out/forest_replay \
+		--controller controllers/lqg:lqg_robustness --controller controllers/designed/robustness:indi_t2fnn
+	$(VENV)/bin/python tests/visualization/browser.py out/forest_replay/replay.html 9 docs/pictures/forest.png \
+		3.2 -3.6 4.6 -0.6 -0.6 0.6
 	$(VENV)/bin/python scripts/forest_margins.py
 	cp out/forest_margins/forest_margins.png out/forest_margins/forest_margins.csv docs/pictures
 	$(VENV)/bin/drake-quad fly laboratory:low_wind

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 MARGINS = (0.0, 0.05, 0.1, 0.15, 0.2, 0.3, 0.4)  # m
-# The one that strays least on such a day, and one of the many that stray three times as far.
+# A regulator, and the best of the others on that day without a forest (drake_quad's comparison of controllers).
 CONTROLLERS = {"lqg": "lqg:lqg_robustness", "indi_t2fnn": "designed/robustness:indi_t2fnn"}
 _DIAGRAMS = Path(__file__).parent.parent / "diagrams"
 

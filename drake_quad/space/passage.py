@@ -111,9 +111,7 @@ def find_passage(
         sets = [HPolyhedron(region.normals, region.offsets) for region in inside if region is not None]
         part = graph.AddRegions(sets, pairs, 1, name=f"leg {leg}")
         # Drake would find by linear programs which regions have a place, and gives up where one of them fails.
-        first, last = (
-            [n for n, region in enumerate(sets) if _has(region, place)] for place in places[leg : leg + 2]
-        )
+        first, last = ([n for n, region in enumerate(sets) if _has(region, place)] for place in places[leg : leg + 2])
         graph.AddEdges(stops[leg], part, edges_between_regions=[(0, n) for n in first])
         graph.AddEdges(part, stops[leg + 1], edges_between_regions=[(n, 0) for n in last])
     graph.AddPathLengthCost(1.0)

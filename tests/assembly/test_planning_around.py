@@ -165,6 +165,13 @@ def test_a_plan_keeps_a_share_of_the_predicted_tracking_error(room):
     assert nearest.min() >= windy.space.clearance
 
 
+def test_the_forest_that_is_shipped_has_a_way():
+    """Drake's own search for the regions that hold a place gives up in it."""
+    scenario = load_scenario("forest", ["route.times=heuristic"])
+    found = planned(scenario)
+    assert least(scenario, found.plan) >= found.space.clearance
+
+
 def test_without_control_there_is_no_tracking_error_to_keep(room):
     scenario = room("space.tracking=3")
     mission = Mission(**{name: getattr(scenario, name) for name in Mission.model_fields})

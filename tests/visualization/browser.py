@@ -1,6 +1,7 @@
 """A headless Chromium, spoken to by the DevTools protocol over a pair of pipes.
 
-As a script it takes a picture of a replay: browser.py PAGE MOMENT FILE, with the moment in seconds.
+As a script it takes a picture of a replay: browser.py PAGE MOMENT FILE, with the moment in seconds, and perhaps where the
+eye is and where it looks, in six numbers in metres.
 """
 
 import base64
@@ -11,6 +12,7 @@ import subprocess
 import sys
 import tempfile
 import time
+from collections.abc import Sequence
 from pathlib import Path
 from typing import Any
 
@@ -111,13 +113,13 @@ class Browser:
 
 # The picture of the README is shown 500 px wide: a small window, finely drawn. The eye and where it looks, m.
 _SIZE = {"width": 640, "height": 440, "deviceScaleFactor": 1.5, "mobile": False}
-_EYE, _TARGET = (4.1, -1.5, 3.0), (0.0, -1.15, 0.9)
+_VIEW = (4.1, -1.5, 3.0, 0.0, -1.15, 0.9)
 
 
-def take_picture(page: Path, moment: float, file: Path) -> None:
-    """Writes what a replay shows at a moment (s) as PNG."""
+def take_picture(page: Path, moment: float, file: Path, view: Sequence[float] = _VIEW) -> None:
+    """Writes what a replay shows at a moment (s) as PNG, from an eye to where it looks (6 numbers, m)."""
     # Meshcat's camera has Y up.
-    (a, b, c), (d, e, f) = ((x, z, -y) for x, y, z in (_EYE, _TARGET))
+    (a, b, c), (d, e, f) = ((x, z, -y) for x, y, z in (view[:3], view[3:]))
     with (
         tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile,
         Browser(page.resolve(), Path(profile), fragment=f"#t={moment}") as browser,
@@ -133,4 +135,6 @@ def take_picture(page: Path, moment: float, file: Path) -> None:
 
 
 if __name__ == "__main__":
-    take_picture(Path(sys.argv[1]), float(sys.argv[2]), Path(sys.argv[3]))
+    take_picture(
+        Path(sys.argv[1]), float(sys.argv[2]), Path(sys.argv[3]), [float(each) for each in sys.argv[4:]] or _VIEW
+    )

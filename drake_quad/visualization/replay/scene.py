@@ -1,7 +1,8 @@
 """What stands still in a scene: the room, the path of the reference, fans and the camera."""
 
 import logging
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -40,12 +41,14 @@ class Room(NamedTuple):
         high: (3,) corner, m.
         spacing: of the grid, m.
         seen: (n, 3) points that a camera shall show, m.
+        names: where obstacles have their names, (3,), m.
     """
 
     low: np.ndarray
     high: np.ndarray
     spacing: float
     seen: np.ndarray
+    names: Mapping[str, np.ndarray] = MappingProxyType({})
 
     def grid(self, axis: int) -> np.ndarray:
         """Coordinates along an axis that the grid has lines or marks at, m."""
@@ -85,22 +88,24 @@ def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: n
     """
     path = reference_points(plan)
     margin = _ROOM * Frame.of(scenario.vehicle).reach
-    near = np.vstack([path, np.clip(flown, path.min(axis=0) - _FAR, path.max(axis=0) + _FAR)])
+    around = path.min(axis=0) - _FAR, path.max(axis=0) + _FAR
+    near = np.vstack([path, np.clip(flown, *around)])
     low, high = near.min(axis=0) - margin, near.max(axis=0) + margin
     fans = jets(scenario.laboratory.wind)
     outlets = [np.array(jet.outlet) for jet in fans]
     for outlet in outlets:
         low, high = np.minimum(low, outlet), np.maximum(high, outlet)
     space = space_of(scenario)
-    extents: list[np.ndarray] = []
+    shown, names = [_corners(near), *outlets], {}
     for obstacle in () if space is None else space.obstacles:
-        extent = obstacle.shape.extent()
-        extents.append(extent)
-        low, high = np.minimum(low, extent[0]), np.maximum(high, extent[1])
         draw_solid(meshcat, f"/obstacles/{obstacle.name}", obstacle.shape)
+        # Of a long wall only what is near the path is a part of the room.
+        extent = np.clip(obstacle.shape.extent(), *around)
+        low, high = np.minimum(low, extent[0]), np.maximum(high, extent[1])
+        shown.append(_corners(extent))
+        names[obstacle.name] = np.array([*extent.mean(axis=0)[:2], extent[1, 2]])
     low[2] = 0.0
-    corners = np.array(np.meshgrid(*zip(near.min(axis=0), near.max(axis=0), strict=True))).reshape(3, 8).T
-    room = Room(low, high, round_spacing(float(np.max(high - low))), np.vstack([corners, *outlets, *extents]))
+    room = Room(low, high, round_spacing(float(np.max(high - low))), np.vstack(shown), names)
     _draw_room(meshcat, room)
     if len(path) > 1:
         meshcat.SetLine("/reference_path", path.T, _LINE, rgba("0.45"))
@@ -109,6 +114,11 @@ def draw_surroundings(meshcat: Meshcat, scenario: Scenario, plan: Plan, flown: n
         draw_fan(meshcat, f"/fan_{number}", jet, max(reach, 1.0))
     look_at(meshcat, room.seen)
     return room
+
+
+def _corners(points: np.ndarray) -> np.ndarray:
+    """(8, 3) corners of the box around (n, 3) points."""
+    return np.array(np.meshgrid(*zip(points.min(axis=0), points.max(axis=0), strict=True))).reshape(3, 8).T
 
 
 def round_spacing(length: float) -> float:

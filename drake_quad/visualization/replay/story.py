@@ -13,6 +13,7 @@ from drake_quad.visualization.style import AXES
 
 # Instants of the plot at most, and their distance at least, s.
 _INSTANTS, _SHORTEST = 800, 0.05
+_OBSTACLE = "#555555"
 # Ends of the band of many flights.
 _BAND = (0.05, 0.95)
 
@@ -52,7 +53,7 @@ def story(
 
 
 def _curve(group: Sequence[Flight], times: np.ndarray) -> dict[str, Any]:
-    """Error (cm), speed (m/s), their band and the times of crashes (s) of flights."""
+    """Error (cm), speed (m/s), their band, the times of crashes (s) and into which obstacles, of flights."""
     errors, speeds = np.full((2, len(group), len(times)), np.nan)
     for flight, error, speed in zip(group, errors, speeds, strict=True):
         there = times <= flight.time[-1] + 1e-9
@@ -60,8 +61,13 @@ def _curve(group: Sequence[Flight], times: np.ndarray) -> dict[str, Any]:
         ticks = np.searchsorted(flight.time, times[there] + 1e-9, side="right") - 1
         error[there] = 100.0 * flight.euclidean_error[ticks]
         speed[there] = np.sqrt(state.v_x**2 + state.v_y**2 + state.v_z**2)[ticks]
-    crashes = sorted(round(float(f.metrics.crash_time), 3) for f in group if f.metrics.crashed)
-    told: dict[str, Any] = {"crashes": crashes, "error": _middle(errors), "speed": _middle(speeds)}
+    crashed = sorted((f for f in group if f.metrics.crashed), key=lambda f: float(f.metrics.crash_time))
+    told: dict[str, Any] = {
+        "crashes": [round(float(f.metrics.crash_time), 3) for f in crashed],
+        "into": [f.touched for f in crashed],
+        "error": _middle(errors),
+        "speed": _middle(speeds),
+    }
     if len(group) > 1:
         told |= {end: _middle(errors, share) for end, share in zip(("low", "high"), _BAND, strict=True)}
     return told
@@ -76,7 +82,7 @@ def _middle(values: np.ndarray, share: float = 0.5) -> list[float | None]:
 
 
 def _marks(room: Room) -> list[dict[str, Any]]:
-    """Where metres are written: along two edges of the floor, and up the corner that both leave free."""
+    """Where metres are written: along two edges of the floor, up the corner that both leave free; obstacles' names."""
     low, high = room.low, room.high
     out = 0.04 * float(np.max(high - low))
     lines = {
@@ -84,11 +90,13 @@ def _marks(room: Room) -> list[dict[str, Any]]:
         "y": lambda value: [high[0] + out, value, 0.0],
         "z": lambda value: [low[0], low[1] - out, value],
     }
-    names, numbers = [], []
+    names: list[dict[str, Any]] = []
+    numbers: list[dict[str, Any]] = []
     for i, (axis, at) in enumerate(lines.items()):
         end, color = high[i] + (out if axis == "z" else 0.0), AXES[axis]
         names.append({"at": at(end), "text": f"{axis.upper()} (m)", "color": color})
         for value in room.grid(i):
             numbers.append({"at": at(value), "text": f"{value:g}".replace("-", "−"), "color": color})
-    # Names first: where there is no room for all, numbers are left out.
-    return [mark | {"at": [round(float(each), 3) for each in mark["at"]]} for mark in names + numbers]
+    obstacles: list[dict[str, Any]] = [{"at": at, "text": name, "color": _OBSTACLE} for name, at in room.names.items()]
+    # What comes first is there, where there is no room for all.
+    return [mark | {"at": [round(float(each), 3) for each in mark["at"]]} for mark in names + numbers + obstacles]
