@@ -1,7 +1,7 @@
 """A headless Chromium, spoken to by the DevTools protocol over a pair of pipes.
 
-As a script it takes a picture of a replay: browser.py PAGE MOMENT FILE, with the moment in seconds, and perhaps where the
-eye is and where it looks, in six numbers in metres.
+As a script it takes a picture of a replay: browser.py PAGE MOMENT FILE, with the moment in seconds, and perhaps where
+the eye is and where it looks, in six numbers in metres.
 """
 
 import base64
