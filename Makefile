@@ -2,6 +2,7 @@
 # make test  sets it up and runs the tests; TESTS="-m 'not slow'" those that are quick
 # make fuzz  reads and flies ten thousand mutated scenarios, and a hundred structures in compiled diagrams
 # make rooms  plans a hundred random rooms, or proves that there is no way
+# make passages  compares the passages that are chosen with random ones
 # make paper  flies the paper's experiment again and writes a report
 # make controllers  flies all controllers in all laboratories and writes a report; TUNE=1 tunes them anew before
 # make lint  checks style, spelling and types
@@ -23,7 +24,7 @@ DRAWN = figure_eight hover slalom laboratory:low_wind neural_fly:wind_8 onboard 
 MUTANTS ?= 500
 SEED ?= 0
 
-.PHONY: fly test fuzz rooms paper controllers lint docs benchmark mutants figures
+.PHONY: fly test fuzz rooms passages paper controllers lint docs benchmark mutants figures
 
 fly: $(VENV)/.installed
 	$(VENV)/bin/drake-quad fly figure_eight
@@ -38,6 +39,9 @@ fuzz: $(VENV)/.installed-test
 
 rooms: $(VENV)/.installed-test
 	ROOMS=100 $(VENV)/bin/python -m pytest --numprocesses auto tests/space/test_rooms.py
+
+passages: $(VENV)/.installed-test
+	RESTARTS=100 $(VENV)/bin/python -m pytest --numprocesses auto -rP tests/space/test_restarts.py
 
 paper: $(VENV)/.installed
 	$(VENV)/bin/drake-quad replicate

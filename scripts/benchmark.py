@@ -20,6 +20,7 @@ import tempfile
 import time
 from collections.abc import Callable, Sequence
 from contextlib import ExitStack
+from functools import partial
 from importlib.metadata import version
 from importlib.util import find_spec
 from pathlib import Path
@@ -31,12 +32,15 @@ import numpy as np
 
 from drake_quad import InputError, Scenario, load_scenario
 from drake_quad.assembly.planning import flight_duration, plan_route
+from drake_quad.assembly.space import space_of
 from drake_quad.flight.fleet_simulation import simulate_fleet
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.path_problem import Box, Limits, PathProblem
 from drake_quad.reference.plan import to_piecewise_polynomial
-from drake_quad.reference.planner import GivenTimes, LeastSnap, Shortest, plan_path
+from drake_quad.reference.planner import GivenTimes, LeastSnap, Shortest, Timing, plan_path
 from drake_quad.scenario import Batch
+from drake_quad.scenario.routes import WaypointRoute
+from drake_quad.space.around import plan_around
 from drake_quad.studies import run_monte_carlo
 
 _DIAGRAMS = Path(__file__).parent.parent / "diagrams"
@@ -408,7 +412,19 @@ def planning_work() -> dict[str, Callable[[], object]]:
         "50 waypoints at given times within speed, acceleration and corridors": lambda: plan_path(hallways, hurried),
         "times of 20 segments, least snap in 60 s": lambda: plan_path(PathProblem(course.places), LeastSnap(60.0)),
         "times of 20 segments, shortest within speed and acceleration": lambda: plan_path(course, Shortest()),
+        "three legs around 20 obstacles, shortest": through_forest(Shortest()),
+        "three legs around 20 obstacles, least snap in 30 s": through_forest(LeastSnap(30.0)),
     }
+
+
+def through_forest(timing: Timing) -> Callable[[], object]:
+    """The whole way through the forest: regions, passages and paths."""
+    forest = load_scenario("forest")
+    space = space_of(forest)
+    assert isinstance(forest.route, WaypointRoute)
+    assert space is not None
+    assert space.bounds is not None
+    return partial(plan_around, space, space.bounds, forest.route.problem(), timing)
 
 
 def milliseconds(work: Callable[[], object], repetitions: int) -> str:

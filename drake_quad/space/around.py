@@ -170,11 +170,11 @@ def _ways(space: Space, bounds: Box, problem: PathProblem, grid: Grid, places: S
     if passage is None:
         return []
     others = [each for each in other_passages(regions, places, problem.corridors, count=_OTHERS) if each != passage]
-    ways = [_with_corridors(problem, regions, passage)]
+    ways = [with_corridors(problem, regions, passage)]
     for other in others:
         # What is common to a place and the regions around it may be nothing to speak of.
         with contextlib.suppress(InputError):
-            ways.append(_with_corridors(problem, regions, other))
+            ways.append(with_corridors(problem, regions, other))
     return ways
 
 
@@ -216,8 +216,12 @@ def _points_of(place: Place) -> tuple[np.ndarray, float]:
     return np.stack(np.meshgrid(*axes, indexing="ij"), -1).reshape(-1, 3), diagonal
 
 
-def _with_corridors(problem: PathProblem, regions: Regions, passage: Passage) -> WayAround:
-    """The problem with a passage's regions as corridors."""
+def with_corridors(problem: PathProblem, regions: Regions, passage: Passage) -> WayAround:
+    """The problem with a passage's regions as corridors.
+
+    Raises:
+        InputError: a place and the regions around it have nothing to speak of in common.
+    """
     places: list[Place] = []
     corridors: list[Corridor] = []
     waypoints = []

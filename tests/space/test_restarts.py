@@ -1,0 +1,64 @@
+"""The planner's choice of regions beside the best of random ones.
+
+Regions are grown here around points drawn at random, not where there is most room, and passages through them are drawn
+with lengths multiplied by random numbers; every one of them is flown as soon as the planner can.
+"""
+
+import os
+
+import numpy as np
+import pytest
+from rooms import random_room
+from test_rooms import LIMITS
+
+from drake_quad.errors import InputError
+from drake_quad.reference.path_problem import PathProblem
+from drake_quad.reference.planner import Shortest, plan_path
+from drake_quad.reference.regions import Box
+from drake_quad.space.around import plan_around, with_corridors
+from drake_quad.space.grid import Grid
+from drake_quad.space.passage import other_passages
+from drake_quad.space.regions import SLACK, Regions
+
+# `make passages` tries a hundred in ten rooms. Rooms without a way are left out.
+RESTARTS = int(os.environ.get("RESTARTS", "10"))
+ROOMS = [1, 3, 5, 7, 9, 10, 11, 13, 14, 15][: 10 if RESTARTS >= 100 else 2]
+# So many passages are drawn through the same regions.
+_DRAWS = 10
+
+
+def durations_of_restarts(room, problem, count):
+    """Of as many passages as were found, s."""
+    grid = Grid.of(room.space, room.bounds, most=30_000, finest=0.05)
+    free = grid.nearest >= room.space.clearance + SLACK
+    found = []
+    for start in range(0, count, _DRAWS):
+        random = np.random.default_rng([start, 27])
+        regions = Regions(room.space, room.bounds)
+        for place in room.places:
+            regions.grow(place)
+        regions.cover(grid.points[free], random.uniform(size=int(free.sum())))
+        ends = [place[None] for place in room.places]
+        for passage in other_passages(regions, ends, problem.corridors, count=_DRAWS, seed=start):
+            try:
+                found.append(plan_path(with_corridors(problem, regions, passage).problem, Shortest()).duration)
+            except InputError:
+                continue
+    return found
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", ROOMS)
+def test_no_restart_is_much_sooner(seed):
+    """The total time is at most 15 % above the best of a hundred random restarts."""
+    room = random_room(seed)
+    problem = PathProblem([Box.point(place) for place in room.places], limits=LIMITS)
+    try:
+        ours = plan_around(room.space, room.bounds, problem, Shortest())[0].duration
+    except InputError as error:
+        pytest.skip(f"room {seed} has no way: {error}")
+    durations = durations_of_restarts(room, problem, RESTARTS)
+    assert durations
+    best = min(durations)
+    print(f"room {seed}: {ours:.3f} s, the best of {len(durations)} {best:.3f} s, ratio {ours / best:.3f}")
+    assert ours <= 1.15 * best
