@@ -120,9 +120,17 @@ class PathProblem:
 
     def without_limits(self) -> "PathProblem":
         """The same problem, whatever the speed and acceleration."""
-        return PathProblem(
-            self.places, derivatives=self.derivatives, corridors=self.corridors, start=self.representatives()
-        )
+        # What was checked or found once holds for it, too.
+        problem = object.__new__(PathProblem)
+        kept = {
+            "places": self.places,
+            "derivatives": self.derivatives,
+            "corridors": self.corridors,
+            "_faces": self._faces,
+        }
+        for name, value in (kept | {"limits": Limits(), "start": self.representatives()}).items():
+            object.__setattr__(problem, name, value)
+        return problem
 
     def room(self, waypoint: int) -> Box | None:
         """The box that the boxes among a waypoint's place and the corridors before and after it leave it."""
@@ -227,9 +235,13 @@ class PathProblem:
                 )
 
     def _check_overlaps(self) -> None:
+        joints: dict[int, Corridor] = {}
         for i, (before, after) in enumerate(itertools.pairwise(self.corridors)):
-            if before and after and common(before, after) is None:
-                raise InputError(f"the corridors of segments {i} and {i + 1} do not overlap{_gap(before, after)}")
+            if before and after:
+                joint = common(before, after)
+                if joint is None:
+                    raise InputError(f"the corridors of segments {i} and {i + 1} do not overlap{_gap(before, after)}")
+                joints[i + 1] = joint
         for i, place in enumerate(self.places):
             around = range(max(i - 1, 0), min(i + 1, self.segments))
             corridors = [(segment, region) for segment in around if (region := self.corridors[segment])]
@@ -239,12 +251,10 @@ class PathProblem:
                         f"waypoint {i}, {place} m, lies outside the corridor of segment {segment}, {region} m"
                         f"{_gap(place, region)}"
                     )
-            if len(corridors) == 2:
-                joint = common(corridors[0][1], corridors[1][1])
-                if joint is None or not touch(place, joint):
-                    raise InputError(
-                        f"waypoint {i}, {place} m, has no point where the corridors of segments {i - 1} and {i} overlap"
-                    )
+            if i in joints and not touch(place, joints[i]):
+                raise InputError(
+                    f"waypoint {i}, {place} m, has no point where the corridors of segments {i - 1} and {i} overlap"
+                )
 
     def _check_derivatives(self) -> None:
         given = ~np.isnan(self.derivatives)

@@ -11,8 +11,8 @@ from pydrake.geometry.optimization import HPolyhedron, Hyperrectangle
 
 from drake_quad.errors import InputError
 from drake_quad.reference.minimum_snap import snap_cost
-from drake_quad.reference.path_problem import PathProblem
-from drake_quad.reference.planner import GivenTimes, Heuristic, Shortest, Timing, plan_path
+from drake_quad.reference.path_problem import Limits, PathProblem
+from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, Timing, plan_path
 from drake_quad.reference.polynomial_path import PolynomialPath
 from drake_quad.reference.regions import Box, Corridor, Place, Sphere, common, touch
 from drake_quad.space.blocked import explain
@@ -25,8 +25,10 @@ from drake_quad.space.space import Space
 _GRIDS = ((30_000, 0.05), (400_000, 0.03))
 # Of a place that is not a point, so many points are looked at on each axis.
 _POINTS = 21
-# Passages beside the shortest, and all whose time is shortened: that takes most of a second for each.
-_OTHERS, _MOST_SHORTENED = 12, 4
+# Passages beside the shortest, and all whose times are searched for: that takes most of a second for each.
+_OTHERS, _MOST_SEARCHED = 12, 4
+# Without limits ways are compared as with these.
+_ANY_LIMITS = Limits(acceleration=1.0)
 
 
 class WayAround(NamedTuple):
@@ -80,10 +82,9 @@ def plan_around(space: Space, bounds: Box, problem: PathProblem, timing: Timing)
         InputError: there is no such path, or none was found; the message says what is in the way.
     """
     ways = _ways_around(space, bounds, problem)
-    if isinstance(timing, Shortest) and len(ways) > _MOST_SHORTENED:
-        quick = _planned(ways, Heuristic())
+    if isinstance(timing, Shortest | LeastSnap) and len(ways) > _MOST_SEARCHED:
         # The shortest way in any case, and those that promise most.
-        order = sorted(range(1, len(ways)), key=lambda i: quick[i][1])[: _MOST_SHORTENED - 1]
+        order = sorted(range(1, len(ways)), key=lambda i: _promise(ways[i], timing))[: _MOST_SEARCHED - 1]
         ways = [ways[i] for i in (0, *order)]
     tried = _planned(ways, timing)
     best = min(range(len(ways)), key=lambda i: tried[i][1])
@@ -91,6 +92,23 @@ def plan_around(space: Space, bounds: Box, problem: PathProblem, timing: Timing)
     if isinstance(path, InputError):
         raise path
     return path, ways[best]
+
+
+def _promise(way: WayAround, timing: Timing) -> float:
+    """What a way may cost, from a path whose times are not searched for."""
+    problem = way.problem
+    if not problem.limits.by_order:
+        problem = PathProblem(
+            problem.places, derivatives=problem.derivatives, corridors=problem.corridors, limits=_ANY_LIMITS
+        )
+    try:
+        path = plan_path(problem, Heuristic())
+    except InputError:
+        return np.inf
+    if not isinstance(timing, LeastSnap):
+        return path.duration
+    # Snap goes with the seventh power of the speed.
+    return float(snap_cost(path).sum()) * (path.duration / timing.duration) ** 7
 
 
 def _planned(ways: Sequence[WayAround], timing: Timing) -> list[tuple[PolynomialPath | InputError, float]]:

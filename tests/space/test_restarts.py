@@ -20,9 +20,9 @@ from drake_quad.space.grid import Grid
 from drake_quad.space.passage import other_passages
 from drake_quad.space.regions import SLACK, Regions
 
-# `make passages` tries a hundred in ten rooms. Rooms without a way are left out.
+# `make passages` tries a hundred in ten rooms. In others there is no way, or random regions lead nowhere.
 RESTARTS = int(os.environ.get("RESTARTS", "10"))
-ROOMS = [1, 3, 5, 7, 9, 10, 11, 13, 14, 15][: 10 if RESTARTS >= 100 else 2]
+ROOMS = [1, 3, 7, 10, 11, 13, 14, 15, 17, 19][: 10 if RESTARTS >= 100 else 2]
 # So many passages are drawn through the same regions.
 _DRAWS = 10
 
@@ -53,10 +53,7 @@ def test_no_restart_is_much_sooner(seed):
     """The total time is at most 15 % above the best of a hundred random restarts."""
     room = random_room(seed)
     problem = PathProblem([Box.point(place) for place in room.places], limits=LIMITS)
-    try:
-        ours = plan_around(room.space, room.bounds, problem, Shortest())[0].duration
-    except InputError as error:
-        pytest.skip(f"room {seed} has no way: {error}")
+    ours = plan_around(room.space, room.bounds, problem, Shortest())[0].duration
     durations = durations_of_restarts(room, problem, RESTARTS)
     assert durations
     best = min(durations)
