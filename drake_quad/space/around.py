@@ -26,7 +26,7 @@ _GRIDS = ((30_000, 0.05), (400_000, 0.03))
 # Of a place that is not a point, so many points are looked at on each axis.
 _POINTS = 21
 # Passages beside the shortest, and all whose times are searched for: that takes most of a second for each.
-_OTHERS, _MOST_SEARCHED = 12, 4
+_OTHERS, _MOST_SEARCHED = 12, 3
 # Without limits ways are compared as with these.
 _ANY_LIMITS = Limits(acceleration=1.0)
 

@@ -83,7 +83,7 @@ class Regions:
         """(regions, n) which regions hold which of the points (n, 3); all regions unless numbers are given."""
         chosen = self._found if numbers is None else [self._found[number] for number in numbers]
         rows = [(points @ region.normals.T <= region.offsets).all(axis=1) for region in chosen]
-        return np.array(rows).reshape(len(chosen), len(points))
+        return np.array(rows, dtype=bool).reshape(len(chosen), len(points))
 
     def common(self, one: int, other: int) -> Polytope | None:
         """What two regions have in common; None if it is nothing to speak of."""

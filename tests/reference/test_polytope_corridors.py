@@ -8,7 +8,7 @@ import pytest
 from drake_quad.errors import InputError
 from drake_quad.reference.path_problem import Limits, PathProblem
 from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, plan_path
-from drake_quad.reference.polynomial_path import evaluate, evaluate_at
+from drake_quad.reference.polynomial_path import evaluate, evaluate_at, peak_norm
 from drake_quad.reference.regions import Box, Polytope
 
 LIMITS = Limits(speed=2.0, acceleration=0.7)
@@ -101,3 +101,25 @@ def test_a_point_outside_is_told_by_how_far():
     behind = Polytope([[3, 4, 0]], [0])
     with pytest.raises(InputError, match="waypoint 1, .* lies outside the corridor of segment 0, .* 0.6 m apart"):
         PathProblem([Box.point([0, 0, 0]), Box.point([1, 0, 0])], corridors=[behind])
+
+
+@pytest.mark.parametrize("segments", [10, 25])
+@pytest.mark.parametrize("timing", [Heuristic(), Shortest()], ids=["heuristic", "shortest"])
+def test_a_long_chain_of_polytopes_is_kept_everywhere(segments, timing):
+    """Cells of a zigzag, each turned against the next, with a waypoint anywhere between two of them."""
+    random = np.random.default_rng(segments)
+    points = np.column_stack([np.arange(segments + 1.0), random.uniform(-0.6, 0.6, (segments + 1, 2))])
+    cells = []
+    for one, other in itertools.pairwise(points):
+        along = (other - one) / np.linalg.norm(other - one)
+        sides = np.linalg.svd(along[None])[2][1:]
+        normals = np.vstack([along, -along, sides, -sides])
+        offsets = np.vstack([sides, -sides]) @ one + random.uniform(0.1, 0.3, 4)
+        cells.append(Polytope(normals, [along @ other + 0.15, -along @ one + 0.15, *offsets]))
+    joints = [one.intersection(other) for one, other in itertools.pairwise(cells)]
+    places = [Box.point(points[0]), *joints, Box.point(points[-1])]
+    limits = Limits(speed=2.0, acceleration=2.0)
+    path = plan_path(PathProblem(places, corridors=cells, limits=limits), timing)
+    assert farthest_beyond(path, cells) < 1e-6
+    assert peak_norm(path, 1) <= 2.0 + 1e-9
+    assert peak_norm(path, 2) <= 2.0 + 1e-9

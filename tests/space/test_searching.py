@@ -1,0 +1,105 @@
+"""The parts of the search for a way: grid, regions, chains and passages."""
+
+import itertools
+
+import numpy as np
+import pytest
+from rooms import least_distances, random_room
+from test_rooms import plan, walled
+
+from drake_quad.errors import InputError
+from drake_quad.reference.planner import Heuristic
+from drake_quad.reference.regions import Box
+from drake_quad.space.grid import Grid
+from drake_quad.space.passage import chain, find_passage, worth_a_look
+from drake_quad.space.regions import NARROWEST, Regions
+from drake_quad.space.space import Space
+
+DOOR = ((2.0, 1.2, 1.0), (0.1, 2.4, 2.0))
+
+
+def grid_of(room):
+    return Grid.of(room.space, room.bounds, most=30_000, finest=0.05)
+
+
+def test_a_way_over_an_empty_grid_is_nearly_straight():
+    bounds = Box([0.0, 0.0, 0.0], [2.0, 1.0, 1.0])
+    grid = Grid.of(Space((), radius=0.1), bounds, most=30_000, finest=0.05)
+    begin, end = np.array([[0.11, 0.12, 0.13]]), np.array([[1.87, 0.12, 0.13]])
+    lengths, before = grid.lengths_from(begin, 0.1)
+    way = grid.way(lengths, before, begin, end)
+    np.testing.assert_allclose(way[[0, -1]], [begin[0], end[0]])
+    assert 1.76 <= np.linalg.norm(np.diff(way, axis=0), axis=1).sum() < 1.8
+    corner = np.abs(grid.points - [2.0, 1.0, 1.0]).sum(axis=1).argmin()
+    straight = np.linalg.norm(grid.points[corner] - begin[0])
+    # 26 directions go at most 1.13 times as far as a straight line.
+    assert straight <= lengths[corner] < 1.14 * straight
+
+
+def test_there_is_no_way_through_a_wall_nor_outside_of_what_is_allowed():
+    shut = walled(((2.0, 1.5, 1.0), (0.1, 3.0, 2.0)))
+    begin, end = shut.places[:1], shut.places[1:]
+    grid = grid_of(shut)
+    lengths, before = grid.lengths_from(begin, shut.space.clearance)
+    assert grid.way(lengths, before, begin, end) is None
+    door = walled(DOOR)
+    grid = grid_of(door)
+    lengths, before = grid.lengths_from(begin, door.space.clearance)
+    way = grid.way(lengths, before, begin, end)
+    fine = np.concatenate([np.linspace(a, b, 30) for a, b in itertools.pairwise(way)])
+    assert least_distances(door.space, fine).min() >= door.space.clearance - 1e-9
+    inside = grid.points[:, 1] < 2.0
+    lengths, before = grid.lengths_from(begin, door.space.clearance, inside)
+    assert grid.way(lengths, before, begin, end) is None
+
+
+@pytest.mark.parametrize("seed", [1, 2, 3])
+def test_a_region_holds_its_seed_and_nothing_too_near(seed):
+    room, random = random_room(seed), np.random.default_rng(seed)
+    regions = Regions(room.space, room.bounds)
+    grid = grid_of(room)
+    regions.cover(grid.points[grid.nearest >= room.space.clearance + 1e-4], random.uniform(size=len(grid.points)))
+    points = room.bounds.low + random.uniform(size=(40_000, 3)) * (room.bounds.high - room.bounds.low)
+    held = regions.holding(points).any(axis=0)
+    assert 0.2 < held.mean() < 1.0
+    assert least_distances(room.space, points[held]).min() >= room.space.clearance
+    free = points[least_distances(room.space, points) >= room.space.clearance + 1e-3]
+    number = regions.grow(free[0])
+    assert regions.holding(free[:1], [number])[0, 0]
+    # Covered were 95 % of the free points.
+    assert regions.holding(free).any(axis=0).mean() > 0.9
+
+
+def test_a_chain_follows_its_way_and_a_passage_leads_through_the_door():
+    room = walled(DOOR)
+    grid, (begin, end) = grid_of(room), room.places[:, None]
+    lengths, before = grid.lengths_from(begin, room.space.clearance)
+    onward, _ = grid.lengths_from(end, room.space.clearance)
+    way = grid.way(lengths, before, begin, end)
+    regions = Regions(room.space, room.bounds)
+    numbers = chain(regions, way)
+    assert regions.holding(way, numbers).any(axis=0).all()
+    for one, other in itertools.pairwise(numbers):
+        assert regions.common(one, other).radius > NARROWEST
+    looked_at = worth_a_look(regions, numbers, grid.points, lengths + onward)
+    assert set(numbers) <= set(looked_at)
+    places = [Box.point(place) for place in room.places]
+    (leg,) = find_passage(regions, [looked_at], places, [None])
+    assert regions.holding(begin, [leg[0]]).all()
+    assert regions.holding(end, [leg[-1]]).all()
+    for one, other in itertools.pairwise(leg):
+        assert regions.common(one, other) is not None
+    shut = Box([0.0, 0.0, 0.0], [4.0, 1.8, 2.0])
+    assert find_passage(regions, [looked_at], places, [shut]) is None
+
+
+def test_all_that_must_go_is_named():
+    """Three walls, one behind the other: there is a way without all of them; a box beside them is not to blame."""
+    walls = [((x, 1.5, 1.0), (0.1, 3.0, 2.0)) for x in (1.4, 2.0, 2.6)]
+    room = walled(*walls, ((2.0, 2.6, 0.3), (0.4, 0.2, 0.2)))
+    with pytest.raises(InputError) as refusal:
+        plan(room, Heuristic())
+    said = str(refusal.value)
+    assert "no way" in said
+    assert all(f"wall_{i}" in said for i in range(3))
+    assert "wall_3" not in said
