@@ -35,6 +35,7 @@ def flown(scenario, samples=24, settled=15.0):
     return mean, deviation, *(each / np.sqrt(samples) for each in scatter)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("name", "layer", "overrides"),
     [

@@ -10,6 +10,9 @@ from drake_quad.reference.polynomial_path import evaluate, peak_norm
 from drake_quad.scenario import Mission
 from drake_quad.space.distance import nearest_approach
 
+# Each plans a way, which takes seconds.
+pytestmark = pytest.mark.slow
+
 ROOM = """
 pillars:
   extends: figure_eight
