@@ -5,6 +5,7 @@ from typing import Any
 import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.patches import Polygon
+from matplotlib.patheffects import withStroke
 from mpl_toolkits.mplot3d.art3d import Poly3DCollection
 from scipy.spatial import ConvexHull
 
@@ -13,11 +14,14 @@ from drake_quad.space.space import Space
 # One shadow may lie on another.
 _SOLID: dict[str, Any] = {"facecolor": (0.35, 0.35, 0.35, 0.5), "edgecolor": "0.35", "linewidth": 0.8}
 _CLEARANCE: dict[str, Any] = {"fill": False, "edgecolor": "0.55", "linewidth": 0.7, "linestyle": (0, (2, 2))}
+_NAME: dict[str, Any] = {"fontsize": 6, "color": "0.25", "horizontalalignment": "center", "verticalalignment": "top"}
+# More names than these hide what they name.
+_MOST_NAMES = 30
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 48, endpoint=False)
 
 
 def draw_obstacles(axes: Axes, space: Space, i: int, j: int, *, clearance: bool = False) -> None:
-    """Draws the shadows that obstacles cast in a plane.
+    """Draws the shadows that obstacles cast in a plane, from above with their names, if they are not too many.
 
     Args:
         axes: with metres on both axes.
@@ -33,6 +37,10 @@ def draw_obstacles(axes: Axes, space: Space, i: int, j: int, *, clearance: bool 
         if clearance:
             rounding = space.clearance * np.column_stack([np.cos(_CIRCLE), np.sin(_CIRCLE)])
             axes.add_patch(Polygon(shadow((corners[:, np.newaxis] + rounding).reshape(-1, 2)), **_CLEARANCE))
+        if (i, j) == (0, 1) and len(space.obstacles) <= _MOST_NAMES:
+            halo = [withStroke(linewidth=1.5, foreground="white", alpha=0.8)]
+            below = (corners[:, 0].mean(), corners[:, 1].min())
+            axes.text(*below, obstacle.name, path_effects=halo, clip_on=True, **_NAME)
 
 
 def draw_solids(axes: Any, space: Space) -> np.ndarray:
