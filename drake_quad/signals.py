@@ -231,6 +231,10 @@ Firing = tuple[Number, ...]
 Weights = tuple[AccelerationW, ...]
 CovarianceTrace = tuple[Gain, ...]
 Antecedents = tuple[Number, ...]
+# Those of a policy, as many as it sees, and as it acts with; and X, Y and Z of the reference at times ahead.
+Observed = tuple[Number, ...]
+Action = tuple[Number, ...]
+Ahead = tuple[PositionW, ...]
 
 SIGNALS: dict[str, Any] = {
     "state": State,
@@ -267,6 +271,9 @@ SIGNALS: dict[str, Any] = {
     "weights": Weights,
     "covariance_trace": CovarianceTrace,
     "antecedents": Antecedents,
+    "observation": Observed,
+    "action": Action,
+    "reference_ahead": Ahead,
 }
 """What a port of this name holds."""
 

@@ -11,6 +11,7 @@ from pydrake.systems.framework import Diagram
 from drake_quad.assembly.lqg import build_lqg_control, lqg_recipes
 from drake_quad.assembly.mpc import mpc_recipes
 from drake_quad.assembly.planning import nominal_parameters
+from drake_quad.assembly.policy import build_policy_control_of, policy_recipes
 from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
 from drake_quad.control.axes import PerAngle, PerAxis
@@ -45,8 +46,10 @@ from drake_quad.framework.records import layout_of
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario
 from drake_quad.scenario.lqg import LqgControl
+from drake_quad.scenario.models import Control
+from drake_quad.scenario.policy import PolicyControl
 from drake_quad.scenario.quantities import can_differ_from_zero
-from drake_quad.vehicle.parameters import Inertia
+from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 
 
 def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
@@ -61,11 +64,14 @@ def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
         recipes = lqg_recipes(batch)
         recipes |= mpc_recipes(batch, plan, recipes["regulator"].numbers)
         return {**recipes, **_network(scenario, fleet.control.network, plan)}
-    position = fleet.control.position
     believed = nominal_parameters(scenario)
-    limits = fleet.control.thrust_vectoring
-    weight = believed.mass * believed.gravity
-    thrust = ThrustLimits(np.tan(limits.max_tilt), limits.min_thrust * weight, limits.max_thrust * weight)
+    if isinstance(scenario.control, PolicyControl):
+        recipes = policy_recipes(batch)
+        if scenario.control.action.kind == "acceleration":
+            recipes |= _vectoring(scenario, fleet, believed)
+        commanded = scenario.control.commands_attitude
+        return recipes | (_attitude(scenario, fleet.control.attitude, believed.inertia) if commanded else {})
+    position = fleet.control.position
     derivative, feeds_forward = position.derivative, position.feed_forward != "none"
     return {
         "position.pd": Recipe(
@@ -76,11 +82,7 @@ def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
         **_integral(position, scenario.laboratory.command_link.period),
         **_estimator(scenario, position, plan),
         **_network(scenario, fleet.control.network, plan),
-        "thrust_vectoring": Recipe(
-            ThrustVectoring,
-            {"projects": scenario.control.attitude is not None and scenario.control.attitude.kind == "geometric"},
-            VectoringNumbers(believed.mass, believed.gravity, thrust),
-        ),
+        **_vectoring(scenario, fleet, believed),
         **_attitude(scenario, fleet.control.attitude, believed.inertia),
     }
 
@@ -99,10 +101,12 @@ def build_control(
     Raises:
         InputError: there is a position controller, but no cascade.
     """
-    if isinstance(scenario.control, LqgControl) and position_controller is not None:
+    if not isinstance(scenario.control, Control) and position_controller is not None:
         kind = scenario.control.kind
         raise InputError(f"control of {scenario.name} is of kind {kind}: it has no place for a position_controller")
     systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}
+    if isinstance(scenario.control, PolicyControl):
+        return build_policy_control_of(scenario, systems)
     network = None
     if "network.rules" in systems:
         parts = {name: systems.get(f"network.{name}") for name in ("rules", "learning", "sets")}
@@ -123,6 +127,16 @@ def build_control(
         attitude=systems.get("attitude"),
         feed_forward=scenario.cascade.position.feed_forward,
     )
+
+
+def _vectoring(scenario: Scenario, fleet: Any, believed: QuadrotorParameters) -> dict[str, Recipe]:
+    """Thrust vectoring, of a vehicle as it is believed to be."""
+    limits, attitude = fleet.control.thrust_vectoring, scenario.control.attitude
+    weight = believed.mass * believed.gravity
+    thrust = ThrustLimits(np.tan(limits.max_tilt), limits.min_thrust * weight, limits.max_thrust * weight)
+    structure = {"projects": attitude is not None and attitude.kind == "geometric"}
+    numbers = VectoringNumbers(believed.mass, believed.gravity, thrust)
+    return {"thrust_vectoring": Recipe(ThrustVectoring, structure, numbers)}
 
 
 def _attitude(scenario: Scenario, attitude: Any, inertia: Inertia) -> dict[str, Recipe]:

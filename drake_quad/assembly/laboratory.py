@@ -25,6 +25,7 @@ from drake_quad.randomness.noise import Exported, Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario, autopilots, models, wind
 from drake_quad.scenario.layouts import are_paired, rotors_of
+from drake_quad.scenario.policy import PolicyControl
 from drake_quad.scenario.quantities import can_differ_from_zero, extremes
 from drake_quad.signals import Attitude, AttitudeTarget, BodyRates, Row, Wind, Wrench
 from drake_quad.vehicle.allocation import Allocation, RotorModel
@@ -258,8 +259,10 @@ def _autopilot(scenario: Scenario, fleet: Any) -> dict[str, Recipe]:
         "noisy": _can_differ(autopilot.gyroscope_noise, fleet.gyroscope_noise)
         or _can_differ(autopilot.attitude_noise, fleet.attitude_noise),
     }
+    # Told body rates alone, it heeds no attitude, as by the type mask of MAVLink's SET_ATTITUDE_TARGET.
+    told_rates = isinstance(scenario.control, PolicyControl) and scenario.control.action.kind == "rates"
     numbers = AutopilotNumbers(
-        LoopGains(*fleet.k_attitude),
+        LoopGains(0.0, 0.0, 0.0) if told_rates else LoopGains(*fleet.k_attitude),
         LoopGains(*fleet.k_rate),
         nominal_parameters(scenario).inertia,
         Gyroscope(fleet.gyroscope_noise, BodyRates(*fleet.gyroscope_bias)),

@@ -24,12 +24,21 @@ from drake_quad.randomness.noise import EXPORTED, Exported, NoiseSource, Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
 from drake_quad.scenario import Batch, Scenario, distributions_in
+from drake_quad.scenario.policy import PolicyControl
 
 # What is exported, and recorded, from each part; a control of the user's own need only have what goes over the link.
 # The wrench comes from the control or, with an autopilot, from the laboratory.
 _SIGNALS = {
     "reference": ("reference",),
-    "control": (*POSITION_SIGNALS, "acceleration_command", "attitude_command", "wrench", "attitude_target"),
+    "control": (
+        *POSITION_SIGNALS,
+        "observation",
+        "action",
+        "acceleration_command",
+        "attitude_command",
+        "wrench",
+        "attitude_target",
+    ),
     "laboratory": (
         *("measurement", "state", "rotor_speed", "rotor_speed_command", "throttle_command"),
         *("swing", "charge", "shortfall", "wind", "wrench"),
@@ -115,7 +124,9 @@ def build_fleet_diagram(
     recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan))
     samples = exported or (None if drake_random else _samples(batch))
     builder = DiagramBuilder()
-    reference = builder.AddNamedSystem("reference", build_reference(plan, num_vehicles=num_vehicles))
+    reference = builder.AddNamedSystem(
+        "reference", build_reference(plan, num_vehicles=num_vehicles, ahead=_ahead(scenario))
+    )
     control = own.control
     if control is None:
         control = build_control(scenario, _control_recipes(batch, plan, own), num_vehicles, own.position_controller)
@@ -133,7 +144,9 @@ def build_fleet_diagram(
     connect(reference, "reference", control)
     connect(reference, "reference_jerk", control)
     connect(reference, "reference_snap", control)
-    connect(laboratory, "measurement", control)
+    connect(reference, "reference_ahead", control)
+    for signal in ("measurement", "state", "rotor_speed", "wind"):
+        connect(laboratory, signal, control)
     command = scenario.laboratory.autopilot.command
     if injects:
         injected = builder.AddNamedSystem("injected", Adder(2, control.GetOutputPort(command).size()))
@@ -149,6 +162,8 @@ def build_fleet_diagram(
     connect(control, "acceleration_command", monitor)
     connect(laboratory, "shortfall", monitor)
 
+    if isinstance(scenario.control, PolicyControl) and control.HasInputPort("action"):
+        builder.ExportInput(control.GetInputPort("action"), "action")
     for port in (laboratory.get_input_port(i) for i in range(laboratory.num_input_ports())):
         if port.get_name().startswith(EXPORTED):
             builder.ExportInput(port, port.get_name())
@@ -211,8 +226,13 @@ def _control_recipes(batch: Batch, plan: Plan, own: UserSystems) -> dict[str, Re
     return {path: recipe for path, recipe in recipes.items() if not path.startswith(("position.", "network."))}
 
 
+def _ahead(scenario: Scenario) -> tuple[float, ...]:
+    """Times from now at which the control looks at the reference, s."""
+    return scenario.control.observation.ahead if isinstance(scenario.control, PolicyControl) else ()
+
+
 def _samples(batch: Batch) -> Samples:
-    return Samples(batch.scenario.seed, batch.samples)
+    return Samples(batch.seed, batch.samples)
 
 
 def _sampled(wind: Any, scenario: Scenario) -> Any:

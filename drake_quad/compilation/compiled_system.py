@@ -216,7 +216,7 @@ class CompiledSystem(LeafSystem):
         if key not in self._tables:
             if len(self._tables) == _MOST_TABLES:
                 self._tables.clear()
-            self._tables[key] = self.program.table(event, self.program.times(begin, event.instants, size))
+            self._tables[key] = self.program.table(event.shared, self.program.times(begin, event.instants, size))
         return self._tables[key][first - begin : first - begin + count]
 
     def _run(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
@@ -294,7 +294,7 @@ class CompiledSystem(LeafSystem):
         instant = round(time / self.program.base)
         if instant * self.program.base == time:
             return self._table(code, instant, 1)[0]
-        return self.program.table(code, np.full((1, code.instants + 1), time))[0]
+        return self.program.table(code.shared, np.full((1, code.instants + 1), time))[0]
 
 
 def input_name(program: Program, source: Port | Exported) -> str:

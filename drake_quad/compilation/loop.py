@@ -9,36 +9,16 @@ What follows from parameters alone is computed before the first event and kept b
 """
 
 import ctypes
-import functools
-from collections.abc import Callable, Iterable, Mapping, Sequence
-from typing import Any, NamedTuple
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
-from drake_quad.framework.instructions import Rows, Store, declarations, function
+from drake_quad.compilation.parts import EVENT, PREPARE, Part, Sizes, aligned, divided
+from drake_quad.framework.instructions import declarations
 from drake_quad.framework.kernels import copying, elements_of
 from drake_quad.framework.machine_code import LANES, address
-from drake_quad.framework.symbols import LEAVES, Kind, Listing, Operation, Symbol
-
-# Groups beside those of a trace: what is kept for later, and what is logged.
-_KEPT, _LOG = 3, 4
-# Bytes of a line of the processor's cache: rows begin with one.
-_CACHE_LINE = 64
-
-
-class Sizes(NamedTuple):
-    """How many rows there are.
-
-    Attributes:
-        state: of the state.
-        parameters: of all parameters.
-        inputs: of what comes from elsewhere.
-    """
-
-    state: int
-    parameters: int
-    inputs: int
+from drake_quad.framework.symbols import Listing
 
 
 class Loop:
@@ -67,11 +47,9 @@ class Loop:
         lone: bool,
     ) -> None:
         self._lanes, self.num_logged = 1 if lone else LANES, len(logged)
-        before, rest, results = _divided(listing, [*changes.values(), *logged])
-        targets = [*((STATE, row) for row in changes), *((_LOG, row) for row in range(len(logged)))]
-        event = _Part(rest, list(zip(targets, results, strict=True)))
+        before, event = divided(listing, changes, logged)
         # The function runs under Python's lock, one call at a time.
-        self._scratch = _aligned((sum(sizes) + len(before.stores)) * self._lanes)
+        self._scratch = aligned((sum(sizes) + len(before.stores)) * self._lanes)
         text = _module(before, event, sizes, len(logged), max(1, width), self._lanes)
         arguments: list[Any] = [ctypes.c_int64, ctypes.c_int64, *[ctypes.py_object] * 6]
         self._run: Callable[..., None] = ctypes.PYFUNCTYPE(None, *arguments)(address(text))
@@ -102,114 +80,17 @@ class Loop:
         self._run(num_vehicles, len(shared), state, parameters, inputs, shared, log, self._scratch)
 
 
-class _Part(NamedTuple):
-    """A part of what happens.
-
-    Attributes:
-        listing: of it.
-        stores: what is written where: group and row.
-    """
-
-    listing: Listing
-    stores: list[tuple[tuple[int, int], Symbol]]
-
-
-def _aligned(size: int) -> np.ndarray:
-    """An array of so many numbers that begins with a line of the cache."""
-    array = np.empty(size + _CACHE_LINE // 8)
-    first = -array.ctypes.data % _CACHE_LINE // 8
-    return array[first : first + size]
-
-
-def _divided(listing: Listing, results: Sequence[Any]) -> tuple[_Part, Listing, list[Symbol]]:
-    """What follows from parameters alone, and the rest, which reads that in `_KEPT`, with the results."""
-    lines = [result.line if result.__class__ is Symbol else listing.constant(result).line for result in results]
-    fixed = _follow_from_parameters(listing)
-    before, rest = Listing(), Listing()
-    kept: list[Symbol] = []
-
-    @functools.cache
-    def in_before(line: int) -> Symbol:
-        return _copied(before, listing.operations[line], in_before)
-
-    @functools.cache
-    def in_rest(line: int) -> Symbol:
-        operation = listing.operations[line]
-        # Truth values are quickly computed again.
-        if fixed[line] and operation.name != "constant" and operation.kind is not Kind.TRUTH:
-            kept.append(in_before(line))
-            return rest.row(_KEPT, len(kept) - 1, operation.kind)
-        return _copied(rest, operation, in_rest)
-
-    # In their order, so that nothing is asked for in depth.
-    for line in _needed(listing, lines):
-        if not fixed[line]:
-            in_rest(line)
-        elif listing.operations[line].name != "row":
-            in_before(line)
-    symbols = [in_rest(line) for line in lines]
-    return _Part(before, [((_KEPT, row), symbol) for row, symbol in enumerate(kept)]), rest, symbols
-
-
-def _copied(listing: Listing, operation: Operation, symbol_of: Callable[[int], Symbol]) -> Symbol:
-    """The symbol of a line of another listing in this one, given those of its operands."""
-    operands = operation.operands
-    if operation.name not in LEAVES:
-        operands = tuple([symbol_of(operand).line for operand in operands])
-    return listing.add(operation.name, operands, operation.kind, operation.branch)
-
-
-def _follow_from_parameters(listing: Listing) -> list[bool]:
-    """Which lines of a listing do."""
-    follow: list[bool] = []
-    for operation in listing.operations:
-        name, operands = operation.name, operation.operands
-        if name in LEAVES:
-            follow.append(name == "constant" or (name == "row" and operands[0] == PARAMETERS))
-        else:
-            follow.append(all(follow[operand] for operand in operands))
-    return follow
-
-
-def _needed(listing: Listing, lines: Iterable[int]) -> list[int]:
-    """The lines of a listing that some lines need, those among them, in order."""
-    needed = [False] * len(listing.operations)
-    for line in lines:
-        needed[line] = True
-    for line in reversed(range(len(needed))):
-        operation = listing.operations[line]
-        if needed[line] and operation.name not in LEAVES:
-            for operand in operation.operands:
-                needed[operand] = True
-    return [line for line, is_needed in enumerate(needed) if is_needed]
-
-
-def _module(before: _Part, event: _Part, sizes: Sizes, num_logged: int, width: int, lanes: int) -> str:
+def _module(before: Part, event: Part, sizes: Sizes, num_logged: int, width: int, lanes: int) -> str:
     """The text of a loop in LLVM's language."""
-    groups = {
-        STATE: Rows("%state", lanes),
-        PARAMETERS: Rows("%parameters", lanes),
-        INPUTS: Rows("%inputs", lanes),
-        _KEPT: Rows("%kept", lanes),
-        _LOG: Rows("%log", "%padded"),
-    }
-
-    def written(head: str, part: _Part) -> str:
-        stores = [Store(groups[group], row, symbol) for (group, row), symbol in part.stores]
-        return function(head, part.listing, stores, groups, shared="%shared", lanes=lanes, overlapping=False)
-
     return "\n".join(
         [
             declarations(lanes),
             copying(lanes),
-            written("@prepare(ptr %parameters, ptr %kept, ptr %shared) noinline", before),
-            written(f"@event({_ARGUMENTS}) noinline", event),
+            before.written(PREPARE, lanes=lanes, log_stride=0, shared=""),
+            event.written(EVENT, lanes=lanes, log_stride="%padded", shared="%shared"),
             _driver(sizes, num_logged, width, lanes),
         ]
     )
-
-
-_ARGUMENTS = "ptr %state, ptr %inputs, ptr %kept, ptr %shared, ptr %log, i64 %padded"
 
 
 def _driver(sizes: Sizes, num_logged: int, width: int, lanes: int) -> str:
@@ -240,7 +121,7 @@ def _driver(sizes: Sizes, num_logged: int, width: int, lanes: int) -> str:
                 f"  call void @gather(ptr %{name}, ptr %{name}_there, i64 {count}, i64 %n, i64 %count)"
                 for name, count in copied.items()
             ),
-            "  call void @prepare(ptr %parameters, ptr %kept, ptr %shared_rows)",
+            "  call void @prepare(ptr %parameters, ptr %kept)",
             "  %log_first = getelementptr double, ptr %log_rows, i64 %first",
             "  %any = icmp ugt i64 %events, 0",
             "  br i1 %any, label %event, label %passed",
@@ -250,7 +131,7 @@ def _driver(sizes: Sizes, num_logged: int, width: int, lanes: int) -> str:
             "  %shared = getelementptr double, ptr %shared_rows, i64 %shared_row",
             "  %log_row = mul i64 %k, %logged",
             "  %log = getelementptr double, ptr %log_first, i64 %log_row",
-            f"  call void @event({_ARGUMENTS})",
+            f"  call void {EVENT}",
             "  %k1 = add i64 %k, 1",
             "  %more = icmp ult i64 %k1, %events",
             "  br i1 %more, label %event, label %passed",

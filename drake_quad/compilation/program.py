@@ -9,7 +9,9 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram
 
 from drake_quad.compilation.blocks import Block, Work, block_of
-from drake_quad.compilation.loop import Loop, Sizes
+from drake_quad.compilation.clocked_loop import ClockedLoop
+from drake_quad.compilation.loop import Loop
+from drake_quad.compilation.parts import Sizes
 from drake_quad.compilation.shared_numbers import SharedNumbers
 from drake_quad.compilation.stand_in import remembers, system_of
 from drake_quad.compilation.topology import Exported, Port, Topology
@@ -222,12 +224,64 @@ class Program:
         trace.advance(self.works(first), first=first == 0)
         looked_at = frozenset(trace.inputs)
         trace.inputs.clear()
+        self._pass(trace, first, instants)
+        return None if trace.inputs else self._event(trace, shared, instants, logged)._replace(inputs=looked_at)
+
+    def _pass(self, trace: Trace, first: int, instants: int) -> None:
+        """Goes on from after the discrete updates of an instant until those of a later one begin."""
         for instant in range(first + 1, first + instants + 1):
             trace.proceed()
             trace.advance(self.works(instant % self.cycle, unrestricted=True))
             if instant < first + instants:
                 trace.advance(self.works(instant % self.cycle))
-        return None if trace.inputs else self._event(trace, shared, instants, logged)._replace(inputs=looked_at)
+
+    def tick(self, instants: int, shown: Sequence[Port], judge: str) -> tuple[ClockedLoop, SharedNumbers]:
+        """What happens from one tick to the next, for vehicles with clocks of their own; and the table that it takes.
+
+        At its end is shown what ports hold, and then what the discrete updates of a system would make of its state:
+        row after row, in the order of its groups.
+
+        Args:
+            instants: of a tick, which must be a whole cycle.
+            shown: ports.
+            judge: path of the system.
+
+        Raises:
+            InputError: not all that happens in the diagram happens in every tick.
+        """
+        name = self.diagram.get_name()
+        if instants != self.cycle:
+            raise InputError(
+                f"vehicles of {name} cannot have clocks of their own: something happens in it less often than every"
+                f" {instants * self.base:g} s"
+            )
+        if any(work.at_start for _, work in self.works(0, unrestricted=True)):
+            raise InputError(f"vehicles of {name} cannot have clocks of their own: it begins with an update of its own")
+        trace, shared = self._trace(instants)
+        trace.advance(self.works(0), first=True)
+        self._pass(trace, 0, instants)
+        logged = [row for port in shown for row in trace.output(port)]
+        judged = trace.foreseen([(path, work) for path, work in self.works(0) if path == judge])
+        logged += [row for _, rows in sorted(judged.items()) for row in rows]
+        loop = ClockedLoop(
+            trace.listing,
+            trace.changes(),
+            logged,
+            sizes=self.sizes,
+            width=shared.width,
+            num_vehicles=self.num_vehicles,
+        )
+        return loop, shared
+
+    def look(self, shown: Sequence[Port]) -> Event:
+        """What logs ports at an instant, and changes nothing."""
+
+        def make() -> Event:
+            trace, shared = self._trace(1)
+            return self._event(trace, shared, 1, [row for port in shown for row in trace.output(port)])
+
+        event: Event = self._kept(("look", tuple(shown)), make)
+        return event
 
     def times(self, first: int, instants: int, count: int) -> np.ndarray:
         """The (count, instants + 1) times (s) of events of so many instants, from event `first` on."""
@@ -235,7 +289,7 @@ class Program:
         times: np.ndarray = (begins[:, None] + np.arange(instants + 1)) * self.base
         return times
 
-    def table(self, event: Event | Shown, times: np.ndarray) -> np.ndarray:
+    def table(self, shared: SharedNumbers, times: np.ndarray) -> np.ndarray:
         """The (events, width) numbers that all vehicles share at the (events, instants) times (s)."""
 
         def values(path: str, output: int, time: float) -> np.ndarray:
@@ -246,7 +300,7 @@ class Program:
             shown: np.ndarray = system.get_output_port(output).Eval(self._contexts[path])
             return shown
 
-        return event.shared.table(times, values)
+        return shared.table(times, values)
 
     @functools.cached_property
     def _signature(self) -> tuple[Any, ...]:

@@ -82,6 +82,11 @@ class Trace:
             works: and who does them.
             first: whether the time can be zero.
         """
+        self._states |= self.foreseen(works, first=first)
+        self._outputs.clear()
+
+    def foreseen(self, works: Iterable[tuple[str, Work]], *, first: bool = False) -> dict[tuple[str, int], Rows]:
+        """The rows that groups of the state would hold after some work, which is not done; arguments as of `advance`."""
         after: dict[tuple[str, int], Rows] = {}
         for path, work in works:
             for group, rows in work.compute(_Around(self, path)).items():
@@ -89,8 +94,7 @@ class Trace:
                     begins, before = self.time() == 0.0, self.state(path, group)
                     rows = [where(untyped(begins), old, new) for old, new in zip(before, rows, strict=True)]
                 after[path, group] = rows
-        self._states |= after
-        self._outputs.clear()
+        return after
 
     def proceed(self) -> None:
         """Goes on to the next instant."""

@@ -1,5 +1,6 @@
 """The cascade as one diagram: position control, perhaps a network, thrust vectoring and, unless on board, attitude."""
 
+from collections.abc import Mapping
 from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
@@ -55,12 +56,8 @@ def build_cascade(
     builder = DiagramBuilder()
     builder.AddNamedSystem("position", position)
     commanded = split_output(builder, "thrust_vectoring", thrust_vectoring)
-    if attitude is None:
-        command, parts = "attitude_target", [commanded[name] for name in _TARGET]
-    else:
+    if attitude is not None:
         builder.AddNamedSystem("attitude", attitude)
-        command, parts = "wrench", [commanded["thrust"], attitude.GetOutputPort("torque")]
-    together = builder.AddNamedSystem(command, Multiplexer([part.size() for part in parts]))
 
     builder.ExportInput(position.GetInputPort("measurement"), "measurement")
     builder.ExportInput(position.GetInputPort("reference"), "reference")
@@ -75,13 +72,7 @@ def build_cascade(
 
     acceleration_command = position.GetOutputPort("acceleration_command")
     builder.Connect(acceleration_command, thrust_vectoring.GetInputPort("acceleration_command"))
-    if attitude is not None:
-        for name in ("attitude_command", "body_rate_command", "angular_acceleration_command"):
-            builder.Connect(commanded[name], attitude.GetInputPort(name))
-    for i, part in enumerate(parts):
-        builder.Connect(part, together.get_input_port(i))
-
-    builder.ExportOutput(together.get_output_port(), command)
+    builder.ExportOutput(*command_of(builder, commanded, attitude))
     builder.ExportOutput(acceleration_command, "acceleration_command")
     builder.ExportOutput(commanded["attitude_command"], "attitude_command")
     if network is not None:
@@ -93,6 +84,26 @@ def build_cascade(
     control = builder.Build()
     control.set_name("control")
     return control
+
+
+def command_of(builder: DiagramBuilder, commanded: Mapping[str, Any], attitude: Any | None) -> tuple[Any, str]:
+    """What goes over the link for a commanded thrust and attitude: a port of the builder, and its name.
+
+    Args:
+        builder: with the attitude controller, if there is one.
+        commanded: the ports of `Vectored`, by name.
+        attitude: an attitude controller; None if an autopilot on board does its work, which gets an `attitude_target`.
+    """
+    if attitude is None:
+        name, parts = "attitude_target", [commanded[part] for part in _TARGET]
+    else:
+        for part in ("attitude_command", "body_rate_command", "angular_acceleration_command"):
+            builder.Connect(commanded[part], attitude.GetInputPort(part))
+        name, parts = "wrench", [commanded["thrust"], attitude.GetOutputPort("torque")]
+    together = builder.AddNamedSystem(name, Multiplexer([part.size() for part in parts]))
+    for i, part in enumerate(parts):
+        builder.Connect(part, together.get_input_port(i))
+    return together.get_output_port(), name
 
 
 def put_around(builder: DiagramBuilder, controller: Any, network: Any) -> None:

@@ -85,6 +85,21 @@ _ARCTAN = (
     0.03922560559586107,
     -0.019169476385361265,
 )
+# (tanh x - x) / x³ as a function of x², for |x| up to 5/8, within 5e-17 of tanh x.
+_TANH = (
+    -0.3333333333333332,
+    0.13333333333326658,
+    -0.05396825396139557,
+    0.021869488260559115,
+    -0.008863229830925709,
+    0.0035920589774734554,
+    -0.001455309297534642,
+    0.0005874372860094381,
+    -0.00023077616269519857,
+    7.959955735264808e-05,
+    -1.724487449484433e-05,
+)
+_SMALL_OF_TANH = 0.625
 _TAN_EIGHTH, _TAN_3_EIGHTHS = math.tan(math.pi / 8.0), math.tan(3.0 * math.pi / 8.0)
 
 
@@ -164,6 +179,13 @@ def exp(x: Symbol) -> Symbol:
     r = fused(twos, -_LN_2[1], fused(twos, -_LN_2[0], clamped))
     mantissa = 1.0 + fused(r * r, polynomial(r, _EXP), r)
     return mantissa * _number_of((bits_of(rounded) + _BIAS) << _EXPONENT_BITS)
+
+
+def tanh(x: Symbol) -> Symbol:
+    """Hyperbolic tangent."""
+    size, z = abs(x), x * x
+    large = 1.0 - 2.0 / (exp(2.0 * size) + 1.0)
+    return select(size < _SMALL_OF_TANH, fused(x * z, polynomial(z, _TANH), x), copysign(large, x))
 
 
 def log(x: Symbol, *, normal: bool) -> Symbol:

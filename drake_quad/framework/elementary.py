@@ -14,7 +14,7 @@ import numpy as np
 from pydrake import symbolic
 
 from drake_quad.framework import approximations
-from drake_quad.framework.symbols import Symbol, branched
+from drake_quad.framework.symbols import Matrix, Symbol, branched, layer
 from drake_quad.signals import Row
 
 _Rows = TypeVar("_Rows")
@@ -70,6 +70,13 @@ def exp(x: Row) -> Row:
     if x.__class__ is float:
         return math.exp(x)
     return untyped(approximations.exp(x)) if x.__class__ is Symbol else np.exp(x)
+
+
+def tanh(x: Row) -> Row:
+    """Hyperbolic tangent."""
+    if x.__class__ is float:
+        return math.tanh(x)
+    return untyped(approximations.tanh(x)) if x.__class__ is Symbol else np.tanh(x)
 
 
 def log(x: Row, *, normal: bool = False) -> Row:
@@ -150,6 +157,28 @@ def where_needed(mask: bool, formula: Callable[..., _Rows], arguments: Sequence[
     if not needed.any():
         return where(mask, otherwise, otherwise)
     return _placed(needed, formula(*[x[needed] if isinstance(x, np.ndarray) else x for x in arguments]), otherwise)
+
+
+def dense(matrix: Matrix, rows: Sequence[Row], activation: Callable[[Row], Row]) -> list[Row]:
+    """A layer of a network: for each row of a matrix, the activation of its bias plus its product with the rows.
+
+    Sums are taken in the order of the columns. As machine code it is a loop, however large the matrix is.
+
+    Args:
+        matrix: of constants.
+        rows: one a column.
+        activation: a function of a row.
+    """
+    symbol = next((row for row in rows if row.__class__ is Symbol), None)
+    if symbol is not None:
+        return untyped(layer(matrix, rows, activation))
+    found = []
+    for bias, weights in matrix.biases_and_weights():
+        total: Row = bias
+        for weight, row in zip(weights, rows, strict=True):
+            total = total + weight * row
+        found.append(activation(total))
+    return found
 
 
 def _placed(mask: np.ndarray, some: Any, others: Any) -> Any:

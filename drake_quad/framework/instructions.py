@@ -15,14 +15,18 @@ What is done only where it is needed is a function of its own, which is called i
     %v15_lanes = bitcast <8 x i1> %v15 to i8
     %v16_any = icmp ne i8 %v15_lanes, 0
     br i1 %v16_any, label %needed_16, label %beyond_16
+
+A layer of a network is a function, too, with a loop over blocks of its rows and one over its columns.
 """
 
 from collections import defaultdict
 from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
+import numpy as np
+
 from drake_quad.framework.scheduling import scheduled
-from drake_quad.framework.symbols import Branch, Kind, Listing, Symbol
+from drake_quad.framework.symbols import LEAVES, Branch, Kind, Layer, Listing, Symbol
 
 # What an operation is in LLVM's language, {t} being the type of its first operand and {r} that of the result.
 INSTRUCTIONS = {
@@ -104,7 +108,7 @@ def function(
     stores: Sequence[Store],
     sources: Mapping[int, Rows],
     *,
-    shared: str,
+    shared: str | Rows,
     lanes: int,
     overlapping: bool,
 ) -> str:
@@ -115,7 +119,7 @@ def function(
         listing: what is computed.
         stores: what is written.
         sources: the groups of the listing.
-        shared: a pointer to the numbers that are the same for all vehicles.
+        shared: a pointer to the numbers that are the same for all vehicles; or rows, where each has numbers of its own.
         lanes: vehicles of a vector.
         overlapping: whether a row may be written that is read by another name. Then all rows are read before the first
             is written; else a row is written as soon as it has been read and computed.
@@ -136,26 +140,30 @@ def function(
         due[max(position[store.symbol.line], free)].append((count, store))
     names: dict[int, str] = {}
     lines: list[str] = []
-    branches = _Branches(head.split("(")[0], lanes)
+    calls = _Calls(head.split("(")[0], lanes)
     for k, number in enumerate(order):
-        if listing.operations[number].branch is None:
+        if listing.operations[number].inside is None:
             names[number] = _written(lines, names, listing, number, sources, shared, lanes)
         else:
-            names[number] = branches.written(lines, names, listing, number)
+            names[number] = calls.written(lines, names, listing, number)
         for count, (target, place, symbol) in due[k]:
             pointer = f"%store_{count}"
             lines += _pointer(pointer, target, place)
             lines.append(f"store {_type(symbol.kind, lanes)} {names[symbol.line]}, ptr {pointer}, align 8")
     # A processor is slow with vectors on the stack that do not begin where its registers would.
     attributes = "" if lanes == 1 else f" alignstack({8 * lanes})"
-    body = [*branches.memory(), *lines, "ret void"]
+    body = [*calls.memory(), *lines, "ret void"]
     return "\n".join(
-        [*branches.functions, f"define internal void {head}{attributes} {{", *(f"  {line}" for line in body), "}"]
+        [*calls.functions, f"define internal void {head}{attributes} {{", *(f"  {line}" for line in body), "}"]
     )
 
 
-class _Branches:
-    """The branches of a function.
+# Rows of a layer that are summed side by side, so that no sum waits for the product before it.
+_BLOCK = 8
+
+
+class _Calls:
+    """What a function leaves to others: branches and layers.
 
     Args:
         name: of the function.
@@ -168,8 +176,8 @@ class _Branches:
     def __init__(self, name: str, lanes: int) -> None:
         self.functions: list[str] = []
         self._name, self._lanes, self._rows = name, lanes, 0
-        self._called: dict[Branch, str] = {}
-        self._results: dict[tuple[Branch, tuple[int, ...]], int] = {}
+        self._called: dict[Branch | Layer, str] = {}
+        self._results: dict[tuple[Branch | Layer, tuple[int, ...]], int] = {}
 
     def memory(self) -> list[str]:
         """The lines that make room for what is given to functions and for their results."""
@@ -179,43 +187,60 @@ class _Branches:
         return [f"%given = {room}", f"%found = {room}"]
 
     def written(self, lines: list[str], names: Mapping[int, str], listing: Listing, number: int) -> str:
-        """Writes the branch that a line is a result of, unless it stands above; returns the name of the result."""
+        """Writes the call that a line is a result of, unless it stands above; returns the name of the result."""
         operation = listing.operations[number]
-        assert operation.branch is not None
-        branch, place = operation.branch
-        first = self._results.setdefault((branch, operation.operands), number)
+        assert operation.inside is not None
+        inside, place = operation.inside
+        first = self._results.setdefault((inside, operation.operands), number)
         if first == number:
-            self._write(lines, names, listing, number, branch)
+            given = [(names[line], listing.operations[line].kind) for line in operation.operands]
+            if isinstance(inside, Branch):
+                self._write_branch(lines, number, given, inside)
+            else:
+                self._write_layer(lines, number, given, inside)
         return f"%v{first}_{place}"
 
-    def _write(self, lines: list[str], names: Mapping[int, str], listing: Listing, number: int, branch: Branch) -> None:
-        mask, *arguments = listing.operations[number].operands
+    def _write_branch(self, lines: list[str], number: int, given: Sequence[tuple[str, Kind]], branch: Branch) -> None:
+        (mask, _), *arguments = given
         lanes = self._lanes
         lines += [
-            f"%v{number}_lanes = bitcast <{lanes} x i1> {names[mask]} to i{lanes}",
+            f"%v{number}_lanes = bitcast <{lanes} x i1> {mask} to i{lanes}",
             f"%v{number}_any = icmp ne i{lanes} %v{number}_lanes, 0",
             f"br i1 %v{number}_any, label %needed_{number}, label %beyond_{number}",
             f"needed_{number}:",
         ]
-        for place, argument in enumerate(arguments):
-            pointer = f"%v{number}_given_{place}"
-            lines += _pointer(pointer, Rows("%given", lanes), place)
-            lines.append(
-                f"store {_type(listing.operations[argument].kind, lanes)} {names[argument]}, ptr {pointer}, align 8"
-            )
+        self._give(lines, number, arguments)
+        # Cold, so that what is computed around the call stays in registers where it is not called.
         lines += [
-            f"call void {self._function(branch)}(ptr %given, ptr %found)",
+            f"call void {self._function_of(branch, 'noinline cold')}(ptr %given, ptr %found)",
             f"br label %beyond_{number}",
             f"beyond_{number}:",
         ]
-        for place, line in enumerate(branch.results):
-            pointer = f"%v{number}_found_{place}"
-            lines += _pointer(pointer, Rows("%found", lanes), place)
-            kind = branch.operations[line].kind
-            lines.append(f"%v{number}_{place} = load {_type(kind, lanes)}, ptr {pointer}, align 8")
-        self._rows = max(self._rows, len(arguments), len(branch.results))
+        self._take(lines, number, [branch.operations[line].kind for line in branch.results])
 
-    def _function(self, branch: Branch) -> str:
+    def _write_layer(self, lines: list[str], number: int, given: Sequence[tuple[str, Kind]], layer: Layer) -> None:
+        rows, _ = layer.matrix.shape
+        self._give(lines, number, given)
+        lines.append(f"call void {self._layer(layer)}(ptr %given, ptr %found)")
+        self._take(lines, number, [Kind.NUMBER] * rows)
+        # The last block is written whole.
+        self._rows = max(self._rows, rows + -rows % _BLOCK)
+
+    def _give(self, lines: list[str], number: int, arguments: Sequence[tuple[str, Kind]]) -> None:
+        for place, (name, kind) in enumerate(arguments):
+            pointer = f"%v{number}_given_{place}"
+            lines += _pointer(pointer, Rows("%given", self._lanes), place)
+            lines.append(f"store {_type(kind, self._lanes)} {name}, ptr {pointer}, align 8")
+        self._rows = max(self._rows, len(arguments))
+
+    def _take(self, lines: list[str], number: int, kinds: Sequence[Kind]) -> None:
+        for place, kind in enumerate(kinds):
+            pointer = f"%v{number}_found_{place}"
+            lines += _pointer(pointer, Rows("%found", self._lanes), place)
+            lines.append(f"%v{number}_{place} = load {_type(kind, self._lanes)}, ptr {pointer}, align 8")
+        self._rows = max(self._rows, len(kinds))
+
+    def _function_of(self, branch: Branch, attributes: str) -> str:
         """The name of the function that does what is in a branch."""
         if branch not in self._called:
             name = self._called[branch] = f"{self._name}_{len(self._called)}"
@@ -224,12 +249,93 @@ class _Branches:
                 Store(found, place, Symbol(listing, line, branch.operations[line].kind))
                 for place, line in enumerate(branch.results)
             ]
-            # Cold, so that what is computed around the call stays in registers where it is not called.
-            head = f"{name}(ptr %rows, ptr %results) noinline cold"
+            head = f"{name}(ptr %rows, ptr %results) {attributes}"
             self.functions.append(
                 function(head, listing, stores, {0: given}, shared="", lanes=self._lanes, overlapping=False)
             )
         return self._called[branch]
+
+    def _layer(self, layer: Layer) -> str:
+        """The name of the function that a layer is."""
+        if layer not in self._called:
+            activation = self._function_of(layer.activation, "alwaysinline")
+            name = self._called[layer] = f"{self._name}_{len(self._called)}"
+            self.functions.append(_layer_function(name, layer, activation, self._lanes))
+        return self._called[layer]
+
+
+def _layer_function(name: str, layer: Layer, activation: str, lanes: int) -> str:
+    """The text of a layer: for each block of rows, bias by bias and then column by column of weights."""
+    rows, columns = layer.matrix.shape
+    type_, block = _type(Kind.NUMBER, lanes), range(_BLOCK)
+    blocks = -(-rows // _BLOCK)
+    numbers = [[bias, *weights] for bias, weights in layer.matrix.biases_and_weights()]
+    numbers += [[0.0] * (columns + 1)] * (blocks * _BLOCK - rows)
+    in_order = [numbers[_BLOCK * b + j][i] for b in range(blocks) for i in range(columns + 1) for j in block]
+    bits = np.array(in_order).view(np.uint64).tolist()
+    constants = ", ".join(f"double 0x{each:016X}" for each in bits)
+
+    def spread(result: str, column: str, j: int) -> list[str]:
+        """Lines that load a number of a block's column, for all lanes."""
+        return [
+            f"  {result}_at = getelementptr double, ptr {column}, i64 {j}",
+            f"  {result}_number = load double, ptr {result}_at, align 8",
+            f"  {result}_one = insertelement {type_} poison, double {result}_number, i32 0",
+            f"  {result} = shufflevector {type_} {result}_one, {type_} poison, <{lanes} x i32> zeroinitializer",
+        ]
+
+    return "\n".join(
+        [
+            f"{name}_numbers = private constant [{len(bits)} x double] [{constants}]",
+            f"define internal void {name}(ptr %rows, ptr %results) noinline {{",
+            "entry:",
+            "  br label %block",
+            "block:",
+            "  %b = phi i64 [0, %entry], [%b1, %end]",
+            f"  %block_first = mul i64 %b, {(columns + 1) * _BLOCK}",
+            f"  %biases = getelementptr double, ptr {name}_numbers, i64 %block_first",
+            *(line for j in block for line in spread(f"%bias{j}", "%biases", j)),
+            "  br label %column",
+            "column:",
+            "  %i = phi i64 [0, %block], [%i1, %column]",
+            *(f"  %sum{j} = phi {type_} [%bias{j}, %block], [%next{j}, %column]" for j in block),
+            f"  %row_first = mul i64 %i, {lanes}",
+            "  %row_at = getelementptr double, ptr %rows, i64 %row_first",
+            f"  %row = load {type_}, ptr %row_at, align 8",
+            "  %i1 = add i64 %i, 1",
+            f"  %column_first = mul i64 %i1, {_BLOCK}",
+            "  %weights = getelementptr double, ptr %biases, i64 %column_first",
+            *(
+                line
+                for j in block
+                for line in (
+                    *spread(f"%weight{j}", "%weights", j),
+                    f"  %product{j} = fmul {type_} %weight{j}, %row",
+                    f"  %next{j} = fadd {type_} %sum{j}, %product{j}",
+                )
+            ),
+            f"  %more = icmp ult i64 %i1, {columns}",
+            "  br i1 %more, label %column, label %end",
+            "end:",
+            f"  %result_first = mul i64 %b, {_BLOCK * lanes}",
+            "  %results_here = getelementptr double, ptr %results, i64 %result_first",
+            *(
+                line
+                for j in block
+                for line in (
+                    f"  %result{j} = getelementptr double, ptr %results_here, i64 {j * lanes}",
+                    f"  store {type_} %next{j}, ptr %result{j}, align 8",
+                    f"  call void {activation}(ptr %result{j}, ptr %result{j})",
+                )
+            ),
+            "  %b1 = add i64 %b, 1",
+            f"  %again = icmp ult i64 %b1, {blocks}",
+            "  br i1 %again, label %block, label %done",
+            "done:",
+            "  ret void",
+            "}",
+        ]
+    )
 
 
 def _type(kind: Kind, lanes: int) -> str:
@@ -242,7 +348,7 @@ def _written(
     listing: Listing,
     number: int,
     sources: Mapping[int, Rows],
-    shared: str,
+    shared: str | Rows,
     lanes: int,
 ) -> str:
     """Writes a line of a listing, and returns the name of its result or, of a constant, its text."""
@@ -253,7 +359,7 @@ def _written(
         (bits,) = operation.operands
         text = f"0x{bits:016X}" if kind is Kind.NUMBER else str(bits)
         return f"<{', '.join([f'{_ELEMENTS[kind]} {text}'] * lanes)}>"
-    if operation.name == "shared":
+    if operation.name == "shared" and isinstance(shared, str):
         (place,) = operation.operands
         lines += [
             f"{name}_at = getelementptr double, ptr {shared}, i64 {place}",
@@ -262,9 +368,11 @@ def _written(
             f"{name} = shufflevector {type_} {name}_one, {type_} poison, <{lanes} x i32> zeroinitializer",
         ]
         return name
-    if operation.name == "row":
-        group, place = operation.operands
-        lines += _pointer(f"{name}_at", sources[group], place)
+    if operation.name in LEAVES:
+        *group, place = operation.operands
+        rows = sources[group[0]] if group else shared
+        assert isinstance(rows, Rows)
+        lines += _pointer(f"{name}_at", rows, place)
         lines.append(f"{name} = load {type_}, ptr {name}_at, align 8")
         return name
     first = listing.operations[operation.operands[0]].kind

@@ -3,10 +3,12 @@
 A formula says what it computes in plain Python. Run once on symbols, it leaves a `Listing` of everything that it did,
 in order, from which machine code is made. What Python decides meanwhile, such as a loop over rules or an `if` on a
 constant, is decided once; a row can decide nothing, only select: `drake_quad.framework.elementary.where`. What costs
-much and is seldom needed is a listing of its own, a `Branch`: `drake_quad.framework.elementary.where_needed`.
+much and is seldom needed is a listing of its own, a `Branch`: `drake_quad.framework.elementary.where_needed`. What
+would be thousands of lines that are alike is a loop, a `Layer`: `drake_quad.framework.elementary.dense`.
 """
 
-from collections.abc import Callable, Sequence
+import hashlib
+from collections.abc import Callable, Iterator, Sequence
 from enum import IntEnum
 from typing import Any, NamedTuple
 
@@ -34,14 +36,15 @@ class Operation(NamedTuple):
         operands: numbers of the lines that it takes; of a constant its bits, of a row its group and place, of a number
             that is shared its place.
         kind: of the result.
-        branch: what is done if the first operand is true for any vehicle at hand, with the other operands, and which of
-            its results this is; None unless the operation is called "branch".
+        inside: what a function of its own does with the operands, and which of its results this is: a branch, if the
+            first operand is true for any vehicle at hand, with the others; or a layer. None unless the operation is
+            called "branch" or "layer".
     """
 
     name: str
     operands: tuple[int, ...]
     kind: Kind
-    branch: "tuple[Branch, int] | None" = None
+    inside: "tuple[Branch | Layer, int] | None" = None
 
 
 class Branch(NamedTuple):
@@ -64,6 +67,52 @@ class Branch(NamedTuple):
         return listing
 
 
+class Matrix:
+    """Constant numbers of a layer: weights by row and column, and the biases that are added.
+
+    Args:
+        weights: (rows, columns).
+        biases: (rows,).
+
+    Attributes:
+        shape: rows and columns.
+    """
+
+    __slots__ = ("_digest", "_numbers", "shape")
+
+    def __init__(self, weights: np.ndarray, biases: np.ndarray) -> None:
+        self._numbers = np.column_stack([biases, weights]).astype(float)
+        self._numbers.setflags(write=False)
+        self.shape = self._numbers.shape[0], self._numbers.shape[1] - 1
+        self._digest = hashlib.sha256(self._numbers.tobytes()).hexdigest()
+
+    def biases_and_weights(self) -> Iterator[tuple[float, list[float]]]:
+        """Bias and weights of each row."""
+        for bias, *weights in self._numbers.tolist():
+            yield bias, weights
+
+    def __eq__(self, other: object) -> bool:
+        return isinstance(other, Matrix) and (self.shape, self._digest) == (other.shape, other._digest)
+
+    def __hash__(self) -> int:
+        return hash((self.shape, self._digest))
+
+    def __repr__(self) -> str:
+        return f"Matrix({self.shape}, {self._digest})"
+
+
+class Layer(NamedTuple):
+    """A matrix times rows, plus biases, and the activation of the sums.
+
+    Attributes:
+        matrix: of the layer.
+        activation: of a sum, the only row of group 0; with one result.
+    """
+
+    matrix: Matrix
+    activation: Branch
+
+
 class Listing:
     """What a formula did, line by line; what it did twice stands there once."""
 
@@ -72,10 +121,10 @@ class Listing:
         self._symbols: dict[tuple[Any, ...], Symbol] = {}
 
     def add(
-        self, name: str, operands: tuple[int, ...], kind: Kind, branch: tuple[Branch, int] | None = None
+        self, name: str, operands: tuple[int, ...], kind: Kind, inside: tuple[Branch | Layer, int] | None = None
     ) -> "Symbol":
         """The symbol of a line, which is added unless it is there."""
-        key = name, operands, kind, branch
+        key = name, operands, kind, inside
         symbol = self._symbols.get(key)
         if symbol is None:
             symbol = self._symbols[key] = Symbol(self, len(self.operations), kind)
@@ -194,9 +243,7 @@ def branched(mask: Symbol, formula: Callable[..., Any], arguments: Sequence[Any]
     returned = formula(*[next(rows) if argument.__class__ is Symbol else argument for argument in arguments])
     parts = returned if isinstance(returned, tuple) else (returned,)
     symbols = [part for part in parts if part.__class__ is Symbol]
-    if any(symbol.listing is not inside for symbol in symbols):
-        raise TypeError(_FOREIGN)
-    branch = Branch(tuple(inside.operations), tuple([symbol.line for symbol in symbols]))
+    branch = _branch(inside, symbols)
     operands = tuple([symbol.line for symbol in lifted(mask, *taken)])
     results = iter(
         [mask.listing.add("branch", operands, symbol.kind, (branch, place)) for place, symbol in enumerate(symbols)]
@@ -205,3 +252,23 @@ def branched(mask: Symbol, formula: Callable[..., Any], arguments: Sequence[Any]
     if not isinstance(returned, tuple):
         return found[0]
     return returned._make(found) if hasattr(returned, "_make") else tuple(found)
+
+
+def _branch(inside: Listing, results: Sequence[Symbol]) -> Branch:
+    if any(symbol.listing is not inside for symbol in results):
+        raise TypeError(_FOREIGN)
+    return Branch(tuple(inside.operations), tuple([symbol.line for symbol in results]))
+
+
+def layer(matrix: Matrix, rows: Sequence[Any], activation: Callable[[Any], Any]) -> list[Symbol]:
+    """The symbols of what a layer makes of rows, of which at least one is a symbol.
+
+    Raises:
+        TypeError: the activation takes other symbols than the sum, or the rows are of several listings.
+    """
+    inside = Listing()
+    (result,) = lifted(inside.row(0, 0), activation(inside.row(0, 0)))[1:]
+    symbols = lifted(*rows)
+    found = Layer(matrix, _branch(inside, [result]))
+    operands = tuple([symbol.line for symbol in symbols])
+    return [symbols[0].listing.add("layer", operands, Kind.NUMBER, (found, place)) for place in range(matrix.shape[0])]

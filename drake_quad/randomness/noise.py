@@ -12,7 +12,7 @@ from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, TickOf, f
 from drake_quad.framework.formulas import Tick
 from drake_quad.framework.records import ROW, Layout
 from drake_quad.framework.wiring import split_output
-from drake_quad.randomness.streams import Kind, StreamState, random_numbers, stream_states
+from drake_quad.randomness.streams import Kind, Seeds, StreamState, random_numbers, stream_states
 from drake_quad.signals import Row
 
 # What input ports of exported random numbers are called, before the names of their streams.
@@ -23,11 +23,11 @@ class Samples(NamedTuple):
     """The samples of a study that the vehicles of a fleet fly.
 
     Attributes:
-        seed: of all samples.
+        seed: of all samples, or of each.
         numbers: one for each vehicle.
     """
 
-    seed: int
+    seed: Seeds
     numbers: Sequence[int]
 
 

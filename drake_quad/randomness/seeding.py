@@ -5,6 +5,8 @@ beside flights of three milliseconds. This is its algorithm, which is M. E. O'Ne
 seed_seq alternative", 2015), on arrays; a test compares the two.
 """
 
+from typing import Any
+
 import numpy as np
 
 _INIT_A, _MULT_A = 0x43B0D7E5, 0x931E8875
@@ -29,15 +31,15 @@ class _Hash:
         return scrambled
 
 
-def child_words(entropy: int, samples: np.ndarray, kind: int) -> np.ndarray:
+def child_words(entropy: int | np.ndarray, samples: np.ndarray, kind: int) -> np.ndarray:
     """The (n,) first 64 bits of `SeedSequence(entropy, spawn_key=(sample, kind))` for each sample.
 
     Args:
-        entropy: at least 0.
+        entropy: at least 0; or (n,) numbers below 2⁶³, one for each sample.
         samples: (n,) numbers from 0 to 2³² - 1.
         kind: a number from 0 to 2³² - 1.
     """
-    words = [np.full(len(samples), word, dtype=np.uint32) for word in _words(entropy)]
+    words = [np.broadcast_to(word, len(samples)).astype(np.uint32) for word in _words(entropy)]
     words += [samples.astype(np.uint32), np.full(len(samples), kind, dtype=np.uint32)]
     scramble = _Hash(_INIT_A, _MULT_A)
     pool = [scramble(word) for word in words[:_POOL]]
@@ -52,10 +54,10 @@ def child_words(entropy: int, samples: np.ndarray, kind: int) -> np.ndarray:
     return low | (high << np.uint64(32))
 
 
-def _words(entropy: int) -> list[int]:
-    """The 32-bit words of a number, the lowest first, and zeros up to the size of the pool."""
+def _words(entropy: int | np.ndarray) -> list[Any]:
+    """The 32-bit words of a number, or of each, the lowest first, and zeros up to the size of the pool."""
     words = [entropy & _MASK]
-    while entropy := entropy >> 32:
+    while np.any(entropy := entropy >> 32):
         words.append(entropy & _MASK)
     return words + [0] * (_POOL - len(words))
 

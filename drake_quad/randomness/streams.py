@@ -40,11 +40,15 @@ class Kind(IntEnum):
     NOISE = 2
 
 
-def stream_states(seed: int, samples: Sequence[int], kind: Kind, name: str) -> np.ndarray:
+# That of all samples, or one for each.
+Seeds = int | tuple[int, ...]
+
+
+def stream_states(seed: Seeds, samples: Sequence[int], kind: Kind, name: str) -> np.ndarray:
     """Where the streams of some samples begin: the (N,) states of SplitMix64, from NumPy's seed sequences.
 
     Args:
-        seed: of all samples.
+        seed: of all samples, or of each.
         samples: N numbers of samples.
         kind: what the numbers are for.
         name: of the stream, unlike that of any other of its kind.
@@ -55,9 +59,9 @@ def stream_states(seed: int, samples: Sequence[int], kind: Kind, name: str) -> n
 
 
 @functools.lru_cache(maxsize=8)
-def _sample_words(seed: int, samples: tuple[int, ...], kind: Kind) -> np.ndarray:
+def _sample_words(seed: Seeds, samples: tuple[int, ...], kind: Kind) -> np.ndarray:
     """The (N,) numbers that tell the samples apart, uint64."""
-    return child_words(seed, np.array(samples), int(kind))
+    return child_words(seed if isinstance(seed, int) else np.array(seed), np.array(samples), int(kind))
 
 
 class StreamState(NamedTuple):
@@ -126,6 +130,6 @@ def normal_pair(state: Any) -> tuple[Row, Row]:
     return radius * sine, radius * cosine
 
 
-def parameter_numbers(seed: int, samples: Sequence[int], path: str) -> np.ndarray:
+def parameter_numbers(seed: Seeds, samples: Sequence[int], path: str) -> np.ndarray:
     """The (N,) numbers in (0, 1) from which the field at a path is drawn."""
     return untyped(uniform_number(moved(stream_states(seed, samples, Kind.PARAMETERS, path), 0.0)))

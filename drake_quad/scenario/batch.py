@@ -1,12 +1,13 @@
 """What a fleet flies: samples of a scenario's study, side by side."""
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
 
 from drake_quad.errors import InputError
+from drake_quad.randomness.streams import Seeds
 from drake_quad.scenario.correlation import drawn_values
 from drake_quad.scenario.models import Scenario
 from drake_quad.scenario.paths import distributions_in, replaced, steps_of
@@ -21,32 +22,43 @@ class Batch:
         samples: (N,) their numbers in the study, from 0 on; with the seed they say which wind and noise there is.
         varying: (N,) numbers by the path of their field, such as `vehicle.mass`: what is drawn for each distribution,
             and whatever else shall differ from vehicle to vehicle.
+        seeds: (N,) those of the studies that the samples are of, in place of the scenario's; None for that.
     """
 
     scenario: Scenario
     samples: tuple[int, ...]
     varying: Mapping[str, np.ndarray]
+    seeds: tuple[int, ...] | None = None
 
     @classmethod
-    def draw(cls, scenario: Scenario, samples: Sequence[int], *, seed: int | None = None) -> "Batch":
+    def draw(
+        cls, scenario: Scenario, samples: Sequence[int], *, seed: int | None = None, seeds: Sequence[int] | None = None
+    ) -> "Batch":
         """Draws samples of a scenario's study.
 
         Args:
             scenario: with or without distributions.
             samples: numbers of samples, from 0 on.
             seed: in place of the scenario's.
+            seeds: one for each sample, where they are of several studies.
 
         Raises:
             InputError: the seed or the number of a sample is negative or too large.
         """
         seed = scenario.seed if seed is None else seed
-        for name, number, limit in [("seed", seed, 2**63), *(("sample", sample, 2**31) for sample in samples)]:
+        numbered = [("seed", each, 2**63) for each in (seed, *(seeds or ()))]
+        for name, number, limit in [*numbered, *(("sample", sample, 2**31) for sample in samples)]:
             if not 0 <= number < limit:
                 raise InputError(f"{name} is {number}, but must be at least 0 and below {limit}")
-        found = distributions_in(scenario)
-        drawn = drawn_values(seed, samples, {_label(path): each for path, each in found.items()})
+        found, own = distributions_in(scenario), None if seeds is None else tuple(seeds)
+        drawn = drawn_values(own or seed, samples, {_label(path): each for path, each in found.items()})
         varying = {path: drawn[_label(path)] for path in found}
-        return cls(scenario.model_copy(update={"seed": seed}), tuple(samples), varying)
+        return cls(scenario.model_copy(update={"seed": seed}), tuple(samples), varying, own)
+
+    @property
+    def seed(self) -> Seeds:
+        """Of all samples, or of each."""
+        return self.scenario.seed if self.seeds is None else self.seeds
 
     def __len__(self) -> int:
         """The number of vehicles, N."""
@@ -54,13 +66,14 @@ class Batch:
 
     def with_varying(self, varying: Mapping[str, np.ndarray]) -> "Batch":
         """The same with other (N,) numbers in some fields, by their paths; nothing checks whether they may be there."""
-        return Batch(self.scenario, self.samples, {**self.varying, **varying})
+        return replace(self, varying={**self.varying, **varying})
 
     def padded(self, num_vehicles: int) -> "Batch":
         """The same for more vehicles, of which those that are added fly what the last one does."""
         missing = num_vehicles - len(self)
         varying = {path: np.append(numbers, [numbers[-1]] * missing) for path, numbers in self.varying.items()}
-        return Batch(self.scenario, (*self.samples, *self.samples[-1:] * missing), varying)
+        seeds = self.seeds and (*self.seeds, *self.seeds[-1:] * missing)
+        return Batch(self.scenario, (*self.samples, *self.samples[-1:] * missing), varying, seeds)
 
     def scenario_of(self, vehicle: int) -> Scenario:
         """The scenario that a vehicle flies, with its own numbers, and the number of its sample."""
@@ -69,7 +82,8 @@ class Batch:
             return float(self.varying[path][vehicle]) if path in self.varying else value
 
         own: Scenario = replaced(self.scenario, number)
-        return own.model_copy(update={"sample": self.samples[vehicle]})
+        seed = self.scenario.seed if self.seeds is None else self.seeds[vehicle]
+        return own.model_copy(update={"seed": seed, "sample": self.samples[vehicle]})
 
 
 def draw_sample(scenario: Scenario, sample: int, *, seed: int | None = None) -> Scenario:

@@ -1,5 +1,6 @@
 """Position and attitude controllers of the scenario language."""
 
+import math
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
@@ -7,6 +8,7 @@ from pydantic import Discriminator, Field, Tag
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.quantities import (
     Gains,
+    Number,
     PlainPositive,
     PlainPositives,
     PlainSpans,
@@ -14,6 +16,7 @@ from drake_quad.scenario.quantities import (
     Positives,
     Span,
     Spans,
+    bounded,
 )
 
 
@@ -158,3 +161,17 @@ AttitudeControl = Annotated[
     | Annotated[IndiAttitude, Tag("indi")],
     Discriminator(_attitude_kind),
 ]
+
+
+class ThrustVectoring(Model):
+    """Limits of what eq (7) may command."""
+
+    max_tilt: Annotated[Number, bounded(above=0.0, below=math.pi / 2)] = Field(
+        default=0.6, description="largest angle between thrust and vertical (rad)"
+    )
+    min_thrust: Annotated[Number, bounded(above=0.0, below=1.0)] = Field(
+        default=0.3, description="least vertical thrust, as a share of the weight (1)"
+    )
+    max_thrust: Annotated[Number, bounded(above=1.0)] = Field(
+        default=1.8, description="largest thrust, as a share of the weight (1)"
+    )

@@ -17,7 +17,7 @@ import numpy as np
 import scipy
 
 from drake_quad.errors import InputError, shown
-from drake_quad.randomness.streams import parameter_numbers
+from drake_quad.randomness.streams import Seeds, parameter_numbers
 from drake_quad.scenario.distributions import Distribution, Normal
 
 # The least probability of what is drawn: half the distance between uniform numbers.
@@ -43,11 +43,13 @@ def shared_names(distributions: Iterable[Distribution]) -> list[str]:
     return list(dict.fromkeys(name for each in distributions for name in correlations_of(each)))
 
 
-def drawn_values(seed: int, samples: Sequence[int], distributions: Mapping[str, Distribution]) -> dict[str, np.ndarray]:
+def drawn_values(
+    seed: Seeds, samples: Sequence[int], distributions: Mapping[str, Distribution]
+) -> dict[str, np.ndarray]:
     """Draws samples of distributions: (N,) numbers by the name of the stream.
 
     Args:
-        seed: of all samples.
+        seed: of all samples, or of each.
         samples: N numbers of samples.
         distributions: by the name of the stream of each one's own numbers.
     """
@@ -76,7 +78,7 @@ def shared_stream(name: str) -> str:
     return f"shared {name}"
 
 
-def _standard_normal(seed: int, samples: Sequence[int], stream: str) -> np.ndarray:
+def _standard_normal(seed: Seeds, samples: Sequence[int], stream: str) -> np.ndarray:
     numbers: np.ndarray = scipy.special.ndtri(parameter_numbers(seed, samples, stream))
     return numbers
 

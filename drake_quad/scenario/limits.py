@@ -28,6 +28,9 @@ MOST_RULES = 256
 # Of an input: of a lap of the laboratory's figure eight one every 36 cm.
 MOST_SETS = 60
 
+# Of the numbers of a policy: two layers of 256 neurons in single precision; they are written in base 64.
+MOST_NETWORK_BYTES = 300_000
+
 # Normal variables that distributions share: an identification has one for each of its numbers, at most.
 MOST_SHARED = 64
 

@@ -21,7 +21,7 @@ from pydantic_core import PydanticCustomError
 
 from drake_quad.errors import InputError
 from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse, Autopilot, NoAutopilot
-from drake_quad.scenario.controllers import AttitudeControl, PositionController
+from drake_quad.scenario.controllers import AttitudeControl, PositionController, ThrustVectoring
 from drake_quad.scenario.correlation import shared_names
 from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.effects import (
@@ -41,6 +41,7 @@ from drake_quad.scenario.lqg import LqgControl
 from drake_quad.scenario.mpc import MpcControl
 from drake_quad.scenario.networks import Network
 from drake_quad.scenario.paths import distributions_in, steps_of
+from drake_quad.scenario.policy import PolicyControl, RatesAction
 from drake_quad.scenario.quantities import (
     Moment,
     NonNegative,
@@ -269,20 +270,6 @@ class Laboratory(Model):
     )
 
 
-class ThrustVectoring(Model):
-    """Limits of what eq (7) may command."""
-
-    max_tilt: Annotated[Number, bounded(above=0.0, below=math.pi / 2)] = Field(
-        default=0.6, description="largest angle between thrust and vertical (rad)"
-    )
-    min_thrust: Annotated[Number, bounded(above=0.0, below=1.0)] = Field(
-        default=0.3, description="least vertical thrust, as a share of the weight (1)"
-    )
-    max_thrust: Annotated[Number, bounded(above=1.0)] = Field(
-        default=1.8, description="largest thrust, as a share of the weight (1)"
-    )
-
-
 class Control(Model):
     """The cascade: position, thrust vectoring and, without an autopilot on board, attitude."""
 
@@ -311,7 +298,8 @@ def _of_a_kind(control: Any) -> Any:
 
 
 AnyControl = Annotated[
-    Annotated[Control | LqgControl | MpcControl, Field(discriminator="kind")], BeforeValidator(_of_a_kind)
+    Annotated[Control | LqgControl | MpcControl | PolicyControl, Field(discriminator="kind")],
+    BeforeValidator(_of_a_kind),
 ]
 
 
@@ -474,6 +462,8 @@ class Scenario(Mission):
         autopilot, control = self.laboratory.autopilot, self.control
         if isinstance(control, LqgControl):
             return self
+        if isinstance(control, PolicyControl) and not control.commands_attitude:
+            return self
         if isinstance(autopilot, NoAutopilot):
             if control.attitude is None:
                 raise PydanticCustomError("missing", "is missing", {"path": ("control", "attitude")})
@@ -481,11 +471,28 @@ class Scenario(Mission):
         if control.attitude is not None:
             demand = "must be left out, or null: with laboratory.autopilot of kind {autopilot} it is not used"
             raise self.wrong("control", "attitude", kind="on_board", demand=demand, autopilot=autopilot.kind)
+        if isinstance(control, PolicyControl):
+            return self
         if control.position.feed_forward not in autopilot.feeds_forward:
             demand = "must be {allowed}: laboratory.autopilot of kind {autopilot} takes no more"
             allowed = " or ".join(autopilot.feeds_forward)
             path = "control", "position", "feed_forward"
             raise self.wrong(*path, kind="on_board", demand=demand, allowed=allowed, autopilot=autopilot.kind)
+        return self
+
+    @model_validator(mode="after")
+    def _action_gets_there(self) -> "Scenario":
+        """What a policy commands is something that the link carries."""
+        autopilot, control = self.laboratory.autopilot, self.control
+        if not isinstance(control, PolicyControl) or control.commands_attitude:
+            return self
+        kind, wrench = control.action.kind, isinstance(autopilot, NoAutopilot)
+        if not wrench and (kind == "rotor_speeds" or isinstance(autopilot, AttitudeResponse)):
+            demand = "must not be {action}: laboratory.autopilot of kind {autopilot} takes none"
+            path = "control", "action", "kind"
+            raise self.wrong(*path, kind="on_board", demand=demand, action=kind, autopilot=autopilot.kind)
+        if wrench and isinstance(control.action, RatesAction) and control.action.k_rate is control.attitude is None:
+            raise PydanticCustomError("missing", "is missing", {"path": ("control", "action", "k_rate")})
         return self
 
     @model_validator(mode="after")

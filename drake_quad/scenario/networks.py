@@ -213,7 +213,7 @@ class LearnedNetwork(Model):
         return self
 
 
-def _or_file(schema: dict[str, Any]) -> None:
+def or_file(schema: dict[str, Any]) -> None:
     """Tells editors that the name of a file stands for what is in it; loading puts that in its place."""
     schema["anyOf"].insert(0, {"type": "string"})
 
@@ -235,7 +235,7 @@ class _Network(Model):
     learned: LearnedNetwork | None = Field(
         default=None,
         description="file of what was learned before, beside the one that names it: where the flight begins from",
-        json_schema_extra=_or_file,
+        json_schema_extra=or_file,
     )
 
     @model_validator(mode="after")

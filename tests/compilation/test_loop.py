@@ -5,8 +5,9 @@ import itertools
 import numpy as np
 import pytest
 
-from drake_quad.compilation import loop as loop_module
-from drake_quad.compilation.loop import Loop, Sizes
+from drake_quad.compilation import parts
+from drake_quad.compilation.loop import Loop
+from drake_quad.compilation.parts import Sizes
 from drake_quad.compilation.trace import INPUTS, PARAMETERS, STATE
 from drake_quad.framework import elementary, scheduling
 from drake_quad.framework.machine_code import LANES
@@ -71,9 +72,9 @@ def test_nothing_but_the_rows_that_change_is_written(n):
 def test_rows_begin_with_a_line_of_the_cache():
     """For each of many, since some do by chance."""
     for size in range(1, 40):
-        array = loop_module._aligned(size)
+        array = parts.aligned(size)
         assert array.size == size
-        assert array.ctypes.data % loop_module._CACHE_LINE == 0
+        assert array.ctypes.data % parts.CACHE_LINE == 0
 
 
 def test_a_log_has_room_for_whole_vectors():
@@ -171,7 +172,7 @@ def test_what_follows_from_parameters_alone_is_computed_before():
     (x,), (k, c) = rows_of(listing, STATE, 1), rows_of(listing, PARAMETERS, 2)
     decay = elementary.sqrt(k * c + 1.0)
     results = [decay * x, elementary.where(k > c, x, -x), k]
-    before, event, symbols = loop_module._divided(listing, results)
+    before, event, symbols = parts._divided(listing, results)
     assert {"square_root", "multiply"} <= set(names_of(before.listing))
     assert "square_root" not in names_of(event)
     assert all(operation.operands[0] != PARAMETERS for operation in event.operations if operation.name == "row")
@@ -186,7 +187,7 @@ def test_what_nothing_needs_is_left_out():
     x, k = listing.row(STATE, 0), listing.row(PARAMETERS, 0)
     elementary.exp(x + k)
     elementary.exp(k)
-    before, event, _ = loop_module._divided(listing, [x + 1.0])
+    before, event, _ = parts._divided(listing, [x + 1.0])
     assert before.stores == []
     assert sorted(names_of(event)) == ["add", "constant", "row"]
 
@@ -197,7 +198,7 @@ def test_a_long_chain_of_operations_is_not_followed_in_depth():
     x, k = listing.row(STATE, 0), listing.row(PARAMETERS, 0)
     for _ in range(3000):
         x, k = x + 1.0, k + 1.0
-    before, event, _ = loop_module._divided(listing, [x + k])
+    before, event, _ = parts._divided(listing, [x + k])
     assert (len(before.listing.operations), len(event.operations)) == (3002, 3004)
 
 

@@ -1,0 +1,132 @@
+"""The policy of a scenario."""
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.systems.framework import Diagram
+
+from drake_quad.assembly.planning import nominal_parameters
+from drake_quad.assembly.recipe import FleetScenario, Recipe
+from drake_quad.assembly.space import space_of
+from drake_quad.control.axes import PerAngle
+from drake_quad.control.policy.actions import AccelerationScale, AttitudeScale, RatesScale, SpeedScale, ThrustRange
+from drake_quad.control.policy.observation import ObservationNumbers
+from drake_quad.control.policy.systems import ROWS, Actuation, Observation, Policy, build_policy_control
+from drake_quad.laboratory.flight_monitor import Solid, nearest_solid
+from drake_quad.scenario import Batch, Scenario
+from drake_quad.scenario.policy import AccelerationAction, AttitudeAction, PolicyControl, RatesAction, RotorSpeedsAction
+from drake_quad.signals import BodyRates, RotorSpeed, Row, Wrench
+from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
+from drake_quad.vehicle.parameters import QuadrotorParameters
+
+
+class Clearance(NamedTuple):
+    """How far a vehicle is from obstacles: a function of X, Y and Z, m.
+
+    Attributes:
+        solids: that it must not touch.
+        radius: of the vehicle, m.
+    """
+
+    solids: tuple[Solid, ...]
+    radius: float
+
+    def __call__(self, x: Row, y: Row, z: Row) -> Row:
+        """The distance between the surfaces, m."""
+        distance, _ = nearest_solid(x, y, z, self.solids)
+        return distance - self.radius
+
+
+def policy_recipes(batch: Batch) -> dict[str, Recipe]:
+    """Recipes for what a policy needs around it, and for the policy if there is one, by their paths in the diagram.
+
+    Args:
+        batch: that is flown, of a scenario with a `PolicyControl`.
+    """
+    scenario, fleet = batch.scenario, FleetScenario(batch)
+    control = scenario.control
+    assert isinstance(control, PolicyControl)
+    believed, period = nominal_parameters(scenario), scenario.laboratory.command_link.period
+    space = space_of(scenario) if "clearance" in control.observation.signals else None
+    clearance = None
+    if "clearance" in control.observation.signals:
+        solids = () if space is None else tuple([obstacle.shape for obstacle in space.obstacles])
+        clearance = Clearance(solids, 0.0 if space is None else space.radius)
+    structure = {
+        "period": period,
+        "spec": control.observation.spec(),
+        "num_actions": ROWS[control.action.kind],
+        "num_ahead": len(control.observation.ahead),
+        "clearance": clearance,
+    }
+    numbers = ObservationNumbers(believed.max_rotor_speed, _hovering(control, believed))
+    recipes = {"observation": Recipe(Observation, structure, numbers)}
+    if control.policy is not None:
+        recipes["policy"] = Recipe(Policy, {"period": period, "network": control.policy.network()}, None)
+    return recipes | {"actuation": _actuation(scenario, fleet, believed)}
+
+
+def build_policy_control_of(scenario: Scenario, systems: dict[str, Any]) -> Diagram:
+    """Builds the control of a scenario with a `PolicyControl`.
+
+    Args:
+        scenario: it is of.
+        systems: its parts, by their paths.
+    """
+    control = scenario.control
+    assert isinstance(control, PolicyControl)
+    return build_policy_control(
+        observation=systems["observation"],
+        policy=systems.get("policy"),
+        actuation=systems["actuation"],
+        sees=control.observation.sees,
+        thrust_vectoring=systems.get("thrust_vectoring"),
+        attitude=systems.get("attitude"),
+    )
+
+
+def _actuation(scenario: Scenario, fleet: Any, believed: QuadrotorParameters) -> Recipe:
+    """What the actions of a policy command."""
+    control: Any = scenario.control
+    action, weight = control.action, believed.mass * believed.gravity
+    structure: dict[str, Any] = {"kind": action.kind}
+    scale: Any
+    match action:
+        case AccelerationAction():
+            scale = AccelerationScale(*action.most)
+        case AttitudeAction():
+            scale = AttitudeScale(_thrusts(action, weight), action.max_tilt, action.max_yaw)
+        case RatesAction():
+            structure["on_board"] = scenario.laboratory.autopilot.kind != "none"
+            own = fleet.control
+            gains = own.action.k_rate if action.k_rate is not None else own.attitude.k_d if own.attitude else (0.0,) * 3
+            scale = RatesScale(
+                _thrusts(action, weight), BodyRates(*action.max_rates), PerAngle(*gains), tuple(believed.inertia)
+            )
+        case RotorSpeedsAction():
+            structure["order"] = tuple([action.order.index(rotor) for rotor in (1, 2, 3, 4)])
+            units = [RotorSpeed._make(np.eye(4)[rotor].tolist()) for rotor in range(4)]
+            wrenches = tuple([Wrench._make(map(float, rotor_action(unit, believed).wrench)) for unit in units])
+            scale = SpeedScale(_least(action, believed), believed.max_rotor_speed, wrenches)
+    return Recipe(Actuation, structure, scale)
+
+
+def _thrusts(action: Any, weight: float) -> ThrustRange:
+    return ThrustRange(action.min_thrust * weight, action.max_thrust * weight)
+
+
+def _least(action: RotorSpeedsAction, believed: QuadrotorParameters) -> float:
+    return float(believed.min_rotor_speed if action.least is None else action.least)
+
+
+def _hovering(control: PolicyControl, believed: QuadrotorParameters) -> tuple[float, ...]:
+    """The action that is believed to hold a vehicle in hover."""
+    action = control.action
+    match action:
+        case AccelerationAction():
+            return (0.0, 0.0, 0.0)
+        case RotorSpeedsAction():
+            least, most = _least(action, believed), float(believed.max_rotor_speed)
+            speeds = hover_rotor_speeds(believed)
+            return tuple([2.0 * (float(speeds[rotor - 1]) - least) / (most - least) - 1.0 for rotor in action.order])
+    return (2.0 * (1.0 - action.min_thrust) / (action.max_thrust - action.min_thrust) - 1.0, 0.0, 0.0, 0.0)

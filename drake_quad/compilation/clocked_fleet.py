@@ -1,0 +1,147 @@
+"""A compiled fleet whose vehicles have clocks of their own.
+
+Drake's simulator has one time for all. Where one vehicle of a fleet begins anew while the others fly on, each needs a
+time of its own: its clock counts the ticks since it began, and says which reference and which random numbers it gets.
+"""
+
+import itertools
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.systems.framework import Context, Diagram
+
+from drake_quad.compilation.program import Program
+from drake_quad.errors import InputError
+from drake_quad.framework.fleet_system import FleetSystem
+from drake_quad.framework.records import Layout, layout_of
+from drake_quad.signals import SIGNALS
+
+
+class Beginnings(NamedTuple):
+    """Vehicles at time zero.
+
+    Attributes:
+        state: (N, rows).
+        parameters: (N, rows).
+        shown: (N, rows) of the ports that are shown.
+    """
+
+    state: np.ndarray
+    parameters: np.ndarray
+    shown: np.ndarray
+
+
+class ClockedFleet:
+    """The vehicles of a diagram in machine code, tick after tick, each at its own time.
+
+    A tick goes from before the discrete updates of an instant to before those of the next one: what the diagram's input
+    port holds meanwhile is seen by the first, and what is shown is what the next one will see.
+
+    Args:
+        diagram: of systems that can be compiled, for any number of vehicles, with one input port.
+        tick: s; all that happens in the diagram must happen in each.
+        num_ticks: that a clock can count; at the last it stays.
+        shown: names of the diagram's output ports.
+        judge: path of the system whose next discrete state is shown, too.
+
+    Attributes:
+        num_vehicles: N.
+        clocks: (N,) ticks that each vehicle has flown, int64.
+
+    Raises:
+        InputError: the diagram cannot be compiled so, and why.
+    """
+
+    def __init__(self, diagram: Diagram, *, tick: float, num_ticks: int, shown: Sequence[str], judge: str) -> None:
+        self._program = program = Program(diagram)
+        for path, system in program.others.items():
+            raise InputError(
+                f"{path}, a {type(system).__name__}, cannot be compiled, so vehicles beside it have no clocks of their"
+                " own"
+            )
+        ports = [program.topology.outputs[name] for name in shown]
+        instants = program.instants_of(tick)
+        loop, shared = program.tick(instants, ports, judge)
+        self.num_vehicles, self._loop, self._last = program.num_vehicles, loop, num_ticks
+        self._table = program.table(shared, program.times(0, instants, num_ticks + 1))
+        self._begin, self._look = program.stage(None), program.look(ports)
+        self._places = self._placed(shown, judge)
+        self._all_clocks = loop.clocks.reshape(-1)
+        self.clocks = self._all_clocks[: self.num_vehicles]
+        self._held = np.zeros((self._all_clocks.size, program.sizes.inputs))
+
+    def beginnings(self, context: Context) -> Beginnings:
+        """The vehicles of a context of the diagram as they are when a simulation begins.
+
+        Args:
+            context: of the diagram, at time zero.
+        """
+        program, n = self._program, self.num_vehicles
+        state, parameters = program.read(context)
+        shown = np.empty((0, n))
+        for event in (self._begin, self._look):
+            if event is not None:
+                table = program.table(event.shared, np.zeros((1, event.instants + 1)))
+                log = np.empty((1, event.loop.num_logged, event.loop.padded(n)))
+                event.loop.run(state, parameters, np.zeros(program.sizes.inputs * n), table, log, n)
+                shown = log[0, :, :n]
+        return Beginnings(state.reshape(-1, n).T, parameters.reshape(-1, n).T, shown.T)
+
+    def place(self, vehicles: np.ndarray, state: np.ndarray, parameters: np.ndarray) -> None:
+        """Lets vehicles begin anew.
+
+        Args:
+            vehicles: k numbers.
+            state: (k, rows).
+            parameters: (k, rows).
+        """
+        vectors, lanes = np.divmod(vehicles, self._loop.lanes)
+        self.clocks[vehicles] = 0
+        # Lanes without a vehicle do what the last one does.
+        used = self.num_vehicles - self._loop.lanes * (len(self._loop.state) - 1)
+        for rows, new in ((self._loop.state, state), (self._loop.parameters, parameters)):
+            rows[vectors, :, lanes] = new
+            rows[-1, :, used:] = rows[-1, :, used - 1 : used]
+        self._loop.prepare(np.unique(vectors).tolist())
+
+    def advance(self, inputs: np.ndarray) -> None:
+        """Lets a tick pass.
+
+        Args:
+            inputs: (N, rows) of the diagram's input port.
+        """
+        loop = self._loop
+        self._held[: self.num_vehicles] = inputs
+        loop.inputs[...] = self._held.reshape(-1, loop.lanes, self._held.shape[1]).transpose(0, 2, 1)
+        loop.advance(self._table)
+        np.minimum(self._all_clocks + 1, self._last, out=self._all_clocks)
+
+    def columns(self, name: str) -> slice:
+        """Where among all that is shown a port stands, or a state of the judge, given its name."""
+        first, layout = self._places[name]
+        return slice(first, first + layout.num_rows)
+
+    def shown(self, name: str) -> np.ndarray:
+        """(N, rows) what a port, or a state of the judge, shows after a tick, given its name."""
+        rows = self._loop.log[:, self.columns(name)]
+        return rows.transpose(0, 2, 1).reshape(-1, rows.shape[1])[: self.num_vehicles]
+
+    def record(self, name: str) -> Any:
+        """The same as a record of (N,) rows."""
+        first, layout = self._places[name]
+        log, n = self._loop.log, self.num_vehicles
+        return layout.build([log[:, row].reshape(-1)[:n] for row in range(first, first + layout.num_rows)])
+
+    def _placed(self, shown: Sequence[str], judge: str) -> dict[str, tuple[int, Layout]]:
+        """First row and layout of all that is shown."""
+        layouts = {}
+        for name in shown:
+            kind, size = SIGNALS[name], self._program.diagram.GetOutputPort(name).size() // self.num_vehicles
+            layouts[name] = layout_of(kind, None if hasattr(kind, "_fields") else (0.0,) * size)
+        system: FleetSystem = self._program.topology.leaves[judge]  # type: ignore[assignment]
+        written = {write.name for update in system.updates for write in update.computation.writes}
+        groups = sorted(system.states.values(), key=lambda group: int(group.index or 0))
+        layouts |= {group.name: group.layout for group in groups if group.name in written}
+        firsts = itertools.accumulate((layout.num_rows for layout in layouts.values()), initial=0)
+        return {name: (first, layout) for first, (name, layout) in zip(firsts, layouts.items(), strict=False)}

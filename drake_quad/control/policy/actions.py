@@ -1,0 +1,154 @@
+"""What the actions of a policy, numbers from -1 to 1, command; beyond these bounds they are as on them."""
+
+from typing import Annotated, NamedTuple
+
+from drake_quad.control.attitude import torque_of
+from drake_quad.control.axes import PerAngle, PerAxis
+from drake_quad.control.thrust_vectoring import Vectored
+from drake_quad.framework.elementary import maximum, minimum
+from drake_quad.signals import (
+    Acceleration,
+    AccelerationW,
+    Angle,
+    AngularAcceleration,
+    Attitude,
+    AttitudeTarget,
+    BodyRateB,
+    BodyRates,
+    ForceB,
+    Quantity,
+    Reference,
+    RotorRate,
+    Row,
+    State,
+    Thrust,
+    Wrench,
+)
+
+# Rows of an action.
+Action = tuple[Row, ...]
+
+_Inertia = Annotated[Row, Quantity("kg m²", "B")]
+
+
+class ThrustRange(NamedTuple):
+    """Thrusts of an action of -1 and of 1."""
+
+    least: ForceB
+    most: ForceB
+
+
+class AccelerationScale(NamedTuple):
+    """What actions of 1 mean as an acceleration."""
+
+    x: AccelerationW
+    y: AccelerationW
+    z: AccelerationW
+
+
+class AttitudeScale(NamedTuple):
+    """What actions mean as thrust and attitude.
+
+    Attributes:
+        thrust: of the first action.
+        tilt: roll and pitch of 1 in the second and third.
+        yaw: by which 1 in the fourth turns away from the reference's yaw.
+    """
+
+    thrust: ThrustRange
+    tilt: Angle
+    yaw: Angle
+
+
+class RatesScale(NamedTuple):
+    """What actions mean as thrust and body rates, and the loop of the rates on the ground.
+
+    Attributes:
+        thrust: of the first action.
+        rates: of 1 in the others.
+        gains: angular acceleration over the error of a rate, 1/s.
+        inertia: I_xx, I_yy, I_zz, believed.
+    """
+
+    thrust: ThrustRange
+    rates: BodyRates
+    gains: PerAngle
+    inertia: tuple[_Inertia, _Inertia, _Inertia]
+
+
+class SpeedScale(NamedTuple):
+    """What actions mean as speeds of rotors, and which wrench these are believed to give.
+
+    Attributes:
+        least: of -1.
+        most: of 1.
+        wrenches: of each rotor, over its squared speed.
+    """
+
+    least: RotorRate
+    most: RotorRate
+    wrenches: tuple[Wrench, Wrench, Wrench, Wrench]
+
+
+def within(action: Row) -> Row:
+    """An action within its bounds."""
+    return minimum(maximum(action, -1.0), 1.0)
+
+
+def _scaled_thrust(action: Row, between: ThrustRange) -> ForceB:
+    return between.least + 0.5 * (within(action) + 1.0) * (between.most - between.least)
+
+
+def commanded_acceleration(action: Action, scale: AccelerationScale) -> Acceleration:
+    """The acceleration that an action of three rows commands."""
+    return Acceleration._make(within(row) * most for row, most in zip(action, scale, strict=True))
+
+
+def commanded_attitude(action: Action, reference: Reference, scale: AttitudeScale) -> Vectored:
+    """Thrust and attitude that an action of four rows commands: thrust, roll, pitch, and yaw from the reference's."""
+    thrust, roll, pitch, yaw = action
+    return Vectored(
+        Thrust(_scaled_thrust(thrust, scale.thrust)),
+        Attitude(within(roll) * scale.tilt, within(pitch) * scale.tilt, reference.yaw + within(yaw) * scale.yaw),
+        BodyRates(0.0, 0.0, 0.0),
+        AngularAcceleration(0.0, 0.0, 0.0),
+    )
+
+
+def _commanded_rates(action: Action, rates: BodyRates) -> tuple[BodyRateB, BodyRateB, BodyRateB]:
+    p, q, r = (within(row) * most for row, most in zip(action, rates, strict=True))
+    return p, q, r
+
+
+def rates_on_board(action: Action, scale: RatesScale) -> AttitudeTarget:
+    """Thrust and body rates that an action of four rows commands, for an autopilot that heeds no attitude."""
+    thrust, *turning = action
+    return AttitudeTarget(
+        _scaled_thrust(thrust, scale.thrust), 0.0, 0.0, 0.0, *_commanded_rates(tuple(turning), scale.rates)
+    )
+
+
+def rates_from_the_ground(action: Action, measurement: State, scale: RatesScale) -> Wrench:
+    """The wrench for thrust and body rates that an action of four rows commands: τ = I k (ω_r - ω) + ω × I ω in B."""
+    thrust, *turning = action
+    own = BodyRates(measurement.p, measurement.q, measurement.r)
+    wanted = AngularAcceleration._make(
+        k * (commanded - rate)
+        for k, commanded, rate in zip(scale.gains, _commanded_rates(tuple(turning), scale.rates), own, strict=True)
+    )
+    return Wrench(_scaled_thrust(thrust, scale.thrust), *torque_of(wanted, own, *scale.inertia))
+
+
+def wrench_of_speeds(action: Action, scale: SpeedScale, order: tuple[int, ...]) -> Wrench:
+    """The wrench that rotors of the commanded speeds are believed to give, from which allocation makes these speeds.
+
+    Args:
+        action: of four rows.
+        scale: of the speeds.
+        order: place of each rotor's row in the action.
+    """
+    total: list[Row] = [0.0, 0.0, 0.0, 0.0]
+    for place, wrench in zip(order, scale.wrenches, strict=True):
+        speed = scale.least + 0.5 * (within(action[place]) + 1.0) * (scale.most - scale.least)
+        total = [whole + part * speed * speed for whole, part in zip(total, wrench, strict=True)]
+    return Wrench._make(total)

@@ -1,0 +1,163 @@
+"""Networks of a policy: layers of neurons, and gated recurrent units that remember.
+
+    dense     y = σ(W x + b)
+    GRU       r = s(W_r x + b_r + U_r h + c_r),  z = s(W_z x + b_z + U_z h + c_z)
+              n = tanh(W_n x + b_n + r (U_n h + c_n)),  h' = z h + (1 - z) n
+
+with the logistic function s and an activation σ. The unit is that of K. Cho et al., "Learning phrase representations
+using RNN encoder-decoder for statistical machine translation", 2014, with the reset gate r behind the product, as
+PyTorch, TensorFlow and ONNX (`linear_before_reset`) have it.
+"""
+
+from collections.abc import Callable, Sequence
+from typing import Literal, NamedTuple
+
+from drake_quad.framework.elementary import dense, exp, maximum, minimum, tanh, where
+from drake_quad.framework.symbols import Matrix
+from drake_quad.signals import Row
+
+Activation = Literal["identity", "relu", "tanh", "sigmoid", "elu", "silu"]
+
+
+def identity(x: Row) -> Row:
+    """X."""
+    return x
+
+
+def relu(x: Row) -> Row:
+    """The larger of x and 0."""
+    return maximum(x, 0.0)
+
+
+def sigmoid(x: Row) -> Row:
+    """The logistic function."""
+    return 1.0 / (1.0 + exp(-x))
+
+
+def elu(x: Row) -> Row:
+    """X, or exp x - 1 if it is negative."""
+    return where(x > 0.0, x, exp(minimum(x, 0.0)) - 1.0)
+
+
+def silu(x: Row) -> Row:
+    """X times its logistic function."""
+    return x * sigmoid(x)
+
+
+ACTIVATIONS: dict[Activation, Callable[[Row], Row]] = {
+    "identity": identity,
+    "relu": relu,
+    "tanh": tanh,
+    "sigmoid": sigmoid,
+    "elu": elu,
+    "silu": silu,
+}
+"""The functions of activations, by name."""
+
+
+class Dense(NamedTuple):
+    """A layer of neurons.
+
+    Attributes:
+        matrix: W and b.
+        activation: σ.
+    """
+
+    matrix: Matrix
+    activation: Activation = "identity"
+
+
+class Gru(NamedTuple):
+    """A layer of gated recurrent units.
+
+    Attributes:
+        of_input: W and b, those of r, z and n one after another.
+        of_memory: U and c, likewise.
+        initial: (units,) what they remember at the beginning.
+    """
+
+    of_input: Matrix
+    of_memory: Matrix
+    initial: tuple[float, ...]
+
+
+class Network(NamedTuple):
+    """Layers, from the input on.
+
+    Attributes:
+        layers: one after another.
+        num_inputs: rows of the input.
+        offset: that is taken from each row of the input.
+        scale: by which it is multiplied then.
+        limit: to which what comes of that is held, on both sides of zero.
+    """
+
+    layers: tuple[Dense | Gru, ...]
+    num_inputs: int
+    offset: tuple[float, ...] | None = None
+    scale: tuple[float, ...] | None = None
+    limit: float | None = None
+
+    @property
+    def memory(self) -> tuple[tuple[float, ...], ...]:
+        """What the units of each recurrent layer remember at the beginning."""
+        return tuple([layer.initial for layer in self.layers if isinstance(layer, Gru)])
+
+    @property
+    def num_outputs(self) -> int:
+        """Rows of the output."""
+        last = self.layers[-1]
+        return len(last.initial) if isinstance(last, Gru) else last.matrix.shape[0]
+
+
+class Step(NamedTuple):
+    """What a network makes of an input.
+
+    Attributes:
+        output: rows.
+        memory: of each recurrent layer.
+    """
+
+    output: tuple[Row, ...]
+    memory: tuple[tuple[Row, ...], ...]
+
+
+def passed(network: Network, inputs: Sequence[Row], memory: Sequence[Sequence[Row]]) -> Step:
+    """What a network makes of an input.
+
+    Args:
+        network: of constants.
+        inputs: rows.
+        memory: of each recurrent layer, until now.
+    """
+    rows = _prepared(network, inputs)
+    remembered: list[tuple[Row, ...]] = []
+    for layer in network.layers:
+        if isinstance(layer, Dense):
+            rows = dense(layer.matrix, rows, ACTIVATIONS[layer.activation])
+        else:
+            rows = _recurrent(layer, rows, memory[len(remembered)])
+            remembered.append(tuple(rows))
+    return Step(tuple(rows), tuple(remembered))
+
+
+def _prepared(network: Network, inputs: Sequence[Row]) -> list[Row]:
+    rows = list(inputs)
+    if network.offset is not None:
+        rows = [row - offset for row, offset in zip(rows, network.offset, strict=True)]
+    if network.scale is not None:
+        rows = [row * scale for row, scale in zip(rows, network.scale, strict=True)]
+    if network.limit is not None:
+        rows = [minimum(maximum(row, -network.limit), network.limit) for row in rows]
+    return rows
+
+
+def _recurrent(layer: Gru, rows: Sequence[Row], memory: Sequence[Row]) -> list[Row]:
+    units = len(layer.initial)
+    new, old = dense(layer.of_input, rows, identity), dense(layer.of_memory, memory, identity)
+    reset, update = ([sigmoid(new[place + k] + old[place + k]) for k in range(units)] for place in (0, units))
+    found = []
+    for k in range(units):
+        proposed = tanh(new[2 * units + k] + reset[k] * old[2 * units + k])
+        found.append(update[k] * memory[k] + (1.0 - update[k]) * proposed)
+    return found

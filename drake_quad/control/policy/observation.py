@@ -1,0 +1,219 @@
+"""What a policy sees: rows of signals that it knows by name, now and at the ticks before.
+
+Vectors are along the axes of a frame: `world` is W; `heading` is W turned by the yaw, so that x points where the vehicle
+looks; `body` is B.
+"""
+
+from collections.abc import Callable
+from typing import Literal, NamedTuple
+
+from drake_quad.axes import BodyAxes, Vector
+from drake_quad.framework.elementary import sin_cos
+from drake_quad.signals import Attitude, BodyRates, PositionW, Reference, RotorRate, RotorSpeed, Row, State, Wind
+
+Frame = Literal["world", "heading", "body"]
+
+
+class Seen(NamedTuple):
+    """All that an observation may be made of.
+
+    Attributes:
+        state: of the vehicle, measured or true.
+        reference: to follow.
+        ahead: where the reference will be, X, Y and Z of one time after another, m.
+        rotor_speed: None if nothing looks at it.
+        wind: None if nothing looks at it.
+        action: the last one.
+        clearance: from obstacles, m; None if nothing looks at it.
+        top_speed: of the rotors, rad/s.
+        axes: of the frame; None for W.
+        attitude: of the vehicle, in which rotations are seen.
+    """
+
+    state: State
+    reference: Reference
+    ahead: tuple[PositionW, ...]
+    rotor_speed: RotorSpeed | None
+    wind: Wind | None
+    action: tuple[Row, ...]
+    clearance: Row | None
+    top_speed: Row
+    axes: BodyAxes | None
+    attitude: BodyAxes
+
+    def turned(self, x: Row, y: Row, z: Row) -> Vector:
+        """A vector in W along the axes of the frame."""
+        return Vector(x, y, z) if self.axes is None else self.axes.in_body(Vector(x, y, z))
+
+
+def _position(seen: Seen) -> tuple[Row, ...]:
+    return seen.state[:3]
+
+
+def _position_error(seen: Seen) -> tuple[Row, ...]:
+    state, reference = seen.state, seen.reference
+    return seen.turned(reference.x - state.x, reference.y - state.y, reference.z - state.z)
+
+
+def _velocity(seen: Seen) -> tuple[Row, ...]:
+    return seen.turned(seen.state.v_x, seen.state.v_y, seen.state.v_z)
+
+
+def _velocity_error(seen: Seen) -> tuple[Row, ...]:
+    state, reference = seen.state, seen.reference
+    return seen.turned(reference.v_x - state.v_x, reference.v_y - state.v_y, reference.v_z - state.v_z)
+
+
+def _reference_velocity(seen: Seen) -> tuple[Row, ...]:
+    return seen.turned(seen.reference.v_x, seen.reference.v_y, seen.reference.v_z)
+
+
+def _reference_acceleration(seen: Seen) -> tuple[Row, ...]:
+    return seen.turned(seen.reference.a_x, seen.reference.a_y, seen.reference.a_z)
+
+
+def _reference_ahead(seen: Seen) -> tuple[Row, ...]:
+    rows: list[Row] = []
+    for place in range(0, len(seen.ahead), 3):
+        x, y, z = seen.ahead[place : place + 3]
+        rows += seen.turned(x - seen.state.x, y - seen.state.y, z - seen.state.z)
+    return tuple(rows)
+
+
+def _rotation(seen: Seen) -> tuple[Row, ...]:
+    x, y, z = seen.attitude
+    return (x.x, y.x, z.x, x.y, y.y, z.y, x.z, y.z, z.z)
+
+
+def _attitude(seen: Seen) -> tuple[Row, ...]:
+    return Attitude(seen.state.roll, seen.state.pitch, seen.state.yaw)
+
+
+def _yaw_error(seen: Seen) -> tuple[Row, ...]:
+    return sin_cos(seen.reference.yaw - seen.state.yaw)
+
+
+def _body_rates(seen: Seen) -> tuple[Row, ...]:
+    return BodyRates(seen.state.p, seen.state.q, seen.state.r)
+
+
+def _rotor_speed(seen: Seen) -> tuple[Row, ...]:
+    assert seen.rotor_speed is not None
+    return tuple([speed / seen.top_speed for speed in seen.rotor_speed])
+
+
+def _wind(seen: Seen) -> tuple[Row, ...]:
+    assert seen.wind is not None
+    return seen.turned(*seen.wind)
+
+
+def _clearance(seen: Seen) -> tuple[Row, ...]:
+    assert seen.clearance is not None
+    return (seen.clearance,)
+
+
+def _action(seen: Seen) -> tuple[Row, ...]:
+    return seen.action
+
+
+SIGNALS_SEEN: dict[str, Callable[[Seen], tuple[Row, ...]]] = {
+    "position": _position,
+    "position_error": _position_error,
+    "velocity": _velocity,
+    "velocity_error": _velocity_error,
+    "reference_velocity": _reference_velocity,
+    "reference_acceleration": _reference_acceleration,
+    "reference_ahead": _reference_ahead,
+    "attitude": _attitude,
+    "rotation": _rotation,
+    "yaw_error": _yaw_error,
+    "body_rates": _body_rates,
+    "rotor_speed": _rotor_speed,
+    "wind": _wind,
+    "clearance": _clearance,
+    "action": _action,
+}
+"""What can be seen, by name: from all that an observation may be made of, its rows."""
+
+
+class ObservationSpec(NamedTuple):
+    """Which observation a policy gets.
+
+    Attributes:
+        signals: names of `SIGNALS_SEEN`, in the order of the rows.
+        frame: in which vectors are seen.
+        history: ticks that are seen, with the present one.
+        turn: angle from the axes of B to those that the policy takes for the body's, about z, rad.
+    """
+
+    signals: tuple[str, ...]
+    frame: Frame = "world"
+    history: int = 1
+    turn: float = 0.0
+
+
+def num_observed(spec: ObservationSpec, *, num_actions: int, num_ahead: int) -> int:
+    """Rows that are seen at a tick."""
+    sizes = {"rotation": 9, "yaw_error": 2, "rotor_speed": 4, "clearance": 1}
+    sizes |= {"action": num_actions, "reference_ahead": 3 * num_ahead}
+    return sum(sizes.get(name, 3) for name in spec.signals)
+
+
+class ObservationNumbers(NamedTuple):
+    """What an observation knows of the vehicle.
+
+    Attributes:
+        top_speed: of the rotors, by which their speeds are divided.
+        initial_action: that stands for the last one at the beginning.
+    """
+
+    top_speed: RotorRate
+    initial_action: tuple[Row, ...]
+
+
+def observed(
+    state: State,
+    reference: Reference,
+    ahead: tuple[PositionW, ...],
+    rotor_speed: RotorSpeed | None,
+    wind: Wind | None,
+    action: tuple[Row, ...],
+    numbers: ObservationNumbers,
+    clearance: Callable[[Row, Row, Row], Row] | None,
+    spec: ObservationSpec,
+) -> tuple[Row, ...]:
+    """What is seen at a tick.
+
+    Args:
+        state: of the vehicle, measured or true.
+        reference: to follow.
+        ahead: where the reference will be, X, Y and Z of one time after another.
+        rotor_speed: None if nothing looks at it.
+        wind: None if nothing looks at it.
+        action: the last one.
+        numbers: of the vehicle.
+        clearance: a function of X, Y and Z that says how far obstacles are, m; None if nothing looks at it.
+        spec: what is seen.
+    """
+    state, attitude = _with_own_axes(state, spec)
+    axes = None
+    if spec.frame == "body":
+        axes = attitude
+    elif spec.frame == "heading":
+        axes = BodyAxes.of(0.0, 0.0, state.yaw + spec.turn)
+        attitude = BodyAxes._make(axes.in_body(axis) for axis in attitude)
+    distance = None if clearance is None else clearance(state.x, state.y, state.z)
+    seen = Seen(state, reference, ahead, rotor_speed, wind, action, distance, numbers.top_speed, axes, attitude)
+    return tuple([row for name in spec.signals for row in SIGNALS_SEEN[name](seen)])
+
+
+def _with_own_axes(state: State, spec: ObservationSpec) -> tuple[State, BodyAxes]:
+    """The state and the axes of a body that the policy takes for the vehicle's."""
+    body = BodyAxes.of(state.roll, state.pitch, state.yaw)
+    if spec.turn == 0.0:
+        return state, body
+    sine, cosine = sin_cos(spec.turn)
+    x = Vector._make(cosine * a + sine * b for a, b in zip(body.x, body.y, strict=True))
+    y = Vector._make(cosine * b - sine * a for a, b in zip(body.x, body.y, strict=True))
+    rates = {"p": cosine * state.p + sine * state.q, "q": cosine * state.q - sine * state.p}
+    return state._replace(**rates), BodyAxes(x, y, body.z)

@@ -1,0 +1,321 @@
+"""A policy in the loop: what it sees, the network, and what its actions command.
+
+          ┌───────────── action ─────────────┐
+          ▼                                  │
+──▶ observation ──▶ policy ── action ──▶ actuation ──▶ ...
+"""
+
+from collections.abc import Callable
+from typing import Any, Literal
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import PassThrough
+
+from drake_quad.control.cascade import command_of
+from drake_quad.control.policy.actions import (
+    AccelerationScale,
+    AttitudeScale,
+    RatesScale,
+    SpeedScale,
+    commanded_acceleration,
+    commanded_attitude,
+    rates_from_the_ground,
+    rates_on_board,
+    wrench_of_speeds,
+)
+from drake_quad.control.policy.network import Network, passed
+from drake_quad.control.policy.observation import ObservationNumbers, ObservationSpec, num_observed, observed
+from drake_quad.control.thrust_vectoring import Vectored
+from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
+from drake_quad.framework.records import ROW, Layout
+from drake_quad.framework.wiring import split_output
+from drake_quad.signals import Row
+
+ActionKind = Literal["acceleration", "attitude", "rates", "rotor_speeds"]
+ROWS = {"acceleration": 3, "attitude": 4, "rates": 4, "rotor_speeds": 4}
+"""Rows of an action of each kind."""
+
+
+def rows_layout(num_rows: int) -> Layout:
+    """The layout of so many rows without names."""
+    return Layout(tuple, (ROW,) * num_rows, num_rows)
+
+
+def with_past(past: tuple[Row, ...], *seen: Any) -> tuple[Row, ...]:
+    """What is seen now, of arguments as for `observed`, and what was seen before."""
+    return (*observed(*seen), *past)
+
+
+def repeated(times: int, *seen: Any) -> tuple[Row, ...]:
+    """What is seen at the beginning, as if it had been so many times so before."""
+    return observed(*seen) * times
+
+
+def remembered(action: tuple[Row, ...], past: tuple[Row, ...], *seen: Any) -> tuple[tuple[Row, ...], tuple[Row, ...]]:
+    """The action, and what was seen, now and before but for the oldest: the next tick's past."""
+    return action, with_past(past, *seen)[: len(past)]
+
+
+def last_of(action: tuple[Row, ...]) -> tuple[Row, ...]:
+    """The action, which is the last one at the next tick."""
+    return action
+
+
+@fleet_system(float, AutoDiffXd)
+class Observation(FleetSystem):
+    """What a policy sees of the loop, tick by tick.
+
+    .. pydrake_system::
+
+        name: Observation
+        input_ports:
+        - measurement
+        - reference
+        - action
+        - reference_ahead
+        - rotor_speed
+        - wind
+        output_ports:
+        - observation
+
+    The rows are those of `drake_quad.control.policy.observation.SIGNALS_SEEN`, those of the present tick first, then
+    those of the ticks before, the last one first. At the beginning these are all as the first. `measurement` is the
+    state of the vehicle, as cameras or as the vehicle itself have it; `action` is what the policy makes of the
+    observation, and seen at the next tick. The last three ports are there if something looks at them.
+
+    The states are `last_action` and, with a history, `past`; the only parameter of the context is `numbers`.
+
+    Args:
+        num_vehicles: N.
+        period: of the ticks, s.
+        spec: what is seen.
+        num_actions: rows of an action.
+        num_ahead: times ahead at which the reference is seen.
+        clearance: a function of X, Y and Z (m) that says how far obstacles are, m; None if nothing looks at it.
+        numbers: of the vehicle.
+    """
+
+    def declare(
+        self,
+        *,
+        period: float = 0.02,
+        spec: ObservationSpec,
+        num_actions: int,
+        num_ahead: int = 0,
+        clearance: Callable[[Row, Row, Row], Row] | None = None,
+        numbers: ObservationNumbers,
+    ) -> None:
+        """Declares the system."""
+        state, reference = self.input("measurement"), self.input("reference")
+        action = self.input("action", layout=rows_layout(num_actions))
+        ahead: Any = self.input("reference_ahead", layout=rows_layout(3 * num_ahead)) if num_ahead else ()
+        rotor_speed = self.input("rotor_speed") if "rotor_speed" in spec.signals else None
+        wind = self.input("wind") if "wind" in spec.signals else None
+        parameter = self.parameter("numbers", lambda numbers: numbers)
+        last = self.state("last_action", lambda numbers: numbers.initial_action)
+        seen = state, reference, ahead, rotor_speed, wind, last, parameter, clearance, spec
+        num_rows = num_observed(spec, num_actions=num_actions, num_ahead=num_ahead)
+        before = spec.history - 1
+        past: Any = self.state("past", lambda _: (0.0,) * (before * num_rows)) if before else ()
+        self.output("observation", with_past, past, *seen, layout=rows_layout(spec.history * num_rows))
+        if before:
+            self.initialize(repeated, before, *seen, writes=[past])
+            self.update(period, remembered, action, past, *seen, writes=[last, past])
+        else:
+            self.update(period, last_of, action, writes=[last])
+
+
+def output_of(observation: tuple[Row, ...], memory: tuple[tuple[Row, ...], ...], network: Network) -> tuple[Row, ...]:
+    """The action of a policy."""
+    return passed(network, observation, memory).output
+
+
+def memory_of(
+    observation: tuple[Row, ...], memory: tuple[tuple[Row, ...], ...], network: Network
+) -> tuple[tuple[Row, ...], ...]:
+    """What a policy remembers at the next tick."""
+    return passed(network, observation, memory).memory
+
+
+@fleet_system(float, AutoDiffXd)
+class Policy(FleetSystem):
+    """A network that was trained: from what is seen to an action.
+
+    .. pydrake_system::
+
+        name: Policy
+        input_ports:
+        - observation
+        output_ports:
+        - action
+
+    The equations are those of `drake_quad.control.policy.network`. What recurrent units remember is the state `memory`,
+    which is there if there are any.
+
+    Args:
+        num_vehicles: N.
+        period: of the ticks, s.
+        network: the same for all vehicles.
+    """
+
+    def declare(self, *, period: float = 0.02, network: Network) -> None:
+        """Declares the system."""
+        observation = self.input("observation", layout=rows_layout(network.num_inputs))
+        memory: Any = self.state("memory", lambda _: network.memory) if network.memory else ()
+        layout = rows_layout(network.num_outputs)
+        self.output("action", output_of, observation, memory, network, layout=layout)
+        if network.memory:
+            self.update(period, memory_of, observation, memory, network, writes=[memory])
+
+
+@fleet_system(float, AutoDiffXd)
+class Actuation(FleetSystem):
+    """What the actions of a policy command.
+
+    .. pydrake_system::
+
+        name: Actuation
+        input_ports:
+        - action
+        - measurement
+        - reference
+        output_ports:
+        - wrench
+        - attitude_target
+        - acceleration_command
+        - thrust_and_attitude
+
+    By the kind of action there is one of these outputs, see `drake_quad.control.policy.actions`:
+
+        acceleration    acceleration_command
+        attitude        thrust_and_attitude, which packs what a ThrustVectoring does; takes the yaw of the `reference`
+        rates           wrench, by a loop on the rates of the `measurement`; or, on board, attitude_target
+        rotor_speeds    wrench
+
+    The only parameter of the context is `scale`.
+
+    Args:
+        num_vehicles: N.
+        kind: of action.
+        on_board: whether an autopilot keeps the body rates.
+        order: place of each rotor's row in actions of speeds.
+        numbers: what actions mean.
+    """
+
+    def declare(
+        self,
+        *,
+        kind: ActionKind = "acceleration",
+        on_board: bool = False,
+        order: tuple[int, ...] = (0, 1, 2, 3),
+        numbers: AccelerationScale | AttitudeScale | RatesScale | SpeedScale,
+    ) -> None:
+        """Declares the system."""
+        action, scale = (
+            self.input("action", layout=rows_layout(ROWS[kind])),
+            self.parameter("scale", lambda scale: scale),
+        )
+        match kind:
+            case "acceleration":
+                self.output("acceleration_command", commanded_acceleration, action, scale)
+            case "attitude":
+                formula = commanded_attitude, action, self.input("reference"), scale
+                self.packed_output("thrust_and_attitude", Vectored, *formula)
+            case "rates" if on_board:
+                self.output("attitude_target", rates_on_board, action, scale)
+            case "rates":
+                self.output("wrench", rates_from_the_ground, action, self.input("measurement"), scale)
+            case "rotor_speeds":
+                self.output("wrench", wrench_of_speeds, action, scale, order)
+
+
+def build_policy_control(
+    *,
+    observation: Any,
+    policy: Any | None,
+    actuation: Any,
+    sees: Literal["measurement", "state"] = "measurement",
+    thrust_vectoring: Any | None = None,
+    attitude: Any | None = None,
+) -> Diagram:
+    """Builds the diagram `control` around a policy.
+
+    .. pydrake_system::
+
+        name: control
+        input_ports:
+        - measurement
+        - reference
+        - state
+        - action
+        output_ports:
+        - observation
+        - action
+        - wrench
+
+    With an autopilot on board there is an `attitude_target` in place of the `wrench`. Where acceleration or attitude
+    are commanded, they are shown. There are inputs for what the observation looks at, among them `state` in place of
+    `measurement` if it sees the vehicle itself.
+
+    Args:
+        observation: an `Observation`.
+        policy: a `Policy`; None if actions come from elsewhere, by the input port `action`.
+        actuation: an `Actuation`.
+        sees: the signal that the observation takes for its measurement.
+        thrust_vectoring: a `ThrustVectoring`, where an acceleration is commanded.
+        attitude: an attitude controller; None if there is an autopilot on board, or if nothing commands an attitude.
+    """
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("observation", observation)
+    if policy is None:
+        # What comes in is shown, as what a policy makes is.
+        policy = builder.AddNamedSystem("action", PassThrough(observation.GetInputPort("action").size()))
+        builder.ExportInput(policy.get_input_port(), "action")
+    else:
+        builder.AddNamedSystem("policy", policy)
+        builder.Connect(observation.get_output_port(), policy.get_input_port())
+    action = policy.get_output_port()
+    builder.Connect(action, observation.GetInputPort("action"))
+    builder.ExportOutput(observation.get_output_port(), "observation")
+    builder.ExportOutput(action, "action")
+    exported: set[str] = set()
+
+    def export(system: Any, port: str, name: str | None = None) -> None:
+        """Makes an input port one of the diagram, unless that is there: then it is connected with it."""
+        name = name or port
+        if name in exported:
+            builder.ConnectInput(name, system.GetInputPort(port))
+        else:
+            builder.ExportInput(system.GetInputPort(port), name)
+            exported.add(name)
+
+    for port in map(observation.get_input_port, range(observation.num_input_ports())):
+        if port.get_name() != "action":
+            export(observation, port.get_name(), sees if port.get_name() == "measurement" else None)
+    commanded = None
+    if actuation.HasOutputPort("thrust_and_attitude"):
+        commanded = split_output(builder, "actuation", actuation)
+    else:
+        builder.AddNamedSystem("actuation", actuation)
+    builder.Connect(action, actuation.GetInputPort("action"))
+    for name in ("measurement", "reference"):
+        if actuation.HasInputPort(name):
+            export(actuation, name)
+    if actuation.HasOutputPort("acceleration_command"):
+        commanded = split_output(builder, "thrust_vectoring", thrust_vectoring)
+        builder.Connect(actuation.get_output_port(), thrust_vectoring.GetInputPort("acceleration_command"))
+        for name in ("measurement", "reference"):
+            export(thrust_vectoring, name)
+    if commanded is None:
+        builder.ExportOutput(actuation.get_output_port(), actuation.get_output_port().get_name())
+    else:
+        if attitude is not None:
+            builder.AddNamedSystem("attitude", attitude)
+            export(attitude, "measurement")
+        builder.ExportOutput(*command_of(builder, commanded, attitude))
+        if actuation.HasOutputPort("acceleration_command"):
+            builder.ExportOutput(actuation.get_output_port(), "acceleration_command")
+        builder.ExportOutput(commanded["attitude_command"], "attitude_command")
+    control = builder.Build()
+    control.set_name("control")
+    return control

@@ -1,0 +1,323 @@
+"""Policies in the scenario language: a trained network, what it sees, and what its actions mean."""
+
+import base64
+import binascii
+import functools
+import math
+from typing import Annotated, Any, ClassVar, Literal
+
+import numpy as np
+from pydantic import Field, model_validator
+from pydantic_core import PydanticCustomError
+
+from drake_quad.control.policy.network import Dense, Gru, Network
+from drake_quad.control.policy.observation import ObservationSpec, num_observed
+from drake_quad.control.policy.systems import ROWS
+from drake_quad.framework.symbols import Matrix
+from drake_quad.scenario.controllers import AttitudeControl, ThrustVectoring
+from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.limits import MOST_CHARACTERS, MOST_NETWORK_BYTES
+from drake_quad.scenario.networks import or_file
+from drake_quad.scenario.quantities import Gains, PlainMoment, PlainNonNegative, PlainPositive, PlainPositives
+
+Rows = Annotated[int, Field(ge=1, le=4096)]
+_DTYPES = {"single": np.dtype("<f4"), "double": np.dtype("<f8")}
+
+
+class DenseLayer(Model):
+    """Neurons: the activation of W x + b."""
+
+    kind: Literal["dense"]
+    inputs: Rows = Field(description="rows that come in")
+    outputs: Rows = Field(description="rows that go out")
+    activation: Literal["identity", "relu", "tanh", "sigmoid", "elu", "silu"] = Field(
+        default="identity", description="of each row that goes out"
+    )
+
+    @property
+    def num_numbers(self) -> int:
+        """Weights and biases."""
+        return self.outputs * (self.inputs + 1)
+
+    def layer(self, numbers: np.ndarray) -> Dense:
+        """The layer of these numbers: W row by row, then b."""
+        weights, biases = np.split(numbers, [self.outputs * self.inputs])
+        return Dense(Matrix(weights.reshape(self.outputs, self.inputs), biases), self.activation)
+
+
+class GruLayer(Model):
+    """Gated recurrent units, with the reset gate behind the product with what they remember."""
+
+    kind: Literal["gru"]
+    inputs: Rows = Field(description="rows that come in")
+    outputs: Rows = Field(description="units")
+
+    @property
+    def num_numbers(self) -> int:
+        """Weights, biases, and what is remembered at the beginning."""
+        return 3 * self.outputs * (self.inputs + self.outputs + 2) + self.outputs
+
+    def layer(self, numbers: np.ndarray) -> Gru:
+        """The layer of these numbers: W, b, U, c, those of r, z and n one after another; then the initial memory."""
+        gates = 3 * self.outputs
+        ends = np.cumsum([gates * self.inputs, gates, gates * self.outputs, gates])
+        weights, biases, of_memory, memory_biases, initial = np.split(numbers, ends)
+        return Gru(
+            Matrix(weights.reshape(gates, -1), biases),
+            Matrix(of_memory.reshape(gates, -1), memory_biases),
+            tuple(initial.tolist()),
+        )
+
+
+Layer = Annotated[DenseLayer | GruLayer, Field(discriminator="kind")]
+_Numbers = Annotated[tuple[Real, ...], Field(strict=False)]
+
+
+class TrainedNetwork(Model):
+    """A network that was trained; `policy: FILE` reads it from an .npz or .onnx file."""
+
+    layers: Annotated[tuple[Layer, ...], Field(strict=False, min_length=1, max_length=20)] = Field(
+        description="from the input on"
+    )
+    precision: Literal["single", "double"] = Field(default="single", description="of the numbers")
+    numbers: Annotated[tuple[str, ...], Field(strict=False)] = Field(
+        description="weights and biases of all layers, in base 64, in pieces"
+    )
+    offset: _Numbers | None = Field(default=None, description="that is taken from each row of the input, if any")
+    scale: _Numbers | None = Field(default=None, description="by which each row is multiplied then, if any")
+    limit: PlainPositive | None = Field(
+        default=None, description="to which the input is held then, on both sides of zero; null for none (1)"
+    )
+
+    @classmethod
+    def of(cls, layers: tuple[Any, ...], numbers: np.ndarray, **prepared: Any) -> "TrainedNetwork":
+        """A network of these numbers, in single precision if that has them.
+
+        Args:
+            layers: as the field has them.
+            numbers: of all layers, one after another.
+            prepared: `offset`, `scale` and `limit`, if any.
+        """
+        precision = "single" if (numbers.astype("<f4").astype(float) == numbers).all() else "double"
+        text = base64.b64encode(numbers.astype(_DTYPES[precision]).tobytes()).decode("ascii")
+        pieces = tuple([text[k : k + MOST_CHARACTERS] for k in range(0, len(text), MOST_CHARACTERS)])
+        return cls(layers=layers, precision=precision, numbers=pieces, **prepared)
+
+    @model_validator(mode="after")
+    def _fits(self) -> "TrainedNetwork":
+        """One layer takes what the one before gives, and there are as many numbers as they have."""
+        for place, (before, after) in enumerate(zip(self.layers[:-1], self.layers[1:], strict=True), start=1):
+            if after.inputs != before.outputs:
+                demand = "must be {outputs}, which is what the layer before gives"
+                raise self.wrong("layers", place, "inputs", kind="layers", demand=demand, outputs=before.outputs)
+        count = sum(layer.num_numbers for layer in self.layers)
+        if count * _DTYPES[self.precision].itemsize > MOST_NETWORK_BYTES:
+            most = MOST_NETWORK_BYTES // _DTYPES[self.precision].itemsize
+            demand = "may have {most} numbers of {precision} precision, not {count}"
+            raise self.wrong("layers", kind="numbers", demand=demand, most=most, precision=self.precision, count=count)
+        try:
+            numbers = self._array()
+        except (binascii.Error, ValueError):
+            raise PydanticCustomError("numbers", "must be numbers in base 64", {"path": ("numbers",)}) from None
+        if len(numbers) != count:
+            demand = "must be {count} numbers for these layers, not {found}"
+            raise PydanticCustomError("numbers", demand, {"count": count, "found": len(numbers), "path": ("numbers",)})
+        if not np.isfinite(numbers).all():
+            raise PydanticCustomError("numbers", "must be finite", {"path": ("numbers",)})
+        for name in ("offset", "scale"):
+            rows = getattr(self, name)
+            if rows is not None and len(rows) != self.layers[0].inputs:
+                demand = "must be {count} numbers, one for each row of the input"
+                raise self.wrong(name, kind="rows", demand=demand, count=self.layers[0].inputs)
+        return self
+
+    def network(self) -> Network:
+        """The network."""
+        return _network(self)
+
+    def _array(self) -> np.ndarray:
+        data = base64.b64decode("".join(self.numbers).encode("ascii"), validate=True)
+        return np.frombuffer(data, _DTYPES[self.precision]).astype(float)
+
+
+@functools.lru_cache(maxsize=16)
+def _network(trained: TrainedNetwork) -> Network:
+    ends = np.cumsum([layer.num_numbers for layer in trained.layers])
+    parts = np.split(trained._array(), ends[:-1])
+    return Network(
+        tuple([layer.layer(numbers) for layer, numbers in zip(trained.layers, parts, strict=True)]),
+        trained.layers[0].inputs,
+        trained.offset,
+        trained.scale,
+        trained.limit,
+    )
+
+
+class AccelerationAction(Model):
+    """An acceleration along X, Y and Z, which the cascade makes thrust and attitude of."""
+
+    kind: Literal["acceleration"]
+    most: PlainPositives = Field(default=(5.0, 5.0, 5.0), description="of an action of 1 (m/s²)")
+
+
+class _ThrustAction(Model):
+    min_thrust: PlainNonNegative = Field(default=0.0, description="of an action of -1, as a share of the weight (1)")
+    max_thrust: PlainPositive = Field(default=2.0, description="of an action of 1, as a share of the weight (1)")
+
+    @model_validator(mode="after")
+    def _has_room(self) -> "_ThrustAction":
+        if not self.min_thrust < self.max_thrust:
+            demand = "must be larger than min_thrust, {least}"
+            raise self.wrong("max_thrust", kind="thrust", demand=demand, least=self.min_thrust)
+        return self
+
+
+class AttitudeAction(_ThrustAction):
+    """Thrust, roll, pitch, and how far to look away from the reference's yaw."""
+
+    kind: Literal["attitude"]
+    max_tilt: Annotated[float, Field(gt=0.0, lt=math.pi / 2)] = Field(
+        default=0.6, description="roll and pitch of an action of 1 (rad)"
+    )
+    max_yaw: Annotated[float, Field(ge=0.0, le=math.pi)] = Field(
+        default=0.5, description="angle from the reference's yaw of an action of 1 (rad)"
+    )
+
+
+class RatesAction(_ThrustAction):
+    """Thrust and body rates."""
+
+    kind: Literal["rates"]
+    max_rates: PlainPositives = Field(default=(6.0, 6.0, 3.0), description="p, q, r of an action of 1 (rad/s)")
+    k_rate: Gains | None = Field(
+        default=None,
+        description="angular acceleration over the error of the rates, without an autopilot (1/s); k_d of the attitude"
+        " control if not given",
+    )
+
+
+class RotorSpeedsAction(Model):
+    """Speeds of the rotors, from idle to the top speed."""
+
+    kind: Literal["rotor_speeds"]
+    least: PlainNonNegative | None = Field(
+        default=None, description="of an action of -1 (rad/s); min_rotor_speed in `nominal` if not given"
+    )
+    order: Annotated[tuple[int, int, int, int], Field(strict=False)] = Field(
+        default=(1, 2, 3, 4), description="which rotor each row of the action is for"
+    )
+
+    @model_validator(mode="after")
+    def _each_once(self) -> "RotorSpeedsAction":
+        if sorted(self.order) != [1, 2, 3, 4]:
+            raise self.wrong("order", kind="order", demand="must name each rotor from 1 to 4 once")
+        return self
+
+
+AnyAction = Annotated[
+    AccelerationAction | AttitudeAction | RatesAction | RotorSpeedsAction, Field(discriminator="kind")
+]
+SignalName = Literal[
+    "position",
+    "position_error",
+    "velocity",
+    "velocity_error",
+    "reference_velocity",
+    "reference_acceleration",
+    "reference_ahead",
+    "attitude",
+    "rotation",
+    "yaw_error",
+    "body_rates",
+    "rotor_speed",
+    "wind",
+    "clearance",
+    "action",
+]
+
+
+class Observation(Model):
+    """What a policy sees at each tick of the control."""
+
+    signals: Annotated[tuple[SignalName, ...], Field(strict=False, min_length=1)] = Field(
+        default=("position_error", "velocity_error", "rotation", "body_rates", "reference_acceleration", "action"),
+        description="in the order of the rows",
+    )
+    sees: Literal["measurement", "state"] = Field(
+        default="measurement",
+        description="what position, velocity, attitude and rates are those of: the cameras', with their noise and"
+        " delay, or the vehicle's own",
+    )
+    frame: Literal["world", "heading", "body"] = Field(
+        default="world", description="along whose axes vectors are seen: W's, W's turned by the yaw, or B's"
+    )
+    history: Annotated[int, Field(ge=1, le=100)] = Field(
+        default=1, description="ticks that are seen, with the present one"
+    )
+    ahead: Annotated[tuple[PlainMoment, ...], Field(strict=False, max_length=50)] = Field(
+        default=(), description="times from now of `reference_ahead`: where the reference will be, seen from here (s)"
+    )
+    turn: Annotated[float, Field(ge=-math.pi, le=math.pi)] = Field(
+        default=0.0, description="angle about z from x of B to where the policy takes the front to be (rad)"
+    )
+
+    @model_validator(mode="after")
+    def _complete(self) -> "Observation":
+        if len(set(self.signals)) < len(self.signals):
+            raise self.wrong("signals", kind="signals", demand="must name each signal once")
+        if ("reference_ahead" in self.signals) != bool(self.ahead):
+            raise self.wrong(
+                "ahead", kind="ahead", demand="must be given with the signal reference_ahead, and only then"
+            )
+        if self.turn and "attitude" in self.signals:
+            raise self.wrong("turn", kind="turn", demand="must be 0 with the signal attitude; rotation is seen turned")
+        return self
+
+    def spec(self) -> ObservationSpec:
+        """What is seen."""
+        return ObservationSpec(self.signals, self.frame, self.history, self.turn)
+
+    def num_rows(self, action: Any) -> int:
+        """Rows of an observation, given the action that belongs to it."""
+        return self.history * num_observed(self.spec(), num_actions=ROWS[action.kind], num_ahead=len(self.ahead))
+
+
+class PolicyControl(Model):
+    """A trained network in place of the position controller, of the cascade, or of all that is not on board."""
+
+    # There is no fuzzy network around it.
+    network: ClassVar[None] = None
+
+    kind: Literal["policy"]
+    policy: TrainedNetwork | None = Field(
+        default=None,
+        description="file of the network, .npz or .onnx, beside the one that names it; without it there is no flying"
+        " but in drake_quad.gym",
+        json_schema_extra=or_file,
+    )
+    action: AnyAction = Field(description="what the network's output means")
+    observation: Observation = Field(default=Observation(), description="what the network sees")
+    thrust_vectoring: ThrustVectoring = Field(
+        default=ThrustVectoring(), description="limits, where the action is an acceleration"
+    )
+    attitude: AttitudeControl | None = Field(
+        default=None, description="on the ground; needed without an autopilot for accelerations and attitudes"
+    )
+
+    @property
+    def commands_attitude(self) -> bool:
+        """Whether there is something for an attitude control to do."""
+        return self.action.kind in ("acceleration", "attitude")
+
+    @model_validator(mode="after")
+    def _fits(self) -> "PolicyControl":
+        if self.policy is None:
+            return self
+        rows = self.observation.num_rows(self.action), ROWS[self.action.kind]
+        given = self.policy.layers[0].inputs, self.policy.layers[-1].outputs
+        for name, wanted, found in zip(("input", "output"), rows, given, strict=True):
+            if wanted != found:
+                demand = "must be a network with {wanted} rows of {name} for this observation and action, not {found}"
+                context = {"name": name, "wanted": wanted, "found": found, "path": ("policy",)}
+                raise PydanticCustomError("network", demand, context)
+        return self
