@@ -13,6 +13,7 @@ from drake_quad.assembly.mpc import mpc_recipes
 from drake_quad.assembly.planning import nominal_parameters
 from drake_quad.assembly.policy import build_policy_control_of, policy_recipes
 from drake_quad.assembly.recipe import FleetScenario, Recipe
+from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.control.attitude import AttitudeController, AttitudeNumbers
 from drake_quad.control.axes import PerAngle, PerAxis
 from drake_quad.control.cascade import build_cascade
@@ -88,7 +89,7 @@ def control_recipes(batch: Batch, plan: Plan) -> dict[str, Recipe]:
 
 
 def build_control(
-    scenario: Scenario, recipes: dict[str, Recipe], num_vehicles: int, position_controller: Any = None
+    scenario: Scenario, recipes: dict[str, Recipe], num_vehicles: int, own: UserSystems = UserSystems()
 ) -> Diagram:
     """Builds the control of a scenario.
 
@@ -96,17 +97,19 @@ def build_control(
         scenario: it is of.
         recipes: of its parts.
         num_vehicles: N.
-        position_controller: takes the place of the scenario's, for which there are no recipes then.
+        own: systems of the user's: a position controller or a policy takes the place of the scenario's, for which there
+            are no recipes then.
 
     Raises:
         InputError: there is a position controller, but no cascade.
     """
+    position_controller = own.position_controller
     if not isinstance(scenario.control, Control) and position_controller is not None:
         kind = scenario.control.kind
         raise InputError(f"control of {scenario.name} is of kind {kind}: it has no place for a position_controller")
     systems = {path: recipe.build(num_vehicles) for path, recipe in recipes.items()}
     if isinstance(scenario.control, PolicyControl):
-        return build_policy_control_of(scenario, systems)
+        return build_policy_control_of(scenario, systems, own.policy)
     network = None
     if "network.rules" in systems:
         parts = {name: systems.get(f"network.{name}") for name in ("rules", "learning", "sets")}

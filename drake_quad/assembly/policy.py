@@ -59,25 +59,34 @@ def policy_recipes(batch: Batch) -> dict[str, Recipe]:
         "num_ahead": len(control.observation.ahead),
         "clearance": clearance,
     }
-    numbers = ObservationNumbers(believed.max_rotor_speed, _hovering(control, believed))
+    numbers = ObservationNumbers(believed.max_rotor_speed, hovering_action(control, believed))
     recipes = {"observation": Recipe(Observation, structure, numbers)}
     if control.policy is not None:
         recipes["policy"] = Recipe(Policy, {"period": period, "network": control.policy.network()}, None)
     return recipes | {"actuation": _actuation(scenario, fleet, believed)}
 
 
-def build_policy_control_of(scenario: Scenario, systems: dict[str, Any]) -> Diagram:
+def policy_rows(scenario: Scenario) -> dict[str, int]:
+    """Rows of what a policy sees and of what it does; nothing if the scenario's control is another."""
+    control = scenario.control
+    if not isinstance(control, PolicyControl):
+        return {}
+    return {"observation": control.observation.num_rows(control.action), "action": ROWS[control.action.kind]}
+
+
+def build_policy_control_of(scenario: Scenario, systems: dict[str, Any], policy: Any = None) -> Diagram:
     """Builds the control of a scenario with a `PolicyControl`.
 
     Args:
         scenario: it is of.
         systems: its parts, by their paths.
+        policy: of the user's, in place of the scenario's.
     """
     control = scenario.control
     assert isinstance(control, PolicyControl)
     return build_policy_control(
         observation=systems["observation"],
-        policy=systems.get("policy"),
+        policy=systems.get("policy", policy),
         actuation=systems["actuation"],
         sees=control.observation.sees,
         thrust_vectoring=systems.get("thrust_vectoring"),
@@ -119,7 +128,7 @@ def _least(action: RotorSpeedsAction, believed: QuadrotorParameters) -> float:
     return float(believed.min_rotor_speed if action.least is None else action.least)
 
 
-def _hovering(control: PolicyControl, believed: QuadrotorParameters) -> tuple[float, ...]:
+def hovering_action(control: PolicyControl, believed: QuadrotorParameters) -> tuple[float, ...]:
     """The action that is believed to hold a vehicle in hover."""
     action = control.action
     match action:

@@ -14,6 +14,7 @@ from pydrake.systems.primitives import Adder
 from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.assembly.laboratory import build_laboratory_of, build_monitor, laboratory_recipes, wind_period
 from drake_quad.assembly.planning import flight_duration, plan_route, refuse_distributions
+from drake_quad.assembly.policy import policy_rows
 from drake_quad.assembly.recipe import Recipe
 from drake_quad.assembly.recorder import build_recorder
 from drake_quad.assembly.user_systems import UserSystems, check_user_systems
@@ -103,6 +104,7 @@ def build_fleet_diagram(
     drake_random: bool = False,
     injects: bool = False,
     exported: Exported | None = None,
+    open_action: bool = False,
 ) -> Diagram:
     """Builds the closed loop of a scenario for the samples of a batch, each flown by a vehicle.
 
@@ -115,12 +117,16 @@ def build_fleet_diagram(
         injects: whether there is an input port `injection`, which is added to what goes over the link, and an output
             port `injected` with the sum.
         exported: makes input ports of the random numbers of the laboratory.
+        open_action: whether the action of a policy comes in by an input port `action`.
 
     Raises:
-        InputError: a system of the user's does not fit, or the vehicle's time step is too long for its drag.
+        InputError: there is no policy where the control needs one, a system of the user's does not fit, or the vehicle's time step is too long for its drag.
     """
     scenario, num_vehicles = batch.scenario, len(batch)
-    check_user_systems(own, num_vehicles, command=scenario.laboratory.autopilot.command)
+    rows = policy_rows(scenario)
+    check_user_systems(own, num_vehicles, command=scenario.laboratory.autopilot.command, rows=rows)
+    if rows and not open_action and own.policy is scenario.control.policy is None:
+        raise InputError(f"control.policy of {scenario.name} is missing: without a network nothing flies it")
     recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan))
     samples = exported or (None if drake_random else _samples(batch))
     builder = DiagramBuilder()
@@ -129,7 +135,7 @@ def build_fleet_diagram(
     )
     control = own.control
     if control is None:
-        control = build_control(scenario, _control_recipes(batch, plan, own), num_vehicles, own.position_controller)
+        control = build_control(scenario, _control_recipes(batch, plan, own), num_vehicles, own)
     builder.AddNamedSystem("control", control)
     own_wind = _sampled(own.wind, scenario)
     laboratory = build_laboratory_of(recipes, num_vehicles, samples, own_wind=own_wind)
@@ -162,7 +168,7 @@ def build_fleet_diagram(
     connect(control, "acceleration_command", monitor)
     connect(laboratory, "shortfall", monitor)
 
-    if isinstance(scenario.control, PolicyControl) and control.HasInputPort("action"):
+    if open_action:
         builder.ExportInput(control.GetInputPort("action"), "action")
     for port in (laboratory.get_input_port(i) for i in range(laboratory.num_input_ports())):
         if port.get_name().startswith(EXPORTED):
@@ -221,6 +227,8 @@ def _control_recipes(batch: Batch, plan: Plan, own: UserSystems) -> dict[str, Re
     if own.control is not None:
         return {}
     recipes = control_recipes(batch, plan)
+    if own.policy is not None:
+        recipes.pop("policy", None)
     if own.position_controller is None:
         return recipes
     return {path: recipe for path, recipe in recipes.items() if not path.startswith(("position.", "network."))}

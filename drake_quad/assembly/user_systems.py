@@ -1,6 +1,7 @@
 """Systems of the user's own, which stand in for parts of the loop."""
 
 from collections.abc import Mapping
+from types import MappingProxyType
 from typing import Any, NamedTuple
 
 from drake_quad.errors import InputError
@@ -19,11 +20,14 @@ class UserSystems(NamedTuple):
         wind: a source of wind beside the scenario's: one output port with the velocity of the air, and perhaps the
             input port `state`. It is sampled at the vehicle's time step, unless it is a FleetSystem that updates
             itself, as those of `drake_quad.laboratory` do.
+        policy: stands in for the network of a control of kind `policy`: from `observation`, if it looks at it, to
+            `action`.
     """
 
     position_controller: Any = None
     control: Any = None
     wind: Any = None
+    policy: Any = None
 
     @property
     def given(self) -> dict[str, Any]:
@@ -57,28 +61,36 @@ PLACES = {
         ("measurement", "reference", "reference_jerk", "reference_snap"), "wrench", named=True, all_inputs=False
     ),
     "wind": Place(("state",), "wind", named=False, all_inputs=False),
+    "policy": Place(("observation",), "action", named=False, all_inputs=False),
 }
 
 
-def check_user_systems(systems: UserSystems, num_vehicles: int, *, command: str) -> None:
+def check_user_systems(
+    systems: UserSystems, num_vehicles: int, *, command: str, rows: Mapping[str, int] = MappingProxyType({})
+) -> None:
     """Checks that a user's systems have the ports that their places in the loop need.
 
     Args:
         systems: to check.
         num_vehicles: N.
         command: signal that the command link carries, which a control must have.
+        rows: of the signals of a policy, if the control has a place for one.
 
     Raises:
         InputError: one of them does not fit.
     """
     if systems.control is not None and systems.position_controller is not None:
         raise InputError("control stands in for the whole cascade, so there is no place for a position_controller")
+    if systems.policy is not None and (not rows or systems.control is not None):
+        raise InputError("there is no place for a policy but in a control of kind policy")
     for name, system in systems.given.items():
         place = PLACES[name]
-        _check(name, system, place._replace(output=command) if name == "control" else place, num_vehicles)
+        place = place._replace(output=command) if name == "control" else place
+        sizes = {port: rows[port] if port in rows else _num_rows(port) for port in (*place.inputs, place.output)}
+        _check(name, system, place, sizes, num_vehicles)
 
 
-def _check(name: str, system: Any, place: Place, num_vehicles: int) -> None:
+def _check(name: str, system: Any, place: Place, sizes: Mapping[str, int], num_vehicles: int) -> None:
     if isinstance(system, type) or not hasattr(system, "num_output_ports"):
         raise InputError(f"{name} must be a Drake system, an object and not its class, but is {system!r}")
     inputs = {port.get_name(): port.size() for port in map(system.get_input_port, range(system.num_input_ports()))}
@@ -88,7 +100,7 @@ def _check(name: str, system: Any, place: Place, num_vehicles: int) -> None:
         raise InputError(f"{name} needs {wanted}, but has {_listed(outputs)}")
     # Random numbers come from elsewhere.
     random = getattr(system, "random_inputs", {})
-    allowed = {port: _num_rows(port) for port in place.inputs}
+    allowed = {port: sizes[port] for port in place.inputs}
     for port in inputs:
         if port not in allowed and port not in random:
             raise InputError(f"{name} has the input port `{port}`, but may have {_listed(allowed)}")
@@ -96,8 +108,8 @@ def _check(name: str, system: Any, place: Place, num_vehicles: int) -> None:
         if place.all_inputs and port not in inputs:
             raise InputError(f"{name} needs the input port `{port}`, but has {_listed(inputs)}")
     output = place.output if place.named else next(iter(outputs))
-    sizes = [(port, inputs[port], rows) for port, rows in allowed.items() if port in inputs]
-    for port, size, rows in [*sizes, (output, outputs[output], _num_rows(place.output))]:
+    there = [(port, inputs[port], rows) for port, rows in allowed.items() if port in inputs]
+    for port, size, rows in [*there, (output, outputs[output], sizes[place.output])]:
         if size != rows * num_vehicles:
             fleet = f" for each of {num_vehicles} vehicles" if num_vehicles > 1 else ""
             raise InputError(f"the port `{port}` of {name} must have {rows} rows{fleet}, but has {size}")

@@ -32,6 +32,42 @@ class Beginnings(NamedTuple):
     shown: np.ndarray
 
 
+class Beginning:
+    """How simulations of a diagram begin, in machine code.
+
+    Args:
+        diagram: of systems that can be compiled, for any number of vehicles.
+        shown: names of its output ports.
+
+    Raises:
+        InputError: the diagram cannot be compiled so, and why.
+    """
+
+    def __init__(self, diagram: Diagram, *, shown: Sequence[str]) -> None:
+        self._program = program = _compilable(diagram)
+        look = program.look([program.topology.outputs[name] for name in shown])
+        self._events = [event for event in (program.stage(None), look) if event is not None]
+
+    def of(self, context: Context) -> Beginnings:
+        """The vehicles of a context of the diagram, at time zero."""
+        program, n = self._program, self._program.num_vehicles
+        state, parameters = program.read(context)
+        for event in self._events:
+            table = program.table(event.shared, np.zeros((1, event.instants + 1)))
+            log = np.empty((1, event.loop.num_logged, event.loop.padded(n)))
+            event.loop.run(state, parameters, np.zeros(program.sizes.inputs * n), table, log, n)
+        return Beginnings(state.reshape(-1, n).T, parameters.reshape(-1, n).T, log[0, :, :n].T)
+
+
+def _compilable(diagram: Diagram) -> Program:
+    program = Program(diagram)
+    for path, system in program.others.items():
+        raise InputError(
+            f"{path}, a {type(system).__name__}, cannot be compiled, so vehicles beside it have no clocks of their own"
+        )
+    return program
+
+
 class ClockedFleet:
     """The vehicles of a diagram in machine code, tick after tick, each at its own time.
 
@@ -54,56 +90,29 @@ class ClockedFleet:
     """
 
     def __init__(self, diagram: Diagram, *, tick: float, num_ticks: int, shown: Sequence[str], judge: str) -> None:
-        self._program = program = Program(diagram)
-        for path, system in program.others.items():
-            raise InputError(
-                f"{path}, a {type(system).__name__}, cannot be compiled, so vehicles beside it have no clocks of their"
-                " own"
-            )
+        self._program = program = _compilable(diagram)
         ports = [program.topology.outputs[name] for name in shown]
         instants = program.instants_of(tick)
         loop, shared = program.tick(instants, ports, judge)
         self.num_vehicles, self._loop, self._last = program.num_vehicles, loop, num_ticks
         self._table = program.table(shared, program.times(0, instants, num_ticks + 1))
-        self._begin, self._look = program.stage(None), program.look(ports)
         self._places = self._placed(shown, judge)
         self._all_clocks = loop.clocks.reshape(-1)
         self.clocks = self._all_clocks[: self.num_vehicles]
         self._held = np.zeros((self._all_clocks.size, program.sizes.inputs))
 
-    def beginnings(self, context: Context) -> Beginnings:
-        """The vehicles of a context of the diagram as they are when a simulation begins.
-
-        Args:
-            context: of the diagram, at time zero.
-        """
-        program, n = self._program, self.num_vehicles
-        state, parameters = program.read(context)
-        shown = np.empty((0, n))
-        for event in (self._begin, self._look):
-            if event is not None:
-                table = program.table(event.shared, np.zeros((1, event.instants + 1)))
-                log = np.empty((1, event.loop.num_logged, event.loop.padded(n)))
-                event.loop.run(state, parameters, np.zeros(program.sizes.inputs * n), table, log, n)
-                shown = log[0, :, :n]
-        return Beginnings(state.reshape(-1, n).T, parameters.reshape(-1, n).T, shown.T)
-
-    def place(self, vehicles: np.ndarray, state: np.ndarray, parameters: np.ndarray) -> None:
-        """Lets vehicles begin anew.
-
-        Args:
-            vehicles: k numbers.
-            state: (k, rows).
-            parameters: (k, rows).
-        """
-        vectors, lanes = np.divmod(vehicles, self._loop.lanes)
+    def place(self, vehicles: np.ndarray, begun: Beginnings) -> None:
+        """Lets k vehicles begin anew, given their numbers."""
+        loop = self._loop
+        vectors, lanes = np.divmod(vehicles, loop.lanes)
         self.clocks[vehicles] = 0
+        loop.log[vectors, : begun.shown.shape[1], lanes] = begun.shown
         # Lanes without a vehicle do what the last one does.
-        used = self.num_vehicles - self._loop.lanes * (len(self._loop.state) - 1)
-        for rows, new in ((self._loop.state, state), (self._loop.parameters, parameters)):
+        used = self.num_vehicles - loop.lanes * (len(loop.state) - 1)
+        for rows, new in ((loop.state, begun.state), (loop.parameters, begun.parameters)):
             rows[vectors, :, lanes] = new
             rows[-1, :, used:] = rows[-1, :, used - 1 : used]
-        self._loop.prepare(np.unique(vectors).tolist())
+        loop.prepare(np.unique(vectors).tolist())
 
     def advance(self, inputs: np.ndarray) -> None:
         """Lets a tick pass.

@@ -30,8 +30,10 @@ def simulate(
     position_controller: Any = None,
     control: Any = None,
     wind: Any = None,
+    policy: Any = None,
     plan: Plan | None = None,
     compiled: bool = False,
+    until: float | None = None,
     prepare: Callable[[Simulator], None] | None = None,
     progress: Callable[[float, float], None] | None = None,
 ) -> Flight:
@@ -45,9 +47,12 @@ def simulate(
         position_controller: stands in for the scenario's; see `build_tracking_diagram`.
         control: stands in for the whole cascade; see there.
         wind: blows beside the scenario's; see there.
+        policy: a system that stands in for the network of a control of kind `policy`: from `observation`, if it looks
+            at it, to `action`.
         plan: flown instead of that of the scenario's route.
         compiled: whether the diagram is compiled to machine code first, as for studies; else it flies as it is wired,
             where every port and every state can be looked into at any time.
+        until: when to stop, s; at the end of the flight if not given.
         prepare: called with Drake's simulator before it flies, to set a monitor or a rate of real time.
         progress: called now and then with the time flown and the time to fly, s.
 
@@ -61,7 +66,7 @@ def simulate(
     drawn = Batch.draw(scenario, [sample or 0], seed=seed).scenario_of(0)
     batch = Batch(drawn, (sample or 0,), {})
     plan = plan or plan_route(drawn)
-    own = UserSystems(position_controller, control, wind)
+    own = UserSystems(position_controller, control, wind, policy)
     simulation = simulate_fleet(batch, plan, own=own, record=True, compiled=compiled)
     simulator = simulation.simulator
     # For a vehicle with a continuous state; a stepping one does not use the integrator.
@@ -71,7 +76,7 @@ def simulate(
     if prepare is not None:
         prepare(simulator)
     try:
-        simulation.fly(flight_duration(drawn, plan), progress=progress)
+        simulation.fly(flight_duration(drawn, plan) if until is None else until, progress=progress)
     except RuntimeError as error:
         if _TOO_FAST not in str(error):
             raise

@@ -3,7 +3,7 @@
 import difflib
 import re
 from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from functools import partial
+from functools import partial, reduce
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, get_args
 
@@ -62,6 +62,20 @@ def load_scenario(spec: str | Path, overrides: Overrides = (), *, layers: Sequen
             what is allowed.
     """
     return validated(Scenario, _loaded(spec, overrides, layers))
+
+
+def with_fields(scenario: Scenario, fields: Mapping[str, Any]) -> Scenario:
+    """A scenario with whole fields of its first level in place of its own.
+
+    Args:
+        scenario: that is changed.
+        fields: by their names, as mappings and numbers.
+
+    Raises:
+        InputError: as `load_scenario`.
+    """
+    trees = [*given_trees({**scenario.model_dump(mode="json"), **fields}, Library())]
+    return validated(Scenario, reduce(merged, trees))
 
 
 # What a scenario has whose gains are still to be designed, unless it says otherwise: the gains do not matter.

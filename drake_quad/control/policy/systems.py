@@ -259,7 +259,7 @@ def build_policy_control(
 
     Args:
         observation: an `Observation`.
-        policy: a `Policy`; None if actions come from elsewhere, by the input port `action`.
+        policy: a `Policy`, or a system with its ports; None if actions come from elsewhere, by the input port `action`.
         actuation: an `Actuation`.
         sees: the signal that the observation takes for its measurement.
         thrust_vectoring: a `ThrustVectoring`, where an acceleration is commanded.
@@ -273,7 +273,8 @@ def build_policy_control(
         builder.ExportInput(policy.get_input_port(), "action")
     else:
         builder.AddNamedSystem("policy", policy)
-        builder.Connect(observation.get_output_port(), policy.get_input_port())
+        if policy.num_input_ports():
+            builder.Connect(observation.get_output_port(), policy.get_input_port())
     action = policy.get_output_port()
     builder.Connect(action, observation.GetInputPort("action"))
     builder.ExportOutput(observation.get_output_port(), "observation")

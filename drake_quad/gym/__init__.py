@@ -1,0 +1,23 @@
+"""Environments of Gymnasium: fleets in machine code that policies are trained on.
+
+import gymnasium
+import drake_quad.gym
+
+envs = gymnasium.make_vec("drake_quad/Track-v0", num_envs=64, scenario="laboratory:low_wind", action="rates")
+"""
+
+from drake_quad.extras import needed
+
+gymnasium = needed("gymnasium", "gym")
+
+from drake_quad.gym.env import QuadrotorEnv  # noqa: E402 - a sentence first if Gymnasium is missing
+from drake_quad.gym.rewards import TrackingReward, Transition, has_crashed  # noqa: E402
+from drake_quad.gym.vector_env import QuadrotorVectorEnv  # noqa: E402
+
+__all__ = ["QuadrotorEnv", "QuadrotorVectorEnv", "TrackingReward", "Transition", "has_crashed"]
+
+gymnasium.register(
+    id="drake_quad/Track-v0",
+    entry_point="drake_quad.gym:QuadrotorEnv",
+    vector_entry_point="drake_quad.gym:QuadrotorVectorEnv",
+)

@@ -1,0 +1,82 @@
+"""One vehicle as an environment of Gymnasium."""
+
+from typing import Any
+
+import gymnasium
+import numpy as np
+from gymnasium.vector import AutoresetMode
+
+from drake_quad.flight import Flight
+from drake_quad.gym.episodes import Episode
+from drake_quad.gym.vector_env import QuadrotorVectorEnv
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario import Scenario
+
+
+class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
+    """A vehicle in machine code, as a `QuadrotorVectorEnv` has many.
+
+    Args:
+        scenario: as for a `QuadrotorVectorEnv`.
+        overrides: likewise.
+        record: whether actions are kept, so that `flight` can show an episode.
+        options: further arguments of a `QuadrotorVectorEnv`, but for those of vectors.
+
+    Raises:
+        InputError: something of it is wrong, or cannot be compiled.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": QuadrotorVectorEnv.metadata["render_modes"]}
+
+    def __init__(
+        self, scenario: Any = "figure_eight", overrides: Any = (), *, record: bool = True, **options: Any
+    ) -> None:
+        self._vector = QuadrotorVectorEnv(
+            scenario, overrides, num_envs=1, record=record, autoreset_mode=AutoresetMode.DISABLED, **options
+        )
+        self.metadata = {**self.metadata, "render_fps": self._vector.metadata["render_fps"]}
+        self.render_mode = self._vector.render_mode
+        self.observation_space = self._vector.single_observation_space
+        self.action_space = self._vector.single_action_space
+
+    @property
+    def scenario(self) -> Scenario:
+        """The task."""
+        return self._vector.scenario
+
+    @property
+    def plan(self) -> Plan:
+        """The plan that is flown."""
+        return self._vector.plan
+
+    def reset(
+        self, *, seed: int | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Begins the next episode, or with a seed that seed's first."""
+        super().reset(seed=seed)
+        if seed is None and not self._vector.has_begun:
+            seed = int(self.np_random.integers(2**31))
+        observation, infos = self._vector.reset(seed=seed)
+        return observation[0], infos
+
+    def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
+        """Flies for a tick; arguments and results are those of Gymnasium."""
+        observation, rewards, terminations, truncations, infos = self._vector.step(np.asarray(action)[np.newaxis])
+        info = {}
+        if infos:
+            flight = infos["flight"]
+            info["flight"] = {name: flight[name][0].item() for name in flight if not name.startswith("_")}
+        return observation[0], float(rewards[0]), bool(terminations[0]), bool(truncations[0]), info
+
+    def render(self) -> Any:
+        """A frame, (height, width, 3) uint8; None without a render mode."""
+        frames = self._vector.render()
+        return None if frames is None else frames[0]
+
+    def episode(self) -> Episode:
+        """Seed and sample of what is flown."""
+        return self._vector.episode()
+
+    def flight(self) -> Flight:
+        """As of a `QuadrotorVectorEnv`."""
+        return self._vector.flight()

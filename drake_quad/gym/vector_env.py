@@ -1,0 +1,292 @@
+"""Many vehicles at once as a vector environment of Gymnasium."""
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+from gymnasium import spaces
+from gymnasium.vector import AutoresetMode, VectorEnv
+from gymnasium.vector.utils import batch_space
+
+from drake_quad.assembly.planning import flight_duration, nominal_parameters, plan_route
+from drake_quad.assembly.policy import hovering_action, policy_rows
+from drake_quad.assembly.tracking import build_fleet_diagram
+from drake_quad.compilation.clocked_fleet import ClockedFleet
+from drake_quad.errors import InputError, listed
+from drake_quad.flight import Flight
+from drake_quad.gym.episodes import Episode, Episodes
+from drake_quad.gym.rewards import Reward, Termination, TrackingReward, Transition, has_crashed
+from drake_quad.gym.rollout import Tape, fly_again
+from drake_quad.gym.task import task_of
+from drake_quad.laboratory.metrics import Metrics, summarized
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario import Batch, Scenario
+from drake_quad.scenario.distributions import Model
+from drake_quad.scenario.loading import Overrides
+from drake_quad.signals import SIGNALS
+
+# What every step looks at beside what is asked for.
+_SHOWN = ("observation", "state", "reference")
+_JUDGE = "monitor"
+
+
+class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
+    """A fleet in machine code, whose vehicles begin their flights anew each for itself.
+
+    A scenario is the task: its route, vehicle, laboratory and distributions, which are drawn anew for each episode of
+    each vehicle. A step is a tick of the control. An episode ends by a crash, and is cut off at the flight's end. When it
+    has ended, `infos["flight"]` has the flight's metrics, as `drake_quad.laboratory.metrics` has them, and `obstacle`,
+    the number of the obstacle that it crashed into (0 for none).
+
+    With seed s, vehicle i has seed s + i, and its episode j is sample j of the study of that seed: it flies as
+    `drake_quad.simulate(env.scenario, seed=s + i, sample=j)` does under the same actions.
+
+    Args:
+        scenario: what flies where; or the file or name of one. Its control is not used, but for the attitude
+            controller and the limits of its cascade.
+        overrides: as for `load_scenario`.
+        num_envs: N.
+        action: what actions mean, as `control.action` of the scenario language: `"acceleration"`, `"attitude"`,
+            `"rates"`, `"rotor_speeds"`, or the fields.
+        observation: what is seen, as `control.observation` of the scenario language.
+        reward: a function of a `Transition` that returns (N,) rewards.
+        terminates: a function of a `Transition` that returns (N,) whether a flight ends; by default, a crash.
+        signals: names of further signals that functions of a `Transition` look at, such as `wind` or `rotor_speed`.
+        plan: flown instead of that of the scenario's route.
+        autoreset_mode: of Gymnasium: in the step after an episode's last (the default), in its last, or not at all;
+            then `reset(options={"reset_mask": ...})` lets vehicles begin anew.
+        render_mode: "rgb_array" for frames.
+        record: whether actions are kept, so that `flight` can show an episode.
+
+    Attributes:
+        scenario: the task.
+        plan: that is flown.
+        has_begun: whether there was a reset.
+
+    Raises:
+        InputError: something of it is wrong, or cannot be compiled.
+    """
+
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}
+
+    def __init__(
+        self,
+        scenario: Scenario | str | Path = "figure_eight",
+        overrides: Overrides = (),
+        *,
+        num_envs: int = 1,
+        action: str | Mapping[str, Any] | Model | None = None,
+        observation: Mapping[str, Any] | Model | None = None,
+        reward: Reward = TrackingReward(),
+        terminates: Termination = has_crashed,
+        signals: Sequence[str] = (),
+        plan: Plan | None = None,
+        autoreset_mode: AutoresetMode = AutoresetMode.NEXT_STEP,
+        render_mode: str | None = None,
+        record: bool = False,
+    ) -> None:
+        if num_envs < 1:
+            raise InputError(f"num_envs is {num_envs}, but must be at least 1")
+        if render_mode not in (None, *self.metadata["render_modes"]):
+            raise InputError(
+                f"render_mode is {render_mode!r}, but must be None or one of {self.metadata['render_modes']}"
+            )
+        self.scenario = task_of(scenario, overrides, action=action, observation=observation)
+        self.plan = plan or plan_route(self.scenario)
+        self._tick = self.scenario.laboratory.command_link.period
+        self._num_ticks = round(flight_duration(self.scenario, self.plan) / self._tick)
+        diagram = build_fleet_diagram(Batch.draw(self.scenario, range(num_envs)), self.plan, open_action=True)
+        self._signals = _checked(signals, diagram)
+        shown = (*_SHOWN, *self._signals)
+        self._fleet = ClockedFleet(diagram, tick=self._tick, num_ticks=self._num_ticks, shown=shown, judge=_JUDGE)
+        self._commands_acceleration = diagram.HasOutputPort("acceleration_command")
+        self._episodes = Episodes(self.scenario, self.plan, num_envs, shown=shown)
+        self._reward, self._terminates = reward, terminates
+        self.num_envs, self.render_mode = num_envs, render_mode
+        self.metadata = {
+            **self.metadata,
+            "autoreset_mode": AutoresetMode(autoreset_mode),
+            "render_fps": round(1.0 / self._tick),
+        }
+        self._mode = self.metadata["autoreset_mode"]
+        rows = policy_rows(self.scenario)
+        self.single_observation_space = spaces.Box(-np.inf, np.inf, (rows["observation"],), np.float32)
+        self.single_action_space = spaces.Box(-1.0, 1.0, (rows["action"],), np.float32)
+        self.observation_space = batch_space(self.single_observation_space, num_envs)
+        self.action_space = batch_space(self.single_action_space, num_envs)
+        self._hovering = np.array(hovering_action(self.scenario.control, nominal_parameters(self.scenario)))
+        self._last_action = np.tile(self._hovering, (num_envs, 1))
+        self._all = np.arange(num_envs)
+        self._is_over, self.has_begun = np.zeros(num_envs, dtype=bool), False
+        self._tape = Tape(num_envs, self._num_ticks, rows["action"]) if record else None
+        self._camera: Any = None
+
+    def reset(
+        self, *, seed: int | Sequence[int | None] | None = None, options: dict[str, Any] | None = None
+    ) -> tuple[np.ndarray, dict[str, Any]]:
+        """Lets all vehicles begin anew, or some.
+
+        Args:
+            seed: s, or one for each vehicle, where None lets it go on with its next episode. Without any all do.
+            options: may have a `reset_mask`, (N,) which vehicles begin anew.
+
+        Returns:
+            The (N, rows) observation and no infos.
+
+        Raises:
+            InputError: a seed is negative or too large, or the mask is of another size.
+        """
+        super().reset(seed=seed if isinstance(seed, int) else None)
+        vehicles = self._all
+        if options is not None and options.get("reset_mask") is not None:
+            mask = np.asarray(options["reset_mask"])
+            if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
+                raise InputError(f"reset_mask must be {self.num_envs} truth values, some of them true")
+            vehicles = np.flatnonzero(mask)
+        if not self.has_begun and seed is None:
+            seed = int(self.np_random.integers(2**31))
+        self._seed(vehicles, seed)
+        if not self.has_begun and len(vehicles) < self.num_envs:
+            raise InputError("reset_mask is of vehicles that have not begun; all must begin once")
+        self.has_begun = True
+        begun = self._begin(vehicles)
+        seen = self._fleet.shown("observation").astype(np.float32)
+        seen[vehicles] = begun
+        return seen, {}
+
+    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
+        """Flies all vehicles for a tick; arguments and results are those of Gymnasium.
+
+        Raises:
+            InputError: the actions have another shape, or there was no reset before.
+        """
+        actions = np.array(actions, dtype=float)
+        if actions.shape != self._last_action.shape:
+            raise InputError(f"actions have the shape {actions.shape}, but must have {self._last_action.shape}")
+        if not self.has_begun:
+            raise InputError("the environment must be reset before its first step")
+        fleet, infos = self._fleet, {}
+        if self._tape is not None:
+            self._tape.write(fleet.clocks, actions)
+        fleet.advance(actions)
+        step = self._transition(actions)
+        self._last_action = actions
+        seen = step.observation
+        rewards = np.asarray(self._reward(step), dtype=float)
+        terminations = np.array(self._terminates(step), dtype=bool)
+        truncations = ~terminations & (fleet.clocks >= self._num_ticks)
+        if self._mode is AutoresetMode.NEXT_STEP and self._is_over.any():
+            again = np.flatnonzero(self._is_over)
+            rewards[again], terminations[again], truncations[again] = 0.0, False, False
+            seen[again] = self._begin(again)
+        over = terminations | truncations
+        if over.any():
+            ended = np.flatnonzero(over)
+            infos |= self._flights(ended, over)
+            if self._tape is not None:
+                self._tape.end(ended, fleet.clocks, [self._episodes.episode(i) for i in ended.tolist()])
+            if self._mode is AutoresetMode.SAME_STEP:
+                infos |= _final(seen, infos, over)
+                seen = seen.copy()
+                seen[ended] = self._begin(ended)
+        self._is_over = over
+        return seen, rewards, terminations, truncations, infos
+
+    def render(self) -> tuple[np.ndarray, ...] | None:
+        """A frame for each vehicle, (height, width, 3) uint8; None without a render mode."""
+        if self.render_mode is None:
+            return None
+        if self._camera is None:
+            from drake_quad.visualization.frames import Camera
+
+            self._camera = Camera(self.scenario, self.plan)
+        return self._camera.frames(self._fleet.record("state"), self._fleet.record("reference"))
+
+    def episode(self, vehicle: int = 0) -> Episode:
+        """Seed and sample of what a vehicle flies."""
+        return self._episodes.episode(vehicle)
+
+    def flight(self, vehicle: int = 0) -> Flight:
+        """The last episode of a vehicle that has ended, or the one that it flies if none has, with all of its signals.
+
+        It is flown again under Drake's simulator, with the actions that were recorded.
+
+        Raises:
+            InputError: nothing was recorded.
+        """
+        if self._tape is None:
+            raise InputError("actions are not recorded: make the environment with record=True")
+        episode, actions = self._tape.actions(vehicle, self._fleet.clocks, self._episodes.episode(vehicle))
+        return fly_again(self.scenario, self.plan, episode, actions)
+
+    def _seed(self, vehicles: np.ndarray, seed: Any) -> None:
+        if seed is None:
+            return
+        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int | np.integer) else list(seed)
+        if len(seeds) != self.num_envs:
+            raise InputError(f"{len(seeds)} seeds are given, but there are {self.num_envs} vehicles")
+        given = [i for i in vehicles.tolist() if seeds[i] is not None]
+        for i in given:
+            if not 0 <= seeds[i] < 2**63:
+                raise InputError(f"seed is {seeds[i]}, but must be at least 0 and below {2**63}")
+        self._episodes.seed(np.array(given, dtype=int), np.array([seeds[i] for i in given], dtype=np.int64))
+
+    def _begin(self, vehicles: np.ndarray) -> np.ndarray:
+        """Lets vehicles begin their next episodes, and returns the (k, rows) that they see."""
+        begun = self._episodes.begin(vehicles)
+        self._fleet.place(vehicles, begun)
+        self._last_action[vehicles] = self._hovering
+        return begun.shown[:, self._fleet.columns("observation")].astype(np.float32)
+
+    def _transition(self, actions: np.ndarray) -> Transition:
+        fleet = self._fleet
+        return Transition(
+            fleet.shown("observation").astype(np.float32),
+            actions,
+            self._last_action,
+            fleet.record("state"),
+            fleet.record("reference"),
+            fleet.clocks * self._tick,
+            fleet.record("crashed").crashed != 0.0,
+            fleet.record("touched").number.astype(int),
+            {name: fleet.record(name) for name in self._signals},
+        )
+
+    def _flights(self, ended: np.ndarray, over: np.ndarray) -> dict[str, Any]:
+        """Infos of flights that have ended: their metrics, as Gymnasium wants infos of vectors."""
+        sums = self._fleet.record("sums")
+        crash_time = self._fleet.record("crash_time").crash_time
+        metrics: Metrics = summarized(sums, crash_time, self._tick)
+        if not self._commands_acceleration:
+            unknown = np.full(self.num_envs, np.nan)
+            metrics = metrics._replace(
+                **{f"{name}_{axis}": unknown for name in ("effort", "variation") for axis in ("x", "y", "z")}
+            )
+        obstacle = self._fleet.record("touched").number.astype(int)
+        flight: dict[str, Any] = {}
+        for name, values in {**metrics._asdict(), "obstacle": obstacle}.items():
+            flight[name] = np.where(over, values, 0)
+            flight[f"_{name}"] = over.copy()
+        return {"flight": flight, "_flight": over.copy()}
+
+
+def _final(seen: np.ndarray, infos: dict[str, Any], over: np.ndarray) -> dict[str, Any]:
+    """Infos with the last observations of episodes that begin anew in the same step."""
+    observations = np.full(len(over), None, dtype=object)
+    for i in np.flatnonzero(over).tolist():
+        observations[i] = seen[i].copy()
+    return {
+        "final_obs": observations,
+        "_final_obs": over.copy(),
+        "final_info": {name: value for name, value in infos.items()},
+        "_final_info": over.copy(),
+    }
+
+
+def _checked(signals: Sequence[str], diagram: Any) -> tuple[str, ...]:
+    there = [name for name in SIGNALS if diagram.HasOutputPort(name)]
+    for name in signals:
+        if name not in there:
+            raise InputError(f"{name} is no signal of this scenario, which has {listed(there)}")
+    return tuple([name for name in signals if name not in _SHOWN])
