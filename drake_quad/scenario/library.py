@@ -10,6 +10,7 @@ from drake_quad.scenario.limits import MOST_BASES, MOST_BYTES, MOST_NODES
 from drake_quad.scenario.marked_tree import Mark, Tree
 from drake_quad.scenario.mesh_file import mesh_points
 from drake_quad.scenario.piece_table import is_piece_table, parse_piece_table
+from drake_quad.scenario.policy_file import policy_network
 from drake_quad.scenario.reading import read_text
 from drake_quad.scenario.shipped import shipped_file, unknown
 from drake_quad.scenario.waypoint_table import name_of, parse_waypoint_table
@@ -70,6 +71,14 @@ class Library:
             InputError: it cannot be read, or is something else.
         """
         return mesh_points(path)
+
+    def policy(self, path: Path) -> Tree:
+        """Reads the network of a policy, see `policy_network`.
+
+        Raises:
+            InputError: it cannot be read, or is something else.
+        """
+        return policy_network(path)
 
     def parse(self, text: str, source: str, *, numbered: bool) -> Tree:
         """Parses YAML as a part of the scenario; see `parse_document`."""

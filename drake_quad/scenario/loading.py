@@ -159,6 +159,7 @@ _EACH = "*"
 # Fields in which the name of a file may stand, and how a library reads it.
 _FILES: dict[tuple[str, ...], Callable[[Library, Path], Tree]] = {
     ("control", "network", "learned"): Library.mapping,
+    ("control", "policy"): Library.policy,
     ("route", "pieces"): Library.pieces,
     ("space", "obstacles", _EACH, "points"): Library.points,
 }
