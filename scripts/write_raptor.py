@@ -3,11 +3,12 @@
 J. Eschmann, D. Albani and G. Loianno, "RAPTOR: a foundation policy for quadrotor control", 2025 (arXiv 2509.11481); the
 package foundation-policy 1.0.2 has the network, under the MIT licence: pip install foundation-policy==1.0.2
 
-It sees position and velocity from the reference, where we have the reference from those: the first are multiplied by -1.
+It sees position and velocity minus those of the reference, the other way round than we: they are multiplied by -1.
 """
 
 import argparse
 from pathlib import Path
+from typing import Any
 
 from drake_quad.command_line.running import run
 
@@ -38,9 +39,9 @@ def main() -> None:
     print_files([write_whole(folder / "raptor.npz", write)])
 
 
-def network_of(raptor: object) -> dict[str, np.ndarray]:
+def network_of(raptor: Any) -> dict[str, Any]:
     """The arrays of an .npz file with the package's network."""
-    first, memory, last = raptor.layers  # type: ignore[attr-defined]
+    first, memory, last = raptor.layers
     return {
         "scale": _SCALE,
         "weights_0": first.weights,

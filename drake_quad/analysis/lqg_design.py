@@ -45,6 +45,7 @@ from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse
 from drake_quad.scenario.batch import at_quantile
 from drake_quad.scenario.lqg import ColouredNoise, LateralAxis, LqgControl, VerticalAxis, YawPd
 from drake_quad.scenario.models import Control
+from drake_quad.scenario.policy import PolicyControl
 
 # Samples in whose wind the spectra are taken, and times of correlation of what lasts for a flight and of the bias, s:
 # so long that the filter takes them for constants, as an integral does.
@@ -548,9 +549,9 @@ def _yaw(scenario: Scenario) -> YawPd:
     return YawPd(k_p=gains.k_p, k_d=gains.k_d)
 
 
-def _limits_of(control: Control | LqgControl) -> dict[str, Any]:
+def _limits_of(control: Control | LqgControl | PolicyControl) -> dict[str, Any]:
     """The limits of tilt and thrust that a scenario has."""
-    limits = control.thrust_vectoring if isinstance(control, Control) else control
+    limits = control if isinstance(control, LqgControl) else control.thrust_vectoring
     return {name: getattr(limits, name) for name in ("max_tilt", "min_thrust", "max_thrust")}
 
 

@@ -134,7 +134,7 @@ def build_control(
 
 def _vectoring(scenario: Scenario, fleet: Any, believed: QuadrotorParameters) -> dict[str, Recipe]:
     """Thrust vectoring, of a vehicle as it is believed to be."""
-    limits, attitude = fleet.control.thrust_vectoring, scenario.control.attitude
+    limits, attitude = fleet.control.thrust_vectoring, fleet.control.attitude
     weight = believed.mass * believed.gravity
     thrust = ThrustLimits(np.tan(limits.max_tilt), limits.min_thrust * weight, limits.max_thrust * weight)
     structure = {"projects": attitude is not None and attitude.kind == "geometric"}

@@ -9,7 +9,15 @@ from drake_quad.assembly.planning import nominal_parameters
 from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.assembly.space import space_of
 from drake_quad.control.axes import PerAngle
-from drake_quad.control.policy.actions import AccelerationScale, AttitudeScale, RatesScale, SpeedScale, ThrustRange
+from drake_quad.control.policy.actions import (
+    AccelerationScale,
+    AttitudeScale,
+    Inertia,
+    PerRotor,
+    RatesScale,
+    SpeedScale,
+    ThrustRange,
+)
 from drake_quad.control.policy.observation import ObservationNumbers
 from drake_quad.control.policy.systems import ROWS, Actuation, Observation, Policy, build_policy_control
 from drake_quad.laboratory.flight_monitor import Solid, nearest_solid
@@ -109,13 +117,12 @@ def _actuation(scenario: Scenario, fleet: Any, believed: QuadrotorParameters) ->
             structure["on_board"] = scenario.laboratory.autopilot.kind != "none"
             own = fleet.control
             gains = own.action.k_rate if action.k_rate is not None else own.attitude.k_d if own.attitude else (0.0,) * 3
-            scale = RatesScale(
-                _thrusts(action, weight), BodyRates(*action.max_rates), PerAngle(*gains), tuple(believed.inertia)
-            )
+            rates = BodyRates(*action.max_rates)
+            scale = RatesScale(_thrusts(action, weight), rates, PerAngle(*gains), Inertia(*believed.inertia))
         case RotorSpeedsAction():
             structure["order"] = tuple([action.order.index(rotor) for rotor in (1, 2, 3, 4)])
             units = [RotorSpeed._make(np.eye(4)[rotor].tolist()) for rotor in range(4)]
-            wrenches = tuple([Wrench._make(map(float, rotor_action(unit, believed).wrench)) for unit in units])
+            wrenches = PerRotor._make(Wrench._make(map(float, rotor_action(unit, believed).wrench)) for unit in units)
             scale = SpeedScale(_least(action, believed), believed.max_rotor_speed, wrenches)
     return Recipe(Actuation, structure, scale)
 

@@ -19,6 +19,7 @@ from drake_quad.assembly.recipe import Recipe
 from drake_quad.assembly.recorder import build_recorder
 from drake_quad.assembly.user_systems import UserSystems, check_user_systems
 from drake_quad.control.cascade import POSITION_SIGNALS
+from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.laboratory.wind.wind import build_held_wind
 from drake_quad.randomness.noise import EXPORTED, Exported, NoiseSource, Samples
@@ -120,12 +121,17 @@ def build_fleet_diagram(
         open_action: whether the action of a policy comes in by an input port `action`.
 
     Raises:
-        InputError: there is no policy where the control needs one, a system of the user's does not fit, or the vehicle's time step is too long for its drag.
+        InputError: there is no policy where the control needs one, a system of the user's does not fit, or the
+            vehicle's time step is too long for its drag.
     """
     scenario, num_vehicles = batch.scenario, len(batch)
     rows = policy_rows(scenario)
     check_user_systems(own, num_vehicles, command=scenario.laboratory.autopilot.command, rows=rows)
-    if rows and not open_action and own.policy is scenario.control.policy is None:
+    if (
+        isinstance(scenario.control, PolicyControl)
+        and not open_action
+        and own.policy is scenario.control.policy is None
+    ):
         raise InputError(f"control.policy of {scenario.name} is missing: without a network nothing flies it")
     recipes = laboratory_recipes(batch, plan, flight_duration(scenario, plan))
     samples = exported or (None if drake_random else _samples(batch))

@@ -148,7 +148,7 @@ class ClockedFleet:
         for name in shown:
             kind, size = SIGNALS[name], self._program.diagram.GetOutputPort(name).size() // self.num_vehicles
             layouts[name] = layout_of(kind, None if hasattr(kind, "_fields") else (0.0,) * size)
-        system: FleetSystem = self._program.topology.leaves[judge]  # type: ignore[assignment]
+        system: FleetSystem = self._program.topology.leaves[judge]
         written = {write.name for update in system.updates for write in update.computation.writes}
         groups = sorted(system.states.values(), key=lambda group: int(group.index or 0))
         layouts |= {group.name: group.layout for group in groups if group.name in written}

@@ -142,9 +142,10 @@ def _driver(rows: Mapping[str, int], lanes: int) -> str:
             f"  %{name} = getelementptr double, ptr %{name}_rows, i64 %{name}_first",
         )
     ]
+    pointers = ", ".join(f"ptr %{name}_array" for name in arrays)
     return "\n".join(
         [
-            f"define void @kernel(i64 %begin, i64 %count, i64 %prepares, {', '.join(f'ptr %{a}_array' for a in arrays)}) {{",
+            f"define void @kernel(i64 %begin, i64 %count, i64 %prepares, {pointers}) {{",
             "entry:",
             *(line for name in arrays for line in elements_of(name)),
             "  %end = add i64 %begin, %count",

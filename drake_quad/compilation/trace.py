@@ -86,7 +86,7 @@ class Trace:
         self._outputs.clear()
 
     def foreseen(self, works: Iterable[tuple[str, Work]], *, first: bool = False) -> dict[tuple[str, int], Rows]:
-        """The rows that groups of the state would hold after some work, which is not done; arguments as of `advance`."""
+        """The rows that groups of the state would hold after some work, which is not done; as for `advance`."""
         after: dict[tuple[str, int], Rows] = {}
         for path, work in works:
             for group, rows in work.compute(_Around(self, path)).items():

@@ -26,7 +26,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         InputError: something of it is wrong, or cannot be compiled.
     """
 
-    metadata: dict[str, Any] = {"render_modes": QuadrotorVectorEnv.metadata["render_modes"]}
+    metadata: dict[str, Any] = {"render_modes": QuadrotorVectorEnv.metadata["render_modes"]}  # noqa: RUF012
 
     def __init__(
         self, scenario: Any = "figure_eight", overrides: Any = (), *, record: bool = True, **options: Any

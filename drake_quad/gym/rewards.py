@@ -50,12 +50,12 @@ Termination = Callable[[Transition], np.ndarray]
 
 @dataclass(frozen=True)
 class TrackingReward:
-    """A reward for following the reference:
+    """A reward for following the reference.
 
         tracking exp(-|e| / length) - effort |a|² - variation |a - a'|² - crash - obstacle
 
-    with the position error e and the action a after a'; the last two are taken once, by whoever crashes. A crash into an
-    obstacle counts as both.
+    with the position error e and the action a after a'. The last two are paid once, by whoever crashes; a crash into an
+    obstacle costs both.
 
     Attributes:
         tracking: reward of a step without error.

@@ -35,9 +35,9 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     """A fleet in machine code, whose vehicles begin their flights anew each for itself.
 
     A scenario is the task: its route, vehicle, laboratory and distributions, which are drawn anew for each episode of
-    each vehicle. A step is a tick of the control. An episode ends by a crash, and is cut off at the flight's end. When it
-    has ended, `infos["flight"]` has the flight's metrics, as `drake_quad.laboratory.metrics` has them, and `obstacle`,
-    the number of the obstacle that it crashed into (0 for none).
+    each vehicle. A step is a tick of the control. An episode ends by a crash, and is cut off at the flight's end. When
+    it has ended, `infos["flight"]` has the flight's metrics, as `drake_quad.laboratory.metrics` has them, and
+    `obstacle`, the number of the obstacle that it crashed into (0 for none).
 
     With seed s, vehicle i has seed s + i, and its episode j is sample j of the study of that seed: it flies as
     `drake_quad.simulate(env.scenario, seed=s + i, sample=j)` does under the same actions.
@@ -68,7 +68,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         InputError: something of it is wrong, or cannot be compiled.
     """
 
-    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}
+    metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
 
     def __init__(
         self,
@@ -115,7 +115,8 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self.single_action_space = spaces.Box(-1.0, 1.0, (rows["action"],), np.float32)
         self.observation_space = batch_space(self.single_observation_space, num_envs)
         self.action_space = batch_space(self.single_action_space, num_envs)
-        self._hovering = np.array(hovering_action(self.scenario.control, nominal_parameters(self.scenario)))
+        control: Any = self.scenario.control
+        self._hovering = np.array([*hovering_action(control, nominal_parameters(self.scenario))])
         self._last_action = np.tile(self._hovering, (num_envs, 1))
         self._all = np.arange(num_envs)
         self._is_over, self.has_begun = np.zeros(num_envs, dtype=bool), False
@@ -166,7 +167,8 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise InputError(f"actions have the shape {actions.shape}, but must have {self._last_action.shape}")
         if not self.has_begun:
             raise InputError("the environment must be reset before its first step")
-        fleet, infos = self._fleet, {}
+        fleet = self._fleet
+        infos: dict[str, Any] = {}
         if self._tape is not None:
             self._tape.write(fleet.clocks, actions)
         fleet.advance(actions)
@@ -279,7 +281,7 @@ def _final(seen: np.ndarray, infos: dict[str, Any], over: np.ndarray) -> dict[st
     return {
         "final_obs": observations,
         "_final_obs": over.copy(),
-        "final_info": {name: value for name, value in infos.items()},
+        "final_info": dict(infos),
         "_final_info": over.copy(),
     }
 

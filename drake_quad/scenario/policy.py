@@ -21,7 +21,8 @@ from drake_quad.scenario.networks import or_file
 from drake_quad.scenario.quantities import Gains, PlainMoment, PlainNonNegative, PlainPositive, PlainPositives
 
 Rows = Annotated[int, Field(ge=1, le=4096)]
-_DTYPES = {"single": np.dtype("<f4"), "double": np.dtype("<f8")}
+_Precision = Literal["single", "double"]
+_DTYPES: dict[_Precision, np.dtype[Any]] = {"single": np.dtype("<f4"), "double": np.dtype("<f8")}
 
 
 class DenseLayer(Model):
@@ -79,7 +80,7 @@ class TrainedNetwork(Model):
     layers: Annotated[tuple[Layer, ...], Field(strict=False, min_length=1, max_length=20)] = Field(
         description="from the input on"
     )
-    precision: Literal["single", "double"] = Field(default="single", description="of the numbers")
+    precision: _Precision = Field(default="single", description="of the numbers")
     numbers: Annotated[tuple[str, ...], Field(strict=False)] = Field(
         description="weights and biases of all layers, in base 64, in pieces"
     )
@@ -98,7 +99,7 @@ class TrainedNetwork(Model):
             numbers: of all layers, one after another.
             prepared: `offset`, `scale` and `limit`, if any.
         """
-        precision = "single" if (numbers.astype("<f4").astype(float) == numbers).all() else "double"
+        precision: _Precision = "single" if (numbers.astype("<f4").astype(float) == numbers).all() else "double"
         text = base64.b64encode(numbers.astype(_DTYPES[precision]).tobytes()).decode("ascii")
         pieces = tuple([text[k : k + MOST_CHARACTERS] for k in range(0, len(text), MOST_CHARACTERS)])
         return cls(layers=layers, precision=precision, numbers=pieces, **prepared)

@@ -2,8 +2,8 @@
 
 An .npz file has, for layer k counted from 0, `weights_k` (outputs, inputs) and `biases_k` (outputs,), and perhaps
 `activation_k`, a word; or, of gated recurrent units, `weights_input_k` (3 units, inputs), `biases_input_k`,
-`weights_hidden_k` (3 units, units), `biases_hidden_k` (3 units,), those of reset, update and new gates one after another,
-and perhaps `initial_k` (units,). Beside them it may have `offset`, `scale` (inputs,) and `limit`.
+`weights_hidden_k` (3 units, units), `biases_hidden_k` (3 units,), those of reset, update and new gates one after
+another, and perhaps `initial_k` (units,). Beside them it may have `offset`, `scale` (inputs,) and `limit`.
 """
 
 import io
@@ -34,7 +34,7 @@ _ACTIVATIONS = {
 _SILENT = ("Identity", "Flatten", "Reshape", "Squeeze", "Unsqueeze", "Cast", "Dropout")
 
 
-class _Unreadable(Exception):
+class _UnreadableError(Exception):
     """What is wrong with a file."""
 
 
@@ -49,7 +49,7 @@ class _Layers:
     def dense(self, weights: np.ndarray, biases: np.ndarray, activation: str = "identity") -> None:
         """Adds neurons of these weights (outputs, inputs) and biases (outputs,)."""
         if weights.ndim != 2 or biases.shape != weights.shape[:1]:
-            raise _Unreadable(f"has weights of shape {weights.shape} beside biases of shape {biases.shape}")
+            raise _UnreadableError(f"has weights of shape {weights.shape} beside biases of shape {biases.shape}")
         outputs, inputs = weights.shape
         self.layers.append({"kind": "dense", "inputs": inputs, "outputs": outputs, "activation": activation})
         self._numbers += [weights, biases]
@@ -65,7 +65,7 @@ class _Layers:
         initial = np.zeros(units) if initial is None else initial.ravel()
         shapes = [each.shape for each in (of_input[0], of_input[1], of_memory[1], initial)]
         if gates != 3 * units or shapes != [(gates, shapes[0][-1]), (gates,), (gates,), (units,)]:
-            raise _Unreadable("has gated recurrent units whose weights and biases do not fit together")
+            raise _UnreadableError("has gated recurrent units whose weights and biases do not fit together")
         self.layers.append({"kind": "gru", "inputs": shapes[0][1], "outputs": units})
         self._numbers += [*of_input, *of_memory, initial]
 
@@ -74,12 +74,12 @@ class _Layers:
         if not self.layers:
             scale = np.ones(1) * np.ravel(self.prepared.get("scale", 1.0)) * np.ravel(factor)
             if not scale.all():
-                raise _Unreadable("multiplies its input by zero")
+                raise _UnreadableError("multiplies its input by zero")
             offset = np.ravel(self.prepared.get("offset", 0.0)) - np.ravel(summand) / scale
             self.prepared |= {"offset": tuple(offset.tolist()), "scale": tuple(scale.tolist())}
             return
         if self.layers[-1].get("activation") != "identity":
-            raise _Unreadable("has arithmetic behind an activation or a recurrent layer")
+            raise _UnreadableError("has arithmetic behind an activation or a recurrent layer")
         *before, weights, biases = self._numbers
         factor, summand = (np.broadcast_to(np.ravel(each), biases.shape) for each in (factor, summand))
         self._numbers = [*before, weights * factor[:, np.newaxis], biases * factor + summand]
@@ -87,16 +87,16 @@ class _Layers:
     def activate(self, activation: str) -> None:
         """Gives the last layer an activation."""
         if not self.layers or self.layers[-1].get("activation") != "identity":
-            raise _Unreadable(f"has an activation {activation} that follows no layer of neurons")
+            raise _UnreadableError(f"has an activation {activation} that follows no layer of neurons")
         self.layers[-1]["activation"] = activation
 
     def network(self) -> TrainedNetwork:
         """The network."""
         if not self.layers:
-            raise _Unreadable("has no layers")
+            raise _UnreadableError("has no layers")
         numbers = np.concatenate([np.asarray(each, dtype=float).ravel() for each in self._numbers])
         if not np.isfinite(numbers).all():
-            raise _Unreadable("has numbers that are not finite")
+            raise _UnreadableError("has numbers that are not finite")
         return TrainedNetwork.of(tuple(self.layers), numbers, **self.prepared)
 
 
@@ -119,7 +119,7 @@ def policy_network(path: Path) -> Tree:
         raise InputError(f"{mark}: is too large: a network may have {MOST_NETWORK_BYTES:,} bytes of numbers")
     try:
         network = read(data)
-    except _Unreadable as error:
+    except _UnreadableError as error:
         raise InputError(f"{mark}: {error}") from None
     except ImportError as error:
         raise InputError(f"{mark}: cannot be read: {error}") from None
@@ -142,7 +142,7 @@ def _of_npz(data: bytes) -> TrainedNetwork:
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
     except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile):
-        raise _Unreadable("is not an .npz file of arrays") from None
+        raise _UnreadableError("is not an .npz file of arrays") from None
     layers, k = _Layers(), 0
     while True:
         names = [name for name in arrays if name.endswith(f"_{k}")]
@@ -155,7 +155,7 @@ def _of_npz(data: bytes) -> TrainedNetwork:
             of_input, of_memory = (_numbers(own, f"weights_{of}", f"biases_{of}") for of in ("input", "hidden"))
             layers.gru(of_input, of_memory, own.pop("initial", None))
         if own:
-            raise _Unreadable(f"has arrays that belong to no layer: {listed([f'{name}_{k}' for name in own])}")
+            raise _UnreadableError(f"has arrays that belong to no layer: {listed([f'{name}_{k}' for name in own])}")
         k += 1
     for name in ("offset", "scale"):
         if name in arrays:
@@ -163,16 +163,16 @@ def _of_npz(data: bytes) -> TrainedNetwork:
     if "limit" in arrays:
         layers.prepared["limit"] = float(arrays.pop("limit"))
     if arrays:
-        raise _Unreadable(f"has arrays that belong to no layer: {listed([*arrays])}")
+        raise _UnreadableError(f"has arrays that belong to no layer: {listed([*arrays])}")
     return layers.network()
 
 
 def _numbers(own: dict[str, np.ndarray], weights: str, biases: str) -> tuple[np.ndarray, np.ndarray]:
     for name in (weights, biases):
         if name not in own:
-            raise _Unreadable(f"has a layer without {name}")
+            raise _UnreadableError(f"has a layer without {name}")
         if own[name].dtype.kind not in "fiu":
-            raise _Unreadable(f"has {name} that are no numbers")
+            raise _UnreadableError(f"has {name} that are no numbers")
     return own.pop(weights).astype(float), own.pop(biases).astype(float)
 
 
@@ -181,7 +181,7 @@ def _of_onnx(data: bytes) -> TrainedNetwork:
     try:
         graph = onnx.load_from_string(data).graph
     except Exception:  # the parser's own, of several kinds
-        raise _Unreadable("is not an ONNX model") from None
+        raise _UnreadableError("is not an ONNX model") from None
     constants = {each.name: onnx.numpy_helper.to_array(each) for each in graph.initializer}
     layers = _Layers()
     for node in graph.node:
@@ -201,8 +201,8 @@ def _add_node(layers: _Layers, kind: str, given: list[np.ndarray | None], attrib
         case "Gemm", [weights, *biases]:
             weights = weights * attributes.get("alpha", 1.0)
             weights = weights if attributes.get("transB", 0) else weights.T
-            biases = attributes.get("beta", 1.0) * biases[0] if biases else np.zeros(len(weights))
-            layers.dense(weights, np.broadcast_to(biases, len(weights)))
+            summand = attributes.get("beta", 1.0) * biases[0] if biases else np.zeros(1)
+            layers.dense(weights, np.broadcast_to(summand, len(weights)))
         case "MatMul", [weights] if given[0] is None:
             layers.dense(weights.T, np.zeros(weights.shape[-1]))
         case "MatMul", [weights]:
@@ -224,9 +224,9 @@ def _add_node(layers: _Layers, kind: str, given: list[np.ndarray | None], attrib
         case _ if kind in _SILENT:
             pass
         case _:
-            raise _Unreadable(
-                f"has a node {kind} that is not known here; known are Gemm, MatMul, GRU, Add, Sub, Mul, Div, Clip of the"
-                f" input, {listed([*_ACTIVATIONS])}"
+            raise _UnreadableError(
+                f"has a node {kind} that is not known here; known are Gemm, MatMul, GRU, Add, Sub, Mul, Div, Clip of"
+                f" the input, {listed([*_ACTIVATIONS])}"
             )
 
 
@@ -239,7 +239,7 @@ def _add_gru(
 ) -> None:
     """Adds gated recurrent units, whose gates ONNX has in the order update, reset, new."""
     if attributes.get("linear_before_reset", 0) != 1 or len(of_input) != 1:
-        raise _Unreadable("has a GRU in two directions, or with the reset gate before the product")
+        raise _UnreadableError("has a GRU in two directions, or with the reset gate before the product")
     units = of_memory.shape[-1]
     both = biases[0][0] if biases else np.zeros(6 * units)
     order = np.r_[units : 2 * units, :units, 2 * units : 3 * units]

@@ -3,7 +3,7 @@
 from typing import Annotated, NamedTuple
 
 from drake_quad.control.attitude import torque_of
-from drake_quad.control.axes import PerAngle, PerAxis
+from drake_quad.control.axes import PerAngle
 from drake_quad.control.thrust_vectoring import Vectored
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.signals import (
@@ -29,6 +29,23 @@ from drake_quad.signals import (
 Action = tuple[Row, ...]
 
 _Inertia = Annotated[Row, Quantity("kg m²", "B")]
+
+
+class Inertia(NamedTuple):
+    """Moments of inertia."""
+
+    i_xx: _Inertia
+    i_yy: _Inertia
+    i_zz: _Inertia
+
+
+class PerRotor(NamedTuple):
+    """The wrench of each rotor over its squared speed."""
+
+    rotor_1: Wrench
+    rotor_2: Wrench
+    rotor_3: Wrench
+    rotor_4: Wrench
 
 
 class ThrustRange(NamedTuple):
@@ -73,7 +90,7 @@ class RatesScale(NamedTuple):
     thrust: ThrustRange
     rates: BodyRates
     gains: PerAngle
-    inertia: tuple[_Inertia, _Inertia, _Inertia]
+    inertia: Inertia
 
 
 class SpeedScale(NamedTuple):
@@ -87,7 +104,7 @@ class SpeedScale(NamedTuple):
 
     least: RotorRate
     most: RotorRate
-    wrenches: tuple[Wrench, Wrench, Wrench, Wrench]
+    wrenches: PerRotor
 
 
 def within(action: Row) -> Row:

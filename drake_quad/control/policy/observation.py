@@ -1,7 +1,7 @@
 """What a policy sees: rows of signals that it knows by name, now and at the ticks before.
 
-Vectors are along the axes of a frame: `world` is W; `heading` is W turned by the yaw, so that x points where the vehicle
-looks; `body` is B.
+Vectors are along the axes of a frame: `world` is W; `heading` is W turned by the yaw, so that x points where the
+vehicle looks; `body` is B.
 """
 
 from collections.abc import Callable

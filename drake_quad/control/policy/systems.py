@@ -235,8 +235,8 @@ def build_policy_control(
     policy: Any | None,
     actuation: Any,
     sees: Literal["measurement", "state"] = "measurement",
-    thrust_vectoring: Any | None = None,
-    attitude: Any | None = None,
+    thrust_vectoring: Any = None,
+    attitude: Any = None,
 ) -> Diagram:
     """Builds the diagram `control` around a policy.
 
