@@ -18,8 +18,16 @@ from drake_quad.control.policy.actions import (
     SpeedScale,
     ThrustRange,
 )
+from drake_quad.control.policy.actuation import (
+    ROWS,
+    AccelerationActuation,
+    AttitudeActuation,
+    RatesFromTheGround,
+    RatesOnBoard,
+    RotorSpeedActuation,
+)
 from drake_quad.control.policy.observation import ObservationNumbers
-from drake_quad.control.policy.systems import ROWS, Actuation, Observation, Policy, build_policy_control
+from drake_quad.control.policy.systems import Observation, Policy, build_policy_control
 from drake_quad.laboratory.flight_monitor import Solid, nearest_solid
 from drake_quad.scenario import Batch, Scenario
 from drake_quad.scenario.policy import AccelerationAction, AttitudeAction, PolicyControl, RatesAction, RotorSpeedsAction
@@ -106,25 +114,26 @@ def _actuation(scenario: Scenario, fleet: Any, believed: QuadrotorParameters) ->
     """What the actions of a policy command."""
     control: Any = scenario.control
     action, weight = control.action, believed.mass * believed.gravity
-    structure: dict[str, Any] = {"kind": action.kind}
-    scale: Any
     match action:
         case AccelerationAction():
-            scale = AccelerationScale(*action.most)
+            return Recipe(AccelerationActuation, {}, AccelerationScale(*action.most))
         case AttitudeAction():
-            scale = AttitudeScale(_thrusts(action, weight), action.max_tilt, action.max_yaw)
+            return Recipe(
+                AttitudeActuation, {}, AttitudeScale(_thrusts(action, weight), action.max_tilt, action.max_yaw)
+            )
         case RatesAction():
-            structure["on_board"] = scenario.laboratory.autopilot.kind != "none"
-            own = fleet.control
-            gains = own.action.k_rate if action.k_rate is not None else own.attitude.k_d if own.attitude else (0.0,) * 3
+            own, on_board = fleet.control, scenario.laboratory.autopilot.kind != "none"
+            gains = (0.0, 0.0, 0.0)
+            if not on_board:
+                gains = own.attitude.k_d if action.k_rate is None else own.action.k_rate
             rates = BodyRates(*action.max_rates)
             scale = RatesScale(_thrusts(action, weight), rates, PerAngle(*gains), Inertia(*believed.inertia))
-        case RotorSpeedsAction():
-            structure["order"] = tuple([action.order.index(rotor) for rotor in (1, 2, 3, 4)])
-            units = [RotorSpeed._make(np.eye(4)[rotor].tolist()) for rotor in range(4)]
-            wrenches = PerRotor._make(Wrench._make(map(float, rotor_action(unit, believed).wrench)) for unit in units)
-            scale = SpeedScale(_least(action, believed), believed.max_rotor_speed, wrenches)
-    return Recipe(Actuation, structure, scale)
+            return Recipe(RatesOnBoard if on_board else RatesFromTheGround, {}, scale)
+    units = [RotorSpeed._make(np.eye(4)[rotor].tolist()) for rotor in range(4)]
+    wrenches = PerRotor._make(Wrench._make(map(float, rotor_action(unit, believed).wrench)) for unit in units)
+    order = tuple([action.order.index(rotor) for rotor in (1, 2, 3, 4)])
+    speeds = SpeedScale(_least(action, believed), believed.max_rotor_speed, wrenches)
+    return Recipe(RotorSpeedActuation, {"order": order}, speeds)
 
 
 def _thrusts(action: Any, weight: float) -> ThrustRange:

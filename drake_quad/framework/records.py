@@ -90,6 +90,11 @@ ROW = Layout(float, (), 1)
 ABSENT = Layout(NoneType, (), 0)
 
 
+def rows_layout(num_rows: int) -> Layout:
+    """The layout of so many rows without names."""
+    return Layout(tuple, (ROW,) * num_rows, num_rows)
+
+
 def layout_of(kind: Any, value: Any = None) -> Layout:
     """The layout of a type of rows.
 

@@ -1,14 +1,19 @@
-"""A vector environment as Stable-Baselines3 wants it."""
+"""Training by Stable-Baselines3: a vector environment as it wants one, and its policies as controllers."""
 
 from collections.abc import Iterable, Sequence
+from pathlib import Path
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from stable_baselines3.common.vec_env import VecEnv
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from drake_quad.errors import InputError
+from drake_quad.gym.saving import Neurons, save_policy
 from drake_quad.gym.vector_env import QuadrotorVectorEnv
+
+# Modules of PyTorch by the names that they have in a policy's file.
+_ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu", "Sigmoid": "sigmoid", "ELU": "elu", "SiLU": "silu"}
 
 
 class StableVectorEnv(VecEnv):
@@ -82,3 +87,32 @@ class StableVectorEnv(VecEnv):
 
     def _get_indices(self, indices: Any) -> Iterable[int]:
         return range(self.num_envs) if indices is None else [indices] if isinstance(indices, int) else indices
+
+
+def save_trained(model: Any, folder: Path | str) -> Path:
+    """Writes the mean of a model's policy as a controller, see `save_policy`.
+
+    Args:
+        model: with an `MlpPolicy`, such as a PPO, whose environment is a `StableVectorEnv`, perhaps within a
+            `VecNormalize`.
+        folder: to write to.
+
+    Raises:
+        InputError: the policy has layers that are not known here, or as `save_policy`.
+    """
+    modules = [*model.policy.mlp_extractor.policy_net, model.policy.action_net]
+    layers: list[Neurons] = []
+    for module in modules:
+        name = type(module).__name__
+        if name == "Linear":
+            layers.append(Neurons(*(each.detach().cpu().numpy() for each in (module.weight, module.bias))))
+        elif name in _ACTIVATIONS and layers:
+            layers[-1] = layers[-1]._replace(activation=_ACTIVATIONS[name])
+        else:
+            raise InputError(f"the policy has a {name}, but can have layers Linear and {', '.join(_ACTIVATIONS)}")
+    envs, seen = model.get_env(), {}
+    if isinstance(envs, VecNormalize):
+        known = envs.obs_rms
+        seen = {"offset": known.mean, "scale": 1.0 / np.sqrt(known.var + envs.epsilon), "limit": envs.clip_obs}
+        envs = envs.venv
+    return save_policy(envs.envs, layers, folder, **seen)

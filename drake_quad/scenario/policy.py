@@ -10,9 +10,9 @@ import numpy as np
 from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
+from drake_quad.control.policy.actuation import ROWS
 from drake_quad.control.policy.network import Dense, Gru, Network
 from drake_quad.control.policy.observation import ObservationSpec, num_observed
-from drake_quad.control.policy.systems import ROWS
 from drake_quad.framework.symbols import Matrix
 from drake_quad.scenario.controllers import AttitudeControl, ThrustVectoring
 from drake_quad.scenario.distributions import Model, Real

@@ -177,7 +177,7 @@ def _numbers(own: dict[str, np.ndarray], weights: str, biases: str) -> tuple[np.
 
 
 def _of_onnx(data: bytes) -> TrainedNetwork:
-    onnx = needed("onnx", "gym")
+    onnx = needed("onnx", "onnx")
     try:
         graph = onnx.load_from_string(data).graph
     except Exception:  # the parser's own, of several kinds

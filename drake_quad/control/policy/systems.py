@@ -12,33 +12,12 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import PassThrough
 
 from drake_quad.control.cascade import command_of
-from drake_quad.control.policy.actions import (
-    AccelerationScale,
-    AttitudeScale,
-    RatesScale,
-    SpeedScale,
-    commanded_acceleration,
-    commanded_attitude,
-    rates_from_the_ground,
-    rates_on_board,
-    wrench_of_speeds,
-)
 from drake_quad.control.policy.network import Network, passed
 from drake_quad.control.policy.observation import ObservationNumbers, ObservationSpec, num_observed, observed
-from drake_quad.control.thrust_vectoring import Vectored
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
-from drake_quad.framework.records import ROW, Layout
+from drake_quad.framework.records import rows_layout
 from drake_quad.framework.wiring import split_output
 from drake_quad.signals import Row
-
-ActionKind = Literal["acceleration", "attitude", "rates", "rotor_speeds"]
-ROWS = {"acceleration": 3, "attitude": 4, "rates": 4, "rotor_speeds": 4}
-"""Rows of an action of each kind."""
-
-
-def rows_layout(num_rows: int) -> Layout:
-    """The layout of so many rows without names."""
-    return Layout(tuple, (ROW,) * num_rows, num_rows)
 
 
 def with_past(past: tuple[Row, ...], *seen: Any) -> tuple[Row, ...]:
@@ -168,67 +147,6 @@ class Policy(FleetSystem):
             self.update(period, memory_of, observation, memory, network, writes=[memory])
 
 
-@fleet_system(float, AutoDiffXd)
-class Actuation(FleetSystem):
-    """What the actions of a policy command.
-
-    .. pydrake_system::
-
-        name: Actuation
-        input_ports:
-        - action
-        - measurement
-        - reference
-        output_ports:
-        - wrench
-        - attitude_target
-        - acceleration_command
-        - thrust_and_attitude
-
-    By the kind of action there is one of these outputs, see `drake_quad.control.policy.actions`:
-
-        acceleration    acceleration_command
-        attitude        thrust_and_attitude, which packs what a ThrustVectoring does; takes the yaw of the `reference`
-        rates           wrench, by a loop on the rates of the `measurement`; or, on board, attitude_target
-        rotor_speeds    wrench
-
-    The only parameter of the context is `scale`.
-
-    Args:
-        num_vehicles: N.
-        kind: of action.
-        on_board: whether an autopilot keeps the body rates.
-        order: place of each rotor's row in actions of speeds.
-        numbers: what actions mean.
-    """
-
-    def declare(
-        self,
-        *,
-        kind: ActionKind = "acceleration",
-        on_board: bool = False,
-        order: tuple[int, ...] = (0, 1, 2, 3),
-        numbers: AccelerationScale | AttitudeScale | RatesScale | SpeedScale,
-    ) -> None:
-        """Declares the system."""
-        action, scale = (
-            self.input("action", layout=rows_layout(ROWS[kind])),
-            self.parameter("scale", lambda scale: scale),
-        )
-        match kind:
-            case "acceleration":
-                self.output("acceleration_command", commanded_acceleration, action, scale)
-            case "attitude":
-                formula = commanded_attitude, action, self.input("reference"), scale
-                self.packed_output("thrust_and_attitude", Vectored, *formula)
-            case "rates" if on_board:
-                self.output("attitude_target", rates_on_board, action, scale)
-            case "rates":
-                self.output("wrench", rates_from_the_ground, action, self.input("measurement"), scale)
-            case "rotor_speeds":
-                self.output("wrench", wrench_of_speeds, action, scale, order)
-
-
 def build_policy_control(
     *,
     observation: Any,
@@ -260,7 +178,7 @@ def build_policy_control(
     Args:
         observation: an `Observation`.
         policy: a `Policy`, or a system with its ports; None if actions come from elsewhere, by the input port `action`.
-        actuation: an `Actuation`.
+        actuation: a system of `drake_quad.control.policy.actuation`.
         sees: the signal that the observation takes for its measurement.
         thrust_vectoring: a `ThrustVectoring`, where an acceleration is commanded.
         attitude: an attitude controller; None if there is an autopilot on board, or if nothing commands an attitude.
