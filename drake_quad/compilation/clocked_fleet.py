@@ -120,9 +120,9 @@ class ClockedFleet:
         Args:
             inputs: (N, rows) of the diagram's input port.
         """
-        loop = self._loop
+        loop, rows = self._loop, self._held.shape[1]
         self._held[: self.num_vehicles] = inputs
-        loop.inputs[...] = self._held.reshape(-1, loop.lanes, self._held.shape[1]).transpose(0, 2, 1)
+        loop.inputs[...] = self._held.reshape(len(loop.state), loop.lanes, rows).transpose(0, 2, 1)
         loop.advance(self._table)
         np.minimum(self._all_clocks + 1, self._last, out=self._all_clocks)
 

@@ -12,9 +12,10 @@ gymnasium = needed("gymnasium", "gym")
 
 from drake_quad.gym.env import QuadrotorEnv  # noqa: E402 - a sentence first if Gymnasium is missing
 from drake_quad.gym.rewards import TrackingReward, Transition, has_crashed  # noqa: E402
+from drake_quad.gym.saving import save_policy  # noqa: E402
 from drake_quad.gym.vector_env import QuadrotorVectorEnv  # noqa: E402
 
-__all__ = ["QuadrotorEnv", "QuadrotorVectorEnv", "TrackingReward", "Transition", "has_crashed"]
+__all__ = ["QuadrotorEnv", "QuadrotorVectorEnv", "TrackingReward", "Transition", "has_crashed", "save_policy"]
 
 gymnasium.register(
     id="drake_quad/Track-v0",

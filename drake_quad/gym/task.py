@@ -5,7 +5,7 @@ from pathlib import Path
 from typing import Any
 
 from drake_quad.errors import InputError
-from drake_quad.scenario import Scenario, load_scenario
+from drake_quad.scenario import Scenario, load_scenario, middle_of
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.loading import Overrides, with_fields
 from drake_quad.scenario.policy import PolicyControl
@@ -23,6 +23,7 @@ def task_of(
     Args:
         scenario: what flies where, in which laboratory, with which distributions; or the file or name of one.
         overrides: as for `load_scenario`, of a scenario that is loaded.
+            Without an autopilot its attitude control is that of its cascade, or is designed if it has none.
         action: what actions mean: a kind, or the fields of `control.action`. That of the scenario's policy, or an
             acceleration, if not given.
         observation: fields of `control.observation`; as the scenario's policy has it, or by default, if not given.
@@ -42,7 +43,18 @@ def task_of(
         "action": wanted or known.get("action") or {"kind": "acceleration"},
         "observation": observation or known.get("observation") or {},
     }
-    for name in ("thrust_vectoring", "attitude"):
-        if getattr(control, name, None) is not None:
-            fields[name] = getattr(control, name)
+    if hasattr(control, "thrust_vectoring"):
+        fields["thrust_vectoring"] = control.thrust_vectoring
+    if scenario.laboratory.autopilot.kind == "none":
+        fields["attitude"] = getattr(control, "attitude", None) or _designed_attitude(scenario)
     return with_fields(scenario, {"control": fields})
+
+
+def _designed_attitude(scenario: Scenario) -> dict[str, Any]:
+    """The attitude control of a scenario whose control has none of its own, as `drake-quad design` designs it."""
+    from drake_quad.analysis.cascade_design import design_cascade
+
+    ones = {"k_p": [1.0, 1.0, 1.0], "k_d": [1.0, 1.0, 1.0]}
+    cascade = {"position": {"kind": "pd", "feed_forward": "none", **ones}, "attitude": ones}
+    gains = design_cascade(middle_of(with_fields(scenario, {"control": cascade}))).gains()["attitude"]
+    return {name: list(rows) for name, rows in gains.items()}

@@ -36,15 +36,15 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
 
     A scenario is the task: its route, vehicle, laboratory and distributions, which are drawn anew for each episode of
     each vehicle. A step is a tick of the control. An episode ends by a crash, and is cut off at the flight's end. When
-    it has ended, `infos["flight"]` has the flight's metrics, as `drake_quad.laboratory.metrics` has them, and
-    `obstacle`, the number of the obstacle that it crashed into (0 for none).
+    it has ended, `infos["flight"]` has the flight's metrics, as `drake_quad.laboratory.metrics` has them (efforts where
+    accelerations are commanded), and `obstacle`, the number of the obstacle that it crashed into (0 for none).
 
     With seed s, vehicle i has seed s + i, and its episode j is sample j of the study of that seed: it flies as
     `drake_quad.simulate(env.scenario, seed=s + i, sample=j)` does under the same actions.
 
     Args:
-        scenario: what flies where; or the file or name of one. Its control is not used, but for the attitude
-            controller and the limits of its cascade.
+        scenario: what flies where; or the file or name of one. Of its control there is only the attitude control, or
+            one that is designed if it has none, and the limits of its cascade.
         overrides: as for `load_scenario`.
         num_envs: N.
         action: what actions mean, as `control.action` of the scenario language: `"acceleration"`, `"attitude"`,
@@ -138,6 +138,10 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             InputError: a seed is negative or too large, or the mask is of another size.
         """
+        given = [] if seed is None else [seed] if isinstance(seed, int) else [each for each in seed if each is not None]
+        for each in given:
+            if not 0 <= each < 2**63 - self.num_envs:
+                raise InputError(f"seed is {each}, but must be at least 0 and below {2**63 - self.num_envs}")
         super().reset(seed=seed if isinstance(seed, int) else None)
         vehicles = self._all
         if options is not None and options.get("reset_mask") is not None:
@@ -160,11 +164,14 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Flies all vehicles for a tick; arguments and results are those of Gymnasium.
 
         Raises:
-            InputError: the actions have another shape, or there was no reset before.
+            InputError: the actions have another shape or are not finite, or there was no reset before.
         """
         actions = np.array(actions, dtype=float)
         if actions.shape != self._last_action.shape:
             raise InputError(f"actions have the shape {actions.shape}, but must have {self._last_action.shape}")
+        if not np.isfinite(actions).all():
+            vehicle, *_ = np.flatnonzero(~np.isfinite(actions).all(axis=1)).tolist()
+            raise InputError(f"actions must be finite, but that of vehicle {vehicle} is {actions[vehicle].tolist()}")
         if not self.has_begun:
             raise InputError("the environment must be reset before its first step")
         fleet = self._fleet
@@ -229,9 +236,6 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if len(seeds) != self.num_envs:
             raise InputError(f"{len(seeds)} seeds are given, but there are {self.num_envs} vehicles")
         given = [i for i in vehicles.tolist() if seeds[i] is not None]
-        for i in given:
-            if not 0 <= seeds[i] < 2**63:
-                raise InputError(f"seed is {seeds[i]}, but must be at least 0 and below {2**63}")
         self._episodes.seed(np.array(given, dtype=int), np.array([seeds[i] for i in given], dtype=np.int64))
 
     def _begin(self, vehicles: np.ndarray) -> np.ndarray:
@@ -260,14 +264,12 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         sums = self._fleet.record("sums")
         crash_time = self._fleet.record("crash_time").crash_time
         metrics: Metrics = summarized(sums, crash_time, self._tick)
-        if not self._commands_acceleration:
-            unknown = np.full(self.num_envs, np.nan)
-            metrics = metrics._replace(
-                **{f"{name}_{axis}": unknown for name in ("effort", "variation") for axis in ("x", "y", "z")}
-            )
         obstacle = self._fleet.record("touched").number.astype(int)
         flight: dict[str, Any] = {}
+        unknown = () if self._commands_acceleration else ("effort", "variation")
         for name, values in {**metrics._asdict(), "obstacle": obstacle}.items():
+            if name.startswith(unknown):
+                continue
             flight[name] = np.where(over, values, 0)
             flight[f"_{name}"] = over.copy()
         return {"flight": flight, "_flight": over.copy()}

@@ -6,6 +6,7 @@ import numpy as np
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
+from matplotlib.ticker import MaxNLocator
 from mpl_toolkits.mplot3d import proj3d
 
 from drake_quad.assembly.space import space_of
@@ -20,6 +21,8 @@ from drake_quad.visualization.replay.scene import reference_points
 _SIZE, _DPI = (4.8, 3.6), 100.0
 # A vehicle smaller than this share of the scene is drawn larger, to be seen.
 _SMALLEST = 0.04
+# Along the longest side.
+_MARKS = 6
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 25)
 _BODY: dict[str, Any] = {"color": "0.1", "linewidth": 2.0, "solid_capstyle": "round"}
 _FRONT: dict[str, Any] = {"color": "tab:red", "linewidth": 1.6}
@@ -55,7 +58,9 @@ class Camera:
         for axis, name in enumerate("xyz"):
             getattr(axes, f"set_{name}lim")(middle[axis] - 0.5 * size[axis], middle[axis] + 0.5 * size[axis])
             getattr(axes, f"set_{name}label")(f"{name.upper()} (m)")
-        axes.set_box_aspect(size)
+            marks = max(2, round(_MARKS * size[axis] / size.max()))
+            getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(marks))
+        axes.set_box_aspect(size, zoom=1.05)
         enlarged = max(1.0, _SMALLEST * size.max() / reach)
         self._arms = enlarged * self._arms
         self._radius = 0.45 * enlarged * reach

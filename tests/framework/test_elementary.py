@@ -10,7 +10,7 @@ from drake_quad.framework import elementary
 # Arithmetic on Expression leaves floating-point flags behind that mean nothing.
 pytestmark = pytest.mark.filterwarnings("ignore:invalid value encountered")
 
-FUNCTIONS = [elementary.cos, elementary.sqrt, elementary.arcsin, elementary.arctan, elementary.exp]
+FUNCTIONS = [elementary.cos, elementary.sqrt, elementary.arcsin, elementary.arctan, elementary.exp, elementary.tanh]
 
 
 @pytest.mark.parametrize("function", FUNCTIONS, ids=lambda f: f.__name__)

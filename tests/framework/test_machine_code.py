@@ -59,6 +59,7 @@ FUNCTIONS = [
     (sine, math.sin, st.floats(-1e6, 1e6) | st.floats(-4.0, 4.0)),
     (elementary.cos, math.cos, st.floats(-1e6, 1e6) | st.floats(-4.0, 4.0)),
     (elementary.exp, math.exp, WIDE),
+    (elementary.tanh, math.tanh, WIDE | st.floats(-0.7, 0.7)),
     (elementary.log, math.log, POSITIVE),
     (elementary.log_of_1_plus, math.log1p, POSITIVE | st.floats(1e-300, 1e-8)),
     (elementary.arctan, math.atan, WIDE | st.floats(-1e30, 1e30)),
@@ -117,6 +118,9 @@ def test_special_values():
     assert machine(elementary.exp, -inf) == 0.0
     assert machine(elementary.exp, 800.0) == inf
     assert math.isnan(machine(elementary.exp, nan))
+    assert machine(elementary.tanh, inf) == 1.0
+    assert machine(elementary.tanh, -inf) == -1.0
+    assert math.isnan(machine(elementary.tanh, nan))
     assert machine(elementary.log, 0.0) == -inf
     assert machine(elementary.log, inf) == inf
     assert math.isnan(machine(elementary.log, -1.0))

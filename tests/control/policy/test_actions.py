@@ -1,0 +1,74 @@
+"""What actions command."""
+
+import numpy as np
+import pytest
+
+from drake_quad.control.axes import PerAngle
+from drake_quad.control.policy.actions import (
+    AccelerationScale,
+    AttitudeScale,
+    Inertia,
+    PerRotor,
+    RatesScale,
+    SpeedScale,
+    ThrustRange,
+    commanded_acceleration,
+    commanded_attitude,
+    rates_from_the_ground,
+    rates_on_board,
+    wrench_of_speeds,
+)
+from drake_quad.signals import BodyRates, Reference, State, Wrench
+
+THRUST = ThrustRange(2.0, 12.0)
+RATES = RatesScale(THRUST, BodyRates(5.0, 4.0, 2.0), PerAngle(10.0, 9.0, 3.0), Inertia(0.006, 0.007, 0.011))
+REFERENCE = Reference(*[0.0] * 9, 0.3, 0.0)
+BEYOND = ((1.0, 1.0, 1.0, 1.0), (1.7, 1.0, 2.0, 9.0))
+
+
+def test_an_acceleration_is_scaled_axis_by_axis():
+    scale = AccelerationScale(5.0, 4.0, 3.0)
+    assert commanded_acceleration((0.5, -0.25, 1.0), scale) == (2.5, -1.0, 3.0)
+    assert commanded_acceleration((-1.5, 2.0, 1.0), scale) == (-5.0, 4.0, 3.0)
+
+
+def test_thrust_goes_from_the_least_to_the_most():
+    for action, thrust in ((-1.0, 2.0), (0.0, 7.0), (1.0, 12.0), (3.0, 12.0), (-3.0, 2.0)):
+        assert rates_on_board((action, 0.0, 0.0, 0.0), RATES).thrust == thrust
+        assert rates_from_the_ground((action, 0.0, 0.0, 0.0), State(*[0.0] * 12), RATES).thrust == thrust
+        assert commanded_attitude((action, 0.0, 0.0, 0.0), REFERENCE, AttitudeScale(THRUST, 0.5, 0.2))[0] == (thrust,)
+
+
+def test_an_attitude_looks_away_from_the_reference_s_yaw():
+    scale = AttitudeScale(THRUST, 0.5, 0.2)
+    commanded = commanded_attitude((0.0, 0.5, -1.0, 0.5), REFERENCE, scale)
+    np.testing.assert_allclose(commanded.attitude_command, [0.25, -0.5, 0.4])
+    assert commanded.body_rate_command == commanded.angular_acceleration_command == (0.0, 0.0, 0.0)
+    within, beyond = (commanded_attitude(action, REFERENCE, scale) for action in BEYOND)
+    assert within == beyond
+
+
+def test_rates_on_board_come_without_an_attitude():
+    assert rates_on_board((0.0, 0.2, -0.5, 1.0), RATES) == (7.0, 0.0, 0.0, 0.0, 1.0, -2.0, 2.0)
+    assert rates_on_board(BEYOND[0], RATES) == rates_on_board(BEYOND[1], RATES)
+
+
+def test_rates_from_the_ground_are_reached_as_a_lag_of_first_order():
+    """Euler's equations with the torque: ω̇ = k (ω_r - ω), whatever the rates are now."""
+    rates, inertia = np.array([0.7, -1.1, 0.4]), np.array(RATES.inertia)
+    measured = State(*[0.0] * 9, *rates)
+    wrench = rates_from_the_ground((0.0, 0.2, -0.5, 1.0), measured, RATES)
+    slope = (np.array(wrench[1:]) - np.cross(rates, inertia * rates)) / inertia
+    np.testing.assert_allclose(slope, np.array(RATES.gains) * (np.array([1.0, -2.0, 2.0]) - rates))
+
+
+@pytest.mark.parametrize("order", [(0, 1, 2, 3), (2, 0, 3, 1)])
+def test_the_wrench_of_speeds_is_that_of_each_rotor_s(order):
+    rng = np.random.default_rng(3)
+    matrix = rng.normal(size=(4, 4))
+    scale = SpeedScale(60.0, 300.0, PerRotor(*(Wrench(*row) for row in matrix)))
+    action = rng.uniform(-1.0, 1.0, 4)
+    speeds = 180.0 + 120.0 * action[list(order)]
+    np.testing.assert_allclose(wrench_of_speeds(tuple(action), scale, order), speeds**2 @ matrix, rtol=1e-12)
+    within, beyond = (wrench_of_speeds(each, scale, order) for each in BEYOND)
+    assert within == beyond

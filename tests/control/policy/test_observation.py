@@ -1,0 +1,86 @@
+"""What a policy sees, against Drake's rotations."""
+
+import numpy as np
+import pytest
+from pydrake.math import RollPitchYaw, RotationMatrix
+
+from drake_quad.control.policy.observation import (
+    SIGNALS_SEEN,
+    ObservationNumbers,
+    ObservationSpec,
+    num_observed,
+    observed,
+)
+from drake_quad.signals import Reference, RotorSpeed, State, Wind
+
+STATE = State(0.3, -0.2, 1.1, 0.4, -0.3, 0.7, 0.5, 0.6, -0.4, 1.1, -1.2, 1.3)
+REFERENCE = Reference(0.5, 0.1, 1.4, 0.2, -0.1, 0.3, 0.11, 0.12, 0.13, 0.9, 0.05)
+AHEAD = (0.6, 0.2, 1.5, 0.8, 0.1, 1.7)
+ROTORS, WIND, ACTION = RotorSpeed(100.0, 110.0, 120.0, 130.0), Wind(1.0, 2.0, -3.0), (0.1, -0.2, 0.3)
+ROTATION = RollPitchYaw(STATE[3:6]).ToRotationMatrix()
+
+
+def seen(name, frame="world", turn=0.0):
+    spec = ObservationSpec((name,), frame, 1, turn)
+    numbers = ObservationNumbers(200.0, ACTION)
+    rows = observed(STATE, REFERENCE, AHEAD, ROTORS, WIND, ACTION, numbers, lambda x, y, z: x + 10.0 * y - z, spec)
+    assert len(rows) == num_observed(spec, num_actions=3, num_ahead=2)
+    return np.array(rows)
+
+
+def axes_of(frame, turn=0.0):
+    """The rotation from the frame to W."""
+    return {
+        "world": RotationMatrix(),
+        "heading": RotationMatrix.MakeZRotation(STATE.yaw + turn),
+        "body": ROTATION @ RotationMatrix.MakeZRotation(turn),
+    }[frame]
+
+
+VECTORS = {
+    "position_error": np.subtract(REFERENCE[:3], STATE[:3]),
+    "velocity": STATE[6:9],
+    "velocity_error": np.subtract(REFERENCE[3:6], STATE[6:9]),
+    "reference_velocity": REFERENCE[3:6],
+    "reference_acceleration": REFERENCE[6:9],
+    "wind": WIND,
+}
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.6])
+@pytest.mark.parametrize("frame", ["world", "heading", "body"])
+def test_vectors_are_along_the_axes_of_the_frame(frame, turn):
+    to_frame = axes_of(frame, turn).inverse()
+    for name, vector in VECTORS.items():
+        np.testing.assert_allclose(seen(name, frame, turn), to_frame @ np.array(vector), atol=1e-14, err_msg=name)
+    ahead = [to_frame @ np.subtract(AHEAD[k : k + 3], STATE[:3]) for k in (0, 3)]
+    np.testing.assert_allclose(seen("reference_ahead", frame, turn), np.concatenate(ahead), atol=1e-14)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.6])
+def test_the_rotation_is_that_of_the_body_row_by_row(turn):
+    turned = RotationMatrix.MakeZRotation(turn)
+    body = ROTATION @ turned
+    for frame in ("world", "body"):
+        np.testing.assert_allclose(seen("rotation", frame, turn), body.matrix().ravel(), atol=1e-14)
+    without_yaw = axes_of("heading", turn).inverse() @ body
+    np.testing.assert_allclose(seen("rotation", "heading", turn), without_yaw.matrix().ravel(), atol=1e-14)
+    np.testing.assert_allclose(seen("body_rates", turn=turn), turned.inverse() @ np.array(STATE[9:]), atol=1e-14)
+
+
+def test_the_rest_is_as_it_is():
+    np.testing.assert_array_equal(seen("position", "body"), STATE[:3])
+    np.testing.assert_array_equal(seen("attitude", "body"), STATE[3:6])
+    np.testing.assert_allclose(seen("yaw_error"), [np.sin(0.2), np.cos(0.2)], atol=1e-15)
+    np.testing.assert_allclose(seen("rotor_speed"), [0.5, 0.55, 0.6, 0.65])
+    np.testing.assert_allclose(seen("clearance"), [0.3 - 2.0 - 1.1])
+    np.testing.assert_array_equal(seen("action"), ACTION)
+
+
+def test_signals_stand_in_their_order():
+    names = tuple(SIGNALS_SEEN)[::-1]
+    spec = ObservationSpec(names)
+    rows = observed(STATE, REFERENCE, AHEAD, ROTORS, WIND, ACTION, ObservationNumbers(200.0, ACTION), max, spec)
+    parts = [seen(name) for name in names]
+    parts[names.index("clearance")] = [1.1]
+    np.testing.assert_array_equal(rows, np.concatenate(parts))

@@ -1,0 +1,228 @@
+"""Policies as controllers: beside others of the same law, and a published one beside its package and simulator."""
+
+import csv
+
+import numpy as np
+import pytest
+from both_ways import assert_flights_alike, assert_flown_alike
+from pydrake.systems.framework import LeafSystem
+
+from drake_quad import InputError, load_scenario, run_monte_carlo, save_scenario, simulate
+from drake_quad.control.policy.network import passed
+from drake_quad.gym.rollout import action_source
+from drake_quad.gym.task import task_of
+from drake_quad.reference.plan import Plan
+from drake_quad.scenario import Batch
+from drake_quad.scenario.loading import with_fields
+
+K_P, K_D, MOST = np.array([1.2, 0.9, 4.0]), np.array([1.5, 1.3, 3.1]), np.array([4.0, 5.0, 6.0])
+
+
+def with_policy(scenario, arrays, folder, **control):
+    """A scenario under a network of these arrays."""
+    np.savez(folder / "net.npz", **arrays)
+    fields = {"kind": "policy", "policy": str(folder / "net.npz"), **control}
+    names = ("attitude", "thrust_vectoring")
+    kept = {name: getattr(scenario.control, name).model_dump(mode="json") for name in names}
+    path = folder / "scenario.yaml"
+    save_scenario(scenario, path)
+    return load_scenario(path, {"control": {**kept, **fields}})
+
+
+@pytest.fixture
+def pd(diagrams):
+    """A PD of the tracking error, in wind and noise."""
+    scenario = load_scenario(
+        diagrams / "laboratory.yaml:low_wind", {"duration": 4.0, "vehicle.mass": 0.7}, layers=["gains/laboratory"]
+    )
+    fields = {**scenario.control.model_dump(mode="json"), "network": None}
+    fields["position"] = {"kind": "pd", "k_p": K_P, "k_d": K_D, "derivative": "tracking_error", "feed_forward": "none"}
+    return with_fields(scenario, {"control": fields})
+
+
+def test_a_network_that_is_a_pd_flies_as_the_pd_does(pd, tmp_path):
+    """Through the same cascade, in the same wind and noise."""
+    weights = np.hstack([np.diag(K_P / MOST), np.diag(K_D / MOST)])
+    arrays = {"weights_0": weights, "biases_0": np.zeros(3)}
+    seen = {"signals": ["position_error", "velocity_error"]}
+    policy = with_policy(pd, arrays, tmp_path, action={"kind": "acceleration", "most": MOST}, observation=seen)
+    flown, expected = simulate(policy), simulate(pd)
+    for name in ("state", "wrench", "acceleration_command", "attitude_command"):
+        np.testing.assert_allclose(flown[name], expected[name], rtol=0.0, atol=1e-9)
+    np.testing.assert_allclose(flown.metrics.rmse, expected.metrics.rmse, rtol=1e-9)
+
+
+@pytest.mark.parametrize("action", ["attitude", "rates", "rotor_speeds", "acceleration"])
+def test_a_policy_flies_compiled_and_in_fleets_as_it_is_wired(action, tmp_path, diagrams):
+    """A network with memory and history, on the bad day of robustness.yaml."""
+    rng = np.random.default_rng(4)
+    rows = 3 if action == "acceleration" else 4
+    seen = {
+        "signals": ["reference_ahead", "rotation", "body_rates", "rotor_speed", "wind", "clearance", "action"],
+        "ahead": [0.1, 0.4],
+        "frame": "heading",
+        "history": 2,
+    }
+    size = 2 * (6 + 9 + 3 + 4 + 3 + 1 + rows)
+    arrays = {
+        "weights_0": 0.1 * rng.normal(size=(6, size)),
+        "biases_0": np.zeros(6),
+        "activation_0": np.array("silu"),
+        "weights_input_1": rng.normal(size=(9, 6)),
+        "biases_input_1": rng.normal(size=9),
+        "weights_hidden_1": rng.normal(size=(9, 3)),
+        "biases_hidden_1": rng.normal(size=9),
+        "weights_2": 0.05 * rng.normal(size=(rows, 3)),
+        "biases_2": 0.05 * rng.normal(size=rows),
+        "limit": np.array(3.0),
+    }
+    over = {"duration": 0.8, "control": load_scenario(diagrams / "laboratory.yaml:low_wind").control}
+    over["space"] = {"obstacles": {"ball": {"kind": "sphere", "centre": [3.0, 0.0, 1.0], "radius": 0.2}}}
+    scenario = load_scenario(diagrams / "robustness.yaml", over)
+    policy = with_policy(scenario, arrays, tmp_path, action={"kind": action}, observation=seen)
+    batch = Batch.draw(policy, range(10))
+    assert_flown_alike(batch)
+    alone = simulate(policy, sample=7)
+    study = run_monte_carlo(policy, 10, num_workers=1)
+    np.testing.assert_allclose(study.metrics.rmse[7], alone.metrics.rmse, rtol=1e-9)
+
+
+@pytest.mark.parametrize("vehicle", ["paper", "crazyflie", "racer"])
+def test_actions_of_rotor_speeds_are_the_speeds_that_rotors_are_told(vehicle, diagrams):
+    scenario = load_scenario("hover", {"duration": 0.4}, layers=[f"vehicles/{vehicle}"])
+    task = task_of(scenario, action={"kind": "rotor_speeds", "order": [3, 1, 4, 2]})
+    actions = np.random.default_rng(2).uniform(-0.9, 0.9, (20, 4))
+    flight = simulate(task, policy=action_source(actions, 0.02))
+    low, high = scenario.nominal.min_rotor_speed, scenario.nominal.max_rotor_speed
+    speeds = low + 0.5 * (actions[:, np.argsort([2, 0, 3, 1])] + 1.0) * (high - low)
+    # At a tick the recorder sees what the link sent out at the one before, which had been sent a tick before that.
+    told = flight["rotor_speed_command"][2:]
+    assert len(told) > 5
+    np.testing.assert_allclose(told, speeds[: len(told)], rtol=1e-9)
+
+
+def test_body_rates_are_reached_on_board_whatever_the_attitude(diagrams):
+    task = task_of(load_scenario("onboard", {"duration": 0.6}), action="rates")
+    actions = np.tile([0.0, 0.1, -0.05, 0.2], (30, 1))
+    flight = simulate(task, policy=action_source(actions, 0.02))
+    state = flight.record("state")
+    wanted = actions[0, 1:] * [6.0, 6.0, 3.0]
+    np.testing.assert_allclose([state.p[-1], state.q[-1], state.r[-1]], wanted, atol=0.08)
+    assert abs(state.roll[-1]) > 0.2
+    # Told attitudes, the same autopilot heeds them.
+    level = task_of(load_scenario("onboard", {"duration": 0.6}), action="attitude")
+    lean = simulate(level, policy=action_source(actions, 0.02)).record("state")
+    np.testing.assert_allclose([lean.roll[-1], lean.pitch[-1]], [0.06, -0.03], atol=0.02)
+
+
+def test_body_rates_are_reached_from_the_ground():
+    task = task_of(load_scenario("hover", {"duration": 1.0}), action="rates")
+    actions = np.tile([0.0, 0.1, -0.05, 0.2], (50, 1))
+    state = simulate(task, policy=action_source(actions, 0.02)).record("state")
+    np.testing.assert_allclose([state.p[-1], state.q[-1], state.r[-1]], [0.6, -0.3, 0.6], atol=0.03)
+
+
+@pytest.fixture(scope="module")
+def raptor():
+    return load_scenario("figure_eight", layers=["controllers/raptor:raptor"]).control.policy.network()
+
+
+def test_the_foundation_policy_does_what_its_package_does(raptor):
+    """On the example that the package brings, whose positions and velocities are the negative of our errors."""
+    package = pytest.importorskip("foundation_policy")
+    policy = package.Raptor()
+    policy.reset()
+    sign = np.repeat([-1.0, 1.0, -1.0, 1.0], [3, 9, 3, 7])
+    memory = raptor.memory
+    for inputs in np.random.default_rng(0).normal(size=(40, 22)):
+        step = passed(raptor, (sign * inputs).tolist(), memory)
+        memory = step.memory
+        np.testing.assert_allclose(step.output, policy.evaluate_step(inputs[None])[0], rtol=1e-5, atol=1e-5)
+
+
+def test_the_foundation_policy_flies_as_in_the_simulator_that_it_was_trained_in(root):
+    """The recorded flight of tests/data/raptor: back from an offset, of a vehicle with a Crazyflie's numbers."""
+    with (root / "tests/data/raptor/l2f.csv").open(encoding="utf-8") as file:
+        expected = np.array([[float(cell) for cell in row.values()] for row in csv.DictReader(file)])
+    vehicle = {
+        "layout": {"kind": "x", "length": 0.06506, "width": 0.06506, "rotor_1_turns": "anticlockwise"},
+        "mass": 0.0319,
+        "inertia": [1.68e-5, 1.68e-5, 2.98e-5],
+        "thrust_factor": 1.983e-8,
+        "drag_factor": 1.398e-10,
+        "min_rotor_speed": 0.0,
+        "max_rotor_speed": 2431.0,
+        "rotor_inertia": 0.0,
+    }
+    overrides = {"nominal": vehicle, "vehicle.rotor_time_constant": 0.05}
+    scenario = load_scenario("figure_eight", overrides, layers=["controllers/raptor:raptor"])
+
+    def prepare(simulator):
+        system = simulator.get_system().GetSubsystemByName("laboratory").GetSubsystemByName("vehicle")
+        context = system.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+        state = system.get_state(context, "state")
+        system.set_state(context, "state", state._replace(x=0.3, y=-0.2, z=0.1))
+
+    flight = simulate(scenario, plan=Plan.hover([0.0, 0.0, 0.0], duration=3.0), prepare=prepare, until=2.9)
+    ours = flight["state"][::10]
+    assert len(ours) == len(expected) == 30
+    # Its simulator computes in single precision, and the table has seven digits.
+    np.testing.assert_allclose(ours[:, :3], expected[:, 1:4], atol=2e-6)
+    np.testing.assert_allclose(ours[:, 6:9], expected[:, 13:16], atol=5e-6)
+    np.testing.assert_allclose(ours[:, 9:12], expected[:, 16:19], atol=5e-5)
+    np.testing.assert_allclose(flight["action"][::10].clip(-1.0, 1.0), expected[:, 19:], atol=2e-5)
+    assert np.linalg.norm(ours[-1, :3]) < 0.1 < np.linalg.norm(ours[0, :3])
+
+
+@pytest.mark.parametrize(
+    ("scenario", "layers", "most"),
+    [
+        ("figure_eight", ["controllers/raptor:raptor_plus"], 0.06),
+        ("figure_eight", ["vehicles/hummingbird", "controllers/raptor:raptor_plus"], 0.12),
+        ("figure_eight", ["vehicles/crazyflie", "controllers/raptor:raptor"], 0.25),
+        ("figure_eight", ["vehicles/racer", "controllers/raptor:raptor"], 0.12),
+    ],
+    ids=["paper", "hummingbird", "crazyflie", "racer"],
+)
+def test_the_foundation_policy_flies_the_vehicles_of_the_library(scenario, layers, most):
+    flight = simulate(load_scenario(scenario, layers=layers), compiled=True)
+    assert not flight.metrics.crashed
+    assert flight.metrics.rmse < most
+
+
+def test_a_policy_of_the_user_s_own_needs_a_place():
+    with pytest.raises(InputError, match="no place for a policy but in a control of kind policy"):
+        simulate(load_scenario("hover"), policy=action_source(np.zeros((2, 3)), 0.02))
+    task = task_of("hover")
+    with pytest.raises(InputError, match="the port .* of policy must have 3 rows, but has 4"):
+        simulate(task, policy=action_source(np.zeros((2, 4)), 0.02))
+    with pytest.raises(InputError, match="control.policy of hover is missing"):
+        simulate(task)
+
+
+def test_a_policy_in_plain_python_flies_as_a_network_does(tmp_path):
+    """A user's system from `observation` to `action`, alone; beside compiled systems, too."""
+
+    class Lean(LeafSystem):
+        def __init__(self):
+            super().__init__()
+            seen = self.DeclareVectorInputPort("observation", 6)
+
+            def act(context, output):
+                output.SetFromVector(0.1 * seen.Eval(context)[:3] + 0.05 * seen.Eval(context)[3:])
+
+            self.DeclareVectorOutputPort("action", 3, act)
+
+    hover = load_scenario("figure_eight", {"duration": 2.0})
+    task = task_of(hover, observation={"signals": ["position_error", "velocity_error"]})
+    wired, compiled = (simulate(task, policy=Lean(), compiled=compiled) for compiled in (False, True))
+    assert_flights_alike(compiled, wired)
+    arrays = {"weights_0": np.hstack([0.1 * np.eye(3), 0.05 * np.eye(3)]), "biases_0": np.zeros(3)}
+    network = with_policy(
+        hover,
+        arrays,
+        tmp_path,
+        action={"kind": "acceleration"},
+        observation={"signals": ["position_error", "velocity_error"]},
+    )
+    np.testing.assert_allclose(simulate(network)["state"], wired["state"], atol=1e-9)

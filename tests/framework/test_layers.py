@@ -1,0 +1,97 @@
+"""Layers of a network: a loop in machine code, and sums row by row everywhere else."""
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import AutoDiffXd
+
+from drake_quad.framework import elementary
+from drake_quad.framework.elementary import dense
+from drake_quad.framework.formulas import kernel
+from drake_quad.framework.records import rows_layout
+from drake_quad.framework.symbols import Matrix
+
+
+def squared(x):
+    return x * x
+
+
+def plain(x):
+    return x
+
+
+def matrix_of(outputs, inputs, seed=0):
+    rng = np.random.default_rng([outputs, inputs, seed])
+    return Matrix(rng.normal(size=(outputs, inputs)), rng.normal(size=outputs))
+
+
+def numbers_of(matrix):
+    biases, weights = zip(*matrix.biases_and_weights(), strict=True)
+    return np.array(weights), np.array(biases)
+
+
+@pytest.mark.parametrize("n", [1, 3, 8, 19])
+@pytest.mark.parametrize(("outputs", "inputs"), [(1, 1), (7, 3), (8, 5), (9, 24), (33, 2)])
+def test_machine_code_sums_as_python_does(outputs, inputs, n):
+    """To the last bit, for rows that fill a block of the loop and for those that do not."""
+    matrix = matrix_of(outputs, inputs)
+
+    def formula(rows):
+        return tuple(dense(matrix, rows, squared))
+
+    rows = np.random.default_rng(n).normal(size=(inputs, n))
+    found = np.empty(outputs * n)
+    kernel(formula, (rows_layout(inputs),), (rows_layout(outputs),), lone=n == 1)(n, 0.0, found, rows.ravel())
+    expected = np.array([formula(column.tolist()) for column in rows.T]).T
+    np.testing.assert_array_equal(found.reshape(outputs, n), expected)
+    weights, biases = numbers_of(matrix)
+    np.testing.assert_allclose(expected, (weights @ rows + biases[:, None]) ** 2, rtol=1e-12, atol=1e-14)
+
+
+def test_layers_follow_each_other_and_are_needed_only_where_something_needs_them():
+    """With one matrix for two layers, a row that is a constant, and a layer inside a branch."""
+    first, second = matrix_of(5, 3), matrix_of(4, 5)
+
+    def inner(x, y):
+        return tuple(dense(matrix_of(2, 2), [x, y], elementary.tanh))
+
+    def formula(rows):
+        hidden = dense(first, [rows[0], 0.5, rows[1]], elementary.tanh)
+        again = dense(first, [rows[1], rows[0], hidden[4]], elementary.tanh)
+        out = dense(second, again, plain)
+        some = elementary.where_needed(rows[0] > 0.0, inner, (out[0], out[2]), (7.0, -7.0))
+        return (*out, *some)
+
+    rows = np.random.default_rng(1).normal(size=(2, 21))
+    found = np.empty(6 * 21)
+    kernel(formula, (rows_layout(2),), (rows_layout(6),), lone=False)(21, 0.0, found, rows.ravel())
+    expected = np.array([formula(column.tolist()) for column in rows.T]).T
+    np.testing.assert_allclose(found.reshape(6, 21), expected, rtol=1e-14)
+    assert {*(expected[4] == 7.0).tolist()} == {True, False}
+
+
+def test_derivatives_are_those_of_the_matrix():
+    matrix = matrix_of(3, 2)
+    weights, _ = numbers_of(matrix)
+    rows = [AutoDiffXd(0.3, [1.0, 0.0]), AutoDiffXd(-0.2, [0.0, 1.0])]
+    found = dense(matrix, rows, elementary.tanh)
+    values = np.array([each.value() for each in dense(matrix, rows, plain)])
+    slopes = np.array([each.derivatives() for each in found])
+    np.testing.assert_allclose(slopes, (1.0 - np.tanh(values) ** 2)[:, None] * weights, rtol=1e-13)
+
+
+def test_matrices_are_equal_if_their_numbers_are():
+    assert matrix_of(3, 2) == matrix_of(3, 2)
+    assert hash(matrix_of(3, 2)) == hash(matrix_of(3, 2))
+    assert matrix_of(3, 2) != matrix_of(3, 2, seed=1)
+    weights, biases = numbers_of(matrix_of(3, 2))
+    assert Matrix(weights, biases) == matrix_of(3, 2)
+    assert Matrix(weights.T, biases[:2]) != matrix_of(3, 2)
+    assert len(repr(matrix_of(200, 200))) < 100
+
+
+def test_an_activation_takes_nothing_but_the_sum():
+    def formula(rows):
+        return tuple(dense(matrix_of(2, 2), rows, lambda x: x + rows[0]))
+
+    with pytest.raises(TypeError, match="must take all its rows"):
+        kernel(formula, (rows_layout(2),), (rows_layout(2),), lone=True)

@@ -1,0 +1,294 @@
+"""The vector environment: what Gymnasium asks of it, and what its vehicles fly."""
+
+import gymnasium
+import numpy as np
+import pytest
+from gymnasium.utils.env_checker import check_env, data_equivalence
+from gymnasium.utils.env_match import check_environments_match
+from gymnasium.vector import AutoresetMode
+from gymnasium.wrappers import vector as wrappers
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.gym import QuadrotorEnv, QuadrotorVectorEnv, TrackingReward
+from drake_quad.gym.rollout import action_source
+from drake_quad.laboratory.metrics import Metrics
+
+# What every vehicle sees and does differs, and many crash soon.
+TASK = {
+    "scenario": "robustness",
+    "overrides": {"duration": 1.5, "control": load_scenario("laboratory:low_wind").control},
+}
+ACTIONS = ("acceleration", "attitude", "rates", "rotor_speeds")
+
+
+def envs_of(n, **options):
+    return QuadrotorVectorEnv(**TASK, num_envs=n, **{"action": "rates", **options})
+
+
+def random_actions(envs, seed, steps, size=0.5):
+    shape = steps, envs.num_envs, envs.single_action_space.shape[0]
+    return np.random.default_rng(seed).uniform(-size, size, shape)
+
+
+def rollout(envs, actions, seed):
+    """All that comes out of an environment."""
+    seen, infos = envs.reset(seed=seed)
+    steps = [(seen, infos)]
+    for action in actions:
+        steps.append(envs.step(action))
+    return steps
+
+
+def columns(steps, place):
+    return np.array([step[place] for step in steps])
+
+
+@pytest.mark.parametrize("action", ACTIONS)
+def test_a_vehicle_flies_as_alone_under_drake_s_simulator(action):
+    """Every vehicle of a vector, in every episode: state, reference and observation at every tick, to 1e-9."""
+    seen = {"signals": ["position_error", "velocity_error", "rotation", "body_rates", "action", "wind"], "history": 2}
+    kept = []
+    envs = envs_of(
+        9, action=action, observation=seen, signals=["rotor_speed"], reward=lambda step: kept.append(step) or step.time
+    )
+    actions = random_actions(envs, 3, 190, 0.9 if action == "acceleration" else 0.4)
+    steps = rollout(envs, actions, seed=11)
+    over = [columns(steps[1:], place) for place in (2, 3)]
+    ended = over[0] | over[1]
+    episodes = 0
+    for vehicle in range(9):
+        first, sample = 0, 0
+        for last in [*np.flatnonzero(ended[:, vehicle]), len(actions) - 1]:
+            flown = actions[first : last + 1, vehicle]
+            flight = simulate(
+                envs.scenario,
+                seed=11 + vehicle,
+                sample=sample,
+                policy=action_source(flown, 0.02),
+                plan=envs.plan,
+                until=0.02 * len(flown),
+            )
+            for name in ("state", "reference", "rotor_speed"):
+                found = [
+                    np.array(getattr(step, name, None) or step.signals[name])[:, vehicle]
+                    for step in kept[first : last + 1]
+                ]
+                np.testing.assert_allclose(found[: len(flight.time) - 1], flight[name][1:], rtol=0.0, atol=1e-9)
+            found = [step[0][vehicle] for step in steps[first + 1 : last + 2]]
+            np.testing.assert_allclose(found[: len(flight.time) - 1], flight["observation"][1:], rtol=1e-6, atol=1e-6)
+            begun = steps[first][0][vehicle]
+            np.testing.assert_allclose(begun, flight["observation"][0], rtol=1e-6, atol=1e-6)
+            if last < len(actions) - 1 or ended[last, vehicle]:
+                assert over[0][last, vehicle] == flight.metrics.crashed
+                info = steps[last + 1][4]["flight"]
+                assert ("effort_x" in info) == (action == "acceleration")
+                for field in info.keys() & {*Metrics._fields}:
+                    np.testing.assert_allclose(info[field][vehicle], getattr(flight.metrics, field), rtol=1e-9)
+                episodes += 1
+            # The step after the last one is that of the new beginning.
+            first, sample = last + 2, sample + 1
+    assert episodes > 9
+    # By accelerations alone nothing crashes so soon.
+    assert over[0].any() == (action != "acceleration")
+
+
+def test_a_rollout_is_reproducible_from_its_seed_and_what_a_vehicle_flies_depends_on_no_other():
+    actions = random_actions(envs_of(12), 0, 120)
+    one, again = (rollout(envs_of(12), actions, seed=5) for _ in range(2))
+    for first, second in zip(one, again, strict=True):
+        assert data_equivalence(first, second, exact=True)
+    few = rollout(envs_of(3), actions[:, 4:7], seed=9)
+    for whole, part in zip(one, few, strict=True):
+        for place in range(4 if len(part) == 5 else 1):
+            np.testing.assert_array_equal(whole[place][4:7], part[place])
+    other = rollout(envs_of(12), actions, seed=6)
+    assert not np.array_equal(one[60][0], other[60][0])
+
+
+def test_seeds_may_be_given_one_by_one_and_some_vehicles_may_begin_anew():
+    envs = envs_of(4, autoreset_mode=AutoresetMode.DISABLED)
+    whole, _ = envs.reset(seed=[7, 8, 20, 21])
+    np.testing.assert_array_equal(whole[:2], envs_of(2).reset(seed=7)[0])
+    np.testing.assert_array_equal(whole[2:], envs_of(2).reset(seed=20)[0])
+    for action in random_actions(envs, 0, 3):
+        before, *_ = envs.step(action)
+    mask = np.array([False, True, False, True])
+    seen, infos = envs.reset(options={"reset_mask": mask}, seed=[None, 8, None, None])
+    assert infos == {}
+    np.testing.assert_array_equal(seen[~mask], before[~mask])
+    np.testing.assert_array_equal(seen[1], whole[1])
+    assert [envs.episode(i) for i in range(4)] == [(7, 0), (8, 0), (20, 0), (21, 1)]
+    after, *_ = envs.step(np.zeros((4, 4)))
+    assert (after != seen).any(axis=1).all()
+    # Without a seed all go on with their next episodes.
+    envs.reset()
+    assert [envs.episode(i).sample for i in range(4)] == [1, 1, 1, 2]
+
+
+def test_episodes_without_a_seed_begin_with_one_of_chance():
+    one, other = (envs_of(2).reset()[0] for _ in range(2))
+    assert not np.array_equal(one, other)
+
+
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_vehicles_begin_anew_when_gymnasium_wants_it(mode):
+    """The same episodes in both modes: what is seen first and last of each, and what they are worth."""
+    n, actions = 5, random_actions(envs_of(5), 2, 160)
+    envs, apart = envs_of(n, autoreset_mode=mode), [envs_of(1, autoreset_mode=AutoresetMode.DISABLED) for _ in range(n)]
+    assert envs.metadata["autoreset_mode"] is mode
+    seen, _ = envs.reset(seed=3)
+    lone = [each.reset(seed=3 + i)[0][0] for i, each in enumerate(apart)]
+    np.testing.assert_array_equal(seen, lone)
+    over, crashes, cuts = np.zeros(n, dtype=bool), 0, 0
+    for action in actions:
+        seen, rewards, terminations, truncations, infos = envs.step(action)
+        for i, each in enumerate(apart):
+            if mode is AutoresetMode.NEXT_STEP and over[i]:
+                expected, _ = each.reset()
+                np.testing.assert_array_equal(seen[i], expected[0])
+                assert (rewards[i], terminations[i], truncations[i]) == (0.0, False, False)
+                continue
+            last, reward, terminated, truncated, info = each.step(action[i : i + 1])
+            assert (rewards[i], terminations[i], truncations[i]) == (reward[0], terminated[0], truncated[0])
+            if not (terminated[0] or truncated[0]):
+                np.testing.assert_array_equal(seen[i], last[0])
+                continue
+            crashes, cuts = crashes + terminated[0], cuts + truncated[0]
+            assert infos["_flight"][i]
+            assert infos["flight"]["rmse"][i] == info["flight"]["rmse"][0]
+            if mode is AutoresetMode.SAME_STEP:
+                np.testing.assert_array_equal(infos["final_obs"][i], last[0])
+                assert infos["final_info"]["flight"]["rmse"][i] == info["flight"]["rmse"][0]
+                last, _ = each.reset()
+            np.testing.assert_array_equal(seen[i], last[0])
+        over = terminations | truncations
+        assert ("flight" in infos) == over.any()
+        if over.any():
+            np.testing.assert_array_equal(infos["_flight"], over)
+    assert crashes
+    assert cuts
+
+
+def test_a_flight_is_cut_off_at_its_end_and_goes_no_further():
+    envs = QuadrotorVectorEnv("hover", {"duration": 0.1}, num_envs=2, autoreset_mode=AutoresetMode.DISABLED)
+    envs.reset(seed=0)
+    ends = [envs.step(np.zeros((2, 3)))[2:4] for _ in range(7)]
+    assert [bool(cut.all()) for _, cut in ends] == [False] * 4 + [True] * 3
+    assert not any(crashed.any() for crashed, _ in ends)
+
+
+def test_gymnasium_s_own_checks_pass():
+    with pytest.warns(UserWarning, match="infinity|spec"):
+        check_env(QuadrotorEnv("robustness", TASK["overrides"], action="rates", render_mode="rgb_array"))
+    check_environments_match(*(QuadrotorEnv(action=action) for action in ("rates", "rates")), 40)
+
+
+def test_environments_are_registered_and_wrapped():
+    env = gymnasium.make("drake_quad/Track-v0", scenario="hover", action="attitude")
+    assert isinstance(env.unwrapped, QuadrotorEnv)
+    env.reset(seed=0)
+    env.step(env.action_space.sample())
+    envs = gymnasium.make_vec("drake_quad/Track-v0", num_envs=6, scenario="hover", overrides={"duration": 0.2})
+    assert isinstance(envs.unwrapped, QuadrotorVectorEnv)
+    envs = wrappers.RecordEpisodeStatistics(wrappers.NormalizeObservation(envs))
+    envs.reset(seed=0)
+    for _ in range(10):
+        seen, _, _, truncations, infos = envs.step(np.zeros(envs.action_space.shape, dtype=np.float32))
+    assert truncations.all()
+    assert envs.observation_space.contains(seen.astype(np.float32))
+    np.testing.assert_array_equal(infos["episode"]["l"], 10)
+    assert (infos["flight"]["rmse"] < 0.01).all()
+
+
+def test_spaces_are_those_of_the_scenario():
+    envs = envs_of(3, action={"kind": "acceleration", "most": [3, 3, 3]}, observation={"history": 4})
+    assert envs.single_observation_space.shape == (4 * (3 + 3 + 9 + 3 + 3 + 3),)
+    assert envs.action_space.shape == (3, 3)
+    assert envs.metadata["render_fps"] == 50
+    seen, *_ = rollout(envs, random_actions(envs, 0, 1), 0)[1]
+    assert seen.dtype == np.float32
+    assert envs.observation_space.contains(seen)
+    # A policy's scenario is an environment with what it sees and does.
+    raptor = load_scenario("figure_eight", layers=["controllers/raptor:raptor_plus"])
+    assert QuadrotorVectorEnv(raptor).single_observation_space.shape == (22,)
+
+
+def test_what_a_step_is_worth_and_when_it_ends_may_be_a_function():
+    def far(step):
+        return step.position_error > 0.5
+
+    def downwind(step):
+        assert step.signals["wind"].x.shape == (4,)
+        return -step.signals["wind"].x - (step.touched == 9)
+
+    envs = envs_of(4, reward=downwind, terminates=far, signals=["wind"], autoreset_mode=AutoresetMode.DISABLED)
+    envs.reset(seed=1)
+    distances = []
+    for action in random_actions(envs, 1, 70):
+        _, rewards, terminations, *_ = envs.step(action)
+        state, reference = envs._fleet.record("state"), envs._fleet.record("reference")
+        distances.append(np.linalg.norm(np.subtract(reference[:3], state[:3]), axis=0))
+        np.testing.assert_allclose(rewards, -envs._fleet.record("wind").x)
+        np.testing.assert_array_equal(terminations, distances[-1] > 0.5)
+    assert (np.array(distances) > 0.5).any()
+
+
+def test_the_reward_is_what_it_says():
+    reward = TrackingReward(tracking=2.0, length=0.5, effort=0.1, variation=0.2, crash=7.0, obstacle=3.0)
+    kept = []
+    envs = QuadrotorVectorEnv(
+        "figure_eight",
+        {"space.obstacles.ball": {"kind": "sphere", "centre": [0, 0, -0.5], "radius": 0.2}, "space.margin": 0.0},
+        plan=QuadrotorVectorEnv("figure_eight").plan,
+        num_envs=2,
+        reward=lambda step: kept.append(step) or reward(step),
+        autoreset_mode=AutoresetMode.DISABLED,
+    )
+    envs.reset(seed=0)
+    last = np.zeros((2, 3))
+    for k in range(60):
+        action = np.array([[0.0, 0.0, -0.1 * (k % 3)], [0.1, 0.2, 5.0]])
+        _, rewards, terminations, _, infos = envs.step(action)
+        step = kept[-1]
+        a, b = np.clip(action, -1.0, 1.0), np.clip(last, -1.0, 1.0)
+        np.testing.assert_array_equal(step.last_action, last)
+        expected = 2.0 * np.exp(-step.position_error / 0.5) - 0.1 * (a**2).sum(1) - 0.2 * ((a - b) ** 2).sum(1)
+        np.testing.assert_allclose(rewards, expected - terminations * 7.0 - 3.0 * (step.touched == 1))
+        last = action
+        if terminations.any():
+            break
+    assert terminations.tolist() == [True, False]
+    assert infos["flight"]["obstacle"].tolist() == [1, 0]
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (lambda: envs_of(0), "num_envs is 0, but must be at least 1"),
+        (lambda: envs_of(2, render_mode="human"), "render_mode is 'human', but must be None or one of"),
+        (lambda: envs_of(2, action="magic"), "control.action.kind is 'magic', but must be one of"),
+        (lambda: envs_of(2, observation={"history": 0}), "control.observation.history is 0"),
+        (lambda: envs_of(2, signals=["swing"]), "swing is no signal of this scenario, which has state, measurement"),
+        (lambda: QuadrotorVectorEnv("nowhere"), "nowhere"),
+        (
+            lambda: QuadrotorVectorEnv(load_scenario("hover"), {"duration": 1}),
+            "overrides are of a scenario that is loaded",
+        ),
+        (
+            lambda: QuadrotorVectorEnv("hover", {"laboratory.motion_capture.period": 0.04}),
+            "less often than every 0.02 s",
+        ),
+        (lambda: envs_of(2).step(np.zeros((2, 4))), "must be reset before its first step"),
+        (lambda: rollout(envs_of(2), [np.zeros((2, 3))], 0), r"the shape \(2, 3\), but must have \(2, 4\)"),
+        (lambda: rollout(envs_of(2), [np.full((2, 4), [[0.0], [np.nan]])], 0), "that of vehicle 1 is .nan, nan"),
+        (lambda: envs_of(2).reset(seed=-1), "seed is -1, but must be at least 0"),
+        (lambda: envs_of(2).reset(seed=[1, 2, 3]), "3 seeds are given, but there are 2 vehicles"),
+        (lambda: envs_of(2).reset(seed=0, options={"reset_mask": np.array([True, False])}), "all must begin once"),
+        (lambda: envs_of(2).reset(seed=0, options={"reset_mask": [1, 0]}), "reset_mask must be 2 truth values"),
+        (lambda: envs_of(2).flight(), "actions are not recorded"),
+        (lambda: QuadrotorEnv("hover").flight(), "vehicle 0 has not flown yet"),
+    ],
+)
+def test_what_is_wrong_is_said_in_a_sentence(make, words):
+    with pytest.raises(InputError, match=words):
+        make()

@@ -1,0 +1,302 @@
+"""Policies in the scenario language, and the files that their networks are read from."""
+
+import numpy as np
+import onnx
+import onnx.reference
+import pytest
+from onnx import TensorProto, helper
+
+from drake_quad import InputError, load_scenario, save_scenario
+from drake_quad.control.policy.network import passed
+
+POLICY = """
+mine:
+  extends: figure_eight
+  control:
+    kind: policy
+    policy: {file}
+    action: {{kind: acceleration}}
+    observation: {{signals: [position_error, velocity_error]}}
+    attitude: {{k_p: [8, 8, 8], k_d: [4, 4, 4]}}
+"""
+RNG = np.random.default_rng(5)
+ARRAYS = {
+    "weights_0": RNG.normal(size=(4, 6)),
+    "biases_0": RNG.normal(size=4),
+    "activation_0": np.array("tanh"),
+    "weights_1": RNG.normal(size=(3, 4)).astype(np.float32),
+    "biases_1": RNG.normal(size=3).astype(np.float32),
+}
+INPUTS = RNG.normal(size=6)
+
+
+def layer(activation, weights, biases, x):
+    return activation(weights @ x + biases)
+
+
+def identity(x):
+    return x
+
+
+@pytest.fixture
+def written(tmp_path):
+    """The scenario of a file of arrays, as it is written and loaded again."""
+
+    def write(arrays, **control):
+        np.savez(tmp_path / "net.npz", **arrays)
+        (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.npz"), encoding="utf-8")
+        return load_scenario(tmp_path / "mine.yaml", {f"control.{name}": value for name, value in control.items()})
+
+    return write
+
+
+def output(scenario, inputs=INPUTS):
+    network = scenario.control.policy.network()
+    return np.array(passed(network, inputs.tolist(), network.memory).output)
+
+
+def test_neurons_are_read_from_arrays(written):
+    expected = layer(
+        identity, ARRAYS["weights_1"], ARRAYS["biases_1"], layer(np.tanh, *list(ARRAYS.values())[:2], INPUTS)
+    )
+    scenario = written(ARRAYS)
+    np.testing.assert_allclose(output(scenario), expected, rtol=1e-12)
+    assert scenario.control.policy.precision == "double"
+    assert repr(scenario).count("control policy") == 1
+
+
+def test_what_single_precision_has_is_kept_in_single_precision(written):
+    single = {
+        name: values.astype(np.float32) if values.dtype.kind == "f" else values for name, values in ARRAYS.items()
+    }
+    scenario = written(single)
+    assert scenario.control.policy.precision == "single"
+    hidden = layer(np.tanh, single["weights_0"].astype(float), single["biases_0"], INPUTS)
+    expected = layer(identity, single["weights_1"].astype(float), single["biases_1"], hidden)
+    np.testing.assert_allclose(output(scenario), expected, rtol=1e-12)
+
+
+def test_a_scenario_is_written_with_its_network_and_read_again(written, tmp_path):
+    prepared = {"offset": RNG.normal(size=6), "scale": RNG.uniform(0.5, 2.0, 6), "limit": np.array(1.5)}
+    scenario = written({**ARRAYS, **prepared})
+    save_scenario(scenario, tmp_path / "again.yaml")
+    again = load_scenario(tmp_path / "again.yaml")
+    assert again == scenario
+    rows = np.clip((INPUTS - prepared["offset"]) * prepared["scale"], -1.5, 1.5)
+    np.testing.assert_allclose(output(again), output(written(ARRAYS), rows), rtol=1e-12)
+
+
+def test_recurrent_units_are_read_from_arrays(written):
+    gru = {
+        "weights_input_0": RNG.normal(size=(9, 6)),
+        "biases_input_0": RNG.normal(size=9),
+        "weights_hidden_0": RNG.normal(size=(9, 3)),
+        "biases_hidden_0": RNG.normal(size=9),
+    }
+    for initial in ({}, {"initial_0": np.array([0.1, -0.2, 0.3])}):
+        network = written({**gru, **initial}).control.policy.network()
+        assert network.memory == (tuple(initial.get("initial_0", np.zeros(3)).tolist()),)
+        h = np.array(network.memory[0])
+        new = (gru["weights_input_0"] @ INPUTS + gru["biases_input_0"]).reshape(3, 3)
+        old = (gru["weights_hidden_0"] @ h + gru["biases_hidden_0"]).reshape(3, 3)
+        r, z = 1.0 / (1.0 + np.exp(-(new[:2] + old[:2])))
+        expected = z * h + (1.0 - z) * np.tanh(new[2] + r * old[2])
+        np.testing.assert_allclose(passed(network, INPUTS.tolist(), network.memory).output, expected, rtol=1e-12)
+
+
+FLAWS = {
+    "no layers": ({}, "has no layers"),
+    "another array": ({**ARRAYS, "w": np.zeros(2)}, "has arrays that belong to no layer: w"),
+    "a strange part": ({**ARRAYS, "momentum_1": np.zeros(2)}, "belong to no layer: momentum_1"),
+    "no biases": ({"weights_0": np.zeros((3, 6))}, "has a layer without biases"),
+    "biases of another layer": (
+        {"weights_0": np.zeros((3, 6)), "biases_0": np.zeros(4)},
+        r"beside biases of shape \(4,\)",
+    ),
+    "words": ({"weights_0": np.array("many"), "biases_0": np.zeros(4)}, "has weights that are no numbers"),
+    "not finite": ({**ARRAYS, "biases_1": np.array([1.0, np.nan, 0.0])}, "not finite"),
+    "an activation": ({**ARRAYS, "activation_0": np.array("sine")}, "is no network: Input should be 'identity'"),
+    "too few rows": (
+        {"weights_0": np.zeros((3, 5)), "biases_0": np.zeros(3)},
+        r"policy .*must be a network with 6 rows of input for this observation and action, not 5",
+    ),
+    "too many actions": (
+        {"weights_0": np.zeros((4, 6)), "biases_0": np.zeros(4)},
+        r"must be a network with 3 rows of output for this observation and action, not 4",
+    ),
+    "layers that do not fit": (
+        {**ARRAYS, "weights_1": np.zeros((3, 5))},
+        "must be 4, which is what the layer before gives",
+    ),
+    "an offset of another size": (
+        {**ARRAYS, "offset": np.zeros(5)},
+        "must be 6 numbers, one for each row of the input",
+    ),
+    "too large": (
+        {
+            "weights_0": np.zeros((400, 6)),
+            "biases_0": np.zeros(400),
+            "weights_1": np.zeros((400, 400)),
+            "biases_1": np.zeros(400),
+        },
+        "may have 75000 numbers of single precision, not 163200",
+    ),
+}
+
+
+@pytest.mark.parametrize(("arrays", "words"), FLAWS.values(), ids=FLAWS)
+def test_what_is_wrong_with_a_network_is_said_in_a_sentence(written, arrays, words):
+    with pytest.raises(InputError, match=words) as error:
+        written(arrays)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "data", "words"),
+    [
+        ("net.npz", b"PK\x03\x04 and nothing more", "net.npz: is not an .npz file of arrays"),
+        ("net.npz", np.arange(3).tobytes(), "is not an .npz file of arrays"),
+        ("net.onnx", b"\x00\x01", "is not an ONNX model"),
+        ("net.npz", bytes(3_000_000), "is too large: a network may have 300,000 bytes"),
+    ],
+)
+def test_what_is_no_network_is_refused(tmp_path, name, data, words):
+    (tmp_path / name).write_bytes(data)
+    (tmp_path / "mine.yaml").write_text(POLICY.format(file=name), encoding="utf-8")
+    with pytest.raises(InputError, match=words):
+        load_scenario(tmp_path / "mine.yaml")
+    (tmp_path / name).unlink()
+    with pytest.raises(InputError, match="no such file"):
+        load_scenario(tmp_path / "mine.yaml")
+    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.pt"), encoding="utf-8")
+    with pytest.raises(InputError, match="its name must end in .npz or .onnx"):
+        load_scenario(tmp_path / "mine.yaml")
+
+
+def model_of(nodes, constants):
+    value = helper.make_tensor_value_info
+    graph = helper.make_graph(
+        nodes,
+        "policy",
+        [value("seen", TensorProto.FLOAT, [1, 6])],
+        [value("done", TensorProto.FLOAT, [1, 3])],
+        [onnx.numpy_helper.from_array(values.astype(np.float32), name) for name, values in constants.items()],
+    )
+    return helper.make_model(graph)
+
+
+@pytest.fixture
+def of_onnx(tmp_path):
+    def load(nodes, constants):
+        onnx.save(model_of(nodes, constants), tmp_path / "net.onnx")
+        (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
+        return load_scenario(tmp_path / "mine.yaml")
+
+    return load
+
+
+W, B = ARRAYS["weights_0"].astype(np.float32), ARRAYS["biases_0"].astype(np.float32)
+V, C = ARRAYS["weights_1"], ARRAYS["biases_1"]
+
+
+def test_onnx_is_read_as_its_own_evaluator_reads_it(of_onnx):
+    """Normalised by Sub, Div and Clip, with Gemm either way round, MatMul and Add, and what changes nothing."""
+    constants = {
+        "mean": RNG.normal(size=6),
+        "deviation": RNG.uniform(0.5, 2.0, 6),
+        "low": np.array(-0.9),
+        "high": np.array(0.9),
+        "W": W,
+        "B": B,
+        "V": V.T,
+        "C": C,
+        "gain": np.array([2.0, 3.0, 4.0]),
+        "half": np.array(0.5),
+    }
+    node = helper.make_node
+    nodes = [
+        node("Identity", ["seen"], ["same"]),
+        node("Sub", ["same", "mean"], ["centred"]),
+        node("Div", ["centred", "deviation"], ["normal"]),
+        node("Clip", ["normal", "low", "high"], ["within"]),
+        node("Gemm", ["within", "W", "B"], ["hidden"], transB=1, alpha=1.5, beta=0.5),
+        node("Relu", ["hidden"], ["active"]),
+        node("MatMul", ["active", "V"], ["product"]),
+        node("Add", ["product", "C"], ["sum"]),
+        node("Mul", ["sum", "gain"], ["scaled"]),
+        node("Sub", ["scaled", "half"], ["shifted"]),
+        node("Tanh", ["shifted"], ["done"]),
+    ]
+    found = output(of_onnx(nodes, constants))
+    evaluator = onnx.reference.ReferenceEvaluator(model_of(nodes, constants))
+    (expected,) = evaluator.run(None, {"seen": INPUTS[None].astype(np.float32)})
+    np.testing.assert_allclose(found, expected[0], rtol=2e-5)
+
+
+def test_recurrent_units_of_onnx_are_read_as_its_own_evaluator_reads_them(of_onnx):
+    units, shapes = 3, {"W": (1, 9, 6), "R": (1, 9, 3), "B": (1, 18)}
+    constants = {name: RNG.normal(size=shape) for name, shape in shapes.items()}
+    nodes = [helper.make_node("GRU", ["seen", "W", "R", "B"], ["", "done"], hidden_size=units, linear_before_reset=1)]
+    found = output(of_onnx(nodes, constants))
+    evaluator = onnx.reference.ReferenceEvaluator(model_of(nodes, constants))
+    (expected,) = evaluator.run(None, {"seen": INPUTS[None, None].astype(np.float32)})
+    np.testing.assert_allclose(found, expected.ravel(), rtol=1e-5)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "words"),
+    [
+        ([helper.make_node("Softmax", ["seen"], ["done"])], "has a node Softmax that is not known here"),
+        ([helper.make_node("Tanh", ["seen"], ["done"])], "has an activation tanh that follows no layer of neurons"),
+        (
+            [
+                helper.make_node("MatMul", ["seen", "W"], ["a"]),
+                helper.make_node("Tanh", ["a"], ["b"]),
+                helper.make_node("Mul", ["b", "W"], ["done"]),
+            ],
+            "has arithmetic behind an activation or a recurrent layer",
+        ),
+        (
+            [helper.make_node("GRU", ["seen", "W", "W"], ["", "done"], hidden_size=3)],
+            "the reset gate before the product",
+        ),
+    ],
+)
+def test_what_of_onnx_is_not_known_is_named(of_onnx, nodes, words):
+    with pytest.raises(InputError, match=words):
+        of_onnx(nodes, {"W": np.zeros((6, 3))})
+
+
+def test_the_field_of_a_scenario_that_is_wrong_is_named():
+    def policy(action="{kind: acceleration}", observation="{}", more=(), scenario="figure_eight"):
+        attitude = [] if scenario == "onboard" else ["control.attitude={k_p: [8, 8, 8], k_d: [4, 4, 4]}"]
+        control = f"control={{kind: policy, action: {action}, observation: {observation}}}"
+        return load_scenario(scenario, [control, *attitude, *more])
+
+    policy()
+    for given, words in [
+        ({"action": "{kind: rotor_speeds, order: [1, 2, 3, 3]}"}, "control.action.order .*each rotor from 1 to 4 once"),
+        (
+            {"action": "{kind: rates, min_thrust: 2.0}"},
+            "control.action.max_thrust is 2.0 by default, but must be larger",
+        ),
+        ({"action": "{kind: magic}"}, "control.action.kind is 'magic', but must be one of"),
+        ({"observation": "{signals: [wind, wind]}"}, "control.observation.signals .*must name each signal once"),
+        (
+            {"observation": "{signals: [reference_ahead]}"},
+            "control.observation.ahead .*with the signal reference_ahead",
+        ),
+        ({"observation": "{ahead: [0.1]}"}, "control.observation.ahead .*only then"),
+        ({"observation": "{signals: [attitude], turn: 0.1}"}, "control.observation.turn is 0.1, but must be 0"),
+        ({"observation": "{signals: [speed]}"}, "control.observation.signals.0 is 'speed'"),
+        ({"observation": "{history: 0}"}, "control.observation.history is 0"),
+        ({"more": ["control.attitude=null"]}, "control.attitude is missing"),
+        ({"action": "{kind: rates}", "more": ["control.attitude=null"]}, "control.action.k_rate is missing"),
+        (
+            {"action": "{kind: rotor_speeds}", "scenario": "onboard"},
+            "control.action.kind is '?rotor_speeds'?, but must not be",
+        ),
+        ({"scenario": "onboard", "more": ["control.attitude={k_p: [8, 8, 8], k_d: [4, 4, 4]}"]}, "must be left out"),
+    ]:
+        with pytest.raises(InputError, match=words):
+            policy(**given)
