@@ -39,11 +39,31 @@ from drake_quad.control.lqg.laws import LqgNumbers, TargetNumbers, ThrustNumbers
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.control.mpc.constraints import Corridor, Preview
 from drake_quad.control.mpc.system import PredictiveProgramme
+from drake_quad.control.policy.actions import (
+    AccelerationScale,
+    AttitudeScale,
+    PerRotor,
+    RatesScale,
+    SpeedScale,
+    ThrustRange,
+)
+from drake_quad.control.policy.actions import Inertia as BelievedInertia
+from drake_quad.control.policy.actuation import (
+    AccelerationActuation,
+    AttitudeActuation,
+    RatesFromTheGround,
+    RatesOnBoard,
+    RotorSpeedActuation,
+)
+from drake_quad.control.policy.network import Dense, Gru, Network
+from drake_quad.control.policy.observation import ObservationNumbers, ObservationSpec
+from drake_quad.control.policy.systems import Observation, Policy, build_policy_control
 from drake_quad.control.position import PdGains, ProportionalDerivative, build_position_controller
 from drake_quad.control.thrust_vectoring import ThrustLimits, ThrustVectoring, VectoringNumbers
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.framework.records import layout_of
+from drake_quad.framework.symbols import Matrix
 from drake_quad.laboratory.command_link import CommandLink, LinkNumbers
 from drake_quad.laboratory.flight_monitor import FlightMonitor
 from drake_quad.laboratory.laboratory import build_laboratory
@@ -240,6 +260,40 @@ ALL_ERRORS = {
 LOSSY = {"longest_delay": 3, "loses_packets": True}
 
 
+THRUSTS = ThrustRange(2.0, 12.0)
+RATES = RatesScale(THRUSTS, BodyRates(5.0, 4.0, 2.0), PerAngle(10.0, 9.0, 3.0), BelievedInertia(0.0065, 0.0085, 0.0126))
+SPEEDS = SpeedScale(
+    60.0,
+    300.0,
+    PerRotor(
+        Wrench(4.1e-5, 1.1e-6, -7.0e-6, 1.3e-6),
+        Wrench(4.2e-5, -7.1e-6, 1.2e-6, -1.4e-6),
+        Wrench(4.3e-5, 1.5e-6, 7.2e-6, 1.6e-6),
+        Wrench(4.4e-5, 7.3e-6, 1.7e-6, -1.8e-6),
+    ),
+)
+OBSERVED = ObservationNumbers(290.0, (0.1, -0.2, 0.3))
+SEEN = ObservationSpec(
+    ("position_error", "rotation", "reference_ahead", "rotor_speed", "wind", "action"), "body", 3, 0.4
+)
+SEES = {"spec": SEEN, "num_actions": 3, "num_ahead": 2}
+
+
+def _network_of(inputs, outputs) -> Network:
+    """With a layer of each kind."""
+    rng = np.random.default_rng(inputs)
+
+    def matrix(rows, columns) -> Matrix:
+        return Matrix(rng.normal(size=(rows, columns)), rng.normal(size=rows))
+
+    layers = (
+        Dense(matrix(5, inputs), "tanh"),
+        Gru(matrix(12, 5), matrix(12, 4), (0.1, 0.2, 0.3, 0.4)),
+        Dense(matrix(outputs, 4)),
+    )
+    return Network(layers, inputs, (0.1,) * inputs, (0.9,) * inputs, 3.0)
+
+
 def _loop(kind, measured, delay, seed) -> AxisLoop:
     """A loop of which no two numbers are alike."""
     rng = np.random.default_rng(seed)
@@ -297,6 +351,14 @@ FLEET_SYSTEMS = [
     Example(Broadcast, structure={"num_rows": 2}, num_vehicles=3),
     Example(CommandLink, LINK, LOSSY, num_vehicles=2),
     Example(CommandLink, LINK, whole=False),
+    Example(AccelerationActuation, AccelerationScale(5.0, 4.0, 3.0), num_vehicles=2),
+    Example(AttitudeActuation, AttitudeScale(THRUSTS, 0.6, 0.5), num_vehicles=2),
+    Example(RatesFromTheGround, RATES, num_vehicles=2),
+    Example(RatesOnBoard, RATES, num_vehicles=2),
+    Example(RotorSpeedActuation, SPEEDS, {"order": (2, 0, 3, 1)}, num_vehicles=2),
+    Example(Observation, OBSERVED, SEES, num_vehicles=2),
+    Example(Observation, OBSERVED, {"spec": ObservationSpec(("velocity",)), "num_actions": 3}, whole=False),
+    Example(Policy, structure={"network": _network_of(7, 3)}, num_vehicles=2),
     Example(CommandLink, TARGETS, {"signal": "attitude_target", **LOSSY}, num_vehicles=2, whole=False),
     Example(CommandLink, LINK._replace(delay_ticks=np.array([3.0, 1.0])), LOSSY, num_vehicles=2, whole=False),
     Example(DisturbanceEstimator, KALMAN, {"delay_ticks": 2}),
@@ -388,6 +450,15 @@ FLEET_SYSTEMS = [
 ]
 
 
+def _policy_control() -> Any:
+    spec = ObservationSpec(("position_error", "body_rates"))
+    return build_policy_control(
+        observation=Observation(spec=spec, num_actions=4, numbers=ObservationNumbers(290.0, (0.1, 0.2, 0.3, 0.4))),
+        policy=Policy(network=_network_of(6, 4)),
+        actuation=RatesFromTheGround(numbers=RATES),
+    )
+
+
 def _cascade() -> Any:
     return build_cascade(
         position=build_position_controller(ProportionalDerivative(numbers=GAINS)),
@@ -451,9 +522,13 @@ DIAGRAMS: list[tuple[Callable[..., Any], Callable[[], Any]]] = [
     (build_fuzzy_network, _network),
     (build_held_wind, lambda: build_held_wind(Along(), period=0.01)),
     (build_laboratory, _laboratory),
+    (build_policy_control, _policy_control),
     (build_position_controller, _corrected_pid),
     (build_wind, _wind),
-    (build_reference, lambda: build_reference(Plan.hover([0.0, 0.0, 1.0], duration=1.0), num_vehicles=2)),
+    (
+        build_reference,
+        lambda: build_reference(Plan.hover([0.0, 0.0, 1.0], duration=1.0), num_vehicles=2, ahead=[0.2, 0.5]),
+    ),
 ]
 
 SYSTEMS = [(each.system, each.make) for each in FLEET_SYSTEMS if each.whole] + DIAGRAMS

@@ -86,6 +86,12 @@ class Matrix:
         self.shape = self._numbers.shape[0], self._numbers.shape[1] - 1
         self._digest = hashlib.sha256(self._numbers.tobytes()).hexdigest()
 
+    @property
+    def num_rows(self) -> int:
+        """Rows of what it makes."""
+        rows, _ = self.shape
+        return rows
+
     def biases_and_weights(self) -> Iterator[tuple[float, list[float]]]:
         """Bias and weights of each row."""
         for bias, *weights in self._numbers.tolist():

@@ -6,11 +6,14 @@ from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
-from stable_baselines3.common.vec_env import VecEnv, VecNormalize
 
 from drake_quad.errors import InputError
+from drake_quad.extras import needed
 from drake_quad.gym.saving import Neurons, save_policy
 from drake_quad.gym.vector_env import QuadrotorVectorEnv
+
+needed("stable_baselines3", "learn")
+from stable_baselines3.common.vec_env import VecEnv, VecNormalize  # noqa: E402 - a sentence first if it is missing
 
 # Modules of PyTorch by the names that they have in a policy's file.
 _ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu", "Sigmoid": "sigmoid", "ELU": "elu", "SiLU": "silu"}

@@ -106,8 +106,8 @@ class Network(NamedTuple):
     @property
     def num_outputs(self) -> int:
         """Rows of the output."""
-        last = self.layers[-1]
-        return len(last.initial) if isinstance(last, Gru) else last.matrix.shape[0]
+        *_, last = self.layers
+        return len(last.initial) if isinstance(last, Gru) else last.matrix.num_rows
 
 
 class Step(NamedTuple):
@@ -154,10 +154,19 @@ def _prepared(network: Network, inputs: Sequence[Row]) -> list[Row]:
 
 def _recurrent(layer: Gru, rows: Sequence[Row], memory: Sequence[Row]) -> list[Row]:
     units = len(layer.initial)
-    new, old = dense(layer.of_input, rows, identity), dense(layer.of_memory, memory, identity)
-    reset, update = ([sigmoid(new[place + k] + old[place + k]) for k in range(units)] for place in (0, units))
+    new, old = (
+        _gates(dense(matrix, given, identity), units)
+        for matrix, given in ((layer.of_input, rows), (layer.of_memory, memory))
+    )
     found = []
-    for k in range(units):
-        proposed = tanh(new[2 * units + k] + reset[k] * old[2 * units + k])
-        found.append(update[k] * memory[k] + (1.0 - update[k]) * proposed)
+    for before, now, then in zip(memory, zip(*new, strict=True), zip(*old, strict=True), strict=True):
+        (r, z, n), (u_r, u_z, u_n) = now, then
+        update = sigmoid(z + u_z)
+        proposed = tanh(n + sigmoid(r + u_r) * u_n)
+        found.append(update * before + (1.0 - update) * proposed)
     return found
+
+
+def _gates(rows: Sequence[Row], units: int) -> list[Sequence[Row]]:
+    """Those of the reset gate, of the update gate and of what is proposed, each of so many units."""
+    return [rows[first : first + units] for first in range(0, len(rows), units)]

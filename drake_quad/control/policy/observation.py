@@ -47,7 +47,7 @@ class Seen(NamedTuple):
 
 
 def _position(seen: Seen) -> tuple[Row, ...]:
-    return seen.state[:3]
+    return seen.state.x, seen.state.y, seen.state.z
 
 
 def _position_error(seen: Seen) -> tuple[Row, ...]:
@@ -74,8 +74,8 @@ def _reference_acceleration(seen: Seen) -> tuple[Row, ...]:
 
 def _reference_ahead(seen: Seen) -> tuple[Row, ...]:
     rows: list[Row] = []
-    for place in range(0, len(seen.ahead), 3):
-        x, y, z = seen.ahead[place : place + 3]
+    coordinates = iter(seen.ahead)
+    for x, y, z in zip(coordinates, coordinates, coordinates, strict=True):
         rows += seen.turned(x - seen.state.x, y - seen.state.y, z - seen.state.z)
     return tuple(rows)
 

@@ -164,16 +164,14 @@ def build_policy_control(
         input_ports:
         - measurement
         - reference
-        - state
-        - action
         output_ports:
         - observation
         - action
         - wrench
 
     With an autopilot on board there is an `attitude_target` in place of the `wrench`. Where acceleration or attitude
-    are commanded, they are shown. There are inputs for what the observation looks at, among them `state` in place of
-    `measurement` if it sees the vehicle itself.
+    are commanded, they are shown. There are inputs for what the observation looks at, among them `state` if it sees the
+    vehicle itself, and `action` if there is no policy.
 
     Args:
         observation: an `Observation`.
