@@ -46,7 +46,7 @@ from drake_quad.studies import run_monte_carlo
 _DIAGRAMS = Path(__file__).parent.parent / "diagrams"
 _NETWORK = _DIAGRAMS / "controllers" / "paper.yaml:pd_t2fnn"
 # A laboratory with every imperfection.
-_EVERYTHING = [
+EVERYTHING = [
     "vehicle.mass={normal: {mean: 0.68, standard_deviation: 0.02, min: 0.6}}",
     "vehicle.inertia=[{uniform: {min: 0.0065, max: 0.0075}}, 0.007, 0.012]",
     "vehicle.thrust_factor_error=[0.002, -0.001, 0.001, 0.0]",
@@ -211,7 +211,7 @@ def print_flights(repetitions: int, sizes: Sequence[int]) -> None:
     """Prints how fast fleets fly, by their size, compiled and as they are wired."""
     ideal = load_scenario(_DIAGRAMS / "figure_eight.yaml")
     real, learning = (
-        load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", _EVERYTHING, layers=[layer])
+        load_scenario(_DIAGRAMS / "laboratory.yaml:nominal", EVERYTHING, layers=[layer])
         for layer in (_DIAGRAMS / "gains" / "laboratory.yaml", _NETWORK)
     )
     print("| | ideal laboratory | with every imperfection, noise and wind | and type-2 networks on X and Y |")
@@ -256,7 +256,7 @@ def with_rules(sets: int) -> Scenario:
 def print_controllers(repetitions: int) -> None:
     """Prints how fast fleets of 1,024 fly with costlier controllers, compiled, and the share of the network's speed."""
     size = 1024
-    laboratories: dict[str, tuple[str, list[str]]] = {"low_wind": ("low_wind", []), "all": ("nominal", _EVERYTHING)}
+    laboratories: dict[str, tuple[str, list[str]]] = {"low_wind": ("low_wind", []), "all": ("nominal", EVERYTHING)}
     costs: dict[str, list[list[float]]] = {}
     for laboratory, (name, overrides) in laboratories.items():
         flown = [

@@ -82,7 +82,7 @@ def piece_of(who: str, name: str) -> Piece | None:
     if kind == "python":
         soft = load_scenario(nominal, layers=[diagrams / "gains" / "laboratory.yaml"])
         return flights(who, soft, num_vehicles, position_controller=PlainPython(num_vehicles))
-    everything = load_scenario(nominal, benchmark._EVERYTHING, layers=[benchmark._NETWORK])
+    everything = load_scenario(nominal, benchmark.EVERYTHING, layers=[benchmark._NETWORK])
     return flights(who, everything, num_vehicles)
 
 

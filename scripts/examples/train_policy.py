@@ -1,6 +1,6 @@
-"""Trains a policy from nothing that hovers and tracks, in the ideal laboratory, and flies it there and in the wind.
+"""Trains a policy from nothing that hovers and tracks, and flies it in the ideal laboratory and in the wind.
 
-It needs Stable-Baselines3: pip install 'drake_quad[learn]'
+It needs Stable-Baselines3: pip install 'drake_quad[learn]'. Steps, laboratory and folder may be given.
 """
 
 import sys
@@ -13,14 +13,14 @@ from drake_quad import load_scenario, mean_interval, run_monte_carlo, simulate
 from drake_quad.gym import QuadrotorVectorEnv
 from drake_quad.gym.stable_baselines3 import StableVectorEnv, save_trained
 
-STEPS = int(sys.argv[1]) if len(sys.argv) > 1 else 3_000_000
-# So far off a vehicle begins anew: what it learns there is of no use.
+# Farther off a vehicle begins anew: what it learns there is of no use.
 CLOSE = {"crash.position_error": 1.0}
 
-if __name__ == "__main__":
-    envs = QuadrotorVectorEnv(
-        "figure_eight", CLOSE, num_envs=64, action="rates", autoreset_mode=AutoresetMode.SAME_STEP
-    )
+if __name__ == "__main__":  # worker processes import this file
+    given = [*sys.argv[1:], *["1000000", "figure_eight", "out/trained"][len(sys.argv) - 1 :]]
+    steps, laboratory, folder = int(given[0]), given[1], given[2]
+    same_step = AutoresetMode.SAME_STEP
+    envs = QuadrotorVectorEnv(laboratory, CLOSE, num_envs=64, action="rates", autoreset_mode=same_step)
     model = PPO(
         "MlpPolicy",
         VecNormalize(StableVectorEnv(envs), gamma=0.99),
@@ -33,11 +33,10 @@ if __name__ == "__main__":
         seed=0,
         device="cpu",
     )
-    model.learn(STEPS, progress_bar=False)
-    policy = save_trained(model, "out/trained")
+    policy = save_trained(model.learn(steps), folder)
     for name in ("figure_eight", "hover"):
         flight = simulate(load_scenario(name, layers=[policy]), compiled=True)
         print(f"RMSE, {name}: {100 * flight.metrics.rmse:.1f} cm")
-    windy = run_monte_carlo(load_scenario("laboratory:low_wind", layers=[policy]), 200)
-    print(f"RMSE, in low wind: {mean_interval(windy.metrics.rmse).text('.1f', unit='cm', size=0.01)}")
-    print(f"crashes there: {windy.metrics.crashed.sum()} of 200")
+    windy = run_monte_carlo(load_scenario("laboratory:low_wind", layers=[policy]), 200).metrics
+    print(f"RMSE, in low wind: {mean_interval(windy.rmse).text('.1f', unit='cm', size=0.01)}")
+    print(f"crashes there: {windy.crashed.sum()} of 200")

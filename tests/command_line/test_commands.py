@@ -704,6 +704,27 @@ def test_simulators_are_compared_as_far_as_they_are_there():
         assert told != bool(re.search(rf"^\| {package} ", result.stdout, re.MULTILINE))
 
 
+@pytest.mark.slow
+def test_environments_are_compared_as_far_as_they_are_there():
+    command = [sys.executable, str(ROOT / "scripts" / "compare_environments.py"), "--quick"]
+    result = subprocess.run(command, capture_output=True, text=True, timeout=240, check=True)
+    assert re.search(r"^\| drake_quad, everything \| [\d,]+ \|$", result.stdout, re.M)
+    told = "crazyflow is not installed, so it is not measured" in result.stderr
+    assert told != bool(re.search(r"^\| crazyflow ", result.stdout, re.MULTILINE))
+    first, last = map(float, re.search(r"time: ([\d.]+) MB .*, ([\d.]+) MB in all", result.stdout).groups())
+    assert last < 1.05 * first
+
+
+def test_the_weights_that_are_shipped_are_those_of_the_package(run, tmp_path):
+    pytest.importorskip("foundation_policy")
+    result = run("write_raptor.py", "--output", str(tmp_path))
+    assert result.returncode == 0, result.stderr
+    with np.load(tmp_path / "raptor.npz") as found, np.load(ROOT / "diagrams" / "policies" / "raptor.npz") as shipped:
+        assert found.files == shipped.files
+        for name in found.files:
+            np.testing.assert_array_equal(found[name], shipped[name])
+
+
 LOG = "tests/data/crazyflie/crazyswarm2/log100.xz"
 PX4 = "tests/data/px4/sample_px4_events.ulg.xz"
 

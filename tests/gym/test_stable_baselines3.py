@@ -1,0 +1,82 @@
+"""Training by Stable-Baselines3, where it is installed: pip install 'drake_quad[learn]'."""
+
+import re
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from gymnasium.vector import AutoresetMode
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.gym import QuadrotorVectorEnv
+
+stable_baselines3 = pytest.importorskip("stable_baselines3", reason="Stable-Baselines3 is not installed")
+wrappers = pytest.importorskip("stable_baselines3.common.vec_env")
+StableVectorEnv, save_trained = (
+    getattr(pytest.importorskip("drake_quad.gym.stable_baselines3"), name)
+    for name in ("StableVectorEnv", "save_trained")
+)
+
+# PyTorch warns of what is its own.
+pytestmark = pytest.mark.filterwarnings("ignore")
+
+
+def envs_of(n=6, **options):
+    options = {"autoreset_mode": AutoresetMode.SAME_STEP, **options}
+    return QuadrotorVectorEnv("laboratory:low_wind", {"duration": 1.0}, num_envs=n, action="rates", **options)
+
+
+def test_it_flies_as_the_environment_does():
+    ours, theirs = envs_of(), StableVectorEnv(envs_of())
+    theirs.seed(4)
+    seen, _ = ours.reset(seed=4)
+    np.testing.assert_array_equal(theirs.reset(), seen)
+    ended = 0
+    for k in range(80):
+        actions = np.random.default_rng(k).uniform(-0.5, 0.5, (6, 4)).astype(np.float32)
+        seen, rewards, terminations, truncations, infos = ours.step(actions)
+        found = theirs.step(actions)
+        np.testing.assert_array_equal(found[0], seen)
+        np.testing.assert_array_equal(found[1], rewards.astype(np.float32))
+        np.testing.assert_array_equal(found[2], terminations | truncations)
+        for i in np.flatnonzero(found[2]):
+            np.testing.assert_array_equal(found[3][i]["terminal_observation"], infos["final_obs"][i])
+            assert found[3][i]["TimeLimit.truncated"] == truncations[i]
+            assert found[3][i]["flight"]["rmse"] == infos["flight"]["rmse"][i]
+            ended += 1
+    assert ended > 6
+    with pytest.raises(InputError, match="autoreset_mode must be AutoresetMode.SAME_STEP"):
+        StableVectorEnv(envs_of(autoreset_mode=AutoresetMode.NEXT_STEP))
+
+
+@pytest.mark.parametrize("activation", ["Tanh", "ReLU"])
+def test_a_trained_policy_does_as_a_controller_what_it_did_for_its_model(activation, tmp_path):
+    torch = pytest.importorskip("torch")
+    envs = (
+        wrappers.VecNormalize(wrappers.VecMonitor(StableVectorEnv(envs_of(8))))
+        if activation == "Tanh"
+        else StableVectorEnv(envs_of(8))
+    )
+    kwargs = {"net_arch": [16, 8], "activation_fn": getattr(torch.nn, activation)}
+    model = stable_baselines3.PPO(
+        "MlpPolicy", envs, n_steps=32, batch_size=64, policy_kwargs=kwargs, seed=0, device="cpu"
+    )
+    model.learn(600)
+    flight = simulate(load_scenario("laboratory:low_wind", {"duration": 1.0}, layers=[save_trained(model, tmp_path)]))
+    if activation == "Tanh":
+        envs.training = False
+        normal = envs.normalize_obs(flight["observation"].astype(np.float32))
+    else:
+        normal = flight["observation"].astype(np.float32)
+    expected, _ = model.predict(normal, deterministic=True)
+    np.testing.assert_allclose(flight["action"].clip(-1.0, 1.0), expected, atol=1e-4)
+
+
+@pytest.mark.slow
+def test_the_example_trains_a_policy_that_hovers_and_tracks(root, tmp_path):
+    command = [sys.executable, str(root / "scripts" / "examples" / "train_policy.py"), "400000"]
+    printed = subprocess.run(command, check=True, capture_output=True, text=True, timeout=600, cwd=tmp_path).stdout
+    for name in ("figure_eight", "hover"):
+        assert float(re.search(rf"RMSE, {name}: ([\d.]+) cm", printed)[1]) < 15.0
