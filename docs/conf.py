@@ -42,6 +42,7 @@ smartquotes_action = "qe"  # options begin with two dashes
 html_show_sphinx = False
 default_role = "code"
 autodoc_member_order = "bysource"
+autodoc_mock_imports = ["stable_baselines3"]  # brings PyTorch with it
 autodoc_default_options = {"members": True}
 napoleon_google_docstring = True
 napoleon_numpy_docstring = False

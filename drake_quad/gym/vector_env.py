@@ -138,6 +138,8 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             InputError: a seed is negative or too large, or the mask is of another size.
         """
+        if isinstance(seed, np.integer):
+            seed = int(seed)
         given = [] if seed is None else [seed] if isinstance(seed, int) else [each for each in seed if each is not None]
         for each in given:
             if not 0 <= each < 2**63 - self.num_envs:
@@ -232,7 +234,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _seed(self, vehicles: np.ndarray, seed: Any) -> None:
         if seed is None:
             return
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int | np.integer) else list(seed)
+        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else list(seed)
         if len(seeds) != self.num_envs:
             raise InputError(f"{len(seeds)} seeds are given, but there are {self.num_envs} vehicles")
         given = [i for i in vehicles.tolist() if seeds[i] is not None]

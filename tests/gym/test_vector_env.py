@@ -109,7 +109,7 @@ def test_seeds_may_be_given_one_by_one_and_some_vehicles_may_begin_anew():
     envs = envs_of(4, autoreset_mode=AutoresetMode.DISABLED)
     whole, _ = envs.reset(seed=[7, 8, 20, 21])
     np.testing.assert_array_equal(whole[:2], envs_of(2).reset(seed=7)[0])
-    np.testing.assert_array_equal(whole[2:], envs_of(2).reset(seed=20)[0])
+    np.testing.assert_array_equal(whole[2:], envs_of(2).reset(seed=np.int64(20))[0])
     for action in random_actions(envs, 0, 3):
         before, *_ = envs.step(action)
     mask = np.array([False, True, False, True])

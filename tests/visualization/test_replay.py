@@ -240,7 +240,7 @@ def test_a_flight_is_shown_as_long_as_it_is_finite(tmp_path):
     assert f'max="{flight.time[-11]:.3f}"' in whole
     assert save_swarm({"diverged": [flight, flight]}, tmp_path / "swarm.html").exists()
     short = simulate(load_scenario("diagrams/hover.yaml", ["duration=0.02"]))
-    assert save_replay({"short": short}, tmp_path / "short.html").exists()
+    assert save_replay({"short": short}, tmp_path / "new" / "folder" / "short.html").exists()
 
 
 def test_a_story_tells_the_middle_of_many_flights(tmp_path):

@@ -1,8 +1,8 @@
 """A policy in the loop: what it sees, the network, and what its actions command.
 
-          ┌───────────── action ─────────────┐
-          ▼                                  │
-──▶ observation ──▶ policy ── action ──▶ actuation ──▶ ...
+    ──▶ observation ──▶ policy ── action ──▶ actuation ──▶ ...
+              ▲                      │
+              └──────────────────────┘
 """
 
 from collections.abc import Callable

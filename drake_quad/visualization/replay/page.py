@@ -11,7 +11,7 @@ from matplotlib.colors import to_hex, to_rgb
 from pydrake.geometry import Meshcat, MeshcatAnimation, Sphere
 from pydrake.math import RigidTransform
 
-from drake_quad.files import write_text
+from drake_quad.files import output_folder, write_text
 from drake_quad.flight import Flight
 from drake_quad.signals import RotorSpeed, State, Wind
 from drake_quad.visualization.places import places
@@ -45,7 +45,10 @@ def save_replay(flights: Mapping[str, Flight], path: Path | str) -> Path:
 
     Args:
         flights: by their names on the page. The trail of a single flight is coloured by its error.
-        path: of the file.
+        path: of the file, whose folder is made if need be.
+
+    Raises:
+        InputError: it cannot be written to.
     """
     meshcat = local_meshcat()
     flights = {name: _seen(flight) for name, flight in flights.items()}
@@ -87,7 +90,7 @@ def save_swarm(flights: Mapping[str, list[Flight]], path: Path | str) -> Path:
 
     Args:
         flights: by the name of their controller, each of which has a colour.
-        path: of the file.
+        path: as for `save_replay`.
     """
     meshcat = local_meshcat()
     flights = {name: [_seen(flight) for flight in group] for name, group in flights.items()}
@@ -229,12 +232,14 @@ def _publish(meshcat: Meshcat, animation: MeshcatAnimation) -> None:
 
 
 def _write(meshcat: Meshcat, path: Path | str, title: str, legend: str, duration: float, told: str) -> Path:
+    target = Path(path)
+    output_folder(target.parent)
     overlay = files(__package__).joinpath("overlay.html").read_text(encoding="utf-8")
     # The story comes last, so that no name in it is taken for a field.
     fields = {"title": html.escape(title), "legend": legend, "duration": f"{duration:.3f}", "story": told}
     for field, text in fields.items():
         overlay = overlay.replace(f"{{{field}}}", text, 1)
-    return write_text(Path(path), meshcat.StaticHtml().replace("</body>", f"{overlay}</body>"))
+    return write_text(target, meshcat.StaticHtml().replace("</body>", f"{overlay}</body>"))
 
 
 def _color_bar(top: float) -> str:
