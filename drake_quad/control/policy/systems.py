@@ -1,5 +1,7 @@
 """A policy in the loop: what it sees, the network, and what its actions command.
 
+What it did at the last tick is seen as well:
+
     ──▶ observation ──▶ policy ── action ──▶ actuation ──▶ ...
               ▲                      │
               └──────────────────────┘
