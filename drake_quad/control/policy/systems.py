@@ -1,6 +1,6 @@
 """A policy in the loop: what it sees, the network, and what its actions command.
 
-What it did at the last tick is seen as well:
+What it did at the last tick can be seen as well:
 
     ──▶ observation ──▶ policy ── action ──▶ actuation ──▶ ...
               ▲                      │
