@@ -134,13 +134,13 @@ class ClockedFleet:
     def shown(self, name: str) -> np.ndarray:
         """(N, rows) what a port, or a state of the judge, shows after a tick, given its name."""
         rows = self._loop.log[:, self.columns(name)]
-        return rows.transpose(0, 2, 1).reshape(-1, rows.shape[1])[: self.num_vehicles]
+        return np.array(rows.transpose(0, 2, 1), order="C").reshape(-1, rows.shape[1])[: self.num_vehicles]
 
     def record(self, name: str) -> Any:
         """The same as a record of (N,) rows."""
         first, layout = self._places[name]
         log, n = self._loop.log, self.num_vehicles
-        return layout.build([log[:, row].reshape(-1)[:n] for row in range(first, first + layout.num_rows)])
+        return layout.build([log[:, row].flatten()[:n] for row in range(first, first + layout.num_rows)])
 
     def _placed(self, shown: Sequence[str], judge: str) -> dict[str, tuple[int, Layout]]:
         """First row and layout of all that is shown."""

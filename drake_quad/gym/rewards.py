@@ -54,8 +54,8 @@ class TrackingReward:
 
         tracking exp(-|e| / length) - effort |a|² - variation |a - a'|² - crash - obstacle
 
-    with the position error e and the action a after a'. The last two are paid once, by whoever crashes; a crash into an
-    obstacle costs both.
+    with the position error e and the action a after a'. The last two are paid in each step after which a vehicle has
+    crashed: once, where a crash ends the flight. A crash into an obstacle costs both.
 
     Attributes:
         tracking: reward of a step without error.

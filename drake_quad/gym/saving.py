@@ -1,5 +1,6 @@
 """A policy that was trained in an environment, as a controller for scenarios."""
 
+import tempfile
 from collections.abc import Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
@@ -8,9 +9,10 @@ import numpy as np
 from ruamel.yaml import YAML
 
 from drake_quad.errors import InputError
-from drake_quad.files import output_folder, write_whole
+from drake_quad.files import output_folder
+from drake_quad.gym.env import QuadrotorEnv
 from drake_quad.gym.vector_env import QuadrotorVectorEnv
-from drake_quad.scenario import load_scenario
+from drake_quad.scenario import Scenario, load_scenario, save_scenario
 
 
 class Neurons(NamedTuple):
@@ -28,7 +30,7 @@ class Neurons(NamedTuple):
 
 
 def save_policy(
-    env: QuadrotorVectorEnv,
+    env: QuadrotorVectorEnv | QuadrotorEnv,
     layers: Sequence[Neurons],
     folder: Path | str,
     *,
@@ -50,27 +52,37 @@ def save_policy(
         The path of policy.yaml.
 
     Raises:
-        InputError: the folder cannot be written to, or the network is not one of this environment.
+        InputError: the folder cannot be written to, or the network is not one of this environment; what was in the
+            folder is there still.
     """
-    target = output_folder(Path(folder))
     given = {"offset": offset, "scale": scale, "limit": limit}
     arrays: dict[str, Any] = {name: np.asarray(each) for name, each in given.items() if each is not None}
     for k, (weights, biases, activation) in enumerate(layers):
         arrays |= {f"weights_{k}": weights, f"biases_{k}": biases, f"activation_{k}": np.array(activation)}
 
-    def write_arrays(path: Path) -> None:
-        with path.open("wb") as file:
-            np.savez(file, **arrays)
+    scenario = task_in(env)
+    fields = scenario.control.model_dump(mode="json", exclude={"policy"}, exclude_none=True)
+    target = output_folder(Path(folder))
+    with tempfile.TemporaryDirectory(dir=target) as temporary:
+        network, controller, task = (Path(temporary) / name for name in ("policy.npz", "policy.yaml", "task.yaml"))
+        np.savez(network, **arrays)
+        YAML().dump({"policy": {"control": {**fields, "policy": network.name}}}, controller)
+        save_scenario(scenario, task)
+        try:
+            load_scenario(task, layers=[controller])
+        except InputError as error:
+            raise InputError(f"the network cannot be flown: {str(error).replace(temporary, str(target))}") from None
+        network.replace(target / network.name)
+        return controller.replace(target / controller.name)
 
-    def write_scenario(path: Path) -> None:
-        control: Any = env.scenario.control
-        fields = control.model_dump(mode="json", exclude={"policy"}, exclude_none=True)
-        YAML().dump({"policy": {"control": {**fields, "policy": "policy.npz"}}}, path)
 
-    write_whole(target / "policy.npz", write_arrays)
-    path = write_whole(target / "policy.yaml", write_scenario)
-    try:
-        load_scenario("figure_eight", layers=[path])
-    except InputError as error:
-        raise InputError(f"the network cannot be flown: {error}") from None
-    return path
+def task_in(env: Any) -> Scenario:
+    """The scenario of an environment of ours, perhaps within wrappers of Gymnasium.
+
+    Raises:
+        InputError: it is none of ours.
+    """
+    own = getattr(env, "unwrapped", env)
+    if not isinstance(own, QuadrotorEnv | QuadrotorVectorEnv):
+        raise InputError(f"a {type(own).__name__} is no environment of drake_quad.gym")
+    return own.scenario

@@ -13,7 +13,7 @@ from drake_quad.assembly.planning import flight_duration, nominal_parameters, pl
 from drake_quad.assembly.policy import hovering_action, policy_rows
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.compilation.clocked_fleet import ClockedFleet
-from drake_quad.errors import InputError, listed
+from drake_quad.errors import InputError, listed, shortened
 from drake_quad.flight import Flight
 from drake_quad.gym.episodes import Episode, Episodes
 from drake_quad.gym.rewards import Reward, Termination, TrackingReward, Transition, has_crashed
@@ -184,12 +184,13 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         step = self._transition(actions)
         self._last_action = actions
         seen = step.observation
-        rewards = np.asarray(self._reward(step), dtype=float)
-        terminations = np.array(self._terminates(step), dtype=bool)
+        rewards = self._judged(self._reward(step), "reward", float)
+        terminations = self._judged(self._terminates(step), "terminates", bool)
         truncations = ~terminations & (fleet.clocks >= self._num_ticks)
         if self._mode is AutoresetMode.NEXT_STEP and self._is_over.any():
             again = np.flatnonzero(self._is_over)
             rewards[again], terminations[again], truncations[again] = 0.0, False, False
+            seen = seen.copy()
             seen[again] = self._begin(again)
         over = terminations | truncations
         if over.any():
@@ -244,8 +245,24 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Lets vehicles begin their next episodes, and returns the (k, rows) that they see."""
         begun = self._episodes.begin(vehicles)
         self._fleet.place(vehicles, begun)
+        self._is_over[vehicles] = False
+        # Whoever was shown these keeps what was shown.
+        self._last_action = self._last_action.copy()
         self._last_action[vehicles] = self._hovering
         return begun.shown[:, self._fleet.columns("observation")].astype(np.float32)
+
+    def _judged(self, found: Any, name: str, kind: type) -> np.ndarray:
+        """What a function of a transition has returned, as the environment's own."""
+        try:
+            values: np.ndarray = np.array(found, dtype=kind)
+        except (TypeError, ValueError):
+            values = np.empty(0)
+        if values.shape != (self.num_envs,) or found is None:
+            raise InputError(f"{name} must return {self.num_envs} numbers, but returned {shortened(repr(found), 80)}")
+        if not np.isfinite(values).all():
+            vehicle, *_ = np.flatnonzero(~np.isfinite(values)).tolist()
+            raise InputError(f"{name} must return finite numbers, but returned {values[vehicle]} of vehicle {vehicle}")
+        return values
 
     def _transition(self, actions: np.ndarray) -> Transition:
         fleet = self._fleet

@@ -1,5 +1,6 @@
 """Episodes that are flown again, frames, and policies that are saved."""
 
+import gymnasium
 import numpy as np
 import pytest
 
@@ -76,5 +77,19 @@ def test_a_network_is_saved_as_a_controller_that_does_what_it_did(tmp_path):
     flight = simulate(load_scenario("figure_eight", {"duration": 3.0}, layers=[path]), compiled=True)
     np.testing.assert_allclose(flight.metrics.rmse, infos["flight"]["rmse"][0], rtol=1e-4)
     assert flight.metrics.rmse < 0.3
-    with pytest.raises(InputError, match="cannot be flown: .*24 rows of input"):
-        save_policy(envs, [Neurons(gains[:, 1:], np.zeros(3))], tmp_path / "other")
+    before = path.with_suffix(".npz").read_bytes()
+    with pytest.raises(InputError, match="cannot be flown: .*24 rows of input") as wrong:
+        save_policy(envs, [Neurons(gains[:, 1:], np.zeros(3))], tmp_path / "mine")
+    assert str(path.parent) in str(wrong.value)
+    assert path.with_suffix(".npz").read_bytes() == before
+    assert sorted(each.name for each in path.parent.iterdir()) == ["policy.npz", "policy.yaml"]
+
+
+@pytest.mark.parametrize("action", ["acceleration", "attitude", "rates"])
+def test_a_policy_for_an_autopilot_is_saved(action, tmp_path):
+    env = gymnasium.make("drake_quad/Track-v0", scenario="onboard", action=action)
+    rows, size = env.action_space.shape[0], env.observation_space.shape[0]
+    path = save_policy(env, [Neurons(np.zeros((rows, size)), np.zeros(rows))], tmp_path)
+    assert load_scenario("onboard", layers=[path]).control.action.kind == action
+    with pytest.raises(InputError, match="a dict is no environment of drake_quad.gym"):
+        save_policy({}, [], tmp_path)

@@ -1,5 +1,8 @@
 """The vector environment: what Gymnasium asks of it, and what its vehicles fly."""
 
+import copy
+import itertools
+
 import gymnasium
 import numpy as np
 import pytest
@@ -23,6 +26,11 @@ ACTIONS = ("acceleration", "attitude", "rates", "rotor_speeds")
 
 def envs_of(n, **options):
     return QuadrotorVectorEnv(**TASK, num_envs=n, **{"action": "rates", **options})
+
+
+def flown_with(**functions):
+    envs = envs_of(2, **functions)
+    return rollout(envs, [np.zeros((2, 4))], 0)
 
 
 def random_actions(envs, seed, steps, size=0.5):
@@ -233,6 +241,44 @@ def test_what_a_step_is_worth_and_when_it_ends_may_be_a_function():
     assert (np.array(distances) > 0.5).any()
 
 
+@pytest.mark.parametrize("n", [1, 8, 9])
+def test_a_transition_stays_what_it_was(n):
+    kept, copies = [], []
+
+    def reward(step):
+        kept.append(step)
+        copies.append(copy.deepcopy(step))
+        return np.zeros(n)
+
+    envs = envs_of(n, reward=reward, signals=["wind"])
+    ended = columns(rollout(envs, random_actions(envs, 2, 120), seed=1)[1:], 2)
+    assert ended[:-1].any()
+    for step, before in zip(kept, copies, strict=True):
+        assert data_equivalence(tuple(step), tuple(before), exact=True)
+    assert any((one.state.z != other.state.z).any() for one, other in itertools.pairwise(kept))
+
+
+@pytest.mark.parametrize("mask", [None, [False, True, True]])
+def test_a_reset_forgets_whose_episode_was_over(mask):
+    envs = envs_of(3, action="rotor_speeds")
+    options = None if mask is None else {"reset_mask": np.array(mask)}
+    envs.reset(seed=4)
+    while not envs.step(-np.ones((3, 4)))[2].all():
+        pass
+    begun = [envs.episode(i).sample for i in range(3)]
+    envs.reset(seed=9, options=options)
+    action = np.full((3, 4), 0.1)
+    seen, rewards, *_ = envs.step(action)
+    again = envs_of(3, action="rotor_speeds")
+    again.reset(seed=9)
+    expected, worth, *_ = again.step(action)
+    new = np.ones(3, dtype=bool) if mask is None else np.array(mask)
+    np.testing.assert_array_equal(seen[new], expected[new])
+    np.testing.assert_array_equal(rewards[new], worth[new])
+    assert (rewards[~new] == 0.0).all()
+    assert [envs.episode(i).sample for i in range(3)] == [0 if new[i] else begun[i] + 1 for i in range(3)]
+
+
 def test_the_reward_is_what_it_says():
     reward = TrackingReward(tracking=2.0, length=0.5, effort=0.1, variation=0.2, crash=7.0, obstacle=3.0)
     kept = []
@@ -285,6 +331,10 @@ def test_the_reward_is_what_it_says():
         (lambda: envs_of(2).reset(seed=[1, 2, 3]), "3 seeds are given, but there are 2 vehicles"),
         (lambda: envs_of(2).reset(seed=0, options={"reset_mask": np.array([True, False])}), "all must begin once"),
         (lambda: envs_of(2).reset(seed=0, options={"reset_mask": [1, 0]}), "reset_mask must be 2 truth values"),
+        (lambda: flown_with(reward=lambda step: step.observation), r"reward must return 2 numbers, but returned array"),
+        (lambda: flown_with(reward=lambda step: None), "reward must return 2 numbers, but returned None"),
+        (lambda: flown_with(reward=lambda step: [0.0, np.nan]), "finite numbers, but returned nan of vehicle 1"),
+        (lambda: flown_with(terminates=lambda step: False), "terminates must return 2 numbers, but returned False"),
         (lambda: envs_of(2).flight(), "actions are not recorded"),
         (lambda: QuadrotorEnv("hover").flight(), "vehicle 0 has not flown yet"),
     ],
