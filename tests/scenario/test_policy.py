@@ -233,6 +233,124 @@ def test_onnx_is_read_as_its_own_evaluator_reads_it(of_onnx):
     np.testing.assert_allclose(found, expected[0], rtol=2e-5)
 
 
+def layers_of(*, first=("seen", "hidden"), activation=(("Tanh", ["hidden"], ["active"]),), last="done"):
+    """Two layers, of which the first reads and writes `first`, with nodes between them."""
+    begin = helper.make_node("Gemm", [first[0], "W", "B"], [first[1]], transB=1)
+    between = [each if not isinstance(each, tuple) else helper.make_node(*each) for each in activation]
+    return [begin, *between, helper.make_node("Gemm", ["active", "V", "C"], [last], transB=1)]
+
+
+NODE = helper.make_node
+MORE = {
+    "W": W,
+    "B": B,
+    "V": V,
+    "C": C,
+    "one": np.array(1.0),
+    "two": np.array([2.0]),
+    "minus": np.array(-1.0),
+    "half": np.array(0.5),
+    "U": RNG.normal(size=(6, 6)),
+    "D": RNG.normal(size=6),
+}
+
+
+@pytest.mark.parametrize(
+    "nodes",
+    [
+        # Beside the chain: the value of an actor-critic, before or after it.
+        [*layers_of(), NODE("Gemm", ["active", "V", "C"], ["value"], transB=1)],
+        [NODE("Gemm", ["seen", "U", "D"], ["other"], transB=1), NODE("Tanh", ["other"], ["value"]), *layers_of()],
+        # SiLU as PyTorch writes it, and gates the other way round.
+        layers_of(activation=[("Sigmoid", ["hidden"], ["gate"]), ("Mul", ["hidden", "gate"], ["active"])]),
+        layers_of(activation=[("Sigmoid", ["hidden"], ["gate"]), ("Mul", ["gate", "hidden"], ["active"])]),
+        # Arithmetic of one number on the input.
+        [NODE("Sub", ["one", "seen"], ["a"]), NODE("Mul", ["two", "a"], ["b"]), *layers_of(first=("b", "hidden"))],
+        # Weights that are computed.
+        [
+            NODE("Transpose", ["W"], ["W_turned"], perm=[1, 0]),
+            NODE("Constant", [], ["quarter"], value_float=0.25),
+            NODE("Mul", ["seen", "quarter"], ["less"]),
+            NODE("MatMul", ["less", "W_turned"], ["product"]),
+            NODE("Add", ["B", "product"], ["hidden"]),
+            *layers_of()[1:],
+        ],
+        # Actions within their limits, where ours are limited anyway.
+        [*layers_of(last="sum"), NODE("Clip", ["sum", "minus", "one"], ["done"])],
+    ],
+)
+def test_only_what_the_action_needs_is_read_of_onnx(of_onnx, nodes):
+    constants = {**MORE, "V": 0.1 * V, "C": 0.1 * C}
+    found = output(of_onnx(nodes, constants))
+    evaluator = onnx.reference.ReferenceEvaluator(model_of(nodes, constants))
+    (expected,) = evaluator.run(None, {"seen": INPUTS[None].astype(np.float32)})
+    np.testing.assert_allclose(found, expected[0], rtol=2e-5)
+
+
+@pytest.mark.parametrize(
+    ("nodes", "words"),
+    [
+        (
+            layers_of(activation=[("Tanh", ["hidden"], ["a"]), ("Add", ["a", "hidden"], ["active"])]),
+            "has branches that meet in a node Add",
+        ),
+        (
+            layers_of(activation=[NODE("Elu", ["hidden"], ["active"], alpha=0.5)]),
+            "has an activation Elu with an alpha of 0.5, not 1",
+        ),
+        (
+            layers_of(activation=[NODE("Cast", ["hidden"], ["active"], to=TensorProto.INT32)]),
+            "has a Cast to numbers that are not of single or double precision",
+        ),
+        (
+            [
+                NODE("Clip", ["seen", "minus", "one"], ["a"]),
+                NODE("Clip", ["a", "minus", "one"], ["b"]),
+                *layers_of(first=("b", "hidden")),
+            ],
+            "limits its input twice",
+        ),
+        (
+            [
+                NODE("Clip", ["seen", "minus", "one"], ["a"]),
+                NODE("Mul", ["a", "two"], ["b"]),
+                *layers_of(first=("b", "hidden")),
+            ],
+            "has arithmetic behind the limit of its input",
+        ),
+        (layers_of(activation=[("Clip", ["hidden", "minus", "one"], ["active"])]), "has a Clip that is neither of"),
+        (layers_of(activation=[("Add", ["hidden", "C"], ["active"])]), "arithmetic of other than . numbers behind"),
+        ([NODE("Add", ["seen", "C"], ["a"]), *layers_of(first=("a", "hidden"))], "3 rows|different sizes|must be 6"),
+        ([NODE("Div", ["one", "seen"], ["a"]), *layers_of(first=("a", "hidden"))], "divides by zero, or by what"),
+        ([NODE("MatMul", ["seen", "D"], ["done"])], r"weights of shape \(6,\), but they must be a matrix"),
+        ([NODE("Identity", ["C"], ["done"])], "has an output that does not depend on its input seen"),
+        ([NODE("Nonsense", ["C"], ["done"])], "has a node Nonsense of constants that cannot be computed"),
+        (
+            [NODE("GRU", ["seen", "W", "B"], ["", "done"], linear_before_reset=1, activations=["Sigmoid", "Relu"])],
+            "has a GRU with activations of its own",
+        ),
+        ([NODE("GRU", ["seen", "W", "B"], ["", "done"], linear_before_reset=1)], "has a GRU without weights"),
+    ],
+)
+def test_what_would_be_read_wrongly_of_onnx_is_refused(of_onnx, nodes, words):
+    with pytest.raises(InputError, match=words) as wrong:
+        of_onnx(nodes, MORE)
+    assert "\n" not in str(wrong.value)
+
+
+def test_onnx_is_whole_and_has_one_output(of_onnx, tmp_path):
+    model = model_of(layers_of(), MORE)
+    onnx.save(model, tmp_path / "net.onnx", save_as_external_data=True, location="net.onnx.data", size_threshold=0)
+    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
+    with pytest.raises(InputError, match="keeps its numbers in another file; export it with external_data=False"):
+        load_scenario(tmp_path / "mine.yaml")
+    two = model_of([*layers_of(), NODE("Tanh", ["done"], ["value"])], MORE)
+    two.graph.output.append(helper.make_tensor_value_info("value", TensorProto.FLOAT, [1, 3]))
+    onnx.save(two, tmp_path / "net.onnx")
+    with pytest.raises(InputError, match="has the outputs done, value, but must have one"):
+        load_scenario(tmp_path / "mine.yaml")
+
+
 def test_recurrent_units_of_onnx_are_read_as_its_own_evaluator_reads_them(of_onnx):
     units, shapes = 3, {"W": (1, 9, 6), "R": (1, 9, 3), "B": (1, 18)}
     constants = {name: RNG.normal(size=shape) for name, shape in shapes.items()}
