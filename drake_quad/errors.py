@@ -1,5 +1,6 @@
 """The error that a person can cause, and how its sentence shows what was written."""
 
+from numbers import Integral
 from typing import Any
 
 # Characters of an error message: a sentence, even with a long path in it.
@@ -14,6 +15,27 @@ class InputError(ValueError):
 
     def __init__(self, message: str) -> None:
         super().__init__(shortened(message, _MOST))
+
+
+def whole_number(value: Any, name: str, *, least: int, most: int | None = None) -> int:
+    """A whole number that a caller gave.
+
+    Args:
+        value: that was given.
+        name: of the argument.
+        least: that it may be.
+        most: that it may be, if there is a limit.
+
+    Raises:
+        InputError: it is none, or out of bounds.
+    """
+    bounds = f"at least {least}" if most is None else f"from {least} to {most}"
+    if isinstance(value, bool) or not isinstance(value, Integral):
+        raise InputError(f"{name} is {shown(value)}, but must be a whole number, {bounds}")
+    number = int(value)
+    if number < least or (most is not None and number > most):
+        raise InputError(f"{name} is {number}, but must be {bounds}")
+    return number
 
 
 def shortened(text: str, most: int = 60) -> str:

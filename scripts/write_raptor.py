@@ -31,12 +31,7 @@ def main() -> None:
     options.add_argument("--output", default="out/policies", help="folder to write to (default out/policies)")
     folder = output_folder(Path(options.parse_args().output))
     arrays = network_of(needed("foundation_policy", "test").Raptor())
-
-    def write(path: Path) -> None:
-        with path.open("wb") as file:
-            np.savez(file, **arrays)
-
-    print_files([write_whole(folder / "raptor.npz", write)])
+    print_files([write_whole(folder / "raptor.npz", lambda path: np.savez(path, **arrays))])
 
 
 def network_of(raptor: Any) -> dict[str, Any]:

@@ -63,11 +63,11 @@ def policy_recipes(batch: Batch) -> dict[str, Recipe]:
     control = scenario.control
     assert isinstance(control, PolicyControl)
     believed, period = nominal_parameters(scenario), scenario.laboratory.command_link.period
-    space = space_of(scenario) if "clearance" in control.observation.signals else None
     clearance = None
     if "clearance" in control.observation.signals:
-        solids = () if space is None else tuple([obstacle.shape for obstacle in space.obstacles])
-        clearance = Clearance(solids, 0.0 if space is None else space.radius)
+        space = space_of(scenario)
+        assert space is not None
+        clearance = Clearance(tuple([obstacle.shape for obstacle in space.obstacles]), space.radius)
     structure = {
         "period": period,
         "spec": control.observation.spec(),

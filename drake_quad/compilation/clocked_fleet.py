@@ -17,6 +17,9 @@ from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.framework.records import Layout, layout_of
 from drake_quad.signals import SIGNALS
 
+# First row and layout, by the name.
+_Places = dict[str, tuple[int, Layout]]
+
 
 class Beginnings(NamedTuple):
     """Vehicles at time zero.
@@ -78,7 +81,7 @@ class ClockedFleet:
         diagram: of systems that can be compiled, for any number of vehicles, with one input port.
         tick: s; all that happens in the diagram must happen in each.
         num_ticks: that a clock can count; at the last it stays.
-        shown: names of the diagram's output ports.
+        shown: names of the diagram's output ports, each once.
         judge: path of the system whose next discrete state is shown, too.
 
     Attributes:
@@ -96,18 +99,23 @@ class ClockedFleet:
         loop, shared = program.tick(instants, ports, judge)
         self.num_vehicles, self._loop, self._last = program.num_vehicles, loop, num_ticks
         self._table = program.table(shared, program.times(0, instants, num_ticks + 1))
-        self._places = self._placed(shown, judge)
+        self._ports, self._judged = self._placed(shown, judge)
         self._all_clocks = loop.clocks.reshape(-1)
         self.clocks = self._all_clocks[: self.num_vehicles]
         self._held = np.zeros((self._all_clocks.size, program.sizes.inputs))
 
     def place(self, vehicles: np.ndarray, begun: Beginnings) -> None:
-        """Lets k vehicles begin anew, given their numbers."""
+        """Lets vehicles begin anew.
+
+        Args:
+            vehicles: (k,) their numbers.
+            begun: (k, rows) how each of them begins.
+        """
         loop = self._loop
         vectors, lanes = np.divmod(vehicles, loop.lanes)
         self.clocks[vehicles] = 0
         loop.log[vectors, : begun.shown.shape[1], lanes] = begun.shown
-        # Lanes without a vehicle do what the last one does.
+        # Lanes without a vehicle begin as the last one does: their numbers are good, and nobody looks at them.
         used = self.num_vehicles - loop.lanes * (len(loop.state) - 1)
         for rows, new in ((loop.state, begun.state), (loop.parameters, begun.parameters)):
             rows[vectors, :, lanes] = new
@@ -127,30 +135,38 @@ class ClockedFleet:
         np.minimum(self._all_clocks + 1, self._last, out=self._all_clocks)
 
     def columns(self, name: str) -> slice:
-        """Where among all that is shown a port stands, or a state of the judge, given its name."""
-        first, layout = self._places[name]
+        """Where among all that is shown a port stands, given its name."""
+        first, layout = self._ports[name]
         return slice(first, first + layout.num_rows)
 
-    def shown(self, name: str) -> np.ndarray:
-        """(N, rows) what a port, or a state of the judge, shows after a tick, given its name."""
+    def shown(self, name: str, dtype: Any = float) -> np.ndarray:
+        """(N, rows) what a port shows after a tick, given its name, as numbers of a kind."""
         rows = self._loop.log[:, self.columns(name)]
-        return np.array(rows.transpose(0, 2, 1), order="C").reshape(-1, rows.shape[1])[: self.num_vehicles]
+        return np.array(rows.transpose(0, 2, 1), dtype, order="C").reshape(-1, rows.shape[1])[: self.num_vehicles]
 
     def record(self, name: str) -> Any:
         """The same as a record of (N,) rows."""
-        first, layout = self._places[name]
+        return self._record(*self._ports[name])
+
+    def judged(self, name: str) -> Any:
+        """What a state of the judge will be, given its name, as a record of (N,) rows."""
+        return self._record(*self._judged[name])
+
+    def _record(self, first: int, layout: Layout) -> Any:
         log, n = self._loop.log, self.num_vehicles
         return layout.build([log[:, row].flatten()[:n] for row in range(first, first + layout.num_rows)])
 
-    def _placed(self, shown: Sequence[str], judge: str) -> dict[str, tuple[int, Layout]]:
-        """First row and layout of all that is shown."""
-        layouts = {}
+    def _placed(self, shown: Sequence[str], judge: str) -> tuple[_Places, _Places]:
+        """Where ports stand, and where the judge's states."""
+        ports = []
         for name in shown:
             kind, size = SIGNALS[name], self._program.diagram.GetOutputPort(name).size() // self.num_vehicles
-            layouts[name] = layout_of(kind, None if hasattr(kind, "_fields") else (0.0,) * size)
+            ports.append(layout_of(kind, None if hasattr(kind, "_fields") else (0.0,) * size))
         system: FleetSystem = self._program.topology.leaves[judge]
         written = {write.name for update in system.updates for write in update.computation.writes}
         groups = sorted(system.states.values(), key=lambda group: int(group.index or 0))
-        layouts |= {group.name: group.layout for group in groups if group.name in written}
-        firsts = itertools.accumulate((layout.num_rows for layout in layouts.values()), initial=0)
-        return {name: (first, layout) for first, (name, layout) in zip(firsts, layouts.items(), strict=False)}
+        states = {group.name: group.layout for group in groups if group.name in written}
+        layouts = [*ports, *states.values()]
+        firsts = itertools.accumulate((layout.num_rows for layout in layouts), initial=0)
+        places = [*zip(firsts, layouts, strict=False)]
+        return dict(zip(shown, places, strict=False)), dict(zip(states, places[len(shown) :], strict=True))

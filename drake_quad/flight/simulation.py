@@ -52,13 +52,13 @@ def simulate(
         plan: flown instead of that of the scenario's route.
         compiled: whether the diagram is compiled to machine code first, as for studies; else it flies as it is wired,
             where every port and every state can be looked into at any time.
-        until: when to stop, s; at the end of the flight if not given.
+        until: when to stop, s; at the end of the flight if not given, and no later.
         prepare: called with Drake's simulator before it flies, to set a monitor or a rate of real time.
         progress: called now and then with the time flown and the time to fly, s.
 
     Raises:
         InputError: the scenario holds a distribution and no sample is given, the rotors cannot fly the route, the
-            metric window lies beyond the flight, or a continuous state changes too fast.
+            metric window or `until` lies beyond the flight, or a continuous state changes too fast.
     """
     sample = scenario.sample if sample is None else sample
     if sample is None:
@@ -66,6 +66,10 @@ def simulate(
     drawn = Batch.draw(scenario, [sample or 0], seed=seed).scenario_of(0)
     batch = Batch(drawn, (sample or 0,), {})
     plan = plan or plan_route(drawn)
+    end = flight_duration(drawn, plan)
+    # The last tick may be a little later than the end.
+    if until is not None and not 0.0 < until < end + drawn.laboratory.command_link.period:
+        raise InputError(f"until is {until}, but must be larger than 0 and at most the end of the flight, {end:g} s")
     own = UserSystems(position_controller, control, wind, policy)
     simulation = simulate_fleet(batch, plan, own=own, record=True, compiled=compiled)
     simulator = simulation.simulator
@@ -76,7 +80,7 @@ def simulate(
     if prepare is not None:
         prepare(simulator)
     try:
-        simulation.fly(flight_duration(drawn, plan) if until is None else until, progress=progress)
+        simulation.fly(end if until is None else until, progress=progress)
     except RuntimeError as error:
         if _TOO_FAST not in str(error):
             raise

@@ -12,10 +12,19 @@ gymnasium = needed("gymnasium", "gym")
 
 from drake_quad.gym.env import QuadrotorEnv  # noqa: E402 - a sentence first if Gymnasium is missing
 from drake_quad.gym.rewards import TrackingReward, Transition, has_crashed  # noqa: E402
-from drake_quad.gym.saving import save_policy  # noqa: E402
+from drake_quad.gym.saving import Layer, save_policy, torch_layers  # noqa: E402
 from drake_quad.gym.vector_env import QuadrotorVectorEnv  # noqa: E402
 
-__all__ = ["QuadrotorEnv", "QuadrotorVectorEnv", "TrackingReward", "Transition", "has_crashed", "save_policy"]
+__all__ = [
+    "Layer",
+    "QuadrotorEnv",
+    "QuadrotorVectorEnv",
+    "TrackingReward",
+    "Transition",
+    "has_crashed",
+    "save_policy",
+    "torch_layers",
+]
 
 gymnasium.register(
     id="drake_quad/Track-v0",

@@ -1,5 +1,6 @@
 """One vehicle as an environment of Gymnasium."""
 
+from pathlib import Path
 from typing import Any
 
 import gymnasium
@@ -11,6 +12,7 @@ from drake_quad.gym.episodes import Episode
 from drake_quad.gym.vector_env import QuadrotorVectorEnv
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Scenario
+from drake_quad.scenario.loading import Overrides
 
 
 class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
@@ -29,7 +31,12 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     metadata: dict[str, Any] = {"render_modes": QuadrotorVectorEnv.metadata["render_modes"]}  # noqa: RUF012
 
     def __init__(
-        self, scenario: Any = "figure_eight", overrides: Any = (), *, record: bool = True, **options: Any
+        self,
+        scenario: Scenario | str | Path = "figure_eight",
+        overrides: Overrides = (),
+        *,
+        record: bool = True,
+        **options: Any,
     ) -> None:
         self._vector = QuadrotorVectorEnv(
             scenario, overrides, num_envs=1, record=record, autoreset_mode=AutoresetMode.DISABLED, **options
@@ -52,16 +59,25 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
     def reset(
         self, *, seed: int | None = None, options: dict[str, Any] | None = None
     ) -> tuple[np.ndarray, dict[str, Any]]:
-        """Begins the next episode, or with a seed that seed's first."""
-        super().reset(seed=seed)
-        if seed is None and not self._vector.has_begun:
-            seed = int(self.np_random.integers(2**31))
-        observation, infos = self._vector.reset(seed=seed)
+        """Begins the next episode, or with a seed that seed's first.
+
+        Returns:
+            The (rows,) observation and no infos.
+
+        Raises:
+            InputError: the seed is no whole number, negative or too large.
+        """
+        observation, infos = self._vector.reset(seed=None if seed is None else [seed])
+        super().reset(seed=None if seed is None else int(seed))
         return observation[0], infos
 
     def step(self, action: np.ndarray) -> tuple[np.ndarray, float, bool, bool, dict[str, Any]]:
-        """Flies for a tick; arguments and results are those of Gymnasium."""
-        observation, rewards, terminations, truncations, infos = self._vector.step(np.asarray(action)[np.newaxis])
+        """Flies for a tick; the (rows,) action and the results are those of Gymnasium.
+
+        Raises:
+            InputError: the action has another shape or is not finite, or there was no reset before.
+        """
+        observation, rewards, terminations, truncations, infos = self._vector.step([action])
         info = {}
         if infos:
             flight = infos["flight"]

@@ -36,16 +36,24 @@ class Tape:
         for vehicle, episode in zip(vehicles.tolist(), episodes, strict=True):
             self._ended[vehicle] = episode, self._actions[: clocks[vehicle], vehicle].copy()
 
-    def actions(self, vehicle: int, clocks: np.ndarray, episode: Episode) -> tuple[Episode, np.ndarray]:
-        """The last episode of a vehicle that has ended, or else the one that it flies, and its (ticks, rows) actions.
+    def actions(self, vehicle: int, clock: int, episode: Episode, *, ended_first: bool) -> tuple[Episode, np.ndarray]:
+        """An episode of a vehicle, and its (ticks, rows) actions.
+
+        Args:
+            vehicle: its number.
+            clock: ticks that it has flown.
+            episode: that it flies.
+            ended_first: whether the last one that has ended is preferred to the one that it flies.
 
         Raises:
             InputError: it has not flown yet.
         """
-        found = self._ended[vehicle] or (episode, self._actions[: clocks[vehicle], vehicle].copy())
-        if not len(found[1]):
+        ended, flown = self._ended[vehicle], (episode, self._actions[:clock, vehicle].copy())
+        if ended is not None and (ended_first or not clock):
+            return ended
+        if not clock:
             raise InputError(f"vehicle {vehicle} has not flown yet")
-        return found
+        return flown
 
 
 def fly_again(scenario: Scenario, plan: Plan, episode: Episode, actions: np.ndarray) -> Flight:
@@ -56,6 +64,9 @@ def fly_again(scenario: Scenario, plan: Plan, episode: Episode, actions: np.ndar
         plan: of the environment.
         episode: to fly.
         actions: (ticks, rows) of its ticks; the last one is held.
+
+    Returns:
+        The flight, as long as there are actions.
     """
     tick = scenario.laboratory.command_link.period
     return simulate(
@@ -69,7 +80,15 @@ def fly_again(scenario: Scenario, plan: Plan, episode: Episode, actions: np.ndar
 
 
 def action_source(actions: np.ndarray, tick: float) -> Any:
-    """A system with the actions (ticks, rows) of one tick after another, the last of which is held."""
+    """A system that takes the actions of a flight.
+
+    Args:
+        actions: (ticks, rows) of one tick after another; the last one is held.
+        tick: of the control, s.
+
+    Returns:
+        A `TrajectorySource`, whose output are the rows.
+    """
     # In the middle between two ticks they change, so that each tick sees its own.
     breaks = (np.arange(len(actions) + 1) - 0.5) * tick
     values = np.vstack([actions, actions[-1:]]).T

@@ -1,22 +1,35 @@
 """A policy that was trained in an environment, as a controller for scenarios."""
 
 import tempfile
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import Any, NamedTuple
 
 import numpy as np
 from ruamel.yaml import YAML
 
+from drake_quad.control.policy.network import Activation, Dense, Network, passed
 from drake_quad.errors import InputError
 from drake_quad.files import output_folder
+from drake_quad.framework.symbols import Matrix
 from drake_quad.gym.env import QuadrotorEnv
 from drake_quad.gym.vector_env import QuadrotorVectorEnv
 from drake_quad.scenario import Scenario, load_scenario, save_scenario
 
+# Modules of PyTorch by the names that they have in a policy's file.
+_ACTIVATIONS: dict[str, Activation] = {
+    "Tanh": "tanh",
+    "ReLU": "relu",
+    "Sigmoid": "sigmoid",
+    "ELU": "elu",
+    "SiLU": "silu",
+}
+# Those that do nothing to an observation, or nothing when no one learns.
+_SILENT = ("Flatten", "Identity", "Dropout")
 
-class Neurons(NamedTuple):
-    """A layer of a network.
+
+class Layer(NamedTuple):
+    """A layer of neurons.
 
     Attributes:
         weights: (outputs, inputs).
@@ -26,12 +39,12 @@ class Neurons(NamedTuple):
 
     weights: np.ndarray
     biases: np.ndarray
-    activation: str = "identity"
+    activation: Activation = "identity"
 
 
 def save_policy(
     env: QuadrotorVectorEnv | QuadrotorEnv,
-    layers: Sequence[Neurons],
+    layers: Sequence[Layer],
     folder: Path | str,
     *,
     offset: np.ndarray | None = None,
@@ -57,12 +70,23 @@ def save_policy(
     """
     given = {"offset": offset, "scale": scale, "limit": limit}
     arrays: dict[str, Any] = {name: np.asarray(each) for name, each in given.items() if each is not None}
-    for k, (weights, biases, activation) in enumerate(layers):
+    for k, layer in enumerate(layers):
+        weights, biases, activation = Layer(*layer)
         arrays |= {f"weights_{k}": weights, f"biases_{k}": biases, f"activation_{k}": np.array(activation)}
 
     scenario = task_in(env)
-    fields = scenario.control.model_dump(mode="json", exclude={"policy"}, exclude_none=True)
+    fields = scenario.control.model_dump(mode="json", exclude={"policy"})
     target = output_folder(Path(folder))
+    try:
+        return _written(arrays, fields, scenario, target)
+    except OSError as error:
+        raise InputError(
+            f"the policy cannot be written to {target}: {(error.strerror or str(error)).lower()}"
+        ) from None
+
+
+def _written(arrays: dict[str, Any], fields: dict[str, Any], scenario: Scenario, target: Path) -> Path:
+    """Writes a policy where it is tried first, and then to its folder."""
     with tempfile.TemporaryDirectory(dir=target) as temporary:
         network, controller, task = (Path(temporary) / name for name in ("policy.npz", "policy.yaml", "task.yaml"))
         np.savez(network, **arrays)
@@ -74,6 +98,49 @@ def save_policy(
             raise InputError(f"the network cannot be flown: {str(error).replace(temporary, str(target))}") from None
         network.replace(target / network.name)
         return controller.replace(target / controller.name)
+
+
+def torch_layers(modules: Iterable[Any]) -> list[Layer]:
+    """The layers of a network of PyTorch.
+
+    Args:
+        modules: one after another, as a `torch.nn.Sequential` has them: Linear, and Tanh, ReLU, Sigmoid, ELU or SiLU
+            behind it.
+
+    Raises:
+        InputError: there is another module, or an ELU with an alpha other than 1.
+    """
+    layers: list[Layer] = []
+    for module in modules:
+        name = type(module).__name__
+        if name == "Linear":
+            weights = module.weight.detach().cpu().numpy()
+            biases = np.zeros(len(weights)) if module.bias is None else module.bias.detach().cpu().numpy()
+            layers.append(Layer(weights, biases))
+        elif name in _ACTIVATIONS and layers and layers[-1].activation == "identity":
+            if getattr(module, "alpha", 1.0) != 1.0:
+                raise InputError(f"the policy has an {name} with an alpha of {module.alpha:g}, but can have 1")
+            layers[-1] = layers[-1]._replace(activation=_ACTIVATIONS[name])
+        elif name not in _SILENT:
+            raise InputError(f"the policy has a {name}, but can have Linear, and {', '.join(_ACTIVATIONS)} behind it")
+    if not layers:
+        raise InputError("the policy has no layers")
+    return layers
+
+
+def acted(
+    layers: Sequence[Layer],
+    observations: np.ndarray,
+    *,
+    offset: np.ndarray | None = None,
+    scale: np.ndarray | None = None,
+    limit: float | None = None,
+) -> np.ndarray:
+    """The (k, rows) actions, from -1 to 1, of a network for (k, rows) observations; arguments as for `save_policy`."""
+    first, factor = (None if each is None else tuple(np.ravel(each).tolist()) for each in (offset, scale))
+    neurons = tuple([Dense(Matrix(weights, biases), activation) for weights, biases, activation in layers])
+    network = Network(neurons, observations.shape[1], first, factor, limit)
+    return np.clip(np.transpose(passed(network, [*observations.T], ()).output), -1.0, 1.0)
 
 
 def task_in(env: Any) -> Scenario:

@@ -20,10 +20,11 @@ def task_of(
 ) -> Scenario:
     """The scenario of an environment, whose control is a policy that is not there.
 
+    Without an autopilot its attitude control is that of the scenario's control, or is designed if there is none.
+
     Args:
         scenario: what flies where, in which laboratory, with which distributions; or the file or name of one.
         overrides: as for `load_scenario`, of a scenario that is loaded.
-            Without an autopilot its attitude control is that of its cascade, or is designed if it has none.
         action: what actions mean: a kind, or the fields of `control.action`. That of the scenario's policy, or an
             acceleration, if not given.
         observation: fields of `control.observation`; as the scenario's policy has it, or by default, if not given.
@@ -38,14 +39,17 @@ def task_of(
     control = scenario.control
     known = control.model_dump(mode="json") if isinstance(control, PolicyControl) else {}
     wanted = {"kind": action} if isinstance(action, str) else action
+    if isinstance(wanted, Model):
+        wanted = wanted.model_dump(mode="json")
     fields: dict[str, Any] = {
         "kind": "policy",
-        "action": wanted or known.get("action") or {"kind": "acceleration"},
-        "observation": observation or known.get("observation") or {},
+        "action": known.get("action", {"kind": "acceleration"}) if wanted is None else wanted,
+        "observation": known.get("observation", {}) if observation is None else observation,
     }
     if hasattr(control, "thrust_vectoring"):
         fields["thrust_vectoring"] = control.thrust_vectoring
-    if scenario.laboratory.autopilot.kind == "none":
+    kind = fields["action"].get("kind")
+    if scenario.laboratory.autopilot.kind == "none" and kind != "rotor_speeds" and not fields["action"].get("k_rate"):
         fields["attitude"] = getattr(control, "attitude", None) or _designed_attitude(scenario)
     return with_fields(scenario, {"control": fields})
 

@@ -13,7 +13,7 @@ from drake_quad.assembly.planning import flight_duration, nominal_parameters, pl
 from drake_quad.assembly.policy import hovering_action, policy_rows
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.compilation.clocked_fleet import ClockedFleet
-from drake_quad.errors import InputError, listed, shortened
+from drake_quad.errors import InputError, listed, shortened, shown, whole_number
 from drake_quad.flight import Flight
 from drake_quad.gym.episodes import Episode, Episodes
 from drake_quad.gym.rewards import Reward, Termination, TrackingReward, Transition, has_crashed
@@ -29,6 +29,8 @@ from drake_quad.signals import SIGNALS
 # What every step looks at beside what is asked for.
 _SHOWN = ("observation", "state", "reference")
 _JUDGE = "monitor"
+# Observation, rewards, terminations, truncations and infos of a step.
+Stepped = tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]
 
 
 class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
@@ -37,22 +39,26 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     A scenario is the task: its route, vehicle, laboratory and distributions, which are drawn anew for each episode of
     each vehicle. A step is a tick of the control. An episode ends by a crash, and is cut off at the flight's end. When
     it has ended, `infos["flight"]` has the flight's metrics, as `drake_quad.laboratory.metrics` has them (efforts where
-    accelerations are commanded), and `obstacle`, the number of the obstacle that it crashed into (0 for none).
+    accelerations are commanded), and `obstacle`, the number of the obstacle that it crashed into (0 for none); where
+    vehicles begin anew in the same step, `infos["final_info"]` has them as well.
 
     With seed s, vehicle i has seed s + i, and its episode j is sample j of the study of that seed: it flies as
     `drake_quad.simulate(env.scenario, seed=s + i, sample=j)` does under the same actions.
 
     Args:
-        scenario: what flies where; or the file or name of one. Of its control there is only the attitude control, or
-            one that is designed if it has none, and the limits of its cascade.
+        scenario: what flies where; or the file or name of one. Its position controller, or whatever stands in place of
+            the cascade, is left out. Its attitude control stays, and the limits of its thrust vectoring; without an
+            autopilot, an attitude control is designed where it has none.
         overrides: as for `load_scenario`.
         num_envs: N.
         action: what actions mean, as `control.action` of the scenario language: `"acceleration"`, `"attitude"`,
-            `"rates"`, `"rotor_speeds"`, or the fields.
-        observation: what is seen, as `control.observation` of the scenario language.
+            `"rates"`, `"rotor_speeds"`, or the fields. That of the scenario's policy if not given; an acceleration if
+            it has none.
+        observation: what is seen, as `control.observation` of the scenario language. As the scenario's policy has it
+            if not given; the language's defaults if it has none.
         reward: a function of a `Transition` that returns (N,) rewards.
         terminates: a function of a `Transition` that returns (N,) whether a flight ends; by default, a crash.
-        signals: names of further signals that functions of a `Transition` look at, such as `wind` or `rotor_speed`.
+        signals: names of signals that functions of a `Transition` look at in its `signals`, such as `wind`.
         plan: flown instead of that of the scenario's route.
         autoreset_mode: of Gymnasium: in the step after an episode's last (the default), in its last, or not at all;
             then `reset(options={"reset_mask": ...})` lets vehicles begin anew.
@@ -86,8 +92,15 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         render_mode: str | None = None,
         record: bool = False,
     ) -> None:
-        if num_envs < 1:
-            raise InputError(f"num_envs is {num_envs}, but must be at least 1")
+        num_envs = whole_number(num_envs, "num_envs", least=1)
+        if plan is not None and not isinstance(plan, Plan):
+            raise InputError(f"plan is {shown(plan)}, but must be a Plan")
+        for name, function in (("reward", reward), ("terminates", terminates)):
+            if not callable(function):
+                raise InputError(f"{name} is {shown(function)}, but must be a function of a Transition")
+        modes = [str(mode.value) for mode in AutoresetMode]
+        if autoreset_mode not in [*AutoresetMode, *modes]:
+            raise InputError(f"autoreset_mode is {shown(autoreset_mode)}, but must be one of {listed(modes)}")
         if render_mode not in (None, *self.metadata["render_modes"]):
             raise InputError(
                 f"render_mode is {render_mode!r}, but must be None or one of {self.metadata['render_modes']}"
@@ -98,10 +111,10 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._num_ticks = round(flight_duration(self.scenario, self.plan) / self._tick)
         diagram = build_fleet_diagram(Batch.draw(self.scenario, range(num_envs)), self.plan, open_action=True)
         self._signals = _checked(signals, diagram)
-        shown = (*_SHOWN, *self._signals)
-        self._fleet = ClockedFleet(diagram, tick=self._tick, num_ticks=self._num_ticks, shown=shown, judge=_JUDGE)
+        seen = tuple(dict.fromkeys((*_SHOWN, *self._signals)))
+        self._fleet = ClockedFleet(diagram, tick=self._tick, num_ticks=self._num_ticks, shown=seen, judge=_JUDGE)
         self._commands_acceleration = diagram.HasOutputPort("acceleration_command")
-        self._episodes = Episodes(self.scenario, self.plan, num_envs, shown=shown)
+        self._episodes = Episodes(self.scenario, self.plan, num_envs, shown=seen)
         self._reward, self._terminates = reward, terminates
         self.num_envs, self.render_mode = num_envs, render_mode
         self.metadata = {
@@ -129,7 +142,8 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Lets all vehicles begin anew, or some.
 
         Args:
-            seed: s, or one for each vehicle, where None lets it go on with its next episode. Without any all do.
+            seed: s, or one for each vehicle. Those without a seed go on with their next episodes; at the first reset
+                they get one by chance.
             options: may have a `reset_mask`, (N,) which vehicles begin anew.
 
         Returns:
@@ -138,37 +152,37 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Raises:
             InputError: a seed is negative or too large, or the mask is of another size.
         """
-        if isinstance(seed, np.integer):
-            seed = int(seed)
-        given = [] if seed is None else [seed] if isinstance(seed, int) else [each for each in seed if each is not None]
-        for each in given:
-            if not 0 <= each < 2**63 - self.num_envs:
-                raise InputError(f"seed is {each}, but must be at least 0 and below {2**63 - self.num_envs}")
-        super().reset(seed=seed if isinstance(seed, int) else None)
+        seeds = self._seeds_of(seed)
+        super().reset(seed=None if seed is None or isinstance(seed, Sequence | np.ndarray) else int(seed))
         vehicles = self._all
         if options is not None and options.get("reset_mask") is not None:
             mask = np.asarray(options["reset_mask"])
             if mask.shape != (self.num_envs,) or mask.dtype != bool or not mask.any():
                 raise InputError(f"reset_mask must be {self.num_envs} truth values, some of them true")
             vehicles = np.flatnonzero(mask)
-        if not self.has_begun and seed is None:
-            seed = int(self.np_random.integers(2**31))
-        self._seed(vehicles, seed)
-        if not self.has_begun and len(vehicles) < self.num_envs:
-            raise InputError("reset_mask is of vehicles that have not begun; all must begin once")
+        if not self.has_begun:
+            if len(vehicles) < self.num_envs:
+                raise InputError("reset_mask is of vehicles that have not begun; all must begin once")
+            chance = int(self.np_random.integers(2**31))
+            seeds = [chance + i if each is None else each for i, each in enumerate(seeds)]
+        elif self._tape is not None:
+            self._end(vehicles[(self._fleet.clocks[vehicles] > 0) & ~self._is_over[vehicles]])
+        given = [i for i in vehicles.tolist() if seeds[i] is not None]
+        self._episodes.seed(np.array(given, dtype=int), np.array([seeds[i] for i in given], dtype=np.int64))
         self.has_begun = True
-        begun = self._begin(vehicles)
-        seen = self._fleet.shown("observation").astype(np.float32)
-        seen[vehicles] = begun
-        return seen, {}
+        self._begin(vehicles)
+        return self._fleet.shown("observation", np.float32), {}
 
-    def step(self, actions: np.ndarray) -> tuple[np.ndarray, np.ndarray, np.ndarray, np.ndarray, dict[str, Any]]:
-        """Flies all vehicles for a tick; arguments and results are those of Gymnasium.
+    def step(self, actions: np.ndarray | Sequence[Any]) -> Stepped:
+        """Flies all vehicles for a tick; the (N, rows) actions and the results are those of Gymnasium.
 
         Raises:
             InputError: the actions have another shape or are not finite, or there was no reset before.
         """
-        actions = np.array(actions, dtype=float)
+        try:
+            actions = np.array(actions, dtype=float)
+        except (TypeError, ValueError):
+            raise InputError(f"actions are {shown(actions)}, but must be numbers of one shape") from None
         if actions.shape != self._last_action.shape:
             raise InputError(f"actions have the shape {actions.shape}, but must have {self._last_action.shape}")
         if not np.isfinite(actions).all():
@@ -196,8 +210,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         if over.any():
             ended = np.flatnonzero(over)
             infos |= self._flights(ended, over)
-            if self._tape is not None:
-                self._tape.end(ended, fleet.clocks, [self._episodes.episode(i) for i in ended.tolist()])
+            self._end(ended)
             if self._mode is AutoresetMode.SAME_STEP:
                 infos |= _final(seen, infos, over)
                 seen = seen.copy()
@@ -209,6 +222,8 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """A frame for each vehicle, (height, width, 3) uint8; None without a render mode."""
         if self.render_mode is None:
             return None
+        if not self.has_begun:
+            raise InputError("the environment must be reset before its first frame")
         if self._camera is None:
             from drake_quad.visualization.frames import Camera
 
@@ -216,30 +231,49 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         return self._camera.frames(self._fleet.record("state"), self._fleet.record("reference"))
 
     def episode(self, vehicle: int = 0) -> Episode:
-        """Seed and sample of what a vehicle flies."""
-        return self._episodes.episode(vehicle)
-
-    def flight(self, vehicle: int = 0) -> Flight:
-        """The last episode of a vehicle that has ended, or the one that it flies if none has, with all of its signals.
-
-        It is flown again under Drake's simulator, with the actions that were recorded.
+        """Seed and sample of what a vehicle flies, given its number.
 
         Raises:
-            InputError: nothing was recorded.
+            InputError: there is no such vehicle.
         """
+        return self._episodes.episode(whole_number(vehicle, "vehicle", least=0, most=self.num_envs - 1))
+
+    def flight(self, vehicle: int = 0) -> Flight:
+        """An episode of a vehicle, given its number, with all of its signals.
+
+        It is the last one that has ended; if none has, or if vehicles do not begin anew by themselves, the one that is
+        flown, as far as it is. It is flown again under Drake's simulator, with the actions that were recorded.
+
+        Raises:
+            InputError: there is no such vehicle, it has not flown yet, or nothing was recorded.
+        """
+        episode = self.episode(vehicle)
         if self._tape is None:
             raise InputError("actions are not recorded: make the environment with record=True")
-        episode, actions = self._tape.actions(vehicle, self._fleet.clocks, self._episodes.episode(vehicle))
-        return fly_again(self.scenario, self.plan, episode, actions)
+        ended_first = self._mode is not AutoresetMode.DISABLED
+        return fly_again(
+            self.scenario,
+            self.plan,
+            *self._tape.actions(vehicle, self._fleet.clocks[vehicle], episode, ended_first=ended_first),
+        )
 
-    def _seed(self, vehicles: np.ndarray, seed: Any) -> None:
+    def _seeds_of(self, seed: Any) -> list[int | None]:
+        """The seed of each vehicle, or None."""
+        most = 2**63 - 1 - self.num_envs
         if seed is None:
-            return
-        seeds = [seed + i for i in range(self.num_envs)] if isinstance(seed, int) else list(seed)
-        if len(seeds) != self.num_envs:
-            raise InputError(f"{len(seeds)} seeds are given, but there are {self.num_envs} vehicles")
-        given = [i for i in vehicles.tolist() if seeds[i] is not None]
-        self._episodes.seed(np.array(given, dtype=int), np.array([seeds[i] for i in given], dtype=np.int64))
+            return [None] * self.num_envs
+        if not isinstance(seed, Sequence | np.ndarray) or isinstance(seed, str):
+            first = whole_number(seed, "seed", least=0, most=most)
+            return [first + i for i in range(self.num_envs)]
+        if len(seed) != self.num_envs:
+            raise InputError(f"{len(seed)} seeds are given, but there are {self.num_envs} vehicles")
+        return [None if each is None else whole_number(each, "seed", least=0, most=most) for each in seed]
+
+    def _end(self, vehicles: np.ndarray) -> None:
+        """Keeps the episodes of vehicles that have ended, if actions are recorded."""
+        if self._tape is not None:
+            episodes = [self._episodes.episode(i) for i in vehicles.tolist()]
+            self._tape.end(vehicles, self._fleet.clocks, episodes)
 
     def _begin(self, vehicles: np.ndarray) -> np.ndarray:
         """Lets vehicles begin their next episodes, and returns the (k, rows) that they see."""
@@ -267,23 +301,23 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _transition(self, actions: np.ndarray) -> Transition:
         fleet = self._fleet
         return Transition(
-            fleet.shown("observation").astype(np.float32),
+            fleet.shown("observation", np.float32),
             actions,
             self._last_action,
             fleet.record("state"),
             fleet.record("reference"),
             fleet.clocks * self._tick,
-            fleet.record("crashed").crashed != 0.0,
-            fleet.record("touched").number.astype(int),
+            fleet.judged("crashed").crashed != 0.0,
+            fleet.judged("touched").number.astype(int),
             {name: fleet.record(name) for name in self._signals},
         )
 
     def _flights(self, ended: np.ndarray, over: np.ndarray) -> dict[str, Any]:
         """Infos of flights that have ended: their metrics, as Gymnasium wants infos of vectors."""
-        sums = self._fleet.record("sums")
-        crash_time = self._fleet.record("crash_time").crash_time
+        sums = self._fleet.judged("sums")
+        crash_time = self._fleet.judged("crash_time").crash_time
         metrics: Metrics = summarized(sums, crash_time, self._tick)
-        obstacle = self._fleet.record("touched").number.astype(int)
+        obstacle = self._fleet.judged("touched").number.astype(int)
         flight: dict[str, Any] = {}
         unknown = () if self._commands_acceleration else ("effort", "variation")
         for name, values in {**metrics._asdict(), "obstacle": obstacle}.items():
@@ -311,5 +345,7 @@ def _checked(signals: Sequence[str], diagram: Any) -> tuple[str, ...]:
     there = [name for name in SIGNALS if diagram.HasOutputPort(name)]
     for name in signals:
         if name not in there:
-            raise InputError(f"{name} is no signal of this scenario, which has {listed(there)}")
-    return tuple([name for name in signals if name not in _SHOWN])
+            raise InputError(f"{shown(name)} is no signal of this scenario, which has {listed(there)}")
+        if [*signals].count(name) > 1:
+            raise InputError(f"signals has {name} twice")
+    return tuple(signals)

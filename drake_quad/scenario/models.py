@@ -41,7 +41,7 @@ from drake_quad.scenario.lqg import LqgControl
 from drake_quad.scenario.mpc import MpcControl
 from drake_quad.scenario.networks import Network
 from drake_quad.scenario.paths import distributions_in, steps_of
-from drake_quad.scenario.policy import PolicyControl, RatesAction
+from drake_quad.scenario.policy import PolicyControl, RatesAction, RotorSpeedsAction
 from drake_quad.scenario.quantities import (
     Moment,
     NonNegative,
@@ -486,13 +486,37 @@ class Scenario(Mission):
         autopilot, control = self.laboratory.autopilot, self.control
         if not isinstance(control, PolicyControl) or control.commands_attitude:
             return self
-        kind, wrench = control.action.kind, isinstance(autopilot, NoAutopilot)
-        if not wrench and (kind == "rotor_speeds" or isinstance(autopilot, AttitudeResponse)):
-            demand = "must not be {action}: laboratory.autopilot of kind {autopilot} takes none"
+        action, wrench = control.action, isinstance(autopilot, NoAutopilot)
+        if not wrench and (action.kind == "rotor_speeds" or isinstance(autopilot, AttitudeResponse)):
+            rates = "" if isinstance(autopilot, AttitudeResponse) else ", rates"
+            demand = "must be acceleration, attitude{rates}: laboratory.autopilot of kind {autopilot} takes no other"
             path = "control", "action", "kind"
-            raise self.wrong(*path, kind="on_board", demand=demand, action=kind, autopilot=autopilot.kind)
-        if wrench and isinstance(control.action, RatesAction) and control.action.k_rate is control.attitude is None:
+            raise self.wrong(*path, kind="on_board", demand=demand, rates=rates, autopilot=autopilot.kind)
+        k_rate = action.k_rate if isinstance(action, RatesAction) else None
+        if wrench and isinstance(action, RatesAction) and k_rate is control.attitude is None:
             raise PydanticCustomError("missing", "is missing", {"path": ("control", "action", "k_rate")})
+        if k_rate is not None and not wrench:
+            demand = "must be left out, or null: laboratory.autopilot of kind {autopilot} has its own"
+            raise self.wrong("control", "action", "k_rate", kind="on_board", demand=demand, autopilot=autopilot.kind)
+        if control.attitude is not None and (k_rate is not None or not (wrench and isinstance(action, RatesAction))):
+            demand = "must be left out, or null: with actions of kind {action} it is not used"
+            raise self.wrong("control", "attitude", kind="on_board", demand=demand, action=action.kind)
+        return self
+
+    @model_validator(mode="after")
+    def _policy_fits(self) -> "Scenario":
+        """A policy looks at obstacles where there are some, and knows how fast rotors turn."""
+        control = self.control
+        if not isinstance(control, PolicyControl):
+            return self
+        if "clearance" in control.observation.signals and not (self.space and self.space.obstacles):
+            demand = "must not have clearance, which is infinite: there are no obstacles in `space`"
+            raise self.wrong("control", "observation", "signals", kind="clearance", demand=demand)
+        least = control.action.least if isinstance(control.action, RotorSpeedsAction) else None
+        if least is not None and not least < self.nominal.max_rotor_speed:
+            demand = "must be smaller than max_rotor_speed in nominal, {top}"
+            top = self.nominal.max_rotor_speed
+            raise self.wrong("control", "action", "least", kind="speeds", demand=demand, top=top)
         return self
 
     @model_validator(mode="after")

@@ -3,12 +3,12 @@
 A file may have more, such as the value of an actor-critic behind the same layers: only what the output needs is read.
 """
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from drake_quad.errors import listed
+from drake_quad.errors import listed, shortened
 from drake_quad.extras import needed
 from drake_quad.scenario.policy import TrainedNetwork
 from drake_quad.scenario.policy_layers import Layers, UnreadableError
@@ -16,6 +16,9 @@ from drake_quad.scenario.policy_layers import Layers, UnreadableError
 _ACTIVATIONS = {"Tanh": "tanh", "Relu": "relu", "Sigmoid": "sigmoid", "Elu": "elu", "Swish": "silu"}
 # Nodes that change no number of one observation.
 _SILENT = ("Identity", "Flatten", "Reshape", "Squeeze", "Unsqueeze", "Transpose", "Cast", "Dropout")
+# Of constants, what is computed.
+_OF_ONE = ("Constant", "Neg", "Sqrt", "Reciprocal", *_SILENT)
+_OF_TWO = ("Add", "Sub", "Mul", "Div")
 # Numbers that stand for themselves: FLOAT and DOUBLE of ONNX.
 _FLOATS = (1, 11)
 
@@ -32,13 +35,17 @@ def network_of_onnx(data: bytes) -> TrainedNetwork:
     """
     onnx = needed("onnx", "onnx")
     try:
-        graph = onnx.load_from_string(data).graph
+        model = onnx.load_from_string(data)
     except Exception:  # the parser's own, of several kinds
         raise UnreadableError("is not an ONNX model") from None
-    if any(onnx.external_data_helper.uses_external_data(each) for each in graph.initializer):
+    if any(onnx.external_data_helper.uses_external_data(each) for each in model.graph.initializer):
         raise UnreadableError("keeps its numbers in another file; export it with external_data=False")
+    try:
+        onnx.checker.check_model(model)
+    except Exception as error:  # likewise
+        raise UnreadableError(f"is not an ONNX model as it should be: {shortened(str(error), 120)}") from None
     layers = Layers()
-    for k, node in enumerate(chain := _Graph(graph).chain()):
+    for k, node in enumerate(chain := _Graph(model.graph).chain()):
         _add(layers, node, is_last=all(each.kind in _SILENT for each in chain[k + 1 :]))
     return layers.network()
 
@@ -62,7 +69,7 @@ class _Graph:
 
     def __init__(self, graph: Any) -> None:
         self._onnx = needed("onnx", "onnx")
-        self._known = {each.name: self._onnx.numpy_helper.to_array(each) for each in graph.initializer}
+        self._known = {each.name: self._array(each) for each in graph.initializer}
         self._makers = {name: node for node in graph.node for name in node.output if name}
         self._inputs = [each.name for each in graph.input if each.name not in self._known]
         self._outputs = [each.name for each in graph.output]
@@ -73,13 +80,21 @@ class _Graph:
                 )
         # In their order, in which what a node takes stands before it.
         for node in graph.node:
-            if all(not name or name in self._known for name in node.input):
+            given = [self._known.get(name) for name in node.input]
+            if all(each is not None for each in given) and _stays_small(node.op_type, given):
                 self._compute(node)
+
+    def _array(self, tensor: Any) -> np.ndarray:
+        try:
+            array: np.ndarray = self._onnx.numpy_helper.to_array(tensor)
+        except Exception:  # NumPy's and the parser's own, of several kinds
+            raise UnreadableError(f"has an array {shortened(tensor.name)} that cannot be read") from None
+        return array
 
     def _compute(self, node: Any) -> None:
         """Makes known what a node gives whose inputs are."""
         helper = self._onnx.helper
-        names = [name for name in dict.fromkeys(node.input) if name]
+        names = [*dict.fromkeys(node.input)]
         arrays = [self._onnx.numpy_helper.from_array(self._known[name], name) for name in names]
         outputs = [helper.make_empty_tensor_value_info(name) for name in node.output]
         model = helper.make_model(helper.make_graph([node], "constant", [], outputs, arrays))
@@ -126,6 +141,13 @@ class _Graph:
             if maker is not None and maker.op_type == "Sigmoid" and [*maker.input] == [x]:
                 return str(x)
         return None
+
+
+def _stays_small(kind: str, given: Sequence[Any]) -> bool:
+    """Whether what a node makes of constants is known to be no larger than these, and so is computed."""
+    if kind in _OF_TWO:
+        return min(each.size for each in given) == 1 or len({each.shape for each in given}) == 1
+    return kind in _OF_ONE
 
 
 def _add(layers: Layers, node: _Node, *, is_last: bool) -> None:

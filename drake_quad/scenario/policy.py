@@ -314,11 +314,12 @@ class PolicyControl(Model):
     def _fits(self) -> "PolicyControl":
         if self.policy is None:
             return self
-        rows = self.observation.num_rows(self.action), ROWS[self.action.kind]
-        given = self.policy.layers[0].inputs, self.policy.layers[-1].outputs
-        for name, wanted, found in zip(("input", "output"), rows, given, strict=True):
-            if wanted != found:
-                demand = "must be a network with {wanted} rows of {name} for this observation and action, not {found}"
-                context = {"name": name, "wanted": wanted, "found": found, "path": ("policy",)}
-                raise PydanticCustomError("network", demand, context)
+        last = len(self.policy.layers) - 1
+        for place, rows, wanted in (
+            (0, "inputs", self.observation.num_rows(self.action)),
+            (last, "outputs", ROWS[self.action.kind]),
+        ):
+            if getattr(self.policy.layers[place], rows) != wanted:
+                demand = "must be {wanted}, as many as this observation and action have"
+                raise self.wrong("policy", "layers", place, rows, kind="network", demand=demand, wanted=wanted)
         return self

@@ -7,10 +7,11 @@ another, and perhaps `initial_k` (units,). Beside them it may have `offset`, `sc
 """
 
 import io
-import zipfile
+import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
+from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 from pydantic import ValidationError
@@ -23,8 +24,12 @@ from drake_quad.scenario.policy import TrainedNetwork
 from drake_quad.scenario.policy_layers import Layers, UnreadableError
 from drake_quad.scenario.reading import opened
 
-# Of a file: its numbers may be of double precision though single would do.
+# Of a file: its numbers may be of double precision though single would do, and a critic and more stand beside a policy.
 _MOST_BYTES = 8 * MOST_NETWORK_BYTES
+# In the paths of its errors.
+_LAYER_KINDS = ("dense", "gru")
+# What NumPy raises of a file that is broken somewhere.
+_BROKEN = (ValueError, TypeError, OSError, EOFError, KeyError, RuntimeError, MemoryError, BadZipFile, zlib.error)
 
 
 def policy_network(path: Path) -> Tree:
@@ -51,7 +56,10 @@ def policy_network(path: Path) -> Tree:
     except ImportError as error:
         raise InputError(f"{mark}: cannot be read: {error}") from None
     except ValidationError as error:
-        raise InputError(f"{mark}: is no network: {error.errors(include_url=False)[0]['msg']}") from None
+        problem = error.errors(include_url=False)[0]
+        place = ".".join([str(step) for step in problem["loc"] if step not in _LAYER_KINDS])
+        demand = problem["msg"].replace("Input should", "must")
+        raise InputError(f"{mark}: is no network that can be flown: {place} {demand}".replace("  ", " ")) from None
     fields = network.model_dump(mode="json", exclude_defaults=True)
     return _tree(fields, mark)
 
@@ -66,10 +74,16 @@ def _tree(value: Any, mark: Mark) -> Tree:
 
 def _of_npz(data: bytes) -> TrainedNetwork:
     try:
+        with ZipFile(io.BytesIO(data)) as packed:
+            if sum(each.file_size for each in packed.infolist()) > _MOST_BYTES:
+                raise UnreadableError(f"is too large: a network may have {MOST_NETWORK_BYTES:,} bytes of numbers")
         with np.load(io.BytesIO(data), allow_pickle=False) as file:
             arrays = {name: file[name] for name in file.files}
-    except (ValueError, OSError, EOFError, KeyError, zipfile.BadZipFile):
+    except _BROKEN:
         raise UnreadableError("is not an .npz file of arrays") from None
+    for name, array in arrays.items():
+        if array.dtype.kind not in ("U" if name.startswith("activation_") else "fiu"):
+            raise UnreadableError(f"has {name} of type {array.dtype}, which is none of numbers")
     layers, k = Layers(), 0
     while True:
         names = [name for name in arrays if name.endswith(f"_{k}")]
@@ -80,7 +94,8 @@ def _of_npz(data: bytes) -> TrainedNetwork:
             layers.dense(*_numbers(own, "weights", "biases"), str(own.pop("activation", "identity")))
         else:
             of_input, of_memory = (_numbers(own, f"weights_{of}", f"biases_{of}") for of in ("input", "hidden"))
-            layers.gru(of_input, of_memory, own.pop("initial", None))
+            initial = own.pop("initial", None)
+            layers.gru(of_input, of_memory, None if initial is None else initial.astype(float))
         if own:
             raise UnreadableError(f"has arrays that belong to no layer: {listed([f'{name}_{k}' for name in own])}")
         k += 1
@@ -88,7 +103,10 @@ def _of_npz(data: bytes) -> TrainedNetwork:
         if name in arrays:
             layers.prepared[name] = tuple(arrays.pop(name).astype(float).ravel().tolist())
     if "limit" in arrays:
-        layers.prepared["limit"] = float(arrays.pop("limit"))
+        limit = arrays.pop("limit")
+        if limit.size != 1:
+            raise UnreadableError(f"has a limit of {limit.size} numbers, but can have one")
+        layers.prepared["limit"] = float(limit.item())
     if arrays:
         raise UnreadableError(f"has arrays that belong to no layer: {listed([*arrays])}")
     return layers.network()
@@ -98,6 +116,4 @@ def _numbers(own: dict[str, np.ndarray], weights: str, biases: str) -> tuple[np.
     for name in (weights, biases):
         if name not in own:
             raise UnreadableError(f"has a layer without {name}")
-        if own[name].dtype.kind not in "fiu":
-            raise UnreadableError(f"has {name} that are no numbers")
     return own.pop(weights).astype(float), own.pop(biases).astype(float)

@@ -35,11 +35,12 @@ class Layers:
     ) -> None:
         """Adds gated recurrent units of these weights and biases, gate after gate."""
         gates, units = of_memory[0].shape if of_memory[0].ndim == 2 else (0, 0)
+        inputs = of_input[0].shape[-1] if of_input[0].ndim == 2 else 0
         initial = np.zeros(units) if initial is None else initial.ravel()
         shapes = [each.shape for each in (of_input[0], of_input[1], of_memory[1], initial)]
-        if gates != 3 * units or shapes != [(gates, shapes[0][-1]), (gates,), (gates,), (units,)]:
+        if gates != 3 * units or shapes != [(gates, inputs), (gates,), (gates,), (units,)]:
             raise UnreadableError("has gated recurrent units whose weights and biases do not fit together")
-        self.layers.append({"kind": "gru", "inputs": shapes[0][1], "outputs": units})
+        self.layers.append({"kind": "gru", "inputs": inputs, "outputs": units})
         self._numbers += [*of_input, *of_memory, initial]
 
     def change(self, factor: np.ndarray, summand: np.ndarray) -> None:

@@ -62,12 +62,12 @@ def test_what_the_judge_will_know_is_what_it_knows_a_tick_later(windy):
     placed(fleet, diagram, range(n))
     for _ in range(25):
         fleet.advance(np.zeros((n, 0)))
-    sums = fleet.record("sums")
+    sums = fleet.judged("sums")
     for vehicle in range(n):
         metrics = simulate(windy, sample=vehicle, until=0.5).metrics
         np.testing.assert_allclose(np.sqrt(sums.error.x[vehicle] / 26), metrics.rmse_x, rtol=1e-9)
     assert sums.ticks.tolist() == [26.0] * n  # the first and the last among them
-    assert fleet.record("crash_time").crash_time.tolist() == [np.inf] * n
+    assert fleet.judged("crash_time").crash_time.tolist() == [np.inf] * n
 
 
 def test_a_clock_stays_at_its_last_tick(windy):

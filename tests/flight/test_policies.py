@@ -24,6 +24,8 @@ def with_policy(scenario, arrays, folder, **control):
     fields = {"kind": "policy", "policy": str(folder / "net.npz"), **control}
     names = ("attitude", "thrust_vectoring")
     kept = {name: getattr(scenario.control, name).model_dump(mode="json") for name in names}
+    if control["action"]["kind"] == "rotor_speeds":
+        del kept["attitude"]
     path = folder / "scenario.yaml"
     save_scenario(scenario, path)
     return load_scenario(path, {"control": {**kept, **fields}})

@@ -1,12 +1,9 @@
-"""Episodes that are flown again, frames, and policies that are saved."""
+"""Episodes that are flown again, and frames."""
 
-import gymnasium
 import numpy as np
 import pytest
 
-from drake_quad import InputError, load_scenario, simulate
-from drake_quad.gym import QuadrotorEnv, QuadrotorVectorEnv, save_policy
-from drake_quad.gym.saving import Neurons
+from drake_quad.gym import QuadrotorEnv, QuadrotorVectorEnv
 from drake_quad.visualization.replay.page import save_replay
 
 
@@ -25,10 +22,26 @@ def test_the_last_episode_is_flown_again_with_all_of_its_signals(tmp_path):
     np.testing.assert_allclose(flight["observation"][1:], seen, rtol=1e-6, atol=1e-6)
     page = save_replay({"a rollout": flight}, tmp_path / "replay.html")
     assert "a rollout" in page.read_text(encoding="utf-8")
-    # The one that is flown now has not ended.
+    # The one that is flown now, as soon as it is.
     env.reset()
-    env.step(np.zeros(4))
     assert env.flight().metrics.rmse == flight.metrics.rmse
+    env.step(np.zeros(4))
+    assert len(env.flight().time) == 2
+
+
+def test_an_episode_that_is_cut_off_by_a_reset_has_ended():
+    envs = QuadrotorVectorEnv("hover", {"duration": 0.2}, num_envs=2, record=True)
+    envs.reset(seed=0)
+    for _ in range(3):
+        envs.step(np.zeros((2, 3)))
+    envs.reset(options={"reset_mask": np.array([False, True])})
+    envs.step(np.zeros((2, 3)))
+    assert [len(envs.flight(i).time) for i in range(2)] == [5, 4]
+    for _ in range(8):
+        envs.step(np.zeros((2, 3)))
+    # The first one has flown to its end, of ten ticks, and the second not yet again.
+    assert [len(envs.flight(i).time) for i in range(2)] == [11, 4]
+    assert [envs.episode(i).sample for i in range(2)] == [1, 1]
 
 
 def test_an_episode_that_has_not_ended_is_flown_again_as_far_as_it_is():
@@ -60,36 +73,3 @@ def test_frames_show_the_vehicle_where_it_is():
     low, high = (np.argwhere(where)[:, 0].mean() for where in blue)
     assert high < low - 10
     np.testing.assert_array_equal(envs.render()[0], hanging)
-
-
-def test_a_network_is_saved_as_a_controller_that_does_what_it_did(tmp_path):
-    """A linear policy, flown in the environment and as the controller of a scenario."""
-    envs = QuadrotorVectorEnv("figure_eight", {"duration": 3.0}, num_envs=1)
-    rng = np.random.default_rng(0)
-    size = envs.single_observation_space.shape[0]
-    gains = np.zeros((3, size))
-    gains[:, :3], gains[:, 3:6], gains[:, 18:21] = 0.3 * np.eye(3), 0.4 * np.eye(3), 0.2 * np.eye(3)
-    offset, scale = rng.normal(size=size), rng.uniform(0.5, 2.0, size)
-    path = save_policy(envs, [Neurons(gains / scale, gains @ offset)], tmp_path / "mine", offset=offset, scale=scale)
-    seen, _ = envs.reset(seed=0)
-    for _ in range(150):
-        seen, *_, infos = envs.step(np.clip(seen.astype(float) @ gains.T, -1.0, 1.0))
-    flight = simulate(load_scenario("figure_eight", {"duration": 3.0}, layers=[path]), compiled=True)
-    np.testing.assert_allclose(flight.metrics.rmse, infos["flight"]["rmse"][0], rtol=1e-4)
-    assert flight.metrics.rmse < 0.3
-    before = path.with_suffix(".npz").read_bytes()
-    with pytest.raises(InputError, match="cannot be flown: .*24 rows of input") as wrong:
-        save_policy(envs, [Neurons(gains[:, 1:], np.zeros(3))], tmp_path / "mine")
-    assert str(path.parent) in str(wrong.value)
-    assert path.with_suffix(".npz").read_bytes() == before
-    assert sorted(each.name for each in path.parent.iterdir()) == ["policy.npz", "policy.yaml"]
-
-
-@pytest.mark.parametrize("action", ["acceleration", "attitude", "rates"])
-def test_a_policy_for_an_autopilot_is_saved(action, tmp_path):
-    env = gymnasium.make("drake_quad/Track-v0", scenario="onboard", action=action)
-    rows, size = env.action_space.shape[0], env.observation_space.shape[0]
-    path = save_policy(env, [Neurons(np.zeros((rows, size)), np.zeros(rows))], tmp_path)
-    assert load_scenario("onboard", layers=[path]).control.action.kind == action
-    with pytest.raises(InputError, match="a dict is no environment of drake_quad.gym"):
-        save_policy({}, [], tmp_path)

@@ -4,12 +4,13 @@ import re
 import subprocess
 import sys
 
+import gymnasium
 import numpy as np
 import pytest
 from gymnasium.vector import AutoresetMode
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.gym import QuadrotorVectorEnv
+from drake_quad.gym import QuadrotorEnv, QuadrotorVectorEnv
 
 stable_baselines3 = pytest.importorskip("stable_baselines3", reason="Stable-Baselines3 is not installed")
 wrappers = pytest.importorskip("stable_baselines3.common.vec_env")
@@ -71,6 +72,79 @@ def test_a_trained_policy_does_as_a_controller_what_it_did_for_its_model(activat
         normal = flight["observation"].astype(np.float32)
     expected, _ = model.predict(normal, deterministic=True)
     np.testing.assert_allclose(flight["action"].clip(-1.0, 1.0), expected, atol=1e-4)
+
+
+def flown_with(policy):
+    return simulate(load_scenario("laboratory:low_wind", {"duration": 1.0}, layers=[policy]))
+
+
+def agrees(model, flight):
+    """Whether a controller does what its model does for the same observations."""
+    seen, normal = flight["observation"].astype(np.float32), model.get_vec_normalize_env()
+    expected, _ = model.predict(seen if normal is None else normal.normalize_obs(seen), deterministic=True)
+    return np.allclose(flight["action"].clip(-1.0, 1.0), expected, atol=1e-4)
+
+
+def some(envs, **options):
+    kwargs = {"net_arch": [12], **options.pop("policy_kwargs", {})}
+    model = stable_baselines3.PPO("MlpPolicy", envs, n_steps=16, policy_kwargs=kwargs, device="cpu", seed=1, **options)
+    return model.learn(2 * 16 * envs.num_envs)
+
+
+def test_wrappers_that_change_nothing_are_looked_through(tmp_path):
+    inside = wrappers.VecMonitor(wrappers.VecNormalize(StableVectorEnv(envs_of(8))))
+    unseen = wrappers.VecNormalize(StableVectorEnv(envs_of(8)), norm_obs=False)
+    alone = wrappers.DummyVecEnv([lambda: gymnasium.make("drake_quad/Track-v0", scenario="laboratory:low_wind")])
+    for envs in (inside, unseen, alone):
+        model = some(envs)
+        assert agrees(model, flown_with(save_trained(model, tmp_path)))
+    assert np.load(tmp_path / "policy.npz").files == ["weights_0", "biases_0", "activation_0"] + [
+        f"{name}_1" for name in ("weights", "biases", "activation")
+    ]
+
+
+@pytest.mark.parametrize("name", ["SAC", "TD3", "DDPG"])
+def test_actors_of_other_algorithms_are_saved(name, tmp_path):
+    kwargs = {"net_arch": [12], "activation_fn": pytest.importorskip("torch").nn.SiLU}
+    envs = StableVectorEnv(envs_of(2))
+    make = getattr(stable_baselines3, name)
+    model = make("MlpPolicy", envs, learning_starts=20, policy_kwargs=kwargs, device="cpu", seed=1).learn(60)
+    assert agrees(model, flown_with(save_trained(model, tmp_path)))
+
+
+def test_a_squashed_policy_is_saved_with_its_tanh(tmp_path):
+    kwargs = {"squash_output": True, "log_std_init": -1.0}
+    model = some(StableVectorEnv(envs_of(8)), use_sde=True, policy_kwargs=kwargs)
+    assert agrees(model, flown_with(save_trained(model, tmp_path)))
+
+
+def test_what_would_be_saved_otherwise_than_it_was_trained_is_refused(tmp_path):
+    torch = pytest.importorskip("torch")
+    extractors = pytest.importorskip("stable_baselines3.common.torch_layers")
+
+    class Halved(extractors.FlattenExtractor):
+        def forward(self, observations):
+            return 0.5 * super().forward(observations)
+
+    class Longer(torch.nn.ELU):
+        pass
+
+    ours = StableVectorEnv(envs_of(4))
+    closed = some(ours)
+    closed.env = None
+    rescaled = gymnasium.wrappers.RescaleAction(QuadrotorEnv("hover"), np.float32(-2.0), np.float32(2.0))
+    for make, words in [
+        (lambda: some(ours, policy_kwargs={"features_extractor_class": Halved}), "does more than its layers"),
+        (lambda: some(ours, policy_kwargs={"activation_fn": Longer}), "the policy has a Longer, but can have Linear"),
+        (lambda: some(wrappers.VecFrameStack(ours, 2)), "stands in a VecFrameStack, which is not known here"),
+        (lambda: some(wrappers.VecNormalize(wrappers.VecNormalize(ours))), "in two VecNormalize, but can stand in one"),
+        (lambda: some(wrappers.DummyVecEnv([lambda: rescaled])), "stands in a RescaleAction, which is not known here"),
+        (lambda: closed, "the model has no environment"),
+        (lambda: stable_baselines3.PPO("MlpPolicy", "Pendulum-v1", device="cpu"), "is no environment of drake_quad"),
+    ]:
+        with pytest.raises(InputError, match=words):
+            save_trained(make(), tmp_path)
+    assert not [*tmp_path.iterdir()]
 
 
 @pytest.mark.slow

@@ -136,6 +136,19 @@ def test_seeds_may_be_given_one_by_one_and_some_vehicles_may_begin_anew():
 def test_episodes_without_a_seed_begin_with_one_of_chance():
     one, other = (envs_of(2).reset()[0] for _ in range(2))
     assert not np.array_equal(one, other)
+    alone, beside = (QuadrotorEnv("robustness") for _ in range(2))
+    assert not np.array_equal(alone.reset()[0], beside.reset()[0])
+    envs = envs_of(3)
+    envs.reset(seed=[None, 5, None])
+    seeds = [envs.episode(i).seed for i in range(3)]
+    assert seeds[1] == 5
+    assert len(set(seeds)) == 3
+    # A generator that was seeded before gives the same chance.
+    again = envs_of(3)
+    again.np_random = np.random.default_rng(3)
+    other = envs_of(3)
+    other.np_random = np.random.default_rng(3)
+    np.testing.assert_array_equal(again.reset()[0], other.reset()[0])
 
 
 @pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
@@ -227,9 +240,11 @@ def test_what_a_step_is_worth_and_when_it_ends_may_be_a_function():
 
     def downwind(step):
         assert step.signals["wind"].x.shape == (4,)
-        return -step.signals["wind"].x - (step.touched == 9)
+        np.testing.assert_array_equal(step.signals["state"], step.state)
+        np.testing.assert_array_equal(step.time, 0.02 * (len(distances) + 1))
+        return -step.signals["wind"].x
 
-    envs = envs_of(4, reward=downwind, terminates=far, signals=["wind"], autoreset_mode=AutoresetMode.DISABLED)
+    envs = envs_of(4, reward=downwind, terminates=far, signals=["wind", "state"], autoreset_mode=AutoresetMode.DISABLED)
     envs.reset(seed=1)
     distances = []
     for action in random_actions(envs, 1, 70):
@@ -242,7 +257,8 @@ def test_what_a_step_is_worth_and_when_it_ends_may_be_a_function():
 
 
 @pytest.mark.parametrize("n", [1, 8, 9])
-def test_a_transition_stays_what_it_was(n):
+@pytest.mark.parametrize("mode", [AutoresetMode.NEXT_STEP, AutoresetMode.SAME_STEP])
+def test_a_transition_stays_what_it_was(n, mode):
     kept, copies = [], []
 
     def reward(step):
@@ -250,7 +266,7 @@ def test_a_transition_stays_what_it_was(n):
         copies.append(copy.deepcopy(step))
         return np.zeros(n)
 
-    envs = envs_of(n, reward=reward, signals=["wind"])
+    envs = envs_of(n, reward=reward, signals=["wind"], autoreset_mode=mode)
     ended = columns(rollout(envs, random_actions(envs, 2, 120), seed=1)[1:], 2)
     assert ended[:-1].any()
     for step, before in zip(kept, copies, strict=True):
@@ -314,7 +330,7 @@ def test_the_reward_is_what_it_says():
         (lambda: envs_of(2, render_mode="human"), "render_mode is 'human', but must be None or one of"),
         (lambda: envs_of(2, action="magic"), "control.action.kind is 'magic', but must be one of"),
         (lambda: envs_of(2, observation={"history": 0}), "control.observation.history is 0"),
-        (lambda: envs_of(2, signals=["swing"]), "swing is no signal of this scenario, which has state, measurement"),
+        (lambda: envs_of(2, signals=["swing"]), "'swing' is no signal of this scenario, which has state, measurement"),
         (lambda: QuadrotorVectorEnv("nowhere"), "nowhere"),
         (
             lambda: QuadrotorVectorEnv(load_scenario("hover"), {"duration": 1}),
@@ -327,7 +343,7 @@ def test_the_reward_is_what_it_says():
         (lambda: envs_of(2).step(np.zeros((2, 4))), "must be reset before its first step"),
         (lambda: rollout(envs_of(2), [np.zeros((2, 3))], 0), r"the shape \(2, 3\), but must have \(2, 4\)"),
         (lambda: rollout(envs_of(2), [np.full((2, 4), [[0.0], [np.nan]])], 0), "that of vehicle 1 is .nan, nan"),
-        (lambda: envs_of(2).reset(seed=-1), "seed is -1, but must be at least 0"),
+        (lambda: envs_of(2).reset(seed=-1), "seed is -1, but must be from 0 to 9223372036854775805"),
         (lambda: envs_of(2).reset(seed=[1, 2, 3]), "3 seeds are given, but there are 2 vehicles"),
         (lambda: envs_of(2).reset(seed=0, options={"reset_mask": np.array([True, False])}), "all must begin once"),
         (lambda: envs_of(2).reset(seed=0, options={"reset_mask": [1, 0]}), "reset_mask must be 2 truth values"),
@@ -335,6 +351,27 @@ def test_the_reward_is_what_it_says():
         (lambda: flown_with(reward=lambda step: None), "reward must return 2 numbers, but returned None"),
         (lambda: flown_with(reward=lambda step: [0.0, np.nan]), "finite numbers, but returned nan of vehicle 1"),
         (lambda: flown_with(terminates=lambda step: False), "terminates must return 2 numbers, but returned False"),
+        (lambda: envs_of(2, signals=["wind", "wind"]), "signals has wind twice"),
+        (lambda: envs_of(2.5), "num_envs is 2.5, but must be a whole number, at least 1"),
+        (lambda: envs_of(True), "num_envs is True, but must be a whole number"),
+        (
+            lambda: envs_of(2, autoreset_mode="never"),
+            "autoreset_mode is 'never', but must be one of NextStep",
+        ),
+        (lambda: envs_of(2, plan=3), "plan is 3, but must be a Plan"),
+        (lambda: envs_of(2, reward=None), "reward is None, but must be a function of a Transition"),
+        (lambda: envs_of(2, terminates=1), "terminates is 1, but must be a function of a Transition"),
+        (lambda: envs_of(2).reset(seed=1.5), "seed is 1.5, but must be a whole number"),
+        (lambda: envs_of(2).reset(seed="a"), "seed is 'a', but must be a whole number"),
+        (lambda: envs_of(2).reset(seed=[1.5, 2]), "seed is 1.5, but must be a whole number"),
+        (lambda: QuadrotorEnv("hover").reset(seed=-3), "seed is -3, but must be from 0"),
+        (lambda: rollout(envs_of(2), ["up"], 0), "actions are 'up', but must be numbers"),
+        (lambda: rollout(envs_of(2), [[[0.0], [0.0, 1.0]]], 0), "must be numbers of one shape"),
+        (lambda: envs_of(2, record=True).flight(2), "vehicle is 2, but must be from 0 to 1"),
+        (lambda: envs_of(2).episode(-1), "vehicle is -1, but must be from 0 to 1"),
+        (lambda: envs_of(2, render_mode="rgb_array").render(), "must be reset before its first frame"),
+        (lambda: TrackingReward(length=0.0), "length is 0.0, but must be larger than 0"),
+        (lambda: TrackingReward(effort=np.inf), "effort is inf, but must be a finite number"),
         (lambda: envs_of(2).flight(), "actions are not recorded"),
         (lambda: QuadrotorEnv("hover").flight(), "vehicle 0 has not flown yet"),
     ],

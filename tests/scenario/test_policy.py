@@ -8,6 +8,7 @@ from onnx import TensorProto, helper
 
 from drake_quad import InputError, load_scenario, save_scenario
 from drake_quad.control.policy.network import passed
+from drake_quad.scenario.policy_file import policy_network
 
 POLICY = """
 mine:
@@ -113,16 +114,31 @@ FLAWS = {
         {"weights_0": np.zeros((3, 6)), "biases_0": np.zeros(4)},
         r"beside biases of shape \(4,\)",
     ),
-    "words": ({"weights_0": np.array("many"), "biases_0": np.zeros(4)}, "has weights that are no numbers"),
+    "words": (
+        {"weights_0": np.array("many"), "biases_0": np.zeros(4)},
+        "has weights_0 of type <U4, which is none",
+    ),
+    "a limit of words": ({**ARRAYS, "limit": np.array("much")}, "has limit of type <U4, which is none of numbers"),
+    "two limits": ({**ARRAYS, "limit": np.ones(2)}, "has a limit of 2 numbers, but can have one"),
+    "a complex scale": ({**ARRAYS, "scale": np.full(6, 1j)}, "has scale of type complex128, which is none of numbers"),
+    "a scalar for a matrix": (
+        {
+            "weights_input_0": np.array(1.0),
+            "biases_input_0": np.zeros(9),
+            "weights_hidden_0": np.zeros((9, 3)),
+            "biases_hidden_0": np.zeros(9),
+        },
+        "has gated recurrent units whose weights and biases do not fit together",
+    ),
     "not finite": ({**ARRAYS, "biases_1": np.array([1.0, np.nan, 0.0])}, "not finite"),
-    "an activation": ({**ARRAYS, "activation_0": np.array("sine")}, "is no network: Input should be 'identity'"),
+    "an activation": ({**ARRAYS, "activation_0": np.array("sine")}, "layers.0.activation must be 'identity'"),
     "too few rows": (
         {"weights_0": np.zeros((3, 5)), "biases_0": np.zeros(3)},
-        r"policy .*must be a network with 6 rows of input for this observation and action, not 5",
+        r"control.policy.layers.0.inputs is 5, but must be 6, as many as this observation and action have",
     ),
     "too many actions": (
         {"weights_0": np.zeros((4, 6)), "biases_0": np.zeros(4)},
-        r"must be a network with 3 rows of output for this observation and action, not 4",
+        r"control.policy.layers.0.outputs is 4, but must be 3, as many as this observation and action have",
     ),
     "layers that do not fit": (
         {**ARRAYS, "weights_1": np.zeros((3, 5))},
@@ -171,6 +187,41 @@ def test_what_is_no_network_is_refused(tmp_path, name, data, words):
     (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.pt"), encoding="utf-8")
     with pytest.raises(InputError, match="its name must end in .npz or .onnx"):
         load_scenario(tmp_path / "mine.yaml")
+
+
+def test_an_npz_that_would_fill_the_memory_is_refused(tmp_path):
+    np.savez_compressed(tmp_path / "net.npz", weights_0=np.zeros((1000, 1000)), biases_0=np.zeros(1000))
+    assert (tmp_path / "net.npz").stat().st_size < 20_000
+    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.npz"), encoding="utf-8")
+    with pytest.raises(InputError, match="is too large: a network may have 300,000 bytes"):
+        load_scenario(tmp_path / "mine.yaml")
+    np.save(tmp_path / "net.npy", np.zeros(3))
+    (tmp_path / "net.npy").rename(tmp_path / "net.npz")
+    with pytest.raises(InputError, match="is not an .npz file of arrays"):
+        load_scenario(tmp_path / "mine.yaml")
+
+
+@pytest.mark.parametrize("kind", ["npz", "packed", "onnx"])
+def test_a_file_that_is_damaged_is_read_or_refused_in_a_sentence(kind, tmp_path):
+    whole = tmp_path / f"whole.{kind[:4] if kind == 'onnx' else 'npz'}"
+    if kind == "onnx":
+        onnx.save(model_of(layers_of(), MORE), whole)
+    else:
+        (np.savez_compressed if kind == "packed" else np.savez)(whole, **ARRAYS)
+    data, rng = whole.read_bytes(), np.random.default_rng(8)
+    found = {"read": 0, "refused": 0}
+    for _ in range(300):
+        damaged = bytearray(data)
+        for place in rng.integers(len(data), size=rng.integers(1, 4)).tolist():
+            damaged[place] = rng.integers(256)
+        whole.write_bytes(bytes(damaged[: rng.integers(len(data))]) if rng.random() < 0.1 else bytes(damaged))
+        try:
+            policy_network(whole)
+            found["read"] += 1
+        except InputError as error:
+            assert "\n" not in str(error)
+            found["refused"] += 1
+    assert min(found.values()) > 10
 
 
 def model_of(nodes, constants):
@@ -324,7 +375,7 @@ def test_only_what_the_action_needs_is_read_of_onnx(of_onnx, nodes):
         ([NODE("Div", ["one", "seen"], ["a"]), *layers_of(first=("a", "hidden"))], "divides by zero, or by what"),
         ([NODE("MatMul", ["seen", "D"], ["done"])], r"weights of shape \(6,\), but they must be a matrix"),
         ([NODE("Identity", ["C"], ["done"])], "has an output that does not depend on its input seen"),
-        ([NODE("Nonsense", ["C"], ["done"])], "has a node Nonsense of constants that cannot be computed"),
+        ([NODE("Nonsense", ["C"], ["done"])], "is not an ONNX model as it should be: No Op registered for Nonsense"),
         (
             [NODE("GRU", ["seen", "W", "B"], ["", "done"], linear_before_reset=1, activations=["Sigmoid", "Relu"])],
             "has a GRU with activations of its own",
@@ -336,6 +387,12 @@ def test_what_would_be_read_wrongly_of_onnx_is_refused(of_onnx, nodes, words):
     with pytest.raises(InputError, match=words) as wrong:
         of_onnx(nodes, MORE)
     assert "\n" not in str(wrong.value)
+
+
+def test_a_graph_of_onnx_that_runs_in_a_circle_is_refused(of_onnx):
+    nodes = [NODE("Relu", ["b"], ["a"]), NODE("Relu", ["a"], ["b"]), NODE("Identity", ["a"], ["done"])]
+    with pytest.raises(InputError, match="is not an ONNX model as it should be"):
+        of_onnx(nodes, {})
 
 
 def test_onnx_is_whole_and_has_one_output(of_onnx, tmp_path):
@@ -412,9 +469,29 @@ def test_the_field_of_a_scenario_that_is_wrong_is_named():
         ({"action": "{kind: rates}", "more": ["control.attitude=null"]}, "control.action.k_rate is missing"),
         (
             {"action": "{kind: rotor_speeds}", "scenario": "onboard"},
-            "control.action.kind is '?rotor_speeds'?, but must not be",
+            "control.action.kind is '?rotor_speeds'?, but must be acceleration, attitude, rates: laboratory.autopilot",
         ),
         ({"scenario": "onboard", "more": ["control.attitude={k_p: [8, 8, 8], k_d: [4, 4, 4]}"]}, "must be left out"),
+        (
+            {"scenario": "onboard", "action": "{kind: rates, k_rate: [9, 9, 9]}"},
+            "control.action.k_rate .*must be left out, or null: laboratory.autopilot of kind attitude has its own",
+        ),
+        (
+            {"action": "{kind: rates, k_rate: [9, 9, 9]}"},
+            "control.attitude .*must be left out, or null: with actions of kind rates it is not used",
+        ),
+        (
+            {"action": "{kind: rotor_speeds}"},
+            "control.attitude .*must be left out, or null: with actions of kind rotor_speeds it is not used",
+        ),
+        (
+            {"action": "{kind: rotor_speeds, least: 300}", "more": ["control.attitude=null"]},
+            "control.action.least is 300, but must be smaller than max_rotor_speed in nominal, 300.0",
+        ),
+        (
+            {"observation": "{signals: [velocity, clearance]}"},
+            "control.observation.signals .*must not have clearance, which is infinite",
+        ),
     ]:
         with pytest.raises(InputError, match=words):
             policy(**given)

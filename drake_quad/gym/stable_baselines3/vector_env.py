@@ -1,22 +1,14 @@
-"""Training by Stable-Baselines3: a vector environment as it wants one, and its policies as controllers."""
+"""A vector environment as Stable-Baselines3 wants one."""
 
 from collections.abc import Iterable, Sequence
-from pathlib import Path
 from typing import Any
 
 import numpy as np
 from gymnasium.vector import AutoresetMode
+from stable_baselines3.common.vec_env import VecEnv
 
 from drake_quad.errors import InputError
-from drake_quad.extras import needed
-from drake_quad.gym.saving import Neurons, save_policy
 from drake_quad.gym.vector_env import QuadrotorVectorEnv
-
-needed("stable_baselines3", "learn")
-from stable_baselines3.common.vec_env import VecEnv, VecNormalize  # noqa: E402 - a sentence first if it is missing
-
-# Modules of PyTorch by the names that they have in a policy's file.
-_ACTIVATIONS = {"Tanh": "tanh", "ReLU": "relu", "Sigmoid": "sigmoid", "ELU": "elu", "SiLU": "silu"}
 
 
 class StableVectorEnv(VecEnv):
@@ -26,10 +18,12 @@ class StableVectorEnv(VecEnv):
         envs: the environment, whose vehicles begin anew in the last step of an episode (`AutoresetMode.SAME_STEP`).
 
     Raises:
-        InputError: they begin anew otherwise.
+        InputError: they begin anew otherwise, or it is no `QuadrotorVectorEnv`.
     """
 
     def __init__(self, envs: QuadrotorVectorEnv) -> None:
+        if not isinstance(envs, QuadrotorVectorEnv):
+            raise InputError(f"a {type(envs).__name__} is no QuadrotorVectorEnv")
         if envs.metadata["autoreset_mode"] is not AutoresetMode.SAME_STEP:
             raise InputError("autoreset_mode must be AutoresetMode.SAME_STEP: Stable-Baselines3 knows no other")
         self.envs = envs
@@ -38,18 +32,23 @@ class StableVectorEnv(VecEnv):
         self._actions: np.ndarray | None = None
 
     def reset(self) -> np.ndarray:
-        """Lets all vehicles begin anew."""
+        """Lets all vehicles begin anew, and returns the (N, rows) observation."""
         seeds = [seed for seed in self._seeds if seed is not None]
         observation, _ = self.envs.reset(seed=seeds[0] if seeds else None)
         self._reset_seeds()
         return observation
 
     def step_async(self, actions: np.ndarray) -> None:
-        """Takes the actions of a step."""
+        """Takes the (N, rows) actions of a step."""
         self._actions = actions
 
     def step_wait(self) -> tuple[np.ndarray, np.ndarray, np.ndarray, list[dict[str, Any]]]:
-        """Flies the step; infos have what Stable-Baselines3 asks for, and the `flight` of Gymnasium's."""
+        """Flies the step.
+
+        Returns:
+            The (N, rows) observation, (N,) rewards, (N,) whether episodes are over, and for each vehicle a mapping with
+            what Stable-Baselines3 asks for, and the `flight` of Gymnasium's infos.
+        """
         assert self._actions is not None
         seen, rewards, terminations, truncations, found = self.envs.step(self._actions)
         over = terminations | truncations
@@ -90,32 +89,3 @@ class StableVectorEnv(VecEnv):
 
     def _get_indices(self, indices: Any) -> Iterable[int]:
         return range(self.num_envs) if indices is None else [indices] if isinstance(indices, int) else indices
-
-
-def save_trained(model: Any, folder: Path | str) -> Path:
-    """Writes the mean of a model's policy as a controller, see `save_policy`.
-
-    Args:
-        model: with an `MlpPolicy`, such as a PPO, whose environment is a `StableVectorEnv`, perhaps within a
-            `VecNormalize`.
-        folder: to write to.
-
-    Raises:
-        InputError: the policy has layers that are not known here, or as `save_policy`.
-    """
-    modules = [*model.policy.mlp_extractor.policy_net, model.policy.action_net]
-    layers: list[Neurons] = []
-    for module in modules:
-        name = type(module).__name__
-        if name == "Linear":
-            layers.append(Neurons(*(each.detach().cpu().numpy() for each in (module.weight, module.bias))))
-        elif name in _ACTIVATIONS and layers:
-            layers[-1] = layers[-1]._replace(activation=_ACTIVATIONS[name])
-        else:
-            raise InputError(f"the policy has a {name}, but can have layers Linear and {', '.join(_ACTIVATIONS)}")
-    envs, seen = model.get_env(), {}
-    if isinstance(envs, VecNormalize):
-        known = envs.obs_rms
-        seen = {"offset": known.mean, "scale": 1.0 / np.sqrt(known.var + envs.epsilon), "limit": envs.clip_obs}
-        envs = envs.venv
-    return save_policy(envs.envs, layers, folder, **seen)

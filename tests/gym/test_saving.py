@@ -1,0 +1,102 @@
+"""Policies that are saved, as controllers for scenarios."""
+
+from types import SimpleNamespace
+
+import gymnasium
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.gym import Layer, QuadrotorVectorEnv, save_policy, torch_layers
+from drake_quad.gym.saving import acted
+
+
+def test_a_network_is_saved_as_a_controller_that_does_what_it_did(tmp_path):
+    """A linear policy, flown in the environment and as the controller of a scenario."""
+    envs = QuadrotorVectorEnv("figure_eight", {"duration": 3.0}, num_envs=1)
+    rng = np.random.default_rng(0)
+    size = envs.single_observation_space.shape[0]
+    gains = np.zeros((3, size))
+    gains[:, :3], gains[:, 3:6], gains[:, 18:21] = 0.3 * np.eye(3), 0.4 * np.eye(3), 0.2 * np.eye(3)
+    offset, scale = rng.normal(size=size), rng.uniform(0.5, 2.0, size)
+    path = save_policy(envs, [Layer(gains / scale, gains @ offset)], tmp_path / "mine", offset=offset, scale=scale)
+    seen, _ = envs.reset(seed=0)
+    for _ in range(150):
+        seen, *_, infos = envs.step(np.clip(seen.astype(float) @ gains.T, -1.0, 1.0))
+    flight = simulate(load_scenario("figure_eight", {"duration": 3.0}, layers=[path]), compiled=True)
+    np.testing.assert_allclose(flight.metrics.rmse, infos["flight"]["rmse"][0], rtol=1e-4)
+    assert flight.metrics.rmse < 0.3
+    before = path.with_suffix(".npz").read_bytes()
+    with pytest.raises(InputError, match="cannot be flown: .*layers.0.inputs is 23, but must be 24") as wrong:
+        save_policy(envs, [Layer(gains[:, 1:], np.zeros(3))], tmp_path / "mine")
+    assert str(path.parent) in str(wrong.value)
+    assert path.with_suffix(".npz").read_bytes() == before
+    assert sorted(each.name for each in path.parent.iterdir()) == ["policy.npz", "policy.yaml"]
+
+
+@pytest.mark.parametrize("action", ["acceleration", "attitude", "rates"])
+def test_a_policy_for_an_autopilot_is_saved(action, tmp_path):
+    env = gymnasium.make("drake_quad/Track-v0", scenario="onboard", action=action)
+    rows, size = env.action_space.shape[0], env.observation_space.shape[0]
+    path = save_policy(env, [Layer(np.zeros((rows, size)), np.zeros(rows))], tmp_path)
+    assert load_scenario("onboard", layers=[path]).control.action.kind == action
+    with pytest.raises(InputError, match="a dict is no environment of drake_quad.gym"):
+        save_policy({}, [], tmp_path)
+
+
+def test_what_a_policy_does_not_say_is_not_taken_from_what_it_is_laid_over(tmp_path):
+    """raptor_plus lets rotors stop; a policy that was trained with idling ones does not."""
+    env = QuadrotorVectorEnv("figure_eight", action="rotor_speeds", observation={"signals": ["velocity"]})
+    path = save_policy(env, [Layer(np.zeros((4, 3)), np.zeros(4))], tmp_path)
+    over = load_scenario("figure_eight", layers=["controllers/raptor:raptor_plus", path])
+    assert over.control == load_scenario("figure_eight", layers=[path]).control
+    assert over.control.action.least is None
+
+
+def test_what_cannot_be_written_is_said(tmp_path, monkeypatch):
+    env = QuadrotorVectorEnv("figure_eight", observation={"signals": ["velocity"]})
+
+    def full(*_, **__):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(np, "savez", full)
+    with pytest.raises(InputError, match="the policy cannot be written to .*: no space left on device"):
+        save_policy(env, [Layer(np.zeros((3, 3)), np.zeros(3))], tmp_path)
+    assert not [*tmp_path.iterdir()]
+
+
+def module(name, **attributes):
+    return type(name, (), attributes)()
+
+
+def numbers(array):
+    """What of a tensor is looked at."""
+    return SimpleNamespace(detach=lambda: SimpleNamespace(cpu=lambda: SimpleNamespace(numpy=lambda: np.array(array))))
+
+
+def test_layers_of_pytorch_are_read_by_their_names():
+    """Stand-ins for its modules; where Stable-Baselines3 is installed, its own tests have real ones."""
+    rng = np.random.default_rng(1)
+    w, b, v = rng.normal(size=(5, 4)), rng.normal(size=5), rng.normal(size=(2, 5))
+    given = [
+        module("Flatten"),
+        module("Linear", weight=numbers(w), bias=numbers(b)),
+        module("ELU", alpha=1.0),
+        module("Linear", weight=numbers(v), bias=None),
+        module("Tanh"),
+    ]
+    layers = torch_layers(given)
+    seen = rng.normal(size=(7, 4))
+    offset, scale = rng.normal(size=4), rng.uniform(0.5, 2.0, 4)
+    x = np.clip((seen - offset) * scale, -1.2, 1.2) @ w.T + b
+    expected = np.tanh(np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))) @ v.T)
+    np.testing.assert_allclose(acted(layers, seen, offset=offset, scale=scale, limit=1.2), expected, rtol=1e-12)
+    for wrong, words in [
+        ([*given, module("GELU")], "the policy has a GELU, but can have Linear, and Tanh"),
+        ([*given, module("Tanh")], "the policy has a Tanh"),
+        ([module("Tanh")], "the policy has a Tanh"),
+        ([*given[:2], module("ELU", alpha=0.5)], "an ELU with an alpha of 0.5, but can have 1"),
+        ([], "the policy has no layers"),
+    ]:
+        with pytest.raises(InputError, match=words):
+            torch_layers(wrong)
