@@ -115,11 +115,8 @@ class ClockedFleet:
         vectors, lanes = np.divmod(vehicles, loop.lanes)
         self.clocks[vehicles] = 0
         loop.log[vectors, : begun.shown.shape[1], lanes] = begun.shown
-        # Lanes without a vehicle begin as the last one does: their numbers are good, and nobody looks at them.
-        used = self.num_vehicles - loop.lanes * (len(loop.state) - 1)
-        for rows, new in ((loop.state, begun.state), (loop.parameters, begun.parameters)):
-            rows[vectors, :, lanes] = new
-            rows[-1, :, used:] = rows[-1, :, used - 1 : used]
+        loop.state[vectors, :, lanes] = begun.state
+        loop.parameters[vectors, :, lanes] = begun.parameters
         loop.prepare(np.unique(vectors).tolist())
 
     def advance(self, inputs: np.ndarray) -> None:

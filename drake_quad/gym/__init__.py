@@ -11,11 +11,13 @@ from drake_quad.extras import needed
 gymnasium = needed("gymnasium", "gym")
 
 from drake_quad.gym.env import QuadrotorEnv  # noqa: E402 - a sentence first if Gymnasium is missing
+from drake_quad.gym.function_policy import FunctionPolicy  # noqa: E402
 from drake_quad.gym.rewards import TrackingReward, Transition, has_crashed  # noqa: E402
 from drake_quad.gym.saving import Layer, save_policy, torch_layers  # noqa: E402
 from drake_quad.gym.vector_env import QuadrotorVectorEnv  # noqa: E402
 
 __all__ = [
+    "FunctionPolicy",
     "Layer",
     "QuadrotorEnv",
     "QuadrotorVectorEnv",

@@ -46,6 +46,7 @@ def run_monte_carlo(
     position_controller: Callable[[int], Any] | None = None,
     control: Callable[[int], Any] | None = None,
     wind: Callable[[int], Any] | None = None,
+    policy: Callable[[int], Any] | None = None,
     compiled: bool = True,
     progress: Callable[[int, int], None] | None = None,
 ) -> Study:
@@ -71,8 +72,10 @@ def run_monte_carlo(
         position_controller: makes a system for N vehicles that stands in for the scenario's; see
             `build_tracking_diagram`. A function of a module, so that workers find it.
         control: makes a system that stands in for the whole cascade; a function of a module, too.
-        wind: makes a source of wind beside the scenario's; a function of a module, too. With any of these, a sample is
-            flown alone, once more, and beside others before the study begins; it must fly alike.
+        wind: makes a source of wind beside the scenario's; a function of a module, too.
+        policy: makes a system that stands in for the network of a control of kind `policy`; a function of a module,
+            too. With any of these, a sample is flown alone, once more, and beside others before the study begins; it
+            must fly alike.
         compiled: whether the diagram is compiled to machine code, with what cannot be compiled beside it; else it flies
             as it is wired.
         progress: called with the number of samples that are done, and n.
@@ -93,7 +96,7 @@ def run_monte_carlo(
     check_counts(samples=num_samples, workers=num_workers, batch=1 if batch_size is None else batch_size)
     scenario = scenario.model_copy(update={"seed": scenario.seed if seed is None else seed, "sample": None})
     plan = plan_route(scenario)
-    own = UserSystems(position_controller, control, wind)
+    own = UserSystems(position_controller, control, wind, policy)
     if executor is None or isinstance(executor, Workers):
         check_makers(own.given)
     rows = None

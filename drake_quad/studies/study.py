@@ -277,6 +277,7 @@ class Record(BaseModel):
         position_controller: name of the function that makes it in place of the scenario's, if one is given.
         control: name of the function that makes it, if one is given.
         wind: name of the function that makes it, if one is given.
+        policy: likewise.
         flown: how: in compiled diagrams, or as they are wired, or one after the other.
         versions: versions and sources with which it was flown, one after another.
         columns: what stands in each column of the results.
@@ -290,6 +291,7 @@ class Record(BaseModel):
     position_controller: str | None = None
     control: str | None = None
     wind: str | None = None
+    policy: str | None = None
     flown: list[Literal["compiled", "wired"]] = ["wired"]
     versions: list[dict[str, str]]
     columns: dict[str, str]

@@ -196,7 +196,7 @@ def _gone_on_with(folder: Path, scenario: Scenario, record: Record, *, resume: b
         saved = load_scenario(folder / SCENARIO)
     except InputError as error:
         raise InputError(f"{folder / RESULTS} cannot be gone on with: {error}") from None
-    for name in ("seed", "position_controller", "control", "wind"):
+    for name in ("seed", *UserSystems._fields):
         if getattr(before, name) != getattr(record, name):
             raise InputError(
                 f"{folder / RESULTS} is of another study: its {name} is {getattr(before, name)}, not"

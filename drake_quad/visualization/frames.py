@@ -18,9 +18,11 @@ from drake_quad.signals import Reference, State
 from drake_quad.visualization.obstacles import draw_solids
 from drake_quad.visualization.replay.scene import reference_points
 
-_SIZE, _DPI = (4.8, 3.6), 100.0
+_SIZE, _DPI, _FONT = (4.8, 3.6), 100.0, 8
 # A vehicle smaller than this share of the scene is drawn larger, to be seen.
-_SMALLEST = 0.04
+_SMALLEST = 0.07
+# Of the frame, what the scene fills with its labels.
+_FILLED = 0.97
 # Along the longest side.
 _MARKS = 6
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 25)
@@ -57,10 +59,11 @@ class Camera:
         middle = 0.5 * (low + high)
         for axis, name in enumerate("xyz"):
             getattr(axes, f"set_{name}lim")(middle[axis] - 0.5 * size[axis], middle[axis] + 0.5 * size[axis])
-            getattr(axes, f"set_{name}label")(f"{name.upper()} (m)")
+            getattr(axes, f"set_{name}label")(f"{name.upper()} (m)", fontsize=_FONT, labelpad=1)
             marks = max(2, round(_MARKS * size[axis] / size.max()))
             getattr(axes, f"{name}axis").set_major_locator(MaxNLocator(marks))
-        axes.set_box_aspect(size, zoom=1.05)
+        axes.tick_params(labelsize=_FONT, pad=-1)
+        _fit(axes, size, self._canvas)
         enlarged = max(1.0, _SMALLEST * size.max() / reach)
         self._arms = enlarged * self._arms
         self._radius = 0.45 * enlarged * reach
@@ -100,3 +103,17 @@ class Camera:
         line = Line2D(across, up, transform=self._axes.transData, **style)
         line.set_figure(self._axes.figure)
         line.draw(self._canvas.get_renderer())
+
+
+def _fit(axes: Any, size: np.ndarray, canvas: FigureCanvasAgg) -> None:
+    """Makes a scene as large as its frame has room for, with its labels, and puts it into the middle."""
+    frame, zoom = axes.figure.bbox, 1.0
+    # Labels keep their size, so that the second time comes closer.
+    for _ in range(3):
+        axes.set_box_aspect(size, zoom=zoom)
+        canvas.draw()
+        seen = axes.get_tightbbox()
+        zoom *= _FILLED * min(frame.width / seen.width, frame.height / seen.height)
+    across = (frame.x0 + frame.x1 - seen.x0 - seen.x1) / frame.width / 2.0
+    up = (frame.y0 + frame.y1 - seen.y0 - seen.y1) / frame.height / 2.0
+    axes.set_position((across, up, 1.0, 1.0))

@@ -2,8 +2,14 @@
 
 import numpy as np
 import pytest
+from matplotlib.colors import to_rgb
+from mpl_toolkits.mplot3d import proj3d
 
+from drake_quad import load_scenario
+from drake_quad.assembly.planning import plan_route
 from drake_quad.gym import QuadrotorEnv, QuadrotorVectorEnv
+from drake_quad.signals import Reference, State
+from drake_quad.visualization.frames import Camera
 from drake_quad.visualization.replay.page import save_replay
 
 
@@ -55,6 +61,18 @@ def test_an_episode_that_has_not_ended_is_flown_again_as_far_as_it_is():
     np.testing.assert_allclose(flight["state"][-1], envs._fleet.shown("state")[2], atol=1e-12)
 
 
+def test_a_whole_episode_is_flown_again_to_its_last_tick():
+    kept = []
+    env = QuadrotorEnv("hover", {"duration": 0.2}, reward=lambda step: kept.append(step.state) or step.time)
+    env.reset(seed=0)
+    for k in range(10):
+        *_, truncated, _ = env.step(np.array([0.1, -0.1, 0.05 * k]))
+    assert truncated
+    state = env.flight()["state"]
+    np.testing.assert_allclose(state[1:], np.squeeze(kept), atol=1e-12)
+    np.testing.assert_allclose(env.flight()["action"][:10, 2], 0.05 * np.arange(10))
+
+
 def test_frames_show_the_vehicle_where_it_is():
     overrides = {"space.obstacles.pillar": {"kind": "cylinder", "centre": [1.5, 0, 1], "radius": 0.2, "height": 2}}
     envs = QuadrotorVectorEnv("figure_eight", overrides, num_envs=2, render_mode="rgb_array")
@@ -73,3 +91,29 @@ def test_frames_show_the_vehicle_where_it_is():
     low, high = (np.argwhere(where)[:, 0].mean() for where in blue)
     assert high < low - 10
     np.testing.assert_array_equal(envs.render()[0], hanging)
+
+
+@pytest.mark.parametrize("vehicle", ["racer", "crazyflie"])
+def test_the_front_is_red_and_small_vehicles_are_drawn_larger(vehicle):
+    scenario = load_scenario("figure_eight", layers=[f"vehicles/{vehicle}"])
+    camera = Camera(scenario, plan_route(scenario))
+    place, yaw = np.array([0.5, -0.3, 1.2]), 2.0
+    rows = np.array([*place, 0.0, 0.0, yaw, *[0.0] * 6])[:, np.newaxis]
+    (frame,) = camera.frames(State(*rows), Reference(*np.full((11, 1), 99.0)))
+
+    def pixels(color):
+        """Where a colour is, in pixels from the left and from the bottom."""
+        rgb = 255.0 * np.array(to_rgb(color))
+        up, across = np.nonzero(np.abs(frame - rgb).max(axis=2) < 30.0)
+        return across, len(frame) - up
+
+    def projected(point):
+        across, up, _ = proj3d.proj_transform(*point, camera._projection)
+        return camera._axes.transData.transform((across, up))
+
+    middle, ahead = projected(place), projected(place + 0.1 * np.array([np.cos(yaw), np.sin(yaw), 0.0]))
+    towards = np.mean(pixels("tab:red"), axis=1) - middle
+    assert towards @ (ahead - middle) / np.linalg.norm(towards) / np.linalg.norm(ahead - middle) > 0.8
+    # The rotors of either stand as far apart as 4 % of the scene, on both sides of the middle, at least.
+    across, _ = pixels("tab:blue")
+    assert np.ptp(across) > 20

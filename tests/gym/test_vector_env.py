@@ -186,8 +186,30 @@ def test_vehicles_begin_anew_when_gymnasium_wants_it(mode):
         assert ("flight" in infos) == over.any()
         if over.any():
             np.testing.assert_array_equal(infos["_flight"], over)
+            masks = [infos["flight"][f"_{name}"] for name in ("rmse", "obstacle")]
+            if mode is AutoresetMode.SAME_STEP:
+                masks += [infos["_final_obs"], infos["_final_info"]]
+                assert [each is not None for each in infos["final_obs"]] == over.tolist()
+            np.testing.assert_array_equal(masks, [over] * len(masks))
     assert crashes
     assert cuts
+
+
+def test_episodes_go_on_for_as_long_as_one_likes():
+    """Sample after sample, far beyond those that are made ready at once."""
+    scenario = load_scenario("robustness", {"duration": 0.04})
+    envs = QuadrotorVectorEnv(scenario, num_envs=2, autoreset_mode=AutoresetMode.SAME_STEP)
+    seen = [envs.reset(seed=3)[0]]
+    for _ in range(200):
+        found, _, terminations, truncations, _ = envs.step(np.zeros((2, 3)))
+        if truncations.all():
+            seen.append(found)
+        assert not terminations.any()
+    assert len(seen) == 101
+    for vehicle, sample in ((0, 0), (1, 31), (0, 32), (1, 33), (0, 64), (1, 100)):
+        flight = simulate(envs.scenario, seed=3 + vehicle, sample=sample, policy=action_source(np.zeros((2, 3)), 0.02))
+        np.testing.assert_allclose(seen[sample][vehicle], flight["observation"][0], rtol=1e-6, atol=1e-6)
+        assert envs.episode(vehicle) == (3 + vehicle, 100)
 
 
 def test_a_flight_is_cut_off_at_its_end_and_goes_no_further():

@@ -59,7 +59,7 @@ def test_another_study_has_other_fleets(job, fleet):
 
 
 def test_systems_of_ones_own_go_into_the_fleets(job, fleet):
-    for name in ("position_controller", "control", "wind"):
+    for name in UserSystems._fields:
         own = UserSystems(**{name: Fleet})
         other = job._replace(key=name, code=code_of(own), own=own)
         flying._fleet(other, 10)

@@ -1,0 +1,105 @@
+"""What the actions of a scenario's policy mean, and what of a scenario it sees, in flight."""
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario, simulate
+from drake_quad.assembly.planning import nominal_parameters
+from drake_quad.assembly.policy import hovering_action
+from drake_quad.gym.rollout import action_source
+from drake_quad.gym.task import task_of
+from drake_quad.scenario.loading import with_fields
+
+# No two rotors are alike, and none is where another is.
+ROTORS = [
+    {"position": [0.17, 0.03, 0.01], "turns": "clockwise", "thrust_factor": 4.1e-5, "drag_factor": 1.1e-6},
+    {"position": [-0.02, -0.15, 0.02], "turns": "anticlockwise", "thrust_factor": 3.8e-5, "drag_factor": 1.0e-6},
+    {"position": [-0.16, 0.01, 0.0], "turns": "clockwise", "thrust_factor": 4.2e-5, "drag_factor": 0.9e-6},
+    {"position": [0.01, 0.19, 0.03], "turns": "anticlockwise", "thrust_factor": 3.9e-5, "drag_factor": 1.2e-6},
+]
+UNEVEN = {
+    "nominal": {
+        "layout": {"kind": "rotors", "rotors": ROTORS},
+        "min_rotor_speed": 60.0,
+        "mass": 0.7,
+        "inertia": [0.006, 0.008, 0.013],
+    },
+    "duration": 0.4,
+}
+ATTITUDE = {"k_p": [8.0, 7.0, 3.0], "k_d": [4.0, 3.5, 2.0]}
+
+
+def task(action, observation=None, **fields):
+    scenario = load_scenario("hover", {**UNEVEN, "control.attitude": ATTITUDE, **fields})
+    return task_of(scenario, action=action, observation=observation or {"signals": ["position"]})
+
+
+def flown(scenario, *actions):
+    return simulate(scenario, policy=action_source(np.array(actions, dtype=float), 0.02))
+
+
+@pytest.mark.parametrize(
+    "action",
+    [
+        {"kind": "acceleration"},
+        {"kind": "attitude", "min_thrust": 0.2, "max_thrust": 3.0},
+        {"kind": "rates", "min_thrust": 0.3, "max_thrust": 2.6},
+        {"kind": "rotor_speeds"},
+        {"kind": "rotor_speeds", "order": [3, 1, 4, 2], "least": 100.0},
+    ],
+    ids=lambda action: "_".join(str(each) for each in action.values() if not isinstance(each, list)),
+)
+def test_what_is_believed_to_hover_hovers(action):
+    scenario = task(action)
+    believed = hovering_action(scenario.control, nominal_parameters(scenario))
+    state = flown(scenario, believed).record("state")
+    for name in ("x", "y", "z", "roll", "pitch", "yaw"):
+        row = getattr(state, name)
+        np.testing.assert_allclose(row, row[0], rtol=0.0, atol=1e-9, err_msg=name)
+    # Another action does not.
+    moved = flown(scenario, np.array(believed) + 0.1).record("state")
+    assert abs(moved.z[-1] - moved.z[0]) > 0.01
+
+
+def test_an_attitude_turns_and_tilts_by_its_own_bounds():
+    scenario = task({"kind": "attitude", "max_tilt": 0.3, "max_yaw": 0.8})
+    commanded = flown(scenario, [0.0, 0.5, -1.0, 0.25]).record("attitude_command")
+    np.testing.assert_allclose([commanded.roll[1], commanded.pitch[1], commanded.yaw[1]], [0.15, -0.3, 0.2])
+
+
+@pytest.mark.parametrize(("k_rate", "gains"), [(None, ATTITUDE["k_d"]), ([9.0, 6.0, 5.0], [9.0, 6.0, 5.0])])
+def test_rates_are_reached_with_the_gains_that_are_given(k_rate, gains):
+    scenario = task({"kind": "rates", "max_rates": [2.0, 3.0, 1.0], "k_rate": k_rate})
+    wrench = flown(scenario, [0.0, 0.5, -0.5, 1.0]).record("wrench")
+    expected = np.multiply(UNEVEN["nominal"]["inertia"], gains) * [1.0, -1.5, 1.0]
+    np.testing.assert_allclose([row[0] for row in wrench[1:]], expected)
+
+
+def test_clearance_is_between_the_surfaces():
+    ball = {"kind": "sphere", "centre": [2.0, 1.0, 1.5], "radius": 0.4}
+    far = {"kind": "sphere", "centre": [9.0, 1.0, 1.5], "radius": 0.4}
+    space = {"obstacles": {"far": far, "ball": ball}}
+    scenario = task({"kind": "acceleration"}, {"signals": ["clearance"]}, space=space)
+    with_radius = with_fields(scenario, {"space": {**scenario.space.model_dump(mode="json"), "radius": 0.3}})
+    flight = flown(with_radius, [0.5, 0.0, 0.0])
+    state = flight.record("measurement")
+    distance = np.linalg.norm(np.subtract([state.x, state.y, state.z], np.array([[2.0], [1.0], [1.5]])), axis=0)
+    np.testing.assert_allclose(flight["observation"][:, 0], distance - 0.4 - 0.3, rtol=1e-12)
+
+
+def test_the_reference_is_seen_ahead():
+    route = load_scenario("figure_eight", {"duration": 3.0})
+    scenario = task_of(route, observation={"signals": ["reference_ahead"], "ahead": [0.3, 1.1]})
+    flight = flown(scenario, [0.1, 0.2, 0.0])
+    seen, state = flight["observation"].reshape(-1, 2, 3), flight["measurement"][:, :3]
+    for place, ticks in enumerate((15, 55)):
+        there = flight["reference"][ticks:, :3]
+        np.testing.assert_allclose(seen[:-ticks, place], there - state[:-ticks], rtol=0.0, atol=1e-9)
+    assert np.ptp(seen[:, 1], axis=0).max() > 1.0
+
+
+def test_limits_of_a_cascade_are_those_of_an_acceleration_too():
+    limits = {"max_tilt": 0.11, "min_thrust": 0.5, "max_thrust": 1.3}
+    scenario = task({"kind": "acceleration"}, **{"control.thrust_vectoring": limits})
+    commanded = flown(scenario, [1.0, 0.0, 0.0]).record("attitude_command")
+    assert commanded.pitch.max() == pytest.approx(0.11)

@@ -1,0 +1,52 @@
+"""Policies in plain Python."""
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
+from drake_quad.gym import FunctionPolicy, QuadrotorVectorEnv
+
+SEEN = {"signals": ["position_error", "velocity_error"]}
+GAINS = np.hstack([np.diag([0.3, 0.25, 0.4]), np.diag([0.4, 0.35, 0.5])])
+
+
+def task():
+    return QuadrotorVectorEnv("laboratory:low_wind", {"duration": 1.0}, observation=SEEN).scenario
+
+
+def act(observation):
+    assert observation.dtype == np.float32
+    return np.tanh(observation @ GAINS.T)
+
+
+def made(num_vehicles):
+    return FunctionPolicy(task(), act, num_vehicles)
+
+
+def test_a_function_flies_alone_and_in_studies_as_the_environment_does():
+    scenario = task()
+    envs = QuadrotorVectorEnv(scenario, num_envs=3)
+    seen, _ = envs.reset(seed=0)
+    for _ in range(50):
+        seen, *_, infos = envs.step(act(seen))
+    expected = infos["flight"]["rmse"]
+    for compiled in (False, True):
+        flight = simulate(scenario, policy=FunctionPolicy(scenario, act), compiled=compiled)
+        np.testing.assert_allclose(flight.metrics.rmse, expected[0], rtol=1e-6)
+        np.testing.assert_allclose(flight["action"], act(flight["observation"].astype(np.float32)), rtol=1e-6)
+    study = run_monte_carlo(scenario, 5, num_workers=1, batch_size=3, policy=made)
+    alone = simulate(scenario, sample=4, policy=FunctionPolicy(scenario, act))
+    np.testing.assert_allclose(study.metrics.rmse[[0, 4]], [expected[0], alone.metrics.rmse], rtol=1e-6)
+
+
+@pytest.mark.parametrize(
+    "found",
+    [np.zeros((1, 4)), np.zeros(3), [["a", 0.0, 0.0]], np.full((1, 3), np.nan)],
+    ids=["rows", "flat", "a", "nan"],
+)
+def test_what_is_no_action_is_refused(found):
+    scenario = task()
+    with pytest.raises(InputError, match=r"the policy must return \(1, 3\) finite numbers, but returned"):
+        simulate(scenario, policy=FunctionPolicy(scenario, lambda _: found))
+    with pytest.raises(InputError, match="hover has no place for a policy"):
+        FunctionPolicy(load_scenario("hover"), act)
