@@ -20,7 +20,7 @@ from drake_quad.visualization.replay.scene import reference_points
 
 _SIZE, _DPI, _FONT = (4.8, 3.6), 100.0, 8
 # A vehicle smaller than this share of the scene is drawn larger, to be seen.
-_SMALLEST = 0.07
+_SMALLEST = 0.05
 # Of the frame, what the scene fills with its labels.
 _FILLED = 0.97
 # Along the longest side.
@@ -110,7 +110,7 @@ def _fit(axes: Any, size: np.ndarray, canvas: FigureCanvasAgg) -> None:
     frame, zoom = axes.figure.bbox, 1.0
     # Labels keep their size, so that the second time comes closer.
     for _ in range(3):
-        axes.set_box_aspect(size, zoom=zoom)
+        axes.set_box_aspect(tuple(size), zoom=zoom)
         canvas.draw()
         seen = axes.get_tightbbox()
         zoom *= _FILLED * min(frame.width / seen.width, frame.height / seen.height)
