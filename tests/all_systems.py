@@ -47,7 +47,6 @@ from drake_quad.control.policy.actions import (
     SpeedScale,
     ThrustRange,
 )
-from drake_quad.control.policy.actions import Inertia as BelievedInertia
 from drake_quad.control.policy.actuation import (
     AccelerationActuation,
     AttitudeActuation,
@@ -261,7 +260,7 @@ LOSSY = {"longest_delay": 3, "loses_packets": True}
 
 
 THRUSTS = ThrustRange(2.0, 12.0)
-RATES = RatesScale(THRUSTS, BodyRates(5.0, 4.0, 2.0), PerAngle(10.0, 9.0, 3.0), BelievedInertia(0.0065, 0.0085, 0.0126))
+RATES = RatesScale(THRUSTS, BodyRates(5.0, 4.0, 2.0), PerAngle(10.0, 9.0, 3.0), 0.0065, 0.0085, 0.0126)
 SPEEDS = SpeedScale(
     60.0,
     300.0,

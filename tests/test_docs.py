@@ -14,6 +14,7 @@ from all_systems import FLEET_SYSTEMS, SYSTEMS
 
 from drake_quad import load_scenario
 from drake_quad.command_line.main import COMMANDS, main
+from drake_quad.control.policy.observation import SIGNALS_SEEN
 from drake_quad.framework.records import layout_of
 from drake_quad.scenario import load_undesigned
 from drake_quad.signals import SIGNALS
@@ -220,6 +221,13 @@ def test_the_page_of_systems_has_the_parameters_and_states_of_each(system):
         for name, rows in said:
             sizes = {group[name].layout.num_rows for group in groups if name in group}
             assert not rows or sizes == {int(rows)}, name
+
+
+def test_the_page_of_systems_has_what_policies_see():
+    page = (ROOT / "docs" / "reference" / "systems.md").read_text(encoding="utf-8")
+    table = page.partition("| signal | rows | what it is |")[2].partition("\n\n")[0]
+    found = re.findall(r"^\| `(\w+)` \| (\d*) \| (.+) \|$", table, re.MULTILINE)
+    assert found == [(name, str(seen.rows or ""), seen.meaning) for name, seen in SIGNALS_SEEN.items()]
 
 
 def test_the_page_of_systems_has_the_signals():

@@ -12,7 +12,6 @@ from drake_quad.control.axes import PerAngle
 from drake_quad.control.policy.actions import (
     AccelerationScale,
     AttitudeScale,
-    Inertia,
     PerRotor,
     RatesScale,
     SpeedScale,
@@ -127,7 +126,7 @@ def _actuation(scenario: Scenario, fleet: Any, believed: QuadrotorParameters) ->
             if not on_board:
                 gains = own.attitude.k_d if action.k_rate is None else own.action.k_rate
             rates = BodyRates(*action.max_rates)
-            scale = RatesScale(_thrusts(action, weight), rates, PerAngle(*gains), Inertia(*believed.inertia))
+            scale = RatesScale(_thrusts(action, weight), rates, PerAngle(*gains), *believed.inertia)
             return Recipe(RatesOnBoard if on_board else RatesFromTheGround, {}, scale)
     units = [RotorSpeed._make(np.eye(4)[rotor].tolist()) for rotor in range(4)]
     wrenches = PerRotor._make(Wrench._make(map(float, rotor_action(unit, believed).wrench)) for unit in units)

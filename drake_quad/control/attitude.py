@@ -7,7 +7,7 @@ from drake_quad.framework.elementary import wrapped
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, Quantity, Row, State, Torque
 
-_Inertia = Annotated[Row, Quantity("kg m²", "B")]
+MomentOfInertia = Annotated[Row, Quantity("kg m²", "B")]
 
 
 class AttitudeNumbers(NamedTuple):
@@ -23,9 +23,9 @@ class AttitudeNumbers(NamedTuple):
 
     k_p: PerAngle
     k_d: PerAngle
-    i_xx: _Inertia
-    i_yy: _Inertia
-    i_zz: _Inertia
+    i_xx: MomentOfInertia
+    i_yy: MomentOfInertia
+    i_zz: MomentOfInertia
 
 
 def wanted_acceleration(

@@ -12,15 +12,7 @@ from drake_quad.scenario import Scenario
 
 
 class FunctionPolicy(LeafSystem):
-    """A function from observations to actions, in the place of a policy.
-
-    .. pydrake_system::
-
-        name: FunctionPolicy
-        input_ports:
-        - observation
-        output_ports:
-        - action
+    """A function from observations to actions, in the place of a policy, as a system from `observation` to `action`.
 
     It stands in for a network in `simulate(scenario, policy=...)` and, made by a function of the number of vehicles, in
     `run_monte_carlo(scenario, n, policy=...)`. A compiled diagram calls it once a tick. It must remember nothing: what

@@ -11,8 +11,8 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from drake_quad.control.policy.actuation import ROWS
-from drake_quad.control.policy.network import Dense, Gru, Network
-from drake_quad.control.policy.observation import ObservationSpec, num_observed
+from drake_quad.control.policy.network import Activation, Dense, Gru, Network
+from drake_quad.control.policy.observation import SIGNALS_SEEN, Frame, ObservationSpec, num_observed
 from drake_quad.framework.symbols import Matrix
 from drake_quad.scenario.controllers import AttitudeControl, ThrustVectoring
 from drake_quad.scenario.distributions import Model, Real
@@ -31,9 +31,7 @@ class DenseLayer(Model):
     kind: Literal["dense"]
     inputs: Rows = Field(description="rows that come in")
     outputs: Rows = Field(description="rows that go out")
-    activation: Literal["identity", "relu", "tanh", "sigmoid", "elu", "silu"] = Field(
-        default="identity", description="of each row that goes out"
-    )
+    activation: Activation = Field(default="identity", description="of each row that goes out")
 
     @property
     def num_numbers(self) -> int:
@@ -218,38 +216,22 @@ class RotorSpeedsAction(Model):
 AnyAction = Annotated[
     AccelerationAction | AttitudeAction | RatesAction | RotorSpeedsAction, Field(discriminator="kind")
 ]
-SignalName = Literal[
-    "position",
-    "position_error",
-    "velocity",
-    "velocity_error",
-    "reference_velocity",
-    "reference_acceleration",
-    "reference_ahead",
-    "attitude",
-    "rotation",
-    "yaw_error",
-    "body_rates",
-    "rotor_speed",
-    "wind",
-    "clearance",
-    "action",
-]
+SignalName = Literal[tuple(SIGNALS_SEEN)]  # type: ignore[valid-type] # the names of a table
 
 
 class Observation(Model):
     """What a policy sees at each tick of the control."""
 
-    signals: Annotated[tuple[SignalName, ...], Field(strict=False, min_length=1)] = Field(
+    signals: Annotated[tuple[SignalName, ...], Field(strict=False, min_length=1)] = Field(  # type: ignore[valid-type]
         default=("position_error", "velocity_error", "rotation", "body_rates", "reference_acceleration", "action"),
-        description="in the order of the rows",
+        description="in the order of the rows; the page of systems has their rows and units",
     )
     sees: Literal["measurement", "state"] = Field(
         default="measurement",
         description="what position, velocity, attitude and rates are those of: the cameras', with their noise and"
         " delay, or the vehicle's own",
     )
-    frame: Literal["world", "heading", "body"] = Field(
+    frame: Frame = Field(
         default="world", description="along whose axes vectors are seen: W's, W's turned by the yaw, or B's"
     )
     history: Annotated[int, Field(ge=1, le=100)] = Field(

@@ -1,14 +1,15 @@
 """What the actions of a policy, numbers from -1 to 1, command; beyond these bounds they are as on them."""
 
-from typing import Annotated, NamedTuple
+from typing import NamedTuple
 
-from drake_quad.control.attitude import torque_of
+from drake_quad.control.attitude import MomentOfInertia, torque_of
 from drake_quad.control.axes import PerAngle
 from drake_quad.control.thrust_vectoring import Vectored
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.signals import (
     Acceleration,
     AccelerationW,
+    Action,
     Angle,
     AngularAcceleration,
     Attitude,
@@ -16,7 +17,6 @@ from drake_quad.signals import (
     BodyRateB,
     BodyRates,
     ForceB,
-    Quantity,
     Reference,
     RotorRate,
     Row,
@@ -24,19 +24,6 @@ from drake_quad.signals import (
     Thrust,
     Wrench,
 )
-
-# Rows of an action.
-Action = tuple[Row, ...]
-
-_Inertia = Annotated[Row, Quantity("kg m²", "B")]
-
-
-class Inertia(NamedTuple):
-    """Moments of inertia."""
-
-    i_xx: _Inertia
-    i_yy: _Inertia
-    i_zz: _Inertia
 
 
 class PerRotor(NamedTuple):
@@ -84,13 +71,17 @@ class RatesScale(NamedTuple):
         thrust: of the first action.
         rates: of 1 in the others.
         gains: angular acceleration over the error of a rate, 1/s.
-        inertia: I_xx, I_yy, I_zz, believed.
+        i_xx: moment of inertia about x_B, believed.
+        i_yy: about y_B.
+        i_zz: about z_B.
     """
 
     thrust: ThrustRange
     rates: BodyRates
     gains: PerAngle
-    inertia: Inertia
+    i_xx: MomentOfInertia
+    i_yy: MomentOfInertia
+    i_zz: MomentOfInertia
 
 
 class SpeedScale(NamedTuple):
@@ -153,7 +144,7 @@ def rates_from_the_ground(action: Action, measurement: State, scale: RatesScale)
         k * (commanded - rate)
         for k, commanded, rate in zip(scale.gains, _commanded_rates(tuple(turning), scale.rates), own, strict=True)
     )
-    return Wrench(_scaled_thrust(thrust, scale.thrust), *torque_of(wanted, own, *scale.inertia))
+    return Wrench(_scaled_thrust(thrust, scale.thrust), *torque_of(wanted, own, scale.i_xx, scale.i_yy, scale.i_zz))
 
 
 def wrench_of_speeds(action: Action, scale: SpeedScale, order: tuple[int, ...]) -> Wrench:

@@ -116,24 +116,44 @@ def _action(seen: Seen) -> tuple[Row, ...]:
     return seen.action
 
 
-SIGNALS_SEEN: dict[str, Callable[[Seen], tuple[Row, ...]]] = {
-    "position": _position,
-    "position_error": _position_error,
-    "velocity": _velocity,
-    "velocity_error": _velocity_error,
-    "reference_velocity": _reference_velocity,
-    "reference_acceleration": _reference_acceleration,
-    "reference_ahead": _reference_ahead,
-    "attitude": _attitude,
-    "rotation": _rotation,
-    "yaw_error": _yaw_error,
-    "body_rates": _body_rates,
-    "rotor_speed": _rotor_speed,
-    "wind": _wind,
-    "clearance": _clearance,
-    "action": _action,
+class SignalSeen(NamedTuple):
+    """Something that a policy can see.
+
+    Attributes:
+        rows: that it has; None if others say how many.
+        of: an observation's rows, from all that it may be made of.
+        meaning: with its unit.
+    """
+
+    rows: int | None
+    of: Callable[[Seen], tuple[Row, ...]]
+    meaning: str
+
+
+SIGNALS_SEEN = {
+    "position": SignalSeen(3, _position, "of the vehicle along X, Y, Z, whatever the frame (m)"),
+    "position_error": SignalSeen(3, _position_error, "from the vehicle to the reference (m)"),
+    "velocity": SignalSeen(3, _velocity, "of the vehicle (m/s)"),
+    "velocity_error": SignalSeen(3, _velocity_error, "the reference's velocity minus the vehicle's (m/s)"),
+    "reference_velocity": SignalSeen(3, _reference_velocity, "of the reference (m/s)"),
+    "reference_acceleration": SignalSeen(3, _reference_acceleration, "of the reference (m/s²)"),
+    "reference_ahead": SignalSeen(
+        None, _reference_ahead, "from the vehicle to where the reference will be, 3 for each time of `ahead` (m)"
+    ),
+    "attitude": SignalSeen(3, _attitude, "roll, pitch and yaw in W, whatever the frame (rad)"),
+    "rotation": SignalSeen(
+        9, _rotation, "the matrix from B to W row by row, from B to W turned by the yaw with the frame `heading` (1)"
+    ),
+    "yaw_error": SignalSeen(2, _yaw_error, "sine and cosine of the reference's yaw minus the vehicle's (1)"),
+    "body_rates": SignalSeen(3, _body_rates, "p, q, r along the axes of B (rad/s)"),
+    "rotor_speed": SignalSeen(
+        4, _rotor_speed, "the rotors' own, which no sensor tells, over the top speed in `nominal` (1)"
+    ),
+    "wind": SignalSeen(3, _wind, "as it is where the vehicle is, which no sensor tells (m/s)"),
+    "clearance": SignalSeen(1, _clearance, "between the vehicle's sphere and the nearest obstacle (m)"),
+    "action": SignalSeen(None, _action, "the last one as the policy gave it, also beyond -1 and 1 (1)"),
 }
-"""What can be seen, by name: from all that an observation may be made of, its rows."""
+"""What can be seen, by name; vectors are along the axes of the frame unless something else is said."""
 
 
 class ObservationSpec(NamedTuple):
@@ -154,9 +174,9 @@ class ObservationSpec(NamedTuple):
 
 def num_observed(spec: ObservationSpec, *, num_actions: int, num_ahead: int) -> int:
     """Rows that are seen at a tick."""
-    sizes = {"rotation": 9, "yaw_error": 2, "rotor_speed": 4, "clearance": 1}
+    sizes = {name: signal.rows for name, signal in SIGNALS_SEEN.items()}
     sizes |= {"action": num_actions, "reference_ahead": 3 * num_ahead}
-    return sum(sizes.get(name, 3) for name in spec.signals)
+    return sum(sizes[name] or 0 for name in spec.signals)
 
 
 class ObservationNumbers(NamedTuple):
@@ -204,7 +224,7 @@ def observed(
         attitude = BodyAxes._make(axes.in_body(axis) for axis in attitude)
     distance = None if clearance is None else clearance(state.x, state.y, state.z)
     seen = Seen(state, reference, ahead, rotor_speed, wind, action, distance, numbers.top_speed, axes, attitude)
-    return tuple([row for name in spec.signals for row in SIGNALS_SEEN[name](seen)])
+    return tuple([row for name in spec.signals for row in SIGNALS_SEEN[name].of(seen)])
 
 
 def _with_own_axes(state: State, spec: ObservationSpec) -> tuple[State, BodyAxes]:

@@ -7,7 +7,6 @@ from drake_quad.control.axes import PerAngle
 from drake_quad.control.policy.actions import (
     AccelerationScale,
     AttitudeScale,
-    Inertia,
     PerRotor,
     RatesScale,
     SpeedScale,
@@ -21,7 +20,7 @@ from drake_quad.control.policy.actions import (
 from drake_quad.signals import BodyRates, Reference, State, Wrench
 
 THRUST = ThrustRange(2.0, 12.0)
-RATES = RatesScale(THRUST, BodyRates(5.0, 4.0, 2.0), PerAngle(10.0, 9.0, 3.0), Inertia(0.006, 0.007, 0.011))
+RATES = RatesScale(THRUST, BodyRates(5.0, 4.0, 2.0), PerAngle(10.0, 9.0, 3.0), 0.006, 0.007, 0.011)
 REFERENCE = Reference(*[0.0] * 9, 0.3, 0.0)
 BEYOND = ((1.0, 1.0, 1.0, 1.0), (1.7, 1.0, 2.0, 9.0))
 
@@ -55,7 +54,7 @@ def test_rates_on_board_come_without_an_attitude():
 
 def test_rates_from_the_ground_are_reached_as_a_lag_of_first_order():
     """Euler's equations with the torque: ω̇ = k (ω_r - ω), whatever the rates are now."""
-    rates, inertia = np.array([0.7, -1.1, 0.4]), np.array(RATES.inertia)
+    rates, inertia = np.array([0.7, -1.1, 0.4]), np.array(RATES[3:])
     measured = State(*[0.0] * 9, *rates)
     wrench = rates_from_the_ground((0.0, 0.2, -0.5, 1.0), measured, RATES)
     slope = (np.array(wrench[1:]) - np.cross(rates, inertia * rates)) / inertia
