@@ -15,6 +15,8 @@ from drake_quad.gym.stable_baselines3 import StableVectorEnv, save_trained
 
 # Farther off a vehicle begins anew: what it learns there is of no use.
 CLOSE = {"crash.position_error": 1.0}
+# Vehicles learn in the studies of seeds 0 to 63, and are judged in that of another.
+UNSEEN = 1000
 
 if __name__ == "__main__":  # worker processes import this file
     given = [*sys.argv[1:], *["1000000", "figure_eight", "out/trained"][len(sys.argv) - 1 :]]
@@ -37,6 +39,7 @@ if __name__ == "__main__":  # worker processes import this file
     for name in ("figure_eight", "hover"):
         flight = simulate(load_scenario(name, layers=[policy]), compiled=True)
         print(f"RMSE, {name}: {100 * flight.metrics.rmse:.1f} cm")
-    windy = run_monte_carlo(load_scenario("laboratory:low_wind", layers=[policy]), 200).metrics
-    print(f"RMSE, in low wind: {mean_interval(windy.rmse).text('.1f', unit='cm', size=0.01)}")
-    print(f"crashes there: {windy.crashed.sum()} of 200")
+    windy = run_monte_carlo(load_scenario("laboratory:low_wind", layers=[policy]), 200, UNSEEN).metrics
+    print(f"crashes in low wind: {windy.crashed.sum()} of 200")
+    if not windy.crashed.any():
+        print(f"RMSE there: {mean_interval(windy.rmse).text('.1f', unit='cm', size=0.01)}")
