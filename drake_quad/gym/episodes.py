@@ -16,8 +16,9 @@ from drake_quad.compilation.clocked_fleet import Beginning, Beginnings
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario
 
-# Episodes that are made at once, and that are ready for each vehicle.
+# Episodes that are made at once: from there on, one takes little less in a larger batch, and memory grows.
 _FEWEST_AT_ONCE, _MOST_AT_ONCE = 32, 512
+# Episodes that are ready for each vehicle: as many as make about so many in all, within bounds.
 _FEWEST_READY, _MOST_READY, _READY = 2, 32, 4096
 
 

@@ -1,5 +1,6 @@
 """A policy that was trained in an environment, as a controller for scenarios."""
 
+import re
 import tempfile
 from collections.abc import Iterable, Sequence
 from pathlib import Path
@@ -15,6 +16,7 @@ from drake_quad.framework.symbols import Matrix
 from drake_quad.gym.env import QuadrotorEnv
 from drake_quad.gym.vector_env import QuadrotorVectorEnv
 from drake_quad.scenario import Scenario, load_scenario, save_scenario
+from drake_quad.scenario.models import NAME
 
 # Modules of PyTorch by the names that they have in a policy's file.
 _ACTIVATIONS: dict[str, Activation] = {
@@ -45,7 +47,7 @@ class Layer(NamedTuple):
 def save_policy(
     env: QuadrotorVectorEnv | QuadrotorEnv,
     layers: Sequence[Layer],
-    folder: Path | str,
+    path: Path | str,
     *,
     offset: np.ndarray | None = None,
     scale: np.ndarray | None = None,
@@ -56,17 +58,17 @@ def save_policy(
     Args:
         env: in which it was trained, and which says what it sees and does.
         layers: of the network, from the observation on.
-        folder: to write policy.npz and policy.yaml to.
+        path: of a .yaml file, whose name is the controller's; the network's arrays are written beside it, as .npz.
         offset: (rows,) that is taken from the observation, if any.
         scale: (rows,) by which it is multiplied then, if any.
         limit: to which it is held then, on both sides of zero, if any.
 
     Returns:
-        The path of policy.yaml.
+        The path.
 
     Raises:
-        InputError: the folder cannot be written to, or the network is not one of this environment; what was in the
-            folder is there still.
+        InputError: the files cannot be written, or the network is not one of this environment; what was there is
+            there still.
     """
     given = {"offset": offset, "scale": scale, "limit": limit}
     arrays: dict[str, Any] = {name: np.asarray(each) for name, each in given.items() if each is not None}
@@ -76,7 +78,10 @@ def save_policy(
 
     scenario = task_in(env)
     fields = scenario.control.model_dump(mode="json", exclude={"policy"})
-    target = output_folder(Path(folder))
+    target = Path(path)
+    if target.suffix != ".yaml" or not re.match(NAME, target.stem):
+        raise InputError(f"a policy is written to a .yaml file with a name of letters and digits, not to {target}")
+    output_folder(target.parent)
     try:
         return _written(arrays, fields, scenario, target)
     except OSError as error:
@@ -86,18 +91,20 @@ def save_policy(
 
 
 def _written(arrays: dict[str, Any], fields: dict[str, Any], scenario: Scenario, target: Path) -> Path:
-    """Writes a policy where it is tried first, and then to its folder."""
-    with tempfile.TemporaryDirectory(dir=target) as temporary:
-        network, controller, task = (Path(temporary) / name for name in ("policy.npz", "policy.yaml", "task.yaml"))
+    """Writes a policy where it is tried first, and then to its place."""
+    with tempfile.TemporaryDirectory(dir=target.parent) as temporary:
+        controller, task = Path(temporary) / target.name, Path(temporary) / "task.yml"
+        network = controller.with_suffix(".npz")
         np.savez(network, **arrays)
-        YAML().dump({"policy": {"control": {**fields, "policy": network.name}}}, controller)
+        YAML().dump({target.stem: {"control": {**fields, "policy": network.name}}}, controller)
         save_scenario(scenario, task)
         try:
             load_scenario(task, layers=[controller])
         except InputError as error:
-            raise InputError(f"the network cannot be flown: {str(error).replace(temporary, str(target))}") from None
-        network.replace(target / network.name)
-        return controller.replace(target / controller.name)
+            where = str(error).replace(temporary, str(target.parent))
+            raise InputError(f"the network cannot be flown: {where}") from None
+        network.replace(target.with_suffix(".npz"))
+        return controller.replace(target)
 
 
 def torch_layers(modules: Iterable[Any]) -> list[Layer]:

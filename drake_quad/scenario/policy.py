@@ -20,6 +20,7 @@ from drake_quad.scenario.limits import MOST_CHARACTERS, MOST_NETWORK_BYTES
 from drake_quad.scenario.networks import or_file
 from drake_quad.scenario.quantities import Gains, PlainMoment, PlainNonNegative, PlainPositive, PlainPositives
 
+# Bounds of rows, layers, ticks and moments, which no small network comes near; MOST_NETWORK_BYTES is what counts.
 Rows = Annotated[int, Field(ge=1, le=4096)]
 _Precision = Literal["single", "double"]
 _DTYPES: dict[_Precision, np.dtype[Any]] = {"single": np.dtype("<f4"), "double": np.dtype("<f8")}
@@ -150,6 +151,11 @@ def _network(trained: TrainedNetwork) -> Network:
         trained.scale,
         trained.limit,
     )
+
+
+# What actions of 1 mean if nothing is said is ours: several times what the figure eight needs (0.7 m/s², a tilt of 4°),
+# for gusts and for flights that begin beside the path; the tilt is that of the other controllers, and the paper's
+# rotors have 2.2 times the weight.
 
 
 class AccelerationAction(Model):

@@ -18,12 +18,13 @@ from drake_quad.signals import Reference, State
 from drake_quad.visualization.obstacles import draw_solids
 from drake_quad.visualization.replay.scene import reference_points
 
+# A frame of 480 by 360 pixels, as videos of rollouts have them.
 _SIZE, _DPI, _FONT = (4.8, 3.6), 100.0, 8
 # A vehicle smaller than this share of the scene is drawn larger, to be seen.
 _SMALLEST = 0.05
 # Of the frame, what the scene fills with its labels.
 _FILLED = 0.97
-# Along the longest side.
+# At most so many marks along the longest side.
 _MARKS = 6
 _CIRCLE = np.linspace(0.0, 2.0 * np.pi, 25)
 _BODY: dict[str, Any] = {"color": "0.1", "linewidth": 2.0, "solid_capstyle": "round"}

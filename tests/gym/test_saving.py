@@ -19,7 +19,9 @@ def test_a_network_is_saved_as_a_controller_that_does_what_it_did(tmp_path):
     gains = np.zeros((3, size))
     gains[:, :3], gains[:, 3:6], gains[:, 18:21] = 0.3 * np.eye(3), 0.4 * np.eye(3), 0.2 * np.eye(3)
     offset, scale = rng.normal(size=size), rng.uniform(0.5, 2.0, size)
-    path = save_policy(envs, [Layer(gains / scale, gains @ offset)], tmp_path / "mine", offset=offset, scale=scale)
+    path = save_policy(
+        envs, [Layer(gains / scale, gains @ offset)], tmp_path / "mine" / "linear.yaml", offset=offset, scale=scale
+    )
     seen, _ = envs.reset(seed=0)
     for _ in range(150):
         seen, *_, infos = envs.step(np.clip(seen.astype(float) @ gains.T, -1.0, 1.0))
@@ -28,29 +30,42 @@ def test_a_network_is_saved_as_a_controller_that_does_what_it_did(tmp_path):
     assert flight.metrics.rmse < 0.3
     before = path.with_suffix(".npz").read_bytes()
     with pytest.raises(InputError, match="cannot be flown: .*layers.0.inputs is 23, but must be 24") as wrong:
-        save_policy(envs, [Layer(gains[:, 1:], np.zeros(3))], tmp_path / "mine")
+        save_policy(envs, [Layer(gains[:, 1:], np.zeros(3))], tmp_path / "mine" / "linear.yaml")
     assert str(path.parent) in str(wrong.value)
     assert path.with_suffix(".npz").read_bytes() == before
-    assert sorted(each.name for each in path.parent.iterdir()) == ["policy.npz", "policy.yaml"]
+    assert sorted(each.name for each in path.parent.iterdir()) == ["linear.npz", "linear.yaml"]
 
 
 @pytest.mark.parametrize("action", ["acceleration", "attitude", "rates"])
 def test_a_policy_for_an_autopilot_is_saved(action, tmp_path):
     env = gymnasium.make("drake_quad/Track-v0", scenario="onboard", action=action)
     rows, size = env.action_space.shape[0], env.observation_space.shape[0]
-    path = save_policy(env, [Layer(np.zeros((rows, size)), np.zeros(rows))], tmp_path)
+    path = save_policy(env, [Layer(np.zeros((rows, size)), np.zeros(rows))], tmp_path / "mine.yaml")
     assert load_scenario("onboard", layers=[path]).control.action.kind == action
     with pytest.raises(InputError, match="a dict is no environment of drake_quad.gym"):
-        save_policy({}, [], tmp_path)
+        save_policy({}, [], tmp_path / "mine.yaml")
 
 
 def test_what_a_policy_does_not_say_is_not_taken_from_what_it_is_laid_over(tmp_path):
     """raptor_plus lets rotors stop; a policy that was trained with idling ones does not."""
     env = QuadrotorVectorEnv("figure_eight", action="rotor_speeds", observation={"signals": ["velocity"]})
-    path = save_policy(env, [Layer(np.zeros((4, 3)), np.zeros(4))], tmp_path)
+    path = save_policy(env, [Layer(np.zeros((4, 3)), np.zeros(4))], tmp_path / "mine.yaml")
     over = load_scenario("figure_eight", layers=["controllers/raptor:raptor_plus", path])
     assert over.control == load_scenario("figure_eight", layers=[path]).control
     assert over.control.action.least is None
+
+
+def test_a_policy_is_written_to_a_file_of_its_name(tmp_path):
+    """The name under which `drake-quad compare` has it."""
+    env = QuadrotorVectorEnv("figure_eight", observation={"signals": ["velocity"]})
+    layer = Layer(np.zeros((3, 3)), np.zeros(3))
+    for name in ("one", "task"):
+        path = save_policy(env, [layer], tmp_path / f"{name}.yaml")
+        assert load_scenario("figure_eight", layers=[f"{path}:{name}"]).control.kind == "policy"
+    assert sorted(each.name for each in tmp_path.iterdir()) == ["one.npz", "one.yaml", "task.npz", "task.yaml"]
+    for wrong in (tmp_path / "mine", tmp_path / "my policy.yaml", tmp_path / ".yaml"):
+        with pytest.raises(InputError, match="a policy is written to a .yaml file with a name of letters and digits"):
+            save_policy(env, [layer], wrong)
 
 
 def test_what_cannot_be_written_is_said(tmp_path, monkeypatch):
@@ -61,7 +76,7 @@ def test_what_cannot_be_written_is_said(tmp_path, monkeypatch):
 
     monkeypatch.setattr(np, "savez", full)
     with pytest.raises(InputError, match="the policy cannot be written to .*: no space left on device"):
-        save_policy(env, [Layer(np.zeros((3, 3)), np.zeros(3))], tmp_path)
+        save_policy(env, [Layer(np.zeros((3, 3)), np.zeros(3))], tmp_path / "mine.yaml")
     assert not [*tmp_path.iterdir()]
 
 

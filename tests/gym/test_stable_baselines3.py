@@ -64,7 +64,9 @@ def test_a_trained_policy_does_as_a_controller_what_it_did_for_its_model(activat
         "MlpPolicy", envs, n_steps=32, batch_size=64, policy_kwargs=kwargs, seed=0, device="cpu"
     )
     model.learn(600)
-    flight = simulate(load_scenario("laboratory:low_wind", {"duration": 1.0}, layers=[save_trained(model, tmp_path)]))
+    flight = simulate(
+        load_scenario("laboratory:low_wind", {"duration": 1.0}, layers=[save_trained(model, tmp_path / "mine.yaml")])
+    )
     if activation == "Tanh":
         envs.training = False
         normal = envs.normalize_obs(flight["observation"].astype(np.float32))
@@ -97,8 +99,8 @@ def test_wrappers_that_change_nothing_are_looked_through(tmp_path):
     alone = wrappers.DummyVecEnv([lambda: gymnasium.make("drake_quad/Track-v0", scenario="laboratory:low_wind")])
     for envs in (inside, unseen, alone):
         model = some(envs)
-        assert agrees(model, flown_with(save_trained(model, tmp_path)))
-    assert np.load(tmp_path / "policy.npz").files == ["weights_0", "biases_0", "activation_0"] + [
+        assert agrees(model, flown_with(save_trained(model, tmp_path / "mine.yaml")))
+    assert np.load(tmp_path / "mine.npz").files == ["weights_0", "biases_0", "activation_0"] + [
         f"{name}_1" for name in ("weights", "biases", "activation")
     ]
 
@@ -109,13 +111,13 @@ def test_actors_of_other_algorithms_are_saved(name, tmp_path):
     envs = StableVectorEnv(envs_of(2))
     make = getattr(stable_baselines3, name)
     model = make("MlpPolicy", envs, learning_starts=20, policy_kwargs=kwargs, device="cpu", seed=1).learn(60)
-    assert agrees(model, flown_with(save_trained(model, tmp_path)))
+    assert agrees(model, flown_with(save_trained(model, tmp_path / "mine.yaml")))
 
 
 def test_a_squashed_policy_is_saved_with_its_tanh(tmp_path):
     kwargs = {"squash_output": True, "log_std_init": -1.0}
     model = some(StableVectorEnv(envs_of(8)), use_sde=True, policy_kwargs=kwargs)
-    assert agrees(model, flown_with(save_trained(model, tmp_path)))
+    assert agrees(model, flown_with(save_trained(model, tmp_path / "mine.yaml")))
 
 
 def test_what_would_be_saved_otherwise_than_it_was_trained_is_refused(tmp_path):
@@ -143,7 +145,7 @@ def test_what_would_be_saved_otherwise_than_it_was_trained_is_refused(tmp_path):
         (lambda: stable_baselines3.PPO("MlpPolicy", "Pendulum-v1", device="cpu"), "is no environment of drake_quad"),
     ]:
         with pytest.raises(InputError, match=words):
-            save_trained(make(), tmp_path)
+            save_trained(make(), tmp_path / "mine.yaml")
     assert not [*tmp_path.iterdir()]
 
 

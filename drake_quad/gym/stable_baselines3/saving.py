@@ -22,13 +22,13 @@ _OF_GYMNASIUM = (Monitor.__name__, "TimeLimit", "OrderEnforcing", "PassiveEnvChe
 _TRIED, _ACCURACY = 64, 1e-3
 
 
-def save_trained(model: Any, folder: Path | str) -> Path:
+def save_trained(model: Any, path: Path | str) -> Path:
     """Writes the mean of a model's policy as a controller, see `save_policy`.
 
     Args:
         model: with an `MlpPolicy`, of PPO, A2C, SAC, TD3 or DDPG, and its environment: a `StableVectorEnv`, or
             environments of ours in a `DummyVecEnv`, perhaps within a `VecNormalize`.
-        folder: to write to.
+        path: as for `save_policy`.
 
     Raises:
         InputError: the environment is none of ours, something around it or in the policy is not known here, or as
@@ -47,11 +47,11 @@ def save_trained(model: Any, folder: Path | str) -> Path:
     expected, _ = model.predict(np.asarray(shown, dtype=np.float32), deterministic=True)
     if not np.allclose(acted(layers, seen, **prepared), expected, rtol=0.0, atol=_ACCURACY):
         raise InputError("the policy does more than its layers of neurons, so it cannot be saved")
-    return save_policy(env, layers, folder, **prepared)
+    return save_policy(env, layers, path, **prepared)
 
 
-def _unwrapped(envs: Any) -> tuple[VecNormalize | None, Any]:
-    """What normalises observations, if anything does, and the environment of ours."""
+def _unwrapped(envs: Any) -> tuple[Any, Any]:
+    """The `VecNormalize`, if one normalises observations, and the environment of ours."""
     normalizer = None
     while isinstance(envs, VecEnvWrapper):
         if isinstance(envs, VecNormalize) and envs.norm_obs:
@@ -73,7 +73,7 @@ def _unwrapped(envs: Any) -> tuple[VecNormalize | None, Any]:
     return normalizer, env
 
 
-def _prepared(normalizer: VecNormalize | None) -> dict[str, Any]:
+def _prepared(normalizer: Any) -> dict[str, Any]:
     """What is done to observations before the layers, as arguments of `save_policy`."""
     if normalizer is None:
         return {}
