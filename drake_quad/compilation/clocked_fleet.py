@@ -150,8 +150,8 @@ class ClockedFleet:
         return self._record(*self._judged[name])
 
     def _record(self, first: int, layout: Layout) -> Any:
-        log, n = self._loop.log, self.num_vehicles
-        return layout.build([log[:, row].flatten()[:n] for row in range(first, first + layout.num_rows)])
+        rows = self._loop.log[:, first : first + layout.num_rows].transpose(1, 0, 2)
+        return layout.build([*np.array(rows, order="C").reshape(len(rows), -1)[:, : self.num_vehicles]])
 
     def _placed(self, shown: Sequence[str], judge: str) -> tuple[_Places, _Places]:
         """Where ports stand, and where the judge's states."""
