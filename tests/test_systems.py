@@ -265,7 +265,15 @@ def use(system, context):
         assert not np.isnan(system.get_output_port(i).Eval(context)).any()
 
 
+@pytest.fixture(scope="module")
+def swept():
+    """What is there by now is left aside, so that looking for garbage is soon done."""
+    gc.collect()
+    gc.freeze()
+
+
 @pytest.mark.slow
+@pytest.mark.usefixtures("swept")
 @pytest.mark.skipif(DRAKE < (1, 56), reason="callbacks keep their systems alive in earlier versions of Drake")
 @systems
 def test_a_system_that_is_dropped_is_gone(documented, make):

@@ -19,7 +19,7 @@ from drake_quad.space.shapes import Cuboid
 from drake_quad.space.space import Obstacle, Space
 
 # `make rooms` plans a hundred.
-ROOMS = int(os.environ.get("ROOMS", "15"))
+ROOMS = int(os.environ.get("ROOMS", "10"))
 LIMITS = Limits(speed=2.0, acceleration=2.0)
 
 
