@@ -317,12 +317,25 @@ def test_a_reset_forgets_whose_episode_was_over(mask):
     assert [envs.episode(i).sample for i in range(3)] == [0 if new[i] else begun[i] + 1 for i in range(3)]
 
 
+def test_before_its_first_action_a_vehicle_has_hovered():
+    """With the thrust of its weight, between half of it and 1.75 times."""
+    kept = []
+    action = {"kind": "attitude", "min_thrust": 0.5, "max_thrust": 1.75}
+    envs = envs_of(2, action=action, reward=lambda step: kept.append(step.last_action) or np.zeros(2))
+    envs.reset(seed=1)
+    envs.step(np.full((2, 4), 0.1))
+    envs.reset(options={"reset_mask": np.array([False, True])})
+    envs.step(np.zeros((2, 4)))
+    np.testing.assert_allclose(kept, [[[-0.2, 0.0, 0.0, 0.0]] * 2, [[0.1] * 4, [-0.2, 0.0, 0.0, 0.0]]])
+
+
 def test_the_reward_is_what_it_says():
     reward = TrackingReward(tracking=2.0, length=0.5, effort=0.1, variation=0.2, crash=7.0, obstacle=3.0)
     kept = []
+    aside, ball = ({"kind": "sphere", "centre": [x, 0, -0.5], "radius": 0.2} for x in (9, 0))
     envs = QuadrotorVectorEnv(
         "figure_eight",
-        {"space.obstacles.ball": {"kind": "sphere", "centre": [0, 0, -0.5], "radius": 0.2}, "space.margin": 0.0},
+        {"space.obstacles.aside": aside, "space.obstacles.ball": ball, "space.margin": 0.0},
         plan=QuadrotorVectorEnv("figure_eight").plan,
         num_envs=2,
         reward=lambda step: kept.append(step) or reward(step),
@@ -337,12 +350,12 @@ def test_the_reward_is_what_it_says():
         a, b = np.clip(action, -1.0, 1.0), np.clip(last, -1.0, 1.0)
         np.testing.assert_array_equal(step.last_action, last)
         expected = 2.0 * np.exp(-step.position_error / 0.5) - 0.1 * (a**2).sum(1) - 0.2 * ((a - b) ** 2).sum(1)
-        np.testing.assert_allclose(rewards, expected - terminations * 7.0 - 3.0 * (step.touched == 1))
+        np.testing.assert_allclose(rewards, expected - terminations * 7.0 - 3.0 * (step.touched == 2))
         last = action
         if terminations.any():
             break
     assert terminations.tolist() == [True, False]
-    assert infos["flight"]["obstacle"].tolist() == [1, 0]
+    assert infos["flight"]["obstacle"].tolist() == [2, 0]
 
 
 @pytest.mark.parametrize(
