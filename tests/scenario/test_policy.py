@@ -1,5 +1,7 @@
 """Policies in the scenario language, and the files that their networks are read from."""
 
+import base64
+
 import numpy as np
 import onnx
 import onnx.reference
@@ -85,6 +87,20 @@ def test_a_scenario_is_written_with_its_network_and_read_again(written, tmp_path
     assert again == scenario
     rows = np.clip((INPUTS - prepared["offset"]) * prepared["scale"], -1.5, 1.5)
     np.testing.assert_allclose(output(again), output(written(ARRAYS), rows), rtol=1e-12)
+
+
+def test_numbers_that_are_written_wrongly_are_refused(written, tmp_path):
+    scenario = written(ARRAYS)
+    numbers = np.frombuffer(base64.b64decode("".join(scenario.control.policy.numbers)))
+    save_scenario(scenario, tmp_path / "again.yaml")
+    field = "control.policy.numbers"
+    for given, words in [
+        (base64.b64encode(np.append(numbers[1:], np.inf)).decode(), f"{field} .*must be finite"),
+        (base64.b64encode(numbers[1:]).decode(), f"{field} .*must be 43 numbers for these layers, not 42"),
+        ("@", f"{field} .*must be numbers in base 64"),
+    ]:
+        with pytest.raises(InputError, match=words):
+            load_scenario(tmp_path / "again.yaml", {field: [given]})
 
 
 def test_recurrent_units_are_read_from_arrays(written):
