@@ -2,8 +2,8 @@
 
 Ours is the figure eight at 100 Hz, in the ideal laboratory, and with everything: wind, noise, losses, and a vehicle
 that is not as it is believed; and robustness.yaml under actions at random, with which vehicles crash and begin anew all
-the time. crazyflow's is its figure eight, at 100 Hz, five steps of its simulator each, and at
-500 Hz, one each. It is measured if it is there: pip install crazyflow==0.4.0
+the time. crazyflow's is its figure eight, at 100 Hz, five steps of its simulator each, and at 500 Hz, one each. It is
+measured if it is there: pip install crazyflow==0.4.0
 """
 
 import argparse
@@ -12,6 +12,7 @@ import multiprocessing
 import os
 import resource
 import statistics
+import tempfile
 import time
 from collections.abc import Callable, Sequence
 from concurrent.futures import ProcessPoolExecutor
@@ -91,6 +92,8 @@ def apart(work: Callable[[], Any]) -> Any:
 
 
 def _silent() -> None:
+    """What others print, and the log that MuJoCo leaves where it is run, is not ours."""
+    os.chdir(tempfile.gettempdir())
     nowhere = os.open(os.devnull, os.O_WRONLY)
     for stream in (1, 2):
         os.dup2(nowhere, stream)

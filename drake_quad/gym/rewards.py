@@ -66,7 +66,7 @@ class TrackingReward:
         crash: price of a crash.
         obstacle: price of touching an obstacle beside that.
 
-    The prices are ours: those of `scripts/examples/train_policy.py` learn to fly within a centimetre.
+    The prices are ours; with them `scripts/examples/train_policy.py` learns to fly within centimetres.
 
     Raises:
         InputError: a number is not finite, or the length not positive.
