@@ -69,7 +69,7 @@ def disturbances_along(batch: Batch, plan: Plan) -> Disturbed:
     """
     scenario, fleet = batch.scenario, FleetScenario(batch)
     times = np.arange(0.0, flight_duration(scenario, plan), _STEP)
-    position, velocity, acceleration = (np.array(evaluate(plan.path, times, order)) for order in range(3))
+    position, velocity, acceleration = (np.array(evaluate(plan.flown_path, times, order)) for order in range(3))
     wind = _wind_along(batch, plan, times, position, velocity)
     demand = plan_demand(plan, nominal_parameters(scenario), times)
     # Rows of (times, 1), so that numbers of the vehicles, of (N,), make them (times, N).

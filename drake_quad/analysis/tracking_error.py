@@ -79,7 +79,7 @@ def believed_tracking_error(scenario: Scenario) -> TrackingError:
     if not any(source.kind == "fan" for source in scenario.laboratory.wind):
         return hover_error(believed.model_copy(update={"route": HoverRoute(kind="hover", position=(0.0, 0.0, 1.0))}))
     path = plan_route(believed).path
-    places = np.transpose(evaluate(path, np.linspace(0.0, path.duration, _PLACES)))
+    places = np.transpose(evaluate(path, np.linspace(path.times[0], path.times[-1], _PLACES)))
     routes = [HoverRoute(kind="hover", position=tuple(place.tolist())) for place in places]
     return max(
         (hover_error(believed.model_copy(update={"route": route})) for route in routes), key=lambda each: each.rms

@@ -7,7 +7,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram
 
 from drake_quad.assembly.effects import steepest_load, swing_frequency, thrust_curve, vehicle_effects
-from drake_quad.assembly.planning import airframe_parameters, nominal_parameters, window_start
+from drake_quad.assembly.planning import airframe_parameters, nominal_parameters, window_end, window_start
 from drake_quad.assembly.recipe import FleetScenario, Recipe
 from drake_quad.assembly.space import space_of
 from drake_quad.errors import InputError
@@ -96,14 +96,14 @@ def wind_period(scenario: Scenario) -> float:
 
 def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMonitor:
     """Builds the monitor of a scenario's flight of a plan."""
-    window, crash, space = scenario.metrics, scenario.crash, space_of(scenario)
+    crash, space = scenario.crash, space_of(scenario)
     solids = () if space is None else tuple(obstacle.shape for obstacle in space.obstacles)
     monitor: FlightMonitor = FlightMonitor(
         num_vehicles=num_vehicles,
         period=scenario.laboratory.command_link.period,
         limits=CrashLimits(math.inf if crash.tilt is None else crash.tilt, crash.position_error, crash.height),
         surroundings=Surroundings(solids, 0.0 if space is None else space.radius),
-        window=Window(window_start(scenario, plan), math.inf if window.end is None else window.end),
+        window=Window(window_start(scenario, plan), window_end(scenario, plan)),
     )
     return monitor
 

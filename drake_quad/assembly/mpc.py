@@ -55,9 +55,9 @@ def mpc_recipes(batch: Batch, plan: Plan, believed: LqgNumbers) -> dict[str, Rec
 
 
 def _preview(plan: Plan, tick: float) -> tuple[Preview, ...]:
-    """A plan from time zero to its end, tick by tick; it stays as it is then."""
+    """The reference at each tick from time zero on, until it rests; the last entry holds from then on."""
     trajectory, layout = plan.reference(), layout_of(_Shown)
-    instants = tick * np.arange(-1, math.ceil(plan.path.times[-1] / tick) + 2)
+    instants = tick * np.arange(-1, math.ceil(plan.rest_time / tick) + 2)
     rows = trajectory.vector_values(np.clip(instants, trajectory.start_time(), trajectory.end_time()))
     shown = [layout.build(row) for row in rows.T.tolist()]
     return tuple([Preview(now.reference, now.jerk, now.snap, before.snap) for before, now in itertools.pairwise(shown)])

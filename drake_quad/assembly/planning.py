@@ -16,7 +16,7 @@ from drake_quad.reference.lissajous import lissajous
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.path_problem import PathProblem
 from drake_quad.reference.pieces import plan_of_pieces
-from drake_quad.reference.plan import Plan
+from drake_quad.reference.plan import PATH_ORDERS, Plan
 from drake_quad.reference.planner import (
     GivenTimes,
     Heuristic,
@@ -28,6 +28,7 @@ from drake_quad.reference.planner import (
     plan_path,
 )
 from drake_quad.reference.polynomial_path import PolynomialPath, evaluate, hermite_path
+from drake_quad.reference.rest import moves_at_end
 from drake_quad.reference.routes import Leg, Route, circle, figure_eight
 from drake_quad.reference.time_allocation import stretch_factor, trapezoid_times
 from drake_quad.reference.yaw import constant_yaw, yaw_along, yaw_through
@@ -50,6 +51,8 @@ from drake_quad.vehicle.inverse_dynamics import RotorDemand, rotor_demand
 from drake_quad.vehicle.motors import mean_thrust_factor, speeds_of_throttles
 from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 
+# Times at which the rotors are checked along a braking piece, a polynomial of degree 6.
+_BRAKING_SAMPLES = 200
 # Ways around obstacles that are kept, by their scenarios' text.
 _MOST_WAYS = 16
 _ways: dict[str, "Planned"] = {}
@@ -172,18 +175,18 @@ def _planned(mission: Mission, space: Space | None) -> Planned:
             plan = dataclasses.replace(plan, laps=(*plan.leg_times, plan.duration))
     if not plan.duration <= LONGEST:
         raise InputError(f"within its limits the route would take {plan.duration:g} s, more than {LONGEST:g} s")
-    _check_rotors(plan, mission)
+    _check_rotors(plan, mission, sample_times(plan.path))
     if space is not None and way is None:
-        _check_obstacles(plan, space)
+        _check_obstacles(plan.path, space)
     if not isinstance(route, WaypointRoute):
         return Planned(plan)
     return Planned(plan, route.problem(route.laps)) if way is None else Planned(plan, way.problem, way.waypoints)
 
 
-def _check_obstacles(plan: Plan, space: Space) -> None:
-    """Raises InputError if the path touches an obstacle."""
-    approach = nearest_approach(plan.path, space)
-    if approach is not None and approach.distance < space.radius:
+def _check_obstacles(path: PolynomialPath, space: Space | None) -> None:
+    """Raise InputError if the path touches an obstacle."""
+    approach = None if space is None else nearest_approach(path, space)
+    if space is not None and approach is not None and approach.distance < space.radius:
         raise InputError(
             f"the route comes to {approach}, nearer than the radius of the vehicle, {space.radius:.3g} m; only a route"
             " through waypoints, without laps, is led around obstacles"
@@ -341,14 +344,15 @@ def _trajectory(route: TrajectoryRoute) -> Plan:
 
 
 def flight_duration(scenario: Scenario, plan: Plan) -> float:
-    """How long a scenario is flown, s: a whole number of ticks of the control.
+    """Return how long a scenario is flown, s: a whole number of ticks of the control.
 
     Raises:
-        InputError: the metric window begins only after the flight, or the flight has too many ticks.
+        InputError: the metric window begins only after the flight, the flight has too many ticks, or it goes on after a
+            plan that ends in motion, and the braking cannot be flown.
     """
-    period, shortest = scenario.laboratory.command_link.period, min(scenario.periods.values())
+    shortest, period = min(scenario.periods.values()), scenario.laboratory.command_link.period
     wanted = scenario.duration if scenario.duration is not None else float(plan.path.times[-1])
-    duration = max(1, math.ceil(wanted / period - 1e-9)) * period
+    duration = _whole_ticks(wanted, scenario)
     if duration > MOST_TICKS * shortest + period:
         raise InputError(
             f"the flight would take {duration:g} s, but must take at most {MOST_TICKS * shortest:g} s, {MOST_TICKS:,}"
@@ -357,11 +361,54 @@ def flight_duration(scenario: Scenario, plan: Plan) -> float:
     start = window_start(scenario, plan)
     if start >= duration:
         raise InputError(f"metrics.start is {start:g}, but must be before the end of the flight at {duration:g} s")
+    if goes_on_in_motion(scenario, plan):
+        _check_braking(scenario, plan)
     return duration
 
 
+def _whole_ticks(time: float, scenario: Scenario) -> float:
+    """The first tick of the control at a time in s or after it, and at least one."""
+    period = scenario.laboratory.command_link.period
+    return max(1, math.ceil(time / period - 1e-9)) * period
+
+
+def goes_on_in_motion(scenario: Scenario, plan: Plan) -> bool:
+    """Return whether a scenario is flown for longer than a plan that ends in motion."""
+    return (
+        scenario.duration is not None
+        and plan.brakes
+        and _whole_ticks(scenario.duration, scenario) > _whole_ticks(float(plan.path.times[-1]), scenario)
+    )
+
+
+def _check_braking(scenario: Scenario, plan: Plan) -> None:
+    """Raise InputError if the rotors cannot fly the braking at the end of a plan, or if it touches an obstacle."""
+    end, demand = float(plan.path.times[-1]), "end the route at rest, or leave duration out"
+    braking = PolynomialPath(plan.flown_path.times[-3:-1], plan.flown_path.coefficients[-2:-1])
+    try:
+        _check_rotors(plan, scenario, np.linspace(end, plan.rest_time, _BRAKING_SAMPLES))
+        if scenario.space is not None and moves_at_end(plan.path, PATH_ORDERS):
+            _check_obstacles(braking, space_to_plan_in(scenario))
+    except InputError as error:
+        raise InputError(
+            f"duration is {scenario.duration:g} s, but the route ends in motion at {end:.2f} s, and the braking after"
+            f" it cannot be flown ({error}); {demand}"
+        ) from None
+
+
+def window_end(scenario: Scenario, plan: Plan) -> float:
+    """Return the last time of a flight that counts for its metrics, s; infinite for the end of the flight.
+
+    Metrics of laps end with the last lap, however long the vehicle rests after it.
+    """
+    window = scenario.metrics
+    if window.end is not None:
+        return window.end
+    return math.inf if window.first_lap is None else _whole_ticks(plan.lap_times[-1], scenario)
+
+
 def window_start(scenario: Scenario, plan: Plan) -> float:
-    """The first time of a flight that counts for its metrics, s.
+    """Return the first time of a flight that counts for its metrics, s.
 
     Raises:
         InputError: it is that of a lap which the plan does not have.
@@ -376,15 +423,16 @@ def window_start(scenario: Scenario, plan: Plan) -> float:
 
 
 def plan_demand(plan: Plan, parameters: QuadrotorParameters, times: np.ndarray) -> RotorDemand:
-    """What a plan asks of a vehicle at given times (samples,), s."""
-    position, velocity, acceleration, jerk, snap = (evaluate(plan.path, times, order) for order in range(5))
-    ((yaw,), (yaw_rate,), (yaw_acceleration,)) = (evaluate(plan.yaw, times, order) for order in range(3))
+    """Return what a plan asks of a vehicle at given times (samples,), s."""
+    position, velocity, acceleration, jerk, snap = (evaluate(plan.flown_path, times, order) for order in range(5))
+    ((yaw,), (yaw_rate,), (yaw_acceleration,)) = (evaluate(plan.flown_yaw, times, order) for order in range(3))
     reference = Reference._make([*position, *velocity, *acceleration, yaw, yaw_rate])
     return rotor_demand(reference, Jerk._make(jerk), Snap._make([*snap, yaw_acceleration]), parameters)
 
 
-def _check_rotors(plan: Plan, mission: Mission) -> None:
-    times, parameters = sample_times(plan.path), planned_parameters(mission)
+def _check_rotors(plan: Plan, mission: Mission, times: np.ndarray) -> None:
+    """Raise InputError if the rotors cannot fly a plan at given times (samples,), s."""
+    parameters = planned_parameters(mission)
     violation = first_violation(
         times,
         np.array(plan_demand(plan, parameters, times).rotor_speed),

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from drake_quad.assembly.planning import plan_route
+from drake_quad.assembly.remarks import flight_remarks
 from drake_quad.errors import InputError, listed
 from drake_quad.extras import needed
 from drake_quad.files import output_folder, read_table, write_table, write_whole
@@ -129,6 +130,11 @@ class Flight(Mapping[str, np.ndarray]):
             return ""
         into = "" if self.touched is None else f" into {self.touched}"
         return f"crashed{into} at {self.metrics.crash_time:.2f} s"
+
+    @property
+    def remarks(self) -> tuple[str, ...]:
+        """What to know of the flight before its numbers are used, in sentences; see `flight_remarks`."""
+        return flight_remarks(self.scenario, self.plan)
 
     @property
     def euclidean_error(self) -> np.ndarray:

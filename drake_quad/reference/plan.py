@@ -2,6 +2,7 @@
 
 from collections.abc import Iterable
 from dataclasses import dataclass
+from functools import cached_property
 from typing import Any
 
 import numpy as np
@@ -10,9 +11,17 @@ from pydrake.polynomial import Polynomial
 from pydrake.trajectories import PiecewisePolynomial
 
 from drake_quad.reference.polynomial_path import PolynomialPath, path_derivative, refined
+from drake_quad.reference.rest import moves_at_end, with_rest
 from drake_quad.reference.routes import Leg
 from drake_quad.reference.yaw import constant_yaw
 from drake_quad.signals import SIGNALS, Jerk, Reference, Snap
+
+# Derivatives of position and yaw that are continuous where a reference comes to rest, those of order zero included.
+PATH_ORDERS, YAW_ORDERS = 4, 2
+# Acceleration with which a reference brakes that was slower before: the paper's limit on it, m/s².
+_BRAKING = 0.7
+# Likewise of the yaw, rad/s²; an assumption, with which a turn of 1 rad/s ends within two seconds.
+_YAW_BRAKING = 1.0
 
 REFERENCE_PORTS = {name: SIGNALS[name] for name in ("reference", "reference_jerk", "reference_snap")}
 """What a plan shows at each of its ports."""
@@ -22,7 +31,8 @@ REFERENCE_PORTS = {name: SIGNALS[name] for name in ("reference", "reference_jerk
 class Plan:
     """Position and yaw over time.
 
-    After its end, and before its beginning, the reference hovers there.
+    Before the beginning and after the end of its path the reference hovers: position and yaw hold, and all derivatives
+    are zero. If the path ends in motion, the reference brakes first; see `drake_quad.reference.rest`.
 
     Attributes:
         path: the position in W.
@@ -55,6 +65,26 @@ class Plan:
         """Time from the first to the last waypoint, s."""
         return self.path.duration
 
+    @cached_property
+    def flown_path(self) -> PolynomialPath:
+        """The path between two pieces of rest, with braking at its end if it ends in motion."""
+        return with_rest(self.path, orders=PATH_ORDERS, acceleration=_BRAKING)
+
+    @cached_property
+    def flown_yaw(self) -> PolynomialPath:
+        """The yaw between two pieces of rest, with braking at its end if it ends in motion."""
+        return with_rest(self.yaw, orders=YAW_ORDERS, acceleration=_YAW_BRAKING)
+
+    @property
+    def brakes(self) -> bool:
+        """Whether the path or the yaw ends in motion, so that the reference brakes where a flight goes on."""
+        return moves_at_end(self.path, PATH_ORDERS) or moves_at_end(self.yaw, YAW_ORDERS)
+
+    @property
+    def rest_time(self) -> float:
+        """Time from which the reference rests for good, s."""
+        return max(float(part.times[-2]) for part in (self.flown_path, self.flown_yaw))
+
     @property
     def lap_times(self) -> tuple[float, ...]:
         """When the laps begin and the last one ends, s; a route without laps is one."""
@@ -76,12 +106,14 @@ class Plan:
         return float(self.yaw.coefficients[0, 0, 0])
 
     def derivative(self, order: int) -> PiecewisePolynomial:
-        """The (3, 1) trajectory of the position's derivative of that order, in m and s."""
-        return to_piecewise_polynomial(path_derivative(self.path, order))
+        """Return the (3, 1) trajectory of the position's derivative of that order, in m and s, at any time."""
+        return to_piecewise_polynomial(path_derivative(self.flown_path, order))
 
     def reference(self) -> PiecewisePolynomial:
-        """The trajectory of what the reference shows: the rows of the ports in `REFERENCE_PORTS`, one after another."""
-        path, yaw = refined(self.path, self.yaw.times), refined(self.yaw, self.path.times)
+        """Return the trajectory of the reference at any time: the rows of the ports in `REFERENCE_PORTS`, in order."""
+        end = max(self.flown_path.times[-1], self.flown_yaw.times[-1])
+        path, yaw = (_until(end, part) for part in (self.flown_path, self.flown_yaw))
+        path, yaw = refined(path, yaw.times), refined(yaw, path.times)
         position, velocity, acceleration, jerk, snap = (_axes(path_derivative(path, order)) for order in range(5))
         (angle,), (rate,), (angular_acceleration,) = (_axes(path_derivative(yaw, order)) for order in range(3))
         rows: list[Any] = [
@@ -93,8 +125,13 @@ class Plan:
 
 
 def to_piecewise_polynomial(path: PolynomialPath) -> PiecewisePolynomial:
-    """Returns the path as Drake's (axes, 1) trajectory."""
+    """Return the path as Drake's (axes, 1) trajectory."""
     return _piecewise_polynomial(path.times, _axes(path))
+
+
+def _until(end: float, path: PolynomialPath) -> PolynomialPath:
+    """A path that ends with rest, with that rest lasting until a time in s."""
+    return path._replace(times=np.append(path.times[:-1], end))
 
 
 def _axes(path: PolynomialPath) -> np.ndarray:
@@ -103,7 +140,7 @@ def _axes(path: PolynomialPath) -> np.ndarray:
 
 
 def _piecewise_polynomial(times: np.ndarray, rows: Iterable[np.ndarray]) -> PiecewisePolynomial:
-    """Returns Drake's (rows, 1) trajectory from (segments, powers) coefficients of each row in unit time."""
+    """Return Drake's (rows, 1) trajectory from (segments, powers) coefficients of each row in unit time."""
     durations = np.diff(times)[:, np.newaxis]
     segments = len(durations)
     rows = list(rows)

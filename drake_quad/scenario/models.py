@@ -317,7 +317,9 @@ class Window(Model):
 
     start: PlainMoment = Field(default=0.0, description="first time that counts (s)")
     first_lap: Annotated[int, Field(ge=1)] | None = Field(
-        default=None, description="first lap that counts, in place of `start`; a route without laps has one"
+        default=None,
+        description="first lap that counts, in place of `start`; the last lap that counts is the last of the route,"
+        " and a route without laps is one lap",
     )
     end: PlainMoment | None = Field(
         default=None, description="last time that counts (s); the end of the flight if not given"

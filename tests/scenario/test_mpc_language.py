@@ -67,8 +67,17 @@ def test_a_horizon_is_one_of_ticks_and_looks_along_the_plan():
     structure, plan = structure_of(load("control.horizon=0.25"))
     assert structure["num_ticks"] == 12
     preview = structure["preview"]
-    for tick in (0, 1, 400, len(preview) - 1):
-        seen, time = preview[tick], min(0.02 * tick, plan.path.times[-1])
+    for tick in (0, 1, 400):
+        seen = preview[tick]
         for order, part in ((0, seen.reference[:3]), (2, seen.reference[6:9]), (3, seen.jerk), (4, seen.snap[:3])):
-            np.testing.assert_allclose(part, evaluate(plan.path, [time], order)[:, 0], atol=1e-9)
-        np.testing.assert_allclose(seen.before, preview[max(tick - 1, 0)].snap, atol=1e-9)
+            np.testing.assert_allclose(part, evaluate(plan.path, [0.02 * tick], order)[:, 0], atol=1e-9)
+        before = preview[tick - 1].snap if tick else np.zeros(4)
+        np.testing.assert_allclose(seen.before, before, atol=1e-9)
+
+
+def test_beyond_the_plan_the_horizon_sees_rest():
+    structure, plan = structure_of(load("control.horizon=0.25"))
+    last = structure["preview"][-1]
+    np.testing.assert_allclose(last.reference[:3], plan.waypoints[-1], atol=1e-9)
+    for part in (last.reference[3:9], last.jerk, last.snap, last.before):
+        np.testing.assert_array_equal(part, np.zeros(len(part)))

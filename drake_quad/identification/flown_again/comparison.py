@@ -153,7 +153,7 @@ def compare_with_log(
     flying = on_route(scenario, reference)
     plan = plan_route(flying)
     instants = record.time[chosen] + reference.start
-    target = evaluate(plan.path, instants).T
+    target = evaluate(plan.flown_path, instants).T
     predicted = _positions(flying, plan, instants, samples, progress)
     return Comparison(record, flying, reference, plan, record.time[chosen], target, flown[chosen], target - predicted)
 

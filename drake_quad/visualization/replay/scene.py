@@ -136,8 +136,9 @@ def look_at(meshcat: Meshcat, path: np.ndarray) -> None:
 
 
 def reference_points(plan: Plan) -> np.ndarray:
-    """(n, 3) points along the path of the reference, m."""
-    times = np.linspace(0.0, plan.duration, max(int(20.0 * plan.duration), 2))
+    """Return (n, 3) points along the path of the reference, m."""
+    start, end = plan.path.times[[0, -1]]
+    times = np.linspace(start, end, max(int(20.0 * plan.duration), 2))
     points: np.ndarray = plan.derivative(0).vector_values(times).T
     return points
 

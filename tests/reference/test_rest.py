@@ -1,0 +1,184 @@
+import math
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario, simulate
+from drake_quad.assembly.planning import flight_duration, plan_route
+from drake_quad.assembly.remarks import flight_remarks
+from drake_quad.reference.pieces import plan_of_pieces
+from drake_quad.reference.plan import Plan
+from drake_quad.reference.polynomial_path import evaluate, hermite_path, peak_norm
+from drake_quad.reference.rest import moves_at_end, with_rest
+from drake_quad.reference.source import build_reference
+from drake_quad.signals import Reference
+
+ROUTES = {
+    "figure eight": {"kind": "figure_eight"},
+    "figure eight in laps": {"kind": "figure_eight", "laps": 3, "heading": "along_path"},
+    "circle": {"kind": "circle", "heading": "along_path"},
+    "hover": {"kind": "hover", "yaw": 0.4},
+    "Lissajous": {"kind": "lissajous", "amplitude": [1.0, 0.5, 0.2], "phase": [0.3, 1.1, 0.0], "period": 6.0},
+    "late start": {"kind": "waypoints", "waypoints": [[0, 0, 1], [1, 0, 1], [1, 1, 2]], "times": [1.5, 4.0, 7.0]},
+    "end in motion": {
+        "kind": "waypoints",
+        "waypoints": [[0, 0, 1], {"point": [3, 1, 2], "velocity": [1.0, 0.3, 0.0], "acceleration": [0.2, 0, -0.1]}],
+        "heading": "along_path",
+    },
+    "turning pieces": {
+        "kind": "trajectory",
+        "pieces": [{"duration": 3.0, "x": [0, 0, 0.1], "y": [0.0], "z": [1.0], "yaw": [0.1, 0.5]}],
+    },
+    "knots in steady flight": {
+        "kind": "trajectory",
+        "knots": [{"time": t, "position": [0.5 * t, 0, 1], "velocity": [0.5, 0, 0]} for t in (1.0, 4.0)],
+    },
+}
+
+
+def planned(route):
+    return plan_route(load_scenario("figure_eight", {"route": route}))
+
+
+def shown(plan, time):
+    source = build_reference(plan, ahead=(0.0, 2.0))
+    context = source.CreateDefaultContext()
+    context.SetTime(time)
+    return [source.GetOutputPort(f"reference{part}").Eval(context) for part in ("", "_jerk", "_snap", "_ahead")]
+
+
+@pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES)
+def test_the_reference_rests_after_every_route_and_before_it(route):
+    plan = planned(route)
+    start, end = plan.path.times[[0, -1]]
+    place = plan.flown_path.waypoints[-1]
+    for time in (plan.rest_time + 1e-9, plan.rest_time + 0.7, 100.0):
+        reference, jerk, snap, ahead = shown(plan, time)
+        np.testing.assert_allclose(reference[:3], place, atol=1e-9)
+        np.testing.assert_array_equal(reference[3:9], 0.0)
+        np.testing.assert_array_equal([reference[10], *jerk, *snap], 0.0)
+        np.testing.assert_allclose(ahead, [*place, *place], atol=1e-9)
+    if start > 0.0:
+        reference, jerk, snap, _ = shown(plan, 0.5 * start)
+        np.testing.assert_array_equal([*reference[3:9], reference[10], *jerk, *snap], 0.0)
+    assert (plan.rest_time > end) == plan.brakes
+
+
+@pytest.mark.parametrize("route", ROUTES.values(), ids=ROUTES)
+def test_nothing_but_snap_jumps_at_the_end_of_a_route(route):
+    plan = planned(route)
+    for time in {plan.path.times[-1], plan.rest_time}:
+        before, after = shown(plan, time - 1e-7), shown(plan, time + 1e-7)
+        np.testing.assert_allclose(before[0], after[0], atol=1e-5)
+        np.testing.assert_allclose(before[1], after[1], atol=1e-4)
+
+
+@pytest.mark.parametrize("name", ["Lissajous", "end in motion", "knots in steady flight"])
+def test_braking_asks_for_no_more_than_the_route(name):
+    plan = planned(ROUTES[name])
+    assert plan.brakes
+    assert peak_norm(plan.flown_path, 1) <= peak_norm(plan.path, 1) * (1.0 + 1e-6)
+    assert peak_norm(plan.flown_path, 2) <= max(peak_norm(plan.path, 2), 0.7) * (1.0 + 1e-6)
+
+
+def test_braking_from_steady_motion_is_the_motion_of_least_snap():
+    steady = hermite_path(np.array([0.0, 2.0]), np.array([[[0.0], [1.5]], [[3.0], [1.5]]]))
+    path = with_rest(steady, orders=4, acceleration=0.7)
+    duration = path.durations[2]
+    # The only quintic from v to 0 whose first two derivatives are zero at both ends.
+    s = np.linspace(0.0, 1.0, 20)
+    np.testing.assert_allclose(
+        evaluate(path, 2.0 + duration * s, 1)[0], 1.5 * (1 - 10 * s**3 + 15 * s**4 - 6 * s**5), atol=1e-9
+    )
+    assert path.waypoints[-1, 0] == pytest.approx(3.0 + 0.5 * 1.5 * duration)
+    assert peak_norm(path, 2) == pytest.approx(1.875 * 1.5 / duration)
+
+
+def test_a_path_that_ends_at_rest_is_not_braked():
+    assert not planned(ROUTES["figure eight"]).brakes
+    assert not planned(ROUTES["circle"]).brakes  # although its yaw ends with an acceleration
+    assert moves_at_end(planned(ROUTES["Lissajous"]).path, 4)
+    assert not moves_at_end(planned(ROUTES["Lissajous"]).yaw, 2)
+
+
+def test_an_exported_plan_that_ends_in_motion_brakes_the_same_way_when_it_is_read_again():
+    plan = planned(ROUTES["turning pieces"])
+    rows = np.array([[3.0, *plan.path.coefficients[0].T.flatten()]])
+    assert rows.shape == (1, 25)
+    again = plan_of_pieces(
+        np.array([[3.0, *[0, 0, 0.1, 0, 0, 0, 0, 0], *[0] * 8, *[1, *[0] * 7], *[0.1, 0.5, *[0] * 6]]])
+    )
+    np.testing.assert_allclose(again.flown_path.coefficients, plan.flown_path.coefficients, atol=1e-12)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compiled", [False, True])
+def test_a_flight_longer_than_its_route_ends_where_the_route_ends(compiled):
+    scenario = load_scenario("figure_eight", {"duration": 35.0})
+    flight = simulate(scenario, compiled=compiled)
+    assert flight.euclidean_error[-1] < 1e-3
+    assert flight.remarks == ()
+
+
+@pytest.mark.slow
+def test_a_flight_beyond_a_route_that_ends_in_motion_brakes_and_says_so():
+    route = {**ROUTES["Lissajous"], "laps": 1}
+    flight = simulate(load_scenario("figure_eight", {"route": route, "duration": 20.0}), compiled=True)
+    rests = flight.time > flight.plan.rest_time
+    reference: Reference = flight.record("reference")
+    assert np.ptp(reference.x[rests]) == 0.0
+    assert flight.euclidean_error[-1] < 1e-3
+    (remark,) = flight.remarks
+    assert "ends in motion" in remark
+    assert f"{flight.plan.rest_time:.2f} s" in remark
+    assert flight_remarks(load_scenario("figure_eight", {"route": route})) == ()
+
+
+def test_braking_that_the_rotors_cannot_fly_is_refused():
+    """Rotors that give 1.05 of the weight can fly a descent that gets faster and faster, but they cannot stop it."""
+    knots = [
+        {
+            "time": 4.0 * i,
+            "position": [0, 0, 90 - 2.0 * (4.0 * i) ** 2 / 2],
+            "velocity": [0, 0, -8.0 * i],
+            "acceleration": [0, 0, -2],
+        }
+        for i in range(3)
+    ]
+    overrides = {"route": {"kind": "trajectory", "knots": knots}, "nominal.max_rotor_speed": 206.0}
+    scenario = load_scenario("figure_eight", overrides)
+    plan = plan_route(scenario)
+    assert flight_duration(scenario, plan) == pytest.approx(8.0)
+    with pytest.raises(InputError, match="ends in motion at 8.00 s, and the braking after it cannot be flown"):
+        flight_duration(load_scenario("figure_eight", {**overrides, "duration": 10.0}), plan)
+
+
+def test_braking_into_an_obstacle_is_refused():
+    knots = [
+        {"time": 0.0, "position": [0, 0, 1]},
+        {"time": 4.0, "position": [3, 0, 1], "velocity": [1.2, 0, 0]},
+    ]
+    wall = {"kind": "box", "centre": [3.7, 0, 1.5], "size": [0.2, 4, 3]}
+    overrides = {"route": {"kind": "trajectory", "knots": knots}, "space": {"obstacles": {"wall": wall}}}
+    scenario = load_scenario("figure_eight", overrides)
+    assert flight_duration(scenario, plan_route(scenario)) == pytest.approx(4.0)
+    longer = load_scenario("figure_eight", {**overrides, "duration": 10.0})
+    with pytest.raises(InputError, match="wall"):
+        flight_duration(longer, plan_route(longer))
+
+
+@pytest.mark.slow
+def test_metrics_of_laps_do_not_count_the_rest_after_them():
+    laps = {"route.laps": 2, "metrics.first_lap": 2}
+    flown = simulate(load_scenario("figure_eight", laps), compiled=True).metrics
+    longer = simulate(load_scenario("figure_eight", {**laps, "duration": 80.0}), compiled=True).metrics
+    assert longer.rmse == flown.rmse
+    assert math.isfinite(flown.rmse)
+
+
+def test_hover_is_rest_at_all_times():
+    plan = Plan.hover([1.0, 2.0, 3.0], duration=5.0)
+    for time in (0.0, 2.0, 5.0, 9.0):
+        reference, jerk, snap, _ = shown(plan, time)
+        np.testing.assert_array_equal(reference[:3], [1.0, 2.0, 3.0])
+        np.testing.assert_array_equal([*reference[3:9], *jerk, *snap], 0.0)
