@@ -1,11 +1,28 @@
-"""What a person should know of a flight before it is flown, in sentences."""
+"""What a person should know of a flight before its numbers are used, in sentences."""
+
+from collections.abc import Iterator
+from typing import Any
 
 import numpy as np
+import scipy
 
 from drake_quad.assembly.planning import goes_on_in_motion, plan_route
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario import Scenario
+from drake_quad.scenario.description import unit_at
+from drake_quad.scenario.distributions import Distribution
+from drake_quad.scenario.layouts import arm_length_of
+from drake_quad.scenario.paths import distributions_in
+
+# Believed and flown vehicle differ if they are further apart than both of these: a relative difference, which no scale and
+# no data sheet is off by, and a multiple of the standard deviation of the flown vehicle.
+_MIN_DIFFERENCE = 0.2
+_MIN_DEVIATIONS = 5.0
+# Fields in which two vehicles differ; the limits of the rotors differ with how they are driven.
+_COMPARED = ("mass", "inertia.0", "inertia.1", "inertia.2", "thrust_factor")
+# Probability of a standard normal variable to be less than one standard deviation below its mean.
+_BELOW = float(scipy.special.ndtr(-1.0))
 
 
 def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, ...]:
@@ -18,7 +35,44 @@ def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, .
     Raises:
         InputError: the route cannot be planned.
     """
-    return (*_braking(scenario, plan),)
+    return (*_mixed_vehicles(scenario), *_braking(scenario, plan))
+
+
+def _mixed_vehicles(scenario: Scenario) -> list[str]:
+    """A remark on a vehicle that is not the one that its controllers believe in."""
+    found = [
+        f"{name} {_middle(flown):.4g} (believed {believed:.4g}){unit}"
+        for name, believed, flown, unit in _airframes(scenario)
+        if abs(_middle(flown) - believed) > max(_MIN_DIFFERENCE * believed, _MIN_DEVIATIONS * _deviation(flown))
+    ]
+    if not found:
+        return []
+    return [
+        f"the vehicle that flies is far from the one that its controllers believe in: {', '.join(found)}; check that"
+        " `vehicle` and `nominal` describe the same one"
+    ]
+
+
+def _airframes(scenario: Scenario) -> Iterator[tuple[str, float, Any, str]]:
+    """Name, believed value, flown value and unit of what makes two airframes different."""
+    for path in _COMPARED:
+        name, _, item = path.partition(".")
+        values = [getattr(part, name) for part in (scenario.nominal, scenario.vehicle)]
+        believed, flown = (value[int(item)] if item else value for value in values)
+        yield path, believed, flown, f" {unit_at(scenario, f'vehicle.{path}')}"
+    if not (distributions_in(scenario.vehicle.layout) or isinstance(scenario.vehicle.arm_length, Distribution)):
+        yield "arm length", arm_length_of(scenario.nominal), arm_length_of(scenario.vehicle), " m"
+
+
+def _middle(value: Any) -> float:
+    return float(value.quantile(0.5)) if isinstance(value, Distribution) else value
+
+
+def _deviation(value: Any) -> float:
+    """Half the width of the interval that holds as much of a distribution as a standard deviation does of a normal one."""
+    if not isinstance(value, Distribution):
+        return 0.0
+    return 0.5 * float(value.quantile(1.0 - _BELOW) - value.quantile(_BELOW))
 
 
 def _braking(scenario: Scenario, plan: Plan | None) -> list[str]:

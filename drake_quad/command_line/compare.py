@@ -15,7 +15,7 @@ from drake_quad.command_line.options import (
     bare_parser,
     overrides_of,
 )
-from drake_quad.command_line.output import print_columns, print_files
+from drake_quad.command_line.output import print_columns, print_files, print_flight_remarks
 from drake_quad.command_line.progress import flight_progress
 from drake_quad.files import output_folder, write_table
 from drake_quad.laboratory.metrics import Metrics
@@ -63,6 +63,7 @@ def main(arguments: argparse.Namespace) -> None:
     if not 1 <= samples <= 10_000:
         raise InputError(f"--samples is {samples}, but must be between 1 and 10000")
     pairs = scenarios_of(arguments)
+    print_flight_remarks(scenario for found in pairs.values() for scenario in found.values())
     folder = output_folder(arguments.output)
     flights: dict[str, dict[str, Metrics]] = {}
     for place, found in pairs.items():

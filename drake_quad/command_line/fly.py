@@ -12,7 +12,7 @@ from pydrake.systems.analysis import Simulator
 from drake_quad import Flight, InputError, Scenario, save_network, simulate
 from drake_quad.assembly.planning import plan_route
 from drake_quad.command_line.options import add_vector, check_extra, folder_of, parser, scenario_of
-from drake_quad.command_line.output import print_files, print_table
+from drake_quad.command_line.output import print_files, print_flight_remarks, print_table
 from drake_quad.command_line.progress import flight_progress
 from drake_quad.files import output_folder
 from drake_quad.flight.mcap_file import save_mcap
@@ -65,6 +65,7 @@ def main(arguments: argparse.Namespace) -> None:
     folder = output_folder(folder_of(arguments, scenario.name))
     sample = scenario.sample if arguments.sample is None else arguments.sample
     meshcat = opened_meshcat() if arguments.meshcat else None
+    print_flight_remarks([scenario])
     drawn = draw_sample(scenario, sample or 0)
     plan = plan_route(drawn)
     prepare = None if meshcat is None else live_view(meshcat, drawn, plan, arguments.rate)

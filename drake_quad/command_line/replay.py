@@ -4,7 +4,7 @@ import argparse
 
 from drake_quad import Flight, InputError
 from drake_quad.command_line.options import controlled_scenarios, folder_of, parser
-from drake_quad.command_line.output import print_files
+from drake_quad.command_line.output import print_files, print_flight_remarks
 from drake_quad.files import output_folder
 from drake_quad.flight import simulate_samples
 from drake_quad.visualization.replay.page import save_replay, save_swarm
@@ -40,6 +40,7 @@ def main(arguments: argparse.Namespace) -> None:
     if arguments.first < 0:
         raise InputError(f"--first is {arguments.first}, but must be 0 or more")
     scenarios = controlled_scenarios(arguments)
+    print_flight_remarks(scenarios.values())
     samples = range(arguments.first, arguments.first + arguments.samples)
     flights = {name: simulate_samples(each, samples) for name, each in scenarios.items()}
     file = output_folder(folder_of(arguments, "_".join(flights))) / "replay.html"

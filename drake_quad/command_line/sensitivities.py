@@ -8,7 +8,7 @@ import numpy as np
 
 from drake_quad.analysis.sensitivity import DIFFERENTIABLE, Sensitivities, flight_sensitivities
 from drake_quad.command_line.options import add_vector, folder_of, parser, scenario_of
-from drake_quad.command_line.output import print_columns, print_files
+from drake_quad.command_line.output import print_columns, print_files, print_flight_remarks
 from drake_quad.files import output_folder, write_table
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.layouts import has_distances
@@ -70,6 +70,7 @@ def options() -> argparse.ArgumentParser:
 def main(arguments: argparse.Namespace) -> None:
     """Runs the command."""
     scenario = scenario_of(arguments)
+    print_flight_remarks([scenario])
     folder = output_folder(folder_of(arguments, scenario.name))
     fields = tuple(dict.fromkeys(arguments.field or default_fields(scenario)))
     found = flight_sensitivities(scenario, fields, sample=arguments.sample)

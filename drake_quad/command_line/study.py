@@ -10,7 +10,7 @@ import numpy as np
 
 from drake_quad import InputError, Scenario
 from drake_quad.command_line.options import add_vector, add_wired, check_extra, controlled_scenarios, folder_of, parser
-from drake_quad.command_line.output import print_columns, print_files, remark
+from drake_quad.command_line.output import print_columns, print_files, print_flight_remarks, remark
 from drake_quad.command_line.progress import study_progress
 from drake_quad.errors import listed
 from drake_quad.laboratory.metrics import UNITS
@@ -111,6 +111,7 @@ def main(arguments: argparse.Namespace) -> None:
 def scenarios_of(arguments: argparse.Namespace) -> dict[str, Scenario]:
     """The scenarios to fly, by name: one for each controller, or the only one."""
     found = controlled_scenarios(arguments)
+    print_flight_remarks(found.values())
     for name, scenario in found.items():
         if not distributions_in(scenario):
             remark(f"{name} holds no distribution: its samples differ by wind and noise, if it has any, and else not")

@@ -121,10 +121,13 @@ def _controllers(on_board: bool) -> dict[str, Entry]:
     def estimated(position: Tree) -> Tree:
         return _cascade(on_board, estimating | position, incremental)
 
+    integrating: Tree = {"kind": "pid", "k_i": [1.0, 1.0, 1.0]}
+    if on_board:  # likewise
+        integrating |= {"integral_limit": 20.0}
     filtered = {"position_noise": 0.001, "time_constant": [10.0, 10.0, 10.0], "deviation": [1.0, 1.0, 1.0]}
     found = {
         "pd": Entry("PD", nothing, plain, knobs),
-        "pid": Entry("PID", nothing, _cascade(on_board, {"kind": "pid", "k_i": [1.0, 1.0, 1.0]}), (*knobs, *integral)),
+        "pid": Entry("PID", nothing, _cascade(on_board, integrating), (*knobs, *integral)),
         "geometric": Entry(
             "PD, geometric attitude", nothing, _cascade(on_board, {"kind": "pd"}, {"kind": "geometric"}), knobs
         ),
@@ -152,7 +155,10 @@ def _controllers(on_board: bool) -> dict[str, Entry]:
 
 
 def _cascade(on_board: bool, position: Tree, attitude: Mapping[str, Any] = {"kind": "pd"}) -> Tree:
-    """The fields of a cascade; the gains of X and Y, of roll and pitch and so on are still to be tuned."""
+    """The fields of a cascade; the gains of X and Y, of roll and pitch and so on are still to be tuned.
+
+    On board the limits on tilt and thrust are those of vehicles/neural_fly.yaml, which a wind of 12 m/s needs.
+    """
     # The yaw's gains are those of `design_gains.py` for laboratory.yaml.
     gains = {"k_p": [1.0, 1.0, 5.356], "k_d": [1.0, 1.0, 3.456]}
     common = {
@@ -161,9 +167,10 @@ def _cascade(on_board: bool, position: Tree, attitude: Mapping[str, Any] = {"kin
         "derivative": "tracking_error",
         "feed_forward": "acceleration" if on_board else "snap",
     }
+    limits = {"thrust_vectoring": {"max_tilt": 1.2, "min_thrust": 0.1, "max_thrust": 2.2}} if on_board else {}
     return {
         "kind": "cascade",
-        "network": None,
+        **limits,
         "attitude": None if on_board else {**attitude, **gains},
         "position": {"kind": position["kind"], **common, **position},
     }

@@ -156,7 +156,7 @@ def design_prices(
             place = load_undesigned(diagrams / family.laboratories[PRICED_IN])
             design = design_lqg(place, Limits(sensitivity=sensitivity, delay=limit.delay))
             control = design.control.model_dump(mode="json", exclude_none=True)
-            tree, words = {"control": control | {"network": None}}, "by its designer"
+            tree, words = {"control": control}, "by its designer"
         write_designs(path, {name: tree}, said={name: words}, head=_PRICED_HEAD)
         yield Designed(name, words)
 

@@ -8,7 +8,8 @@ import numpy as np
 
 from drake_quad.errors import InputError, shortened, shown
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.library import Library, merged
+from drake_quad.scenario.layers import merged
+from drake_quad.scenario.library import Library
 from drake_quad.scenario.limits import MOST_CHARACTERS, MOST_LEVELS
 from drake_quad.scenario.marked_tree import Mark, Tree
 from drake_quad.scenario.paths import joined, steps_of

@@ -117,6 +117,11 @@ def implied_arms(layout: Any) -> tuple[float, float]:
     return min(arms), max(arms)
 
 
+def arm_length_of(airframe: Any) -> float:
+    """Return the mean of the distances (m) of the nearest and the farthest rotor from the middle, for an airframe of numbers."""
+    return 0.5 * sum(implied_arms(airframe.layout)) if has_distances(airframe.layout) else float(airframe.arm_length)
+
+
 def _distances(airframe: Any) -> tuple[Row, Row]:
     """From front to back and from right to left, m."""
     layout = airframe.layout

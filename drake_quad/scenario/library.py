@@ -1,11 +1,12 @@
 """The files of a scenario, and `extends` between them."""
 
 import os
+from collections.abc import Iterator
 from pathlib import Path
 
 from drake_quad.errors import InputError, listed, shortened, shown
-from drake_quad.scenario.distributions import DISTRIBUTIONS
 from drake_quad.scenario.documents import parse_document
+from drake_quad.scenario.layers import DEFAULT_VEHICLE, check_description, laid_over
 from drake_quad.scenario.limits import MOST_BASES, MOST_BYTES, MOST_NODES
 from drake_quad.scenario.marked_tree import Mark, Tree
 from drake_quad.scenario.mesh_file import mesh_points
@@ -15,8 +16,6 @@ from drake_quad.scenario.reading import read_text
 from drake_quad.scenario.shipped import shipped_file, unknown
 from drake_quad.scenario.waypoint_table import name_of, parse_waypoint_table
 
-# The kind of a field that may leave it out.
-SILENT_KINDS = {"control": "cascade"}
 _SUFFIXES = (".yaml", ".yml", ".csv")
 
 
@@ -140,17 +139,25 @@ class Library:
         if not isinstance(tree.value, dict):
             raise InputError(f"{tree.mark}: scenario {shortened(name)} must be a mapping of fields")
         own = Tree({key: value for key, value in tree.value.items() if key != "extends"}, tree.mark)
+        if DEFAULT_VEHICLE in own.value:
+            (default,) = self._extended(tree.value[DEFAULT_VEHICLE], path, stack)
+            own.value[DEFAULT_VEHICLE] = default
         if "extends" not in tree.value:
+            check_description(own)
             return own
         result: Tree | None = None
-        for spec in _bases(tree.value["extends"]):
+        for base in self._extended(tree.value["extends"], path, stack):
+            result = base if result is None else laid_over(result, base)
+        return own if result is None else laid_over(result, own)
+
+    def _extended(self, names: Tree, path: Path, stack: tuple[str, ...]) -> Iterator[Tree]:
+        """The scenarios that a scenario of a file names."""
+        for spec in _bases(names):
             self._bases -= 1
             if self._bases < 0:
                 raise InputError(f"{spec.mark}: extends too many scenarios: {MOST_BASES} in all, at most")
             base_path, base_name = _base(spec, path, self._document(path))
-            _, base = self._resolve(base_path, base_name, spec.mark, stack)
-            result = base if result is None else merged(result, base)
-        return own if result is None else merged(result, own)
+            yield self._resolve(base_path, base_name, spec.mark, stack)[1]
 
 
 def _base(spec: Tree, path: Path, document: Tree) -> tuple[Path, str | None]:
@@ -175,28 +182,6 @@ def _parse_trajectory(text: str, path: Path) -> Tree:
     route = {"kind": Tree("trajectory", pieces.mark), "pieces": pieces}
     scenario = Tree({"route": Tree(route, pieces.mark)}, pieces.mark)
     return Tree({name_of(path): scenario}, pieces.mark)
-
-
-def merged(base: Tree, extension: Tree, silent: str | None = None) -> Tree:
-    """Returns a deep merge: mappings are joined, anything else in the extension replaces.
-
-    A mapping of another `kind`, or a distribution, replaces as a whole: its fields mean something else. A control in
-    the base that does not say its kind is a cascade; one in the extension is of whatever kind is there.
-
-    Args:
-        base: that is laid under.
-        extension: that is laid over it.
-        silent: kind of a base that does not say it.
-    """
-    old, new = base.value, extension.value
-    if not (isinstance(old, dict) and isinstance(new, dict)):
-        return extension
-    before = old["kind"].value if "kind" in old else silent
-    other_kind = "kind" in new and before is not None and new["kind"].value != before
-    if other_kind or any(name in old or name in new for name in DISTRIBUTIONS):
-        return extension
-    joined = {key: merged(old[key], tree, SILENT_KINDS.get(key)) if key in old else tree for key, tree in new.items()}
-    return Tree({**old, **joined}, extension.mark)
 
 
 def located(spec: str) -> tuple[Path, str | None]:

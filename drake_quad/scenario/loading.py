@@ -10,13 +10,16 @@ from typing import Any, NamedTuple, TypeVar, get_args
 from pydantic import ValidationError
 
 from drake_quad.errors import InputError, shortened, shown
+from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse
 from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
 from drake_quad.scenario.given_values import given_trees
-from drake_quad.scenario.library import SILENT_KINDS, Library, merged
+from drake_quad.scenario.layers import DEFAULT_VEHICLE, SILENT_KINDS, laid_over, merged, with_default_vehicle
+from drake_quad.scenario.library import Library
 from drake_quad.scenario.limits import MOST_LEVELS
 from drake_quad.scenario.marked_tree import Mark, Tree
-from drake_quad.scenario.models import Mission, Scenario
+from drake_quad.scenario.models import Mission, Nominal, Scenario, Vehicle
 from drake_quad.scenario.paths import joined, steps_of
+from drake_quad.scenario.relative import with_absolute_distributions
 
 # Names of forms that stand in no file: an attitude controller without a kind is a PD.
 _TAGS = ("number", "pd", *DISTRIBUTIONS)
@@ -88,9 +91,10 @@ control:
 
 
 def load_undesigned(spec: str | Path, overrides: Overrides = ()) -> Scenario:
-    """Loads a scenario whose gains are to be designed, such as a vehicle: it need have neither route nor control.
+    """Load a scenario whose gains are to be designed, such as a vehicle: it need have neither route nor control.
 
-    Without a route it flies the paper's figure eight, without a position controller a PD with feed-forward.
+    Without a route it flies the paper's figure eight, without a position controller a PD with feed-forward. A cascade
+    for control of the attitude on the ground is taken for one that leaves it to an autopilot, if there is one.
 
     Args:
         spec: FILE, or FILE:NAME where the file holds several scenarios.
@@ -99,7 +103,32 @@ def load_undesigned(spec: str | Path, overrides: Overrides = ()) -> Scenario:
     Raises:
         InputError: as `load_scenario`.
     """
-    return validated(Scenario, _loaded(spec, overrides, beneath=_UNDESIGNED))
+    return validated(Scenario, _on_board(_loaded(spec, overrides, beneath=_UNDESIGNED)))
+
+
+# What the autopilots on board feed forward, by their kinds.
+_FED_FORWARD_ON_BOARD = {
+    get_args(model.model_fields["kind"].annotation)[0]: model.feeds_forward
+    for model in (AttitudeAutopilot, AttitudeResponse)
+}
+
+
+def _on_board(tree: Tree) -> Tree:
+    """A scenario whose cascade has no attitude control and no more feed-forward than its autopilot takes, if it has one."""
+    allowed = _FED_FORWARD_ON_BOARD.get(_word(tree, "laboratory", "autopilot", "kind"), ())
+    if not allowed or _word(tree, "control", "kind") not in (None, "cascade"):
+        return tree
+    mark = tree.value["control"].mark
+    changes: dict[str, Tree] = {"attitude": Tree(None, mark)}
+    if _word(tree, "control", "position", "feed_forward") not in (None, *allowed):
+        changes["position"] = Tree({"feed_forward": Tree(allowed[-1], mark)}, mark)
+    return merged(tree, Tree({"control": Tree(changes, mark)}, tree.mark))
+
+
+def _word(tree: Tree, *path: str) -> Any:
+    """The scalar at a path; None if there is none."""
+    part, depth = tree.at(path)
+    return part.value if depth == len(path) and isinstance(part.value, str) else None
 
 
 def has_control(spec: str | Path) -> bool:
@@ -140,7 +169,8 @@ def _loaded(
     if beneath:
         tree = merged(library.parse(beneath, "what is not written", numbered=False), tree)._replace(mark=tree.mark)
     for layer in layers:
-        tree = merged(tree, library.find(layer)[1])
+        tree = laid_over(tree, library.find(layer)[1])
+    tree = with_default_vehicle(tree)
     for override in _trees_of(overrides, library):
         for field in override.value.keys() & foreign:
             allowed = ", ".join(Mission.model_fields)
@@ -151,7 +181,17 @@ def _loaded(
         tree = Tree({"name": Tree(name, tree.mark), **tree.value}, tree.mark)
     for path, read in _FILES.items():
         tree = _with_file(tree, path, partial(read, library))
-    return tree
+    return _without_relatives(tree)
+
+
+def _without_relatives(tree: Tree) -> Tree:
+    """A scenario whose relative distributions are ordinary ones; a `nominal` that is wrong is left to be refused."""
+    nominal = tree.value.get("nominal")
+    try:
+        believed = Nominal() if nominal is None else Nominal.model_validate(nominal.plain())
+    except ValidationError:
+        return tree
+    return with_absolute_distributions(tree, believed, Vehicle())
 
 
 # Stands in a path for each name of a mapping.

@@ -5,10 +5,14 @@ from collections.abc import Iterator
 from typing import Any
 
 from drake_quad.scenario import limits
+from drake_quad.scenario.distributions import DISTRIBUTIONS
+from drake_quad.scenario.layers import DEFAULT_VEHICLE
 from drake_quad.scenario.models import Scenario
+from drake_quad.scenario.relative import RELATIVE
 
 _REFERENCE = "#/$defs/"
-_DISTRIBUTIONS = ("Uniform", "LogUniform", "Normal", "Choice")
+_FORMS = {model.__name__: name for name, model in DISTRIBUTIONS.items()}
+_DISTRIBUTIONS = tuple(_FORMS)
 
 
 def file_schema() -> dict[str, Any]:
@@ -42,6 +46,11 @@ def file_schema() -> dict[str, Any]:
         "description": "what this scenario is laid over, the last on top",
         "anyOf": [names, {"type": "array", "items": names}],
     }
+    scenario["properties"][DEFAULT_VEHICLE] = {
+        "description": "the vehicle that flies where no scenario that this is laid over or under describes one",
+        **names,
+    }
+    _allow_relative(definitions)
     definitions["Scenario"] = scenario
     schema = {
         "$schema": "https://json-schema.org/draft/2020-12/schema",
@@ -52,6 +61,33 @@ def file_schema() -> dict[str, Any]:
     }
     loosened: dict[str, Any] = _loosened(schema)
     return loosened
+
+
+def _allow_relative(definitions: dict[str, Any]) -> None:
+    """Allow a relative distribution wherever a vehicle may have a distribution."""
+    for name in ("Vehicle", *_order(definitions["Vehicle"], definitions)):
+        for forms in _forms_with_distributions(definitions[name]):
+            forms.append({"$ref": f"{_REFERENCE}Relative"})
+    one = {name: definitions[model]["properties"][name] for model, name in _FORMS.items()}
+    to = {"type": "number", "exclusiveMinimum": 0.0, "description": "value of the field to which the numbers belong"}
+    definitions["Relative"] = {
+        "type": "object",
+        "description": "a distribution in proportion to the value of the vehicle that flies",
+        "properties": {RELATIVE: {"type": "object", "properties": {**one, "to": to}, "additionalProperties": False}},
+        "additionalProperties": False,
+    }
+
+
+def _forms_with_distributions(node: Any) -> Iterator[list[Any]]:
+    """The lists of alternatives in a schema of which some are distributions."""
+    if isinstance(node, list):
+        if any(map(_is_distribution, node)):
+            yield node
+        for each in node:
+            yield from _forms_with_distributions(each)
+    elif isinstance(node, dict):
+        for each in node.values():
+            yield from _forms_with_distributions(each)
 
 
 def _of_numbers(node: Any, definitions: dict[str, Any]) -> Any:
@@ -105,10 +141,22 @@ _INTRODUCTION = f"""# The scenario language
 
 A file holds scenarios by their names. A scenario is a mapping of the fields below. What it does not say it takes from
 what it `extends`: FILE, FILE:NAME, NAME of the same file, a shipped one by its name (`laboratory:high_wind`,
-`vehicles/hummingbird`; `drake-quad scenarios` lists them), or a list of these, the last on top. Mappings are joined,
-anything else replaces, and so does a mapping of another `kind`. A `control` that does not say its kind is a cascade, or
-of the kind of what it is laid over. Where a distribution may stand, a study draws a number for each of its samples.
-Numbers of several fields are drawn independently, unless they are normal and share variables ([Bell](#bell)): here mass
+`vehicles/hummingbird`; `drake-quad scenarios` lists them), or a list of these, the last on top.
+
+Mappings are joined field by field, anything else replaces, and so does a mapping of another `kind`. Three things are
+replaced as a whole, so that nothing is left of what was there before:
+
+- **A vehicle.** A scenario that gives `nominal` a mass, an inertia, the place and the factors of the rotors, and their
+  inertia and limits, describes a vehicle. It replaces `nominal` and `vehicle`; what stays are the gravity, the time step,
+  the kinematics, a rotor's failure, loads, and distributions that are [relative](#relative-distributions). An autopilot
+  of kind `response`, which was identified with a vehicle, goes with it. `default_vehicle` names the vehicle that flies
+  where nothing describes another: a laboratory has one, and serves every vehicle.
+- **A control** that says its `kind`. One that does not changes fields of what is there, or is a cascade.
+- **A route** that says its `kind`, with the `duration` and the `metrics` of the flight along it.
+
+Overrides (`--set`, and mappings in Python) change just the fields that they name.
+
+Where a distribution may stand, a study draws a number for each of its samples. Numbers of several fields are drawn independently, unless they are normal and share variables ([Bell](#bell)): here mass
 and lag have a correlation of 0.9 · (-0.5) = -0.45, and each has the distribution that is written for it.
 
 ```yaml
@@ -119,6 +167,23 @@ correlated:
     rotor_time_constant:
       normal: {{mean: 0.05, standard_deviation: 0.004, min: 0.02, max: 0.08, shared: {{battery: -0.5}}}}
 ```
+
+### Relative distributions
+
+A distribution in `vehicle` can be relative to the vehicle that flies. Its numbers then belong to a vehicle whose field
+has the value `to` (1 if it is not given), and are scaled in proportion for any other: for a vehicle of 2 kg this is a
+mass of 2 kg with a standard deviation of 29 g.
+
+```yaml
+uncertain_mass:
+  vehicle:
+    mass: {{relative: {{to: 0.68, normal: {{mean: 0.68, standard_deviation: 0.01, min: 0.64, max: 0.72}}}}}}
+```
+
+The reference is the field of the vehicle beneath, the median of its distribution, the same field of `nominal`, or the
+default. The reference of `centre_of_mass` is the length of an arm; `thrust_factor_error` and `battery_sag` are shares
+and need none. What a vehicle does not have, or has as zero, such as body drag, has no distribution. So
+`extends: [vehicles/racer, robustness]` is a racer on a bad day, in either order.
 
 A single field is named by the way to it: `vehicle.inertia.0`. Items of lists count from 0; only rotors have names, and
 count from 1, as everywhere: `vehicle.thrust_factor_error.rotor_1`.
