@@ -70,9 +70,10 @@ def merged(base: Tree, extension: Tree, silent: str | None = None) -> Tree:
 def laid_over(base: Tree, layer: Tree) -> Tree:
     """Return a scenario with another one laid over it.
 
-    A layer that describes a vehicle replaces the vehicle: nothing of the airframe beneath is left, nor a response of its
-    attitude that was identified with it, but relative distributions apply to the new one. A control or a route that says
-    its kind replaces the one beneath; with a route go the duration of its flight and the window of its metrics.
+    A layer that describes a vehicle replaces the vehicle: nothing of the airframe beneath is left, but relative
+    distributions apply to the new one. A response of the attitude that was identified with the airframe goes with it, and
+    with that the control that relied on it. A control or a route that says its kind replaces the one beneath; with a
+    route go the duration of its flight and the window of its metrics.
     """
     beneath = dict(base.value)
     if describes_vehicle(layer):
@@ -140,6 +141,7 @@ def _without_airframe(fields: dict[str, Tree]) -> dict[str, Tree]:
     if laboratory is not None and isinstance(laboratory.value, dict) and _is_identified(laboratory):
         others = {name: part for name, part in laboratory.value.items() if name != "autopilot"}
         kept["laboratory"] = laboratory._replace(value=others)
+        kept.pop("control", None)
     return kept
 
 

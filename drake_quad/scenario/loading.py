@@ -19,7 +19,7 @@ from drake_quad.scenario.limits import MOST_LEVELS
 from drake_quad.scenario.marked_tree import Mark, Tree
 from drake_quad.scenario.models import Mission, Nominal, Scenario, Vehicle
 from drake_quad.scenario.paths import joined, steps_of
-from drake_quad.scenario.relative import with_absolute_distributions
+from drake_quad.scenario.relative import refuse_elsewhere, with_absolute_distributions
 
 # Names of forms that stand in no file: an attitude controller without a kind is a PD.
 _TAGS = ("number", "pd", *DISTRIBUTIONS)
@@ -186,6 +186,7 @@ def _loaded(
 
 def _without_relatives(tree: Tree) -> Tree:
     """A scenario whose relative distributions are ordinary ones; a `nominal` that is wrong is left to be refused."""
+    refuse_elsewhere(tree)
     nominal = tree.value.get("nominal")
     try:
         believed = Nominal() if nominal is None else Nominal.model_validate(nominal.plain())

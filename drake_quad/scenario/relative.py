@@ -78,7 +78,7 @@ def with_absolute_distributions(tree: Tree, nominal: Any, defaults: Any) -> Tree
         defaults: a `Vehicle` with the defaults of all other fields.
 
     Raises:
-        InputError: something relative is not a distribution, or is not a field of `vehicle`.
+        InputError: something relative is not a distribution.
     """
     vehicle = tree.value.get("vehicle")
     if vehicle is not None and isinstance(vehicle.value, dict) and relative_part(vehicle) is not None:
@@ -92,7 +92,6 @@ def with_absolute_distributions(tree: Tree, nominal: Any, defaults: Any) -> Tree
             fields[name] = _absolute(field, default, f"vehicle.{name}")
         kept = {name: field for name, field in fields.items() if field is not None}
         tree = tree._replace(value={**tree.value, "vehicle": vehicle._replace(value=kept)})
-    _refuse_elsewhere(tree, "")
     return tree
 
 
@@ -172,13 +171,20 @@ def _times(tree: Tree, factor: float) -> Tree:
     return tree._replace(value=number * factor) if isinstance(number, int | float) and not isinstance(number, bool) else tree
 
 
-def _refuse_elsewhere(tree: Tree, path: str) -> None:
-    """Raise InputError if there is a relative distribution left."""
+def refuse_elsewhere(tree: Tree) -> None:
+    """Raise InputError if a scenario has a relative distribution that is not in `vehicle`."""
+    for name, part in tree.value.items():
+        if name != "vehicle":
+            _refuse(part, name)
+
+
+def _refuse(tree: Tree, path: str) -> None:
+    """Raise InputError if there is a relative distribution in a part of a scenario at a path."""
     if is_relative(tree):
         raise InputError(
             f"{tree.value[RELATIVE].mark}: {path} is relative, but only fields of `vehicle` have a nominal value that they"
             " can be relative to"
         )
-    parts = tree.value.items() if isinstance(tree.value, dict) else enumerate(tree.value) if isinstance(tree.value, list) else ()
-    for key, part in parts:
-        _refuse_elsewhere(part, f"{path}.{key}" if path else str(key))
+    if isinstance(tree.value, dict | list):
+        for key, part in tree.value.items() if isinstance(tree.value, dict) else enumerate(tree.value):
+            _refuse(part, f"{path}.{key}")

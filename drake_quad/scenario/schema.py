@@ -149,7 +149,8 @@ replaced as a whole, so that nothing is left of what was there before:
 - **A vehicle.** A scenario that gives `nominal` a mass, an inertia, the place and the factors of the rotors, and their
   inertia and limits, describes a vehicle. It replaces `nominal` and `vehicle`; what stays are the gravity, the time step,
   the kinematics, a rotor's failure, loads, and distributions that are [relative](#relative-distributions). An autopilot
-  of kind `response`, which was identified with a vehicle, goes with it. `default_vehicle` names the vehicle that flies
+  of kind `response`, which was identified with a vehicle, goes with it, and so does the control that relied on it.
+  `default_vehicle` names the vehicle that flies
   where nothing describes another: a laboratory has one, and serves every vehicle.
 - **A control** that says its `kind`. One that does not changes fields of what is there, or is a cascade.
 - **A route** that says its `kind`, with the `duration` and the `metrics` of the flight along it.
@@ -176,6 +177,7 @@ mass of 2 kg with a standard deviation of 29 g.
 
 ```yaml
 uncertain_mass:
+  extends: figure_eight
   vehicle:
     mass: {{relative: {{to: 0.68, normal: {{mean: 0.68, standard_deviation: 0.01, min: 0.64, max: 0.72}}}}}}
 ```

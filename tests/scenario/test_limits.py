@@ -56,8 +56,8 @@ def chain(levels, *, twice=False):
 
 def test_what_is_extended_several_times_is_resolved_once(write, monkeypatch):
     calls = []
-    merged = library.merged
-    monkeypatch.setattr(library, "merged", lambda *trees: calls.append(1) or merged(*trees))
+    laid_over = library.laid_over
+    monkeypatch.setattr(library, "laid_over", lambda *trees: calls.append(1) or laid_over(*trees))
     scenario = load_scenario(f"{write(chain(18, twice=True))}:s18")
     assert scenario.route.kind == "hover"
     assert len(calls) < 500

@@ -1,0 +1,223 @@
+"""Scenarios laid over each other: nothing is left of a vehicle, a control or a route that another one replaces."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario
+from drake_quad.assembly.remarks import flight_remarks
+from drake_quad.scenario import distributions_in, load_undesigned
+from drake_quad.scenario.shipped import shipped_scenarios
+
+VEHICLES = [name for name in shipped_scenarios() if name.startswith("vehicles/") and ":" not in name]
+VEHICLES += ["vehicles/neural_fly:neural_fly"]
+LABORATORIES = ["laboratory:nominal", "laboratory:high_wind", "robustness", "outdoor", "onboard"]
+X500 = """
+x500:
+  nominal:
+    layout: {kind: x, length: 0.348, width: 0.348}
+    mass: 2.0
+    inertia: [0.0217, 0.0217, 0.040]
+    thrust_factor: 8.54858e-6
+    drag_factor: 1.368e-7
+    rotor_inertia: 4.0e-5
+    min_rotor_speed: 150.0
+    max_rotor_speed: 1000.0
+  vehicle:
+    rotor_time_constant: 0.0125
+    rotor_time_constant_down: 0.025
+    body_drag: {linear: [0.35, 0.35, 0.2]}
+"""
+
+
+@pytest.fixture
+def load(tmp_path):
+    """Loads a scenario whose `extends` is a list, beside further scenarios of the same file."""
+
+    def loader(*layers, own="", beside="", overrides=(), undesigned=False):
+        path = tmp_path / "mixed.yaml"
+        path.write_text(f"{beside}\nmixed:\n  extends: [{', '.join(layers)}]\n{own}")
+        return (load_undesigned if undesigned else load_scenario)(f"{path}:mixed", overrides)
+
+    return loader
+
+
+def airframe(scenario):
+    """What describes the vehicle, without what belongs to its flight."""
+    vehicle = scenario.vehicle.model_dump(exclude={"time_step", "attitude_kinematics"})
+    return scenario.nominal.model_dump(), vehicle
+
+
+@pytest.mark.parametrize(("first", "second"), [*itertools.permutations(VEHICLES, 2)])
+def test_nothing_of_a_vehicle_is_left_under_another_one(load, first, second):
+    assert airframe(load(first, second, undesigned=True)) == airframe(load(second, undesigned=True))
+
+
+@pytest.mark.parametrize("laboratory", LABORATORIES)
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_a_laboratory_describes_no_airframe(load, laboratory, vehicle):
+    alone = load(vehicle, undesigned=True)
+    for layers in ((laboratory, vehicle), (vehicle, laboratory)):
+        mixed = load(*layers, undesigned=True)
+        assert mixed.nominal == alone.nominal
+        drawn = {path for path in distributions_in(mixed) if path.startswith("vehicle.")}
+        assert bool(drawn) == (laboratory == "robustness")
+        assert flight_remarks(mixed) == ()
+
+
+@pytest.mark.parametrize("vehicle", VEHICLES)
+def test_a_bad_day_is_the_same_over_a_vehicle_and_under_it(load, vehicle):
+    over, under = load(vehicle, "robustness", undesigned=True), load("robustness", vehicle, undesigned=True)
+    assert over.vehicle.model_dump() == under.vehicle.model_dump()
+    assert over.nominal == under.nominal
+
+
+def test_relative_distributions_are_in_proportion_to_the_vehicle(load):
+    paper, mine = load_scenario("robustness"), load("x500", "robustness", beside=X500)
+    shares = np.linspace(0.01, 0.99, 9)
+    arm = 0.5 * 0.348 * np.sqrt(2.0)
+    for get, ratio in (
+        (lambda vehicle: vehicle.mass, 2.0 / 0.68),
+        (lambda vehicle: vehicle.inertia[0], 0.0217 / 0.007),
+        (lambda vehicle: vehicle.inertia[2], 0.040 / 0.012),
+        (lambda vehicle: vehicle.rotor_time_constant, 0.0125 / 0.05),
+        (lambda vehicle: vehicle.centre_of_mass[1], arm / 0.17),
+        (lambda vehicle: vehicle.thrust_factor_error[3], 1.0),
+        (lambda vehicle: vehicle.battery_sag, 1.0),
+    ):
+        expected = ratio * get(paper.vehicle).quantile(shares)
+        np.testing.assert_allclose(get(mine.vehicle).quantile(shares), expected, rtol=1e-12, atol=1e-18)
+    assert tuple(mine.vehicle.rotor_time_constant_down.extremes()) == pytest.approx((0.015, 0.04))
+    assert tuple(mine.vehicle.body_drag.linear[2].extremes()) == pytest.approx((0.16, 0.24))
+
+
+def test_the_paper_s_vehicle_has_the_very_numbers_that_robustness_states():
+    vehicle = load_scenario("robustness").vehicle
+    assert (vehicle.mass.normal.mean, vehicle.mass.normal.standard_deviation) == (0.68, 0.01)
+    assert (vehicle.mass.normal.min, vehicle.mass.normal.max) == (0.64, 0.72)
+    assert vehicle.inertia[2].normal.standard_deviation == 0.0006
+    assert vehicle.centre_of_mass[0].normal.standard_deviation == 0.001
+    assert tuple(vehicle.linear_drag.extremes()) == (0.1, 0.3)
+    assert tuple(vehicle.rotor_time_constant.extremes()) == (0.03, 0.08)
+
+
+def test_what_a_vehicle_does_not_have_has_no_distribution(load):
+    racer = load("vehicles/racer", "robustness", undesigned=True).vehicle
+    assert racer.body_drag is None
+    assert racer.rotor_time_constant_down is None
+    assert (racer.linear_drag, racer.quadratic_drag) == (0.0, 0.0)
+
+
+def test_a_relative_distribution_of_an_identified_field_is_relative_to_its_median(load):
+    own = "  vehicle: {mass: {relative: {normal: {mean: 1.0, standard_deviation: 0.1, min: 0.5}}}}\n"
+    beside = "measured: {extends: figure_eight, vehicle: {mass: {normal: {mean: 0.8, standard_deviation: 0.01, min: 0.7}}}}\n"
+    mass = load("measured", own=own, beside=beside).vehicle.mass.normal
+    assert (mass.mean, mass.standard_deviation) == pytest.approx((0.8, 0.08), rel=1e-9)
+
+
+def test_a_number_over_a_relative_distribution_replaces_it(load):
+    assert load("robustness", own="  vehicle: {mass: 0.7}\n").vehicle.mass == 0.7
+    assert load_scenario("robustness", ["vehicle.mass=0.7"]).vehicle.mass == 0.7
+
+
+def test_the_flight_s_own_fields_stay_when_the_vehicle_is_replaced(load):
+    beside = X500 + (
+        "flight: {extends: onboard, vehicle: {payload: {mass: 0.1, position: [0, 0, -0.1], time: 2.0, event: dropped}},"
+        " nominal: {gravity: 3.7}}\n"
+    )
+    mixed = load("flight", "x500", beside=beside)
+    assert mixed.vehicle.time_step == 0.0025
+    assert mixed.vehicle.payload.mass == 0.1
+    assert mixed.nominal.gravity == 3.7
+    assert mixed.vehicle.linear_drag == 0.0
+
+
+def test_an_identified_response_goes_with_its_vehicle(load):
+    assert load("vehicles/crazyflie_onboard", "x500", beside=X500, undesigned=True).laboratory.autopilot.kind == "none"
+    assert load("onboard", "x500", beside=X500).laboratory.autopilot.kind == "attitude"
+
+
+def test_fields_of_a_vehicle_change_it_and_leave_the_rest(load):
+    mixed = load("vehicles/racer", "laboratory:low_wind", own="  vehicle: {mass: 0.8}\n", undesigned=True)
+    assert (mixed.nominal.mass, mixed.vehicle.mass, mixed.vehicle.rotor_time_constant) == (0.75, 0.8, 0.033)
+
+
+def test_the_default_vehicle_flies_where_no_other_is_described(load):
+    assert load("laboratory:nominal").vehicle.linear_drag == 0.1
+    assert load("laboratory:nominal", own="  nominal: {mass: 0.7}\n").nominal.mass == 0.7
+    assert load("figure_eight").vehicle.linear_drag == 0.0
+
+
+@pytest.mark.parametrize("without", ["thrust_factor", "drag_factor", "rotor_inertia", "min_rotor_speed", "layout"])
+def test_half_a_description_is_refused(load, without):
+    lines = [line for line in X500.splitlines() if without not in line]
+    with pytest.raises(InputError, match=rf"nominal describes a vehicle .* not by its {without}"):
+        load("x500", "robustness", beside="\n".join(lines) + "\n")
+
+
+CONTROLLERS = ["gains/laboratory", "controllers/paper:pd", "controllers/designed/laboratory:indi_fast", "controllers/lqg:lqg"]
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_nothing_of_a_control_is_left_under_another_one(load, controller):
+    alone = load("figure_eight", controller).control
+    for base in ("robustness", "controllers/paper:pd_t2fnn", "controllers/mpc:mpc"):
+        assert load("figure_eight", base, controller).control == alone
+
+
+def test_a_control_without_a_kind_changes_the_one_beneath(load):
+    mixed = load("robustness", own="  control: {position: {k_p: [1.0, 1.0, 6.0]}}\n")
+    assert mixed.control.position.k_p == (1.0, 1.0, 6.0)
+    assert mixed.control.network is not None
+
+
+def test_window_and_duration_go_with_their_route(load):
+    assert load_scenario("vehicles/neural_fly:still").metrics.start > 0.0
+    beside = "longer: {extends: vehicles/neural_fly:still, duration: 70}\n"
+    mixed = load("longer", own="  route: {kind: hover}\n", beside=beside)
+    assert (mixed.metrics.start, mixed.duration) == (0.0, None)
+    kept = load("longer", own="  route: {laps: 9}\n", beside=beside)
+    assert (kept.metrics.start, kept.duration) == (load_scenario("vehicles/neural_fly:still").metrics.start, 70.0)
+
+
+def test_the_limits_of_a_place_are_not_left_in_another_one(load):
+    assert load_scenario("outdoor").crash.position_error == 20.0
+    indoor = load("outdoor", "laboratory:nominal")
+    assert indoor.crash.position_error == 5.0
+    assert indoor.laboratory.wind == ()
+
+
+@pytest.mark.parametrize(
+    ("field", "message"),
+    [
+        ("laboratory.motion_capture.position_noise={relative: {uniform: {min: 0, max: 2}}}", "only fields of `vehicle`"),
+        ("nominal.mass={relative: {uniform: {min: 0, max: 2}}}", "only fields of `vehicle`"),
+        ("vehicle.mass={relative: 3}", "must be one of the distributions uniform, log_uniform, normal, choice"),
+        ("vehicle.mass={relative: {uniform: {min: 1, max: 2}, of: 3}}", "must be one of the distributions"),
+        ("vehicle.mass={relative: {to: 0, uniform: {min: 1, max: 2}}}", "relative.to is 0, but must be positive"),
+        ("vehicle.mass={relative: {to: x, uniform: {min: 1, max: 2}}}", "but must be positive"),
+        ("vehicle.mass={relative: {uniform: {min: 2, max: 1}}}", "must be larger than min"),
+        ("vehicle.mass={relative: {uniform: {min: x, max: 1}}}", "vehicle.mass"),
+        ("vehicle.rotor_aerodynamics={climb: -0.2}", ""),
+    ],
+)
+def test_relative_distributions_that_make_no_sense_are_refused(field, message):
+    if not message:
+        climbing = [field, "vehicle.rotor_aerodynamics.climb={relative: {uniform: {min: 0.8, max: 1.2}}}"]
+        with pytest.raises(InputError, match="a negative number has no relative distribution"):
+            load_scenario("figure_eight", climbing)
+        return
+    with pytest.raises(InputError, match=message):
+        load_scenario("figure_eight", [field])
+
+
+def test_a_flight_says_when_its_controllers_believe_in_another_vehicle():
+    (remark,) = flight_remarks(load_scenario("figure_eight", {"nominal.mass": 2.0, "vehicle.mass": 0.68}))
+    assert "mass 0.68 (believed 2) kg" in remark
+    assert "inertia" not in remark
+    assert flight_remarks(load_scenario("figure_eight", {"vehicle.mass": 0.8})) == ()
+    wide = {"vehicle.mass": {"normal": {"mean": 0.9, "standard_deviation": 0.1, "min": 0.2}}}
+    assert flight_remarks(load_scenario("figure_eight", wide)) == ()
+    wide["vehicle.mass"]["normal"]["standard_deviation"] = 0.03
+    assert "mass 0.9 (believed 0.68) kg" in flight_remarks(load_scenario("figure_eight", wide))[0]
