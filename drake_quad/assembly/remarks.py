@@ -15,8 +15,8 @@ from drake_quad.scenario.distributions import Distribution
 from drake_quad.scenario.layouts import arm_length_of
 from drake_quad.scenario.paths import distributions_in
 
-# Believed and flown vehicle differ if they are further apart than both of these: a relative difference, which no scale and
-# no data sheet is off by, and a multiple of the standard deviation of the flown vehicle.
+# Believed and flown vehicle differ if they are further apart than both of these: a relative difference, which no scale
+# and no data sheet is off by, and a multiple of the standard deviation of the flown vehicle.
 _MIN_DIFFERENCE = 0.2
 _MIN_DEVIATIONS = 5.0
 # Fields in which two vehicles differ; the limits of the rotors differ with how they are driven.
@@ -69,7 +69,7 @@ def _middle(value: Any) -> float:
 
 
 def _deviation(value: Any) -> float:
-    """Half the width of the interval that holds as much of a distribution as a standard deviation does of a normal one."""
+    """Half the width of the central interval that has the probability of one standard deviation about a normal mean."""
     if not isinstance(value, Distribution):
         return 0.0
     return 0.5 * float(value.quantile(1.0 - _BELOW) - value.quantile(_BELOW))

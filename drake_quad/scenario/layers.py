@@ -1,7 +1,7 @@
 """How scenarios are laid over each other.
 
-Mappings are joined field by field, and anything else replaces. Three things replace as a whole, since half of one and half
-of another make no sense: a vehicle, a control, and a route with what belongs to it.
+Mappings are joined field by field, and anything else replaces. Three things replace as a whole, since half of one and
+half of another make no sense: a vehicle, a control, and a route with what belongs to it.
 """
 
 from drake_quad.errors import InputError, listed
@@ -30,8 +30,8 @@ _DESCRIPTION = (
     "max_rotor_speed",
 )
 _PLACES = ("layout", "arm_length")
-# Fields of a scenario that are no part of the airframe they stand beside: the ambient, how motion is integrated, and what
-# happens to the vehicle in this flight.
+# Fields that are not part of the airframe: gravity, how motion is integrated, and what happens to the vehicle in this
+# flight.
 _NOT_OF_THE_AIRFRAME = {
     "nominal": ("gravity",),
     "vehicle": ("time_step", "attitude_kinematics", "rotor_failure", "payload", "slung_load"),
@@ -67,23 +67,39 @@ def merged(base: Tree, extension: Tree, silent: str | None = None) -> Tree:
     return Tree({**old, **joined}, extension.mark)
 
 
+def changed(base: Tree, override: Tree) -> Tree:
+    """Return a scenario with the fields that an override names changed.
+
+    An arm length beneath a layout with distances, which say it themselves, is dropped.
+    """
+    fields = dict(base.value)
+    for section in ("nominal", "vehicle"):
+        (layout, depth), (_, arm) = override.at((section, "layout")), override.at((section, "arm_length"))
+        if depth == 2 and arm < 2 and isinstance(layout.value, dict) and layout.value.keys() & {"length", "rotors"}:
+            kept, found = base.at((section,))
+            if found and isinstance(kept.value, dict):
+                own = {name: part for name, part in kept.value.items() if name != "arm_length"}
+                fields[section] = kept._replace(value=own)
+    return merged(base._replace(value=fields), override)
+
+
 def laid_over(base: Tree, layer: Tree) -> Tree:
     """Return a scenario with another one laid over it.
 
     A layer that describes a vehicle replaces the vehicle: nothing of the airframe beneath is left, but relative
-    distributions apply to the new one. A response of the attitude that was identified with the airframe goes with it, and
-    with that the control that relied on it. A control or a route that says its kind replaces the one beneath; with a
-    route go the duration of its flight and the window of its metrics.
+    distributions apply to the new one. A response of the attitude that was identified with the airframe goes with it,
+    and with that the control that relied on it. A control or a route that says its kind replaces the one beneath; with
+    a route go the duration of its flight and the window of its metrics.
     """
     beneath = dict(base.value)
     if describes_vehicle(layer):
         beneath = _without_airframe(beneath)
     if _has_kind(layer, "control"):
         beneath.pop("control", None)
-    if _has_kind(layer, "route"):
+    if _has_kind(layer, "route") and "route" in beneath:
         beneath = {key: tree for key, tree in beneath.items() if key not in _OF_THE_ROUTE}
     spreads = relative_part(beneath["vehicle"]) if "vehicle" in beneath and describes_vehicle(layer) else None
-    result = merged(base._replace(value=beneath), layer)
+    result = changed(base._replace(value=beneath), layer)
     if spreads is None:
         return result
     # What is relative applies to the vehicle that is laid over it, so it comes on top.
@@ -109,8 +125,8 @@ def check_description(tree: Tree) -> None:
         return
     if missing := _missing(nominal):
         raise InputError(
-            f"{nominal.mark}: nominal describes a vehicle by its mass and inertia, but not by its {listed(missing)}, which"
-            " would be those of the paper's vehicle"
+            f"{nominal.mark}: nominal describes a vehicle by its mass and inertia, but not by its {listed(missing)},"
+            " which would be those of the paper's vehicle"
         )
 
 
@@ -120,7 +136,7 @@ def with_default_vehicle(tree: Tree) -> Tree:
     if default is None:
         return tree
     own = tree._replace(value={key: part for key, part in tree.value.items() if key != DEFAULT_VEHICLE})
-    return own if describes_vehicle(own) else merged(default, own)
+    return own if describes_vehicle(own) else changed(default, own)
 
 
 def _missing(nominal: Tree) -> list[str]:

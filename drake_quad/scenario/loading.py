@@ -13,7 +13,7 @@ from drake_quad.errors import InputError, shortened, shown
 from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse
 from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
 from drake_quad.scenario.given_values import given_trees
-from drake_quad.scenario.layers import DEFAULT_VEHICLE, SILENT_KINDS, laid_over, merged, with_default_vehicle
+from drake_quad.scenario.layers import SILENT_KINDS, changed, laid_over, merged, with_default_vehicle
 from drake_quad.scenario.library import Library
 from drake_quad.scenario.limits import MOST_LEVELS
 from drake_quad.scenario.marked_tree import Mark, Tree
@@ -114,7 +114,7 @@ _FED_FORWARD_ON_BOARD = {
 
 
 def _on_board(tree: Tree) -> Tree:
-    """A scenario whose cascade has no attitude control and no more feed-forward than its autopilot takes, if it has one."""
+    """A scenario whose cascade suits its autopilot, if it has one: attitude control is left to that."""
     allowed = _FED_FORWARD_ON_BOARD.get(_word(tree, "laboratory", "autopilot", "kind"), ())
     if not allowed or _word(tree, "control", "kind") not in (None, "cascade"):
         return tree
@@ -176,7 +176,7 @@ def _loaded(
             allowed = ", ".join(Mission.model_fields)
             raise InputError(f"{override.mark}: a plan does not depend on {field}, only on {allowed}")
         # What is missing is missing in the file.
-        tree = merged(tree, _within_lists(tree, override))._replace(mark=tree.mark)
+        tree = changed(tree, _within_lists(tree, override))._replace(mark=tree.mark)
     if "name" not in tree.value:
         tree = Tree({"name": Tree(name, tree.mark), **tree.value}, tree.mark)
     for path, read in _FILES.items():

@@ -1,9 +1,9 @@
 """Distributions relative to a vehicle, written `{relative: {to: 0.68, normal: {...}}}`.
 
-Their numbers are those of a vehicle whose field has the value `to`; for any other vehicle they are scaled in proportion.
-So a scenario can say how much vehicles differ without saying which vehicle flies. The value beneath a relative
-distribution is kept beside it while scenarios are laid over each other, and the two become an ordinary distribution
-when all layers are known.
+Their numbers are those of a vehicle whose field has the value `to`; for any other vehicle they are scaled in
+proportion. So a scenario can say how much vehicles differ without saying which vehicle flies. The value beneath a
+relative distribution is kept beside it while scenarios are laid over each other, and the two become an ordinary
+distribution when all layers are known.
 """
 
 from typing import Any
@@ -74,7 +74,7 @@ def with_absolute_distributions(tree: Tree, nominal: Any, defaults: Any) -> Tree
 
     Args:
         tree: the scenario, with all its layers.
-        nominal: what is believed of the vehicle, a `Nominal`, whose fields are the values of those that `vehicle` has not.
+        nominal: the `Nominal` of the scenario, whose values count for fields that `vehicle` does not have.
         defaults: a `Vehicle` with the defaults of all other fields.
 
     Raises:
@@ -113,7 +113,10 @@ def _absolute(tree: Tree, reference: Any, path: str) -> Tree | None:
         references = reference if isinstance(reference, tuple) else (reference,) * len(tree.value)
         if len(references) != len(tree.value):
             return tree
-        items = [_absolute(item, each, f"{path}.{i}") for i, (item, each) in enumerate(zip(tree.value, references, strict=True))]
+        items = [
+            _absolute(item, each, f"{path}.{i}")
+            for i, (item, each) in enumerate(zip(tree.value, references, strict=True))
+        ]
         return None if any(item is None for item in items) else tree._replace(value=items)
     if not isinstance(tree.value, dict):
         return tree
@@ -141,13 +144,15 @@ def _scaled(tree: Tree, number: float, path: str) -> Tree:
     names = [name for name in DISTRIBUTIONS if isinstance(body.value, dict) and name in body.value]
     if len(names) != 1 or not body.value.keys() <= {names[0], _REFERENCE}:
         raise InputError(
-            f"{body.mark}: {path}.relative must be one of the distributions {listed([*DISTRIBUTIONS])}, and may have `to`,"
-            " the value to which its numbers belong"
+            f"{body.mark}: {path}.relative must be one of the distributions {listed([*DISTRIBUTIONS])}, and may have"
+            " `to`, the value to which its numbers belong"
         )
     (name,) = names
     reference = body.value[_REFERENCE].value if _REFERENCE in body.value else 1.0
     if isinstance(reference, bool) or not isinstance(reference, int | float) or not reference > 0.0:
-        raise InputError(f"{body.value[_REFERENCE].mark}: {path}.relative.to is {shown(reference)}, but must be positive")
+        raise InputError(
+            f"{body.value[_REFERENCE].mark}: {path}.relative.to is {shown(reference)}, but must be positive"
+        )
     if number < 0.0:
         raise InputError(f"{tree.mark}: {path} is {number:g}, and a negative number has no relative distribution")
     if number == 0.0 and path.split(".")[1] not in _SHARES:
@@ -168,7 +173,11 @@ def _scaled(tree: Tree, number: float, path: str) -> Tree:
 def _times(tree: Tree, factor: float) -> Tree:
     """A number times a factor; what is no number is left to be refused."""
     number = tree.value
-    return tree._replace(value=number * factor) if isinstance(number, int | float) and not isinstance(number, bool) else tree
+    return (
+        tree._replace(value=number * factor)
+        if isinstance(number, int | float) and not isinstance(number, bool)
+        else tree
+    )
 
 
 def refuse_elsewhere(tree: Tree) -> None:
@@ -182,8 +191,8 @@ def _refuse(tree: Tree, path: str) -> None:
     """Raise InputError if there is a relative distribution in a part of a scenario at a path."""
     if is_relative(tree):
         raise InputError(
-            f"{tree.value[RELATIVE].mark}: {path} is relative, but only fields of `vehicle` have a nominal value that they"
-            " can be relative to"
+            f"{tree.value[RELATIVE].mark}: {path} is relative, but only fields of `vehicle` have a nominal value that"
+            " they can be relative to"
         )
     if isinstance(tree.value, dict | list):
         for key, part in tree.value.items() if isinstance(tree.value, dict) else enumerate(tree.value):

@@ -147,18 +147,19 @@ Mappings are joined field by field, anything else replaces, and so does a mappin
 replaced as a whole, so that nothing is left of what was there before:
 
 - **A vehicle.** A scenario that gives `nominal` a mass, an inertia, the place and the factors of the rotors, and their
-  inertia and limits, describes a vehicle. It replaces `nominal` and `vehicle`; what stays are the gravity, the time step,
-  the kinematics, a rotor's failure, loads, and distributions that are [relative](#relative-distributions). An autopilot
-  of kind `response`, which was identified with a vehicle, goes with it, and so does the control that relied on it.
-  `default_vehicle` names the vehicle that flies
-  where nothing describes another: a laboratory has one, and serves every vehicle.
+  inertia and limits, describes a vehicle. It replaces `nominal` and `vehicle`; what stays are the gravity, the time
+  step, the kinematics, a rotor's failure, loads, and distributions that are [relative](#relative-distributions). An
+  autopilot of kind `response`, which was identified with a vehicle, goes with it, and so does the control that relied
+  on it. `default_vehicle` names the vehicle that flies where nothing describes another: a laboratory has one, and
+  serves every vehicle.
 - **A control** that says its `kind`. One that does not changes fields of what is there, or is a cascade.
-- **A route** that says its `kind`, with the `duration` and the `metrics` of the flight along it.
+- **A route** that says its `kind`, with the `duration` and the `metrics` of the flight along the one beneath.
 
 Overrides (`--set`, and mappings in Python) change just the fields that they name.
 
-Where a distribution may stand, a study draws a number for each of its samples. Numbers of several fields are drawn independently, unless they are normal and share variables ([Bell](#bell)): here mass
-and lag have a correlation of 0.9 · (-0.5) = -0.45, and each has the distribution that is written for it.
+Where a distribution may stand, a study draws a number for each of its samples. Numbers of several fields are drawn
+independently, unless they are normal and share variables ([Bell](#bell)): here mass and lag have a correlation of
+0.9 · (-0.5) = -0.45, and each has the distribution that is written for it.
 
 ```yaml
 correlated:

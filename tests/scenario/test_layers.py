@@ -111,7 +111,8 @@ def test_what_a_vehicle_does_not_have_has_no_distribution(load):
 
 def test_a_relative_distribution_of_an_identified_field_is_relative_to_its_median(load):
     own = "  vehicle: {mass: {relative: {normal: {mean: 1.0, standard_deviation: 0.1, min: 0.5}}}}\n"
-    beside = "measured: {extends: figure_eight, vehicle: {mass: {normal: {mean: 0.8, standard_deviation: 0.01, min: 0.7}}}}\n"
+    measured = "{normal: {mean: 0.8, standard_deviation: 0.01, min: 0.7}}"
+    beside = f"measured: {{extends: figure_eight, vehicle: {{mass: {measured}}}}}\n"
     mass = load("measured", own=own, beside=beside).vehicle.mass.normal
     assert (mass.mean, mass.standard_deviation) == pytest.approx((0.8, 0.08), rel=1e-9)
 
@@ -156,7 +157,12 @@ def test_half_a_description_is_refused(load, without):
         load("x500", "robustness", beside="\n".join(lines) + "\n")
 
 
-CONTROLLERS = ["gains/laboratory", "controllers/paper:pd", "controllers/designed/laboratory:indi_fast", "controllers/lqg:lqg"]
+CONTROLLERS = [
+    "gains/laboratory",
+    "controllers/paper:pd",
+    "controllers/designed/laboratory:indi_fast",
+    "controllers/lqg:lqg",
+]
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)
@@ -191,7 +197,10 @@ def test_the_limits_of_a_place_are_not_left_in_another_one(load):
 @pytest.mark.parametrize(
     ("field", "message"),
     [
-        ("laboratory.motion_capture.position_noise={relative: {uniform: {min: 0, max: 2}}}", "only fields of `vehicle`"),
+        (
+            "laboratory.motion_capture.position_noise={relative: {uniform: {min: 0, max: 2}}}",
+            "only fields of `vehicle`",
+        ),
         ("nominal.mass={relative: {uniform: {min: 0, max: 2}}}", "only fields of `vehicle`"),
         ("vehicle.mass={relative: 3}", "must be one of the distributions uniform, log_uniform, normal, choice"),
         ("vehicle.mass={relative: {uniform: {min: 1, max: 2}, of: 3}}", "must be one of the distributions"),
@@ -221,3 +230,11 @@ def test_a_flight_says_when_its_controllers_believe_in_another_vehicle():
     assert flight_remarks(load_scenario("figure_eight", wide)) == ()
     wide["vehicle.mass"]["normal"]["standard_deviation"] = 0.03
     assert "mass 0.9 (believed 0.68) kg" in flight_remarks(load_scenario("figure_eight", wide))[0]
+
+
+def test_a_layout_with_distances_leaves_no_arm_length_beneath(load):
+    layout = "{kind: x, length: 0.3, width: 0.2}"
+    assert load("laboratory:nominal", own=f"  nominal: {{layout: {layout}}}\n").nominal.layout.length == 0.3
+    assert load_scenario("laboratory:nominal", [f"nominal.layout={layout}"]).vehicle.layout.width == 0.2
+    with pytest.raises(InputError, match=r"arm_length is 0\.17, but must be 0\.1803"):
+        load("laboratory:nominal", own=f"  nominal: {{layout: {layout}, arm_length: 0.17}}\n")
