@@ -98,7 +98,7 @@ def test_in_the_limit_of_small_noise_it_is_that_of_the_linear_model(name):
 
 @pytest.mark.slow
 def test_the_shipped_noise_is_beyond_the_linear_model():
-    """Products of noises push the vehicle about and, since they tilt the thrust, lower it in the mean."""
+    """Products of noises push the vehicle about and lengthen the thrust, and lost packets kick it."""
     layer, lossless = "designed/laboratory.yaml:indi", "laboratory.command_link.loss_rate=0"
     error, linear = hover_error(in_laboratory(layer, lossless)), linear_hover_error(in_laboratory(layer))
     x, y, z = values(error) / np.hypot(*linear)
