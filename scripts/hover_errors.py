@@ -1,9 +1,9 @@
 """Measures how far vehicles stray in hover, beside what the linear model of the loop has, and prints two tables.
 
-The first has the shipped controllers in the noise of `laboratory:nominal`: RMS errors along x and z by the linear model,
-in flights that lose nothing, and in flights that lose packets as the laboratory does. It also has the error along x
-that other random numbers give, over that of the column before. The second has the same ratios, flown over linear, of one
-controller in less and more noise.
+The first has the shipped controllers in the noise of `laboratory:nominal`: RMS errors along x and z by the linear
+model, in flights that lose nothing, and in flights that lose packets as the laboratory does. Its last column is the
+error along x with other random numbers, over the one before. The second table has ratios of flown and linear errors of
+one controller in less and more noise.
 """
 
 import argparse

@@ -101,7 +101,9 @@ def in_hover(scenario: Scenario) -> Scenario:
     """
     for path in distributions_in(scenario):
         if not path.startswith("route."):
-            raise InputError(f"{path} is a distribution; the analysis of hover needs a number, or the number of a sample")
+            raise InputError(
+                f"{path} is a distribution; the analysis of hover needs a number, or the number of a sample"
+            )
     laboratory = scenario.laboratory
     calm = tuple(source for source in laboratory.wind if source.kind not in ("gust", "sine"))
     payload = None if scenario.vehicle.payload is None else _lasting(scenario.vehicle.payload)

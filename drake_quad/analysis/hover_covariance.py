@@ -1,14 +1,14 @@
 """Position error of a vehicle that hovers in wind and noise, to first order in them.
 
-Between two ticks of the loop in hover, x⁺ = A x + B w, where the normal numbers w of deviation 1 feed the filters of the
-turbulence, the cameras and the gyroscope. The covariance P of the state x satisfies
+Between two ticks of the loop in hover, x⁺ = A x + B w, where the normal numbers w of deviation 1 feed the filters of
+the turbulence, the cameras and the gyroscope. The covariance P of the state x satisfies
 
     P = A P Aᵀ + B Bᵀ
 
 The position deviates from the reference by what steady wind leaves of it, and at random by the square root of its part
 of P. Products of noises, such as that of lateral command and thrust in eq (7), are of second order and are left out.
-They are broad-band, and the vehicle follows their low frequencies: `drake_quad.analysis.tracking_error` flies hovers and
-has them, and docs/how_to/linear_models.md says how large they are.
+They are broad-band, and the vehicle follows their low frequencies. `drake_quad.analysis.tracking_error` flies hovers
+and so includes them; docs/how_to/linear_models.md says how large they are.
 """
 
 from typing import NamedTuple
@@ -41,8 +41,8 @@ class LinearHoverError(NamedTuple):
 def linear_hover_error(scenario: Scenario) -> LinearHoverError:
     """Return the position error in hover from the linear model of a scenario's loop.
 
-    The vehicle hovers where the scenario's route hovers, or at (0, 0, 1). Lost frames and packets, gusts, sines of wind,
-    the battery and rotor failures are left out.
+    The vehicle hovers where the scenario's route hovers, or at (0, 0, 1). Lost frames and packets, gusts, sines of
+    wind, the battery and rotor failures are left out.
 
     Raises:
         InputError: the scenario holds a distribution, or its loop is not stable, has no equilibrium or cannot be

@@ -1,8 +1,8 @@
 """Predicted position error of a vehicle that hovers in wind and noise, from compiled flights of its hover.
 
-Hovers are flown in the scenario's own laboratory, with its lost frames and packets. A linear model has neither these nor
-the products of noises (`drake_quad.analysis.hover_covariance`), and together they are most of the error where wind is
-weak. Fleets of hovers are flown until their RMS error is known well enough, which takes a fraction of a second for most
+Hovers are flown in the scenario's own laboratory, with its lost frames and packets. A linear model has neither these
+nor the products of noises (`drake_quad.analysis.hover_covariance`), and together they are most of the error where wind
+is weak. Fleets of hovers are flown until their RMS error is known well enough, which takes about a second for most
 controllers.
 """
 
@@ -82,7 +82,8 @@ def hover_error(scenario: Scenario, *, seed: int = _SEED) -> HoverError:
         squares = np.concatenate([squares, np.square(errors)], axis=1)
         found = [_root_of_mean(each) for each in squares]
         if all(map(_is_precise, found)) or squares.shape[1] >= _MAX_HOVERS:
-            return HoverError(*found, num_hovers=squares.shape[1])
+            x, y, z, rms = found
+            return HoverError(x, y, z, rms, squares.shape[1])
 
 
 def believed_tracking_error(scenario: Scenario) -> HoverError:
