@@ -67,16 +67,16 @@ class ClosedLoop(NamedTuple):
 
 
 def at_rest(scenario: Scenario) -> Scenario:
-    """The scenario in hover where its route hovers, or at (0, 0, 1), without what is random or changes with time.
+    """Return the scenario in hover where its route hovers, or at (0, 0, 1), with nothing random or changing in time.
 
-    Left out are noise, lost frames and packets, turbulence, gusts, battery sag, the battery, rotor failures and
-    obstacles; delays, lags, filters, drag, errors of the vehicle, a gyroscope's bias, fans and steady wind stay. A
-    payload is there or not as it is at the beginning.
+    Noise, lost frames and packets, turbulence, gusts, sines of wind, battery sag, the battery, rotor failures and
+    obstacles are left out. Delays, lags, filters, drag, errors of the vehicle, a gyroscope's bias, fans and steady wind
+    stay. A payload is there or not as it is at the beginning.
 
     Raises:
         InputError: the scenario holds a distribution.
     """
-    hovering = in_hover(scenario)
+    hovering = without_losses(in_hover(scenario))
     laboratory = hovering.laboratory
     cameras = laboratory.motion_capture.model_copy(
         update={"position_noise": 0.0, "attitude_noise": 0.0, "velocity_drift": (0.0, 0.0, 0.0)}
@@ -94,7 +94,7 @@ def at_rest(scenario: Scenario) -> Scenario:
 
 
 def in_hover(scenario: Scenario) -> Scenario:
-    """The same with its noise and turbulence, which a linear model can have as inputs.
+    """Return the scenario in hover as `at_rest`, but with its noise, turbulence, lost frames and lost packets.
 
     Raises:
         InputError: the scenario holds a distribution.
@@ -102,16 +102,10 @@ def in_hover(scenario: Scenario) -> Scenario:
     for path in distributions_in(scenario):
         if not path.startswith("route."):
             raise InputError(
-                f"{path} is a distribution; a linear model needs a number there, or the number of a sample"
+                f"{path} is a distribution; the analysis of hover needs a number, or the number of a sample"
             )
     laboratory = scenario.laboratory
-    laboratory = laboratory.model_copy(
-        update={
-            "motion_capture": laboratory.motion_capture.model_copy(update={"dropout_rate": 0.0}),
-            "command_link": laboratory.command_link.model_copy(update={"loss_rate": 0.0}),
-            "wind": tuple(source for source in laboratory.wind if source.kind not in ("gust", "sine")),
-        }
-    )
+    calm = tuple(source for source in laboratory.wind if source.kind not in ("gust", "sine"))
     payload = None if scenario.vehicle.payload is None else _lasting(scenario.vehicle.payload)
     steady = {"battery_sag": 0.0, "battery": None, "rotor_failure": None, "payload": payload}
     vehicle = scenario.vehicle.model_copy(update=steady)
@@ -123,7 +117,7 @@ def in_hover(scenario: Scenario) -> Scenario:
         update={
             "route": route,
             "vehicle": vehicle,
-            "laboratory": laboratory,
+            "laboratory": laboratory.model_copy(update={"wind": calm}),
             "duration": None,
             "sample": None,
             "crash": nowhere,
@@ -131,6 +125,16 @@ def in_hover(scenario: Scenario) -> Scenario:
             "metrics": Window(),
         }
     )
+
+
+def without_losses(scenario: Scenario) -> Scenario:
+    """Return the scenario without lost frames and packets, which no linear model has."""
+    laboratory = scenario.laboratory
+    reliable = {
+        "motion_capture": laboratory.motion_capture.model_copy(update={"dropout_rate": 0.0}),
+        "command_link": laboratory.command_link.model_copy(update={"loss_rate": 0.0}),
+    }
+    return scenario.model_copy(update={"laboratory": laboratory.model_copy(update=reliable)})
 
 
 def _lasting(payload: Payload) -> Payload | None:

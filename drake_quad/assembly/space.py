@@ -8,11 +8,11 @@ from drake_quad.space.space import Space
 
 
 def space_of(mission: Mission, *, tracking_error: float = 0.0) -> Space | None:
-    """The obstacles of a scenario, and how far the nominal vehicle's centre of mass keeps from them; None without any.
+    """Return the obstacles of a scenario, and the distance that the nominal vehicle keeps from them; None without any.
 
     Args:
         mission: what flies where.
-        tracking_error: that is predicted, RMS, m. Only a plan's clearance depends on it.
+        tracking_error: predicted RMS position error, m. Only a plan's clearance depends on it.
     """
     if mission.space is None:
         return None
@@ -22,20 +22,20 @@ def space_of(mission: Mission, *, tracking_error: float = 0.0) -> Space | None:
 
 
 def space_to_plan_in(mission: Mission) -> Space | None:
-    """The same with the share of the tracking error that is asked for, as the linear model of the loop predicts it.
+    """Return `space_of` with the multiple of the predicted tracking error that `space.tracking` asks for.
 
     Raises:
-        InputError: nothing predicts it.
+        InputError: the error cannot be predicted.
     """
     if mission.space is None or not mission.space.tracking:
         return space_of(mission)
     if not isinstance(mission, Scenario):
         raise InputError("space.tracking asks for a prediction, but without laboratory and control there is none")
-    # Linear models are made of what is assembled here.
+    # Imported here because the prediction flies hovers, and flights import the assembly.
     from drake_quad.analysis.tracking_error import believed_tracking_error
 
     try:
         predicted = believed_tracking_error(mission)
     except InputError as error:
         raise InputError(f"space.tracking: {error}") from error
-    return space_of(mission, tracking_error=predicted.rms)
+    return space_of(mission, tracking_error=predicted.rms.value)

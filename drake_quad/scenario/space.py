@@ -108,9 +108,9 @@ class Space(Model):
     )
     tracking: PlainNonNegative | None = Field(
         default=None,
-        description="multiple of the predicted RMS position error that a plan keeps beyond the margin (1); it is"
-        " predicted in hover, by the linear model of the scenario's control with the nominal vehicle, for the steady"
-        " wind, the turbulence and the noise",
+        description="multiple of the predicted RMS position error that a plan keeps beyond the margin (1); the error is"
+        " that of hovers, flown by the nominal vehicle under the scenario's control, in its steady wind and turbulence,"
+        " with its noise and losses",
     )
 
     @field_validator("obstacles", mode="before")
@@ -129,11 +129,11 @@ class Space(Model):
         return obstacles
 
     def room(self, farthest_rotor: float, tracking_error: float = 0.0) -> room.Space:
-        """The space with its solids.
+        """Return the space with its solids.
 
         Args:
             farthest_rotor: distance of its centre from the centre of mass, m.
-            tracking_error: that is predicted, RMS, m.
+            tracking_error: predicted RMS position error, m.
         """
         return room.Space(
             tuple(room.Obstacle(name, obstacle.shape()) for name, obstacle in self.obstacles.items()),

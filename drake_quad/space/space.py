@@ -32,7 +32,7 @@ class Space:
         radius: of the vehicle around its centre of mass, m. What is nearer to an obstacle has crashed.
         bounds: for the centre of mass, in plans alone; None if there are none.
         margin: kept in plans beyond the radius, m.
-        tracking: share of the tracking error that is kept in plans beyond that, m.
+        tracking: kept in plans beyond that for the predicted tracking error, m.
     """
 
     obstacles: tuple[Obstacle, ...]

@@ -161,7 +161,7 @@ def test_a_plan_keeps_a_share_of_the_predicted_tracking_error(room):
     wind = "laboratory.wind=[{kind: dryden, level: light, intensity: 0.05, height: 3.048}]"
     dragged = ["vehicle.linear_drag=0.1", "route.times=heuristic"]
     calm, windy = (planned(room("space.tracking=0.5", *dragged, *each)) for each in ((), (wind,)))
-    predicted = believed_tracking_error(room(wind, *dragged)).rms
+    predicted = believed_tracking_error(room(wind, *dragged)).rms.value
     assert windy.space.tracking == pytest.approx(0.5 * predicted)
     assert windy.space.clearance > calm.space.clearance + 0.01
     nearest = windy.space.nearest(evaluate(windy.plan.path, np.linspace(0.0, windy.plan.duration, 10_000)).T)[0]

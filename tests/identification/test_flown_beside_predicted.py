@@ -149,9 +149,9 @@ def test_flown_and_predicted_fly_side_by_side_by_the_clock_of_the_log(uncertain,
     np.testing.assert_array_equal(log["state"][:, :3], flown.position[: len(log.time)])
     np.testing.assert_array_equal(log["state"][:, 3:6], flown.attitude[: len(log.time)])
     assert (log.time[0], predicted.time[0]) == (0.0, pytest.approx(0.0, abs=1e-9))
-    # The reference is the same for both, and the one that is simulated is the typical sample.
+    # Both are measured, the reference is the same, and the one that is simulated is the typical sample.
     flight = simulate(found.scenario, sample=found.typical_sample(), compiled=True)
-    np.testing.assert_array_equal(predicted["state"], flight["state"][flight.time >= REST])
+    np.testing.assert_array_equal(predicted["state"], flight["measurement"][flight.time >= REST])
     np.testing.assert_allclose(log["reference"][:, :3], flown.reference_position[: len(log.time)], atol=1e-3)
 
 

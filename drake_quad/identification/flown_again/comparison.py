@@ -165,10 +165,10 @@ def on_route(scenario: Scenario, reference: LoggedReference) -> Scenario:
 
 
 def side_by_side(comparison: Comparison) -> dict[str, Flight]:
-    """The flight of the log and the typical one of the predictions as two flights of one reference, for a replay.
+    """Return the flight of the log and the typical prediction as two flights of one reference, for a replay.
 
-    Where the log has no speeds of the rotors, they turn as in the prediction. One that crashes before the log begins
-    is left out.
+    The states of both are those that were measured. Where the log has no speeds of the rotors, they turn as in the
+    prediction. A prediction that crashes before the log begins is left out.
     """
     record, start = comparison.record, comparison.reference.start
     flight = simulate(comparison.scenario, sample=comparison.typical_sample(), plan=comparison.plan, compiled=True)
@@ -185,7 +185,7 @@ def side_by_side(comparison: Comparison) -> dict[str, Flight]:
     flights = {"flown": replace(flight, time=record.time, signals=signals, metrics=nothing)}
     kept = flight.time >= start
     if kept.any():
-        shown_signals = {name: flight[name][kept] for name in signals}
+        shown_signals = {name: flight[name][kept] for name in signals} | {"state": flight["measurement"][kept]}
         flights["predicted"] = replace(flight, time=flight.time[kept] - start, signals=shown_signals)
     return flights
 

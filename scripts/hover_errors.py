@@ -1,0 +1,101 @@
+"""Measures how far vehicles stray in hover, beside what the linear model of the loop has, and prints two tables.
+
+The first has the shipped controllers in the noise of `laboratory:nominal`: RMS errors along x and z by the linear
+model, in flights that lose nothing, and in flights that lose packets as the laboratory does. Its last column is the
+error along x with other random numbers, over the one before. The second table has ratios of flown and linear errors of
+one controller in less and more noise.
+"""
+
+import argparse
+import re
+from collections.abc import Iterator
+from pathlib import Path
+
+from drake_quad.command_line.running import run
+
+import numpy as np
+
+from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.analysis.hover_covariance import linear_hover_error
+from drake_quad.analysis.tracking_error import hover_error
+from drake_quad.scenario.paths import replaced
+
+_CONTROLLERS = Path(__file__).parent.parent / "diagrams" / "controllers"
+_DESIGNED = _CONTROLLERS / "designed" / "laboratory.yaml"
+_LQG = ("lqg_low_wind", "lqg_robustness")
+_LOSSLESS = "laboratory.command_link.loss_rate=0"
+_OTHER_SEED = 1
+_NOISES = ("laboratory.motion_capture.position_noise", "laboratory.motion_capture.attitude_noise")
+_FACTORS = (0.01, 0.1, 0.3, 1.0, 2.0)
+
+
+def main() -> None:
+    options = argparse.ArgumentParser(
+        description=__doc__,
+        epilog="example: python scripts/hover_errors.py",
+        formatter_class=argparse.RawDescriptionHelpFormatter,
+    )
+    options.add_argument(
+        "--noise-of", default="indi", metavar="NAME", help="controller of the second table (default: %(default)s)"
+    )
+    arguments = options.parse_args()
+    print("| RMS error in hover, mm | linear, x | z | nothing lost, x | z | flown, x | z | again |")
+    print("|---|---|---|---|---|---|---|---|")
+    for name, layer in shipped():
+        print_controller(name, layer)
+    print()
+    print_noises(f"{_DESIGNED}:{arguments.noise_of}")
+
+
+def shipped() -> Iterator[tuple[str, str]]:
+    """Yield the names of the controllers that are tuned for the laboratory, and their layers."""
+    for name in re.findall(r"^(\w+):", _DESIGNED.read_text(encoding="utf-8"), re.MULTILINE):
+        yield name, f"{_DESIGNED}:{name}"
+    for name in _LQG:
+        yield f"{name} of `controllers/lqg.yaml`", f"{_CONTROLLERS / 'lqg.yaml'}:{name}"
+
+
+def print_controller(name: str, layer: str) -> None:
+    """Print the row of a controller."""
+    scenario, lossless = (load_scenario("laboratory:nominal", each, layers=[layer]) for each in ([], [_LOSSLESS]))
+    whole, nothing_lost = hover_error(scenario), hover_error(lossless)
+    again = hover_error(scenario, seed=_OTHER_SEED).x.value / whole.x.value
+    flown = (nothing_lost.x.value, nothing_lost.z.value, whole.x.value, whole.z.value)
+    print(f"| {name} | {' | '.join(in_millimetres(*linear_errors(lossless), *flown))} | {again:.2f} |")
+
+
+def linear_errors(scenario: Scenario) -> tuple[float, float]:
+    """Return the RMS errors along x and z by the linear model, m; NaN where the loop has none."""
+    try:
+        x, _, z = np.hypot(*linear_hover_error(scenario))
+    except InputError:
+        return np.nan, np.nan
+    return float(x), float(z)
+
+
+def in_millimetres(*errors: float) -> list[str]:
+    """Return lengths in m as text in mm."""
+    return ["–" if np.isnan(error) else f"{1e3 * error:.2f}" for error in errors]
+
+
+def print_noises(layer: str) -> None:
+    """Print the ratios of flown and linear errors of a controller over its noise."""
+    print("| noise of `laboratory:nominal` times | nothing lost, x | z | flown, x | z |")
+    print("|---|---|---|---|---|")
+    for factor in _FACTORS:
+        cells = []
+        for overrides in ([_LOSSLESS], []):
+            scenario = with_noise(load_scenario("laboratory:nominal", overrides, layers=[layer]), factor)
+            error = hover_error(scenario)
+            cells += [f"{a / b:.2f}" for a, b in zip((error.x.value, error.z.value), linear_errors(scenario))]
+        print(f"| {factor:g} | {' | '.join(cells)} |")
+
+
+def with_noise(scenario: Scenario, factor: float) -> Scenario:
+    """Return the scenario with the noise of its cameras multiplied by a factor."""
+    scaled: Scenario = replaced(scenario, lambda path, value: factor * value if path in _NOISES else value)
+    return scaled
+
+
+if __name__ == "__main__":
+    run(main)
