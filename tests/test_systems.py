@@ -373,7 +373,7 @@ DEFAULTS = {
     RespondingQuadrotor: {"time_step": 0.01, "kinematics": "exact", "faulty": False, "effects": ()},
     SteadyWind: {},
     TickByTick: {},
-    AccelerationActuation: {},
+    AccelerationActuation: {"frame": "world", "turn": 0.0},
     AttitudeActuation: {},
     RatesFromTheGround: {},
     RatesOnBoard: {},
