@@ -374,17 +374,18 @@ FLEET_SYSTEMS = [
     Example(FuzzyRules, RulesNumbers((SETS,), Lead(0.13)), {"leads": True}, num_vehicles=2),
     Example(FuzzyRules, RulesNumbers((AROUND,)), {"inputs": ("z", "phase"), "lap_times": (0.0, 3.0, 7.0)}, whole=False),
     Example(GeometricAttitudeController, ATTITUDE),
-    Example(GeometricAttitudeController, ATTITUDE, num_vehicles=2),
+    Example(GeometricAttitudeController, ATTITUDE, {"transports": False}, num_vehicles=2),
     Example(Gust, GUST),
     Example(IncrementalAttitudeController, INCREMENTAL, {"delay_ticks": 1}),
     Example(IncrementalAttitudeController, INCREMENTAL, num_vehicles=2),
     Example(SineWind, SineNumbers(Wind(1.0, 2.0, 3.0), 1.1, 2.2)),
     Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), num_vehicles=2),
+    Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), {"integration": "backward_euler"}),
     Example(IntegratingAttitudeController, IntegratingAttitudeNumbers(ATTITUDE, PerAngle(9.0, 7.0, 5.0), 3.0)),
     Example(
         IntegratingAttitudeController,
         IntegratingAttitudeNumbers(ATTITUDE, PerAngle(9.0, 7.0, 5.0), 3.0),
-        {"period": 0.01},
+        {"period": 0.01, "integration": "backward_euler", "transports": False},
         num_vehicles=2,
     ),
     Example(
@@ -429,6 +430,7 @@ FLEET_SYSTEMS = [
     Example(ThrustAlone),
     Example(ThrustVectoring, VECTORING),
     Example(ThrustVectoring, VECTORING, {"projects": True}, num_vehicles=2),
+    Example(ThrustVectoring, VECTORING, {"projects": True, "sequence": "zxy"}, num_vehicles=2),
     Example(TiltDisturbanceEstimator, BY_TILT, {"delay_ticks": 2}),
     Example(TiltDisturbanceEstimator, BY_TILT, num_vehicles=2),
     Example(
