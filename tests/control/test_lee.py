@@ -67,7 +67,7 @@ def vectored(drawn, sequence):
 def test_thrust_attitude_rates_and_torque_are_those_of_the_paper(seed):
     """Whatever the attitude, the heading and how fast it turns."""
     drawn = measurement, reference, command, jerk = draw(np.random.default_rng(seed))
-    force = MASS * (np.array(command) + [0.0, 0.0, G])
+    force = MASS * (np.add(command, [0.0, 0.0, G]))
     R, Omega = rotation_of(*measurement[3:6]), np.array(measurement[9:12])
     found = vectored(drawn, "zxy")
     assert found.thrust.thrust == pytest.approx(max(force @ R[:, 2], 1e-6), abs=1e-13)
@@ -129,7 +129,7 @@ class Firmware:
         """Thrust and torque; jerk and yaw rate are zero."""
         pos_e, vel_e = reference[0:3] - state[0:3], reference[3:6] - state[6:9]
         self.i_error_pos = self.i_error_pos + self.dt * pos_e
-        acc_d = reference[6:9] + [0.0, 0.0, G]
+        acc_d = np.add(reference[6:9], [0.0, 0.0, G])
         F_d = acc_d + self.Kd * vel_e + self.Kp * pos_e + self.Ki * self.i_error_pos
         R, omega = rotation_of(*state[3:6]), state[9:12]
         thrust = self.mass * F_d @ R[:, 2]
@@ -185,7 +185,6 @@ def test_the_shipped_scenarios_fly_under_the_law_of_the_firmware():
     assert not flight.metrics.crashed
     assert np.abs(flight["state"][:, 3:5]).max(axis=0).min() > 0.3
     expected = commanded_by_firmware(flight)
-    np.testing.assert_allclose(flight["wrench"][:, 0], expected[:, 0], rtol=0.0, atol=1e-7)
     np.testing.assert_allclose(flight["wrench"], expected, rtol=0.0, atol=1e-12)
 
 
@@ -201,7 +200,7 @@ def test_the_shipped_scenarios_fly_under_the_law_of_the_firmware():
 def test_without_its_options_it_is_another_law(field, value, part):
     flight = flown(**{field: value})
     off = np.abs(flight["wrench"] - commanded_by_firmware(flight)).max(axis=0)
-    assert off[part] > 1e-7
+    assert off[part] > 1e-5
 
 
 @pytest.mark.parametrize("log", ["08", "100", "145", "180"])
@@ -210,3 +209,22 @@ def test_flights_of_the_firmware_commanded_a_level_y_axis_and_not_the_yaw_of_the
     command = read_log(root / f"tests/data/crazyflie/crazyswarm2/log{log}.xz").attitude_command
     y_d = BodyAxes.of(*command.T).y
     assert np.abs(y_d.x).max() < 6e-4 < 4e-3 < np.abs(command[:, 2]).max()
+
+
+def test_flights_of_the_firmware_had_no_transport_term(root):
+    """About z, where it is largest, the torque of log100 is that of the firmware's law, and not with J (ω x ω_r)."""
+    record = read_log(root / "tests/data/crazyflie/crazyswarm2/log100.xz")
+    # KR, Kw and KI of its file, see tests/identification/test_crazyswarm2.py.
+    KR, Kw, KI = 0.008, 0.002, 0.024
+    attitudes = zip(record.attitude, record.attitude_command, strict=True)
+    error = np.array([rotation_error(rotation_of(*own), rotation_of(*commanded))[2] for own, commanded in attitudes])
+    omega, omega_r = record.body_rates, record.body_rate_command
+    held = np.cumsum(error * np.gradient(record.time))
+    gyroscopic = np.cross(omega, INERTIA * omega)[:, 2]
+    torque = -KR * error - Kw * (omega - omega_r)[:, 2] - KI * held + gyroscopic
+    transport = (INERTIA * np.cross(omega, omega_r))[:, 2]
+    logged = record.torque_command[:, 2]
+    # What the integral held before the log began is a constant.
+    without, with_it = (np.var(logged - each) / np.var(logged) for each in (torque, torque - transport))
+    assert without < 0.003
+    assert with_it > 0.02
