@@ -8,12 +8,25 @@ pitch θ, eq (7). Its derivatives, jerk j and snap s, fix how the body turns, fo
 
 and eq (2), with the rate of the yaw ψ, leaves r = (ψ̇ cos θ - q sin φ) / cos φ (D. Mellinger and V. Kumar, "Minimum snap
 trajectory generation and control for quadrotors", ICRA 2011).
+
+What a yaw means for a body that leans is a convention: the sequence of rotations from W to B.
+
+    zyx    x_B lies in the vertical plane of the heading (cos ψ, sin ψ, 0): eq (1) of the paper, PX4
+    zxy    y_B is perpendicular to the heading: y_B ∝ z_B x (cos ψ, sin ψ, 0) (T. Lee, M. Leok and N. H. McClamroch,
+           "Geometric tracking control of a quadrotor UAV on SE(3)", CDC 2010; Mellinger and Kumar; the Crazyflie)
+
+Both look the same way where roll or pitch is zero; else they differ by about the product of the two. All of this
+module is for zyx. A body in the sequence zxy is one in the sequence zyx, seen from axes that are a quarter turn
+further about z: Rz(ψ) Rx(φ) Ry(θ) Rz(π/2) = Rz(ψ + π/2) Ry(-φ) Rx(θ). What is computed at the yaw ψ + π/2 is that
+of these axes; `attitude_from_quarter_turn` and the two functions after it lead back to those of the body.
 """
 
-from typing import NamedTuple, Protocol
+from typing import Literal, NamedTuple, Protocol
 
 from drake_quad.framework.elementary import arcsin, arctan2, sqrt
-from drake_quad.signals import AngularAcceleration, BodyRates, Row
+from drake_quad.signals import AngularAcceleration, Attitude, BodyRates, Row
+
+EulerSequence = Literal["zyx", "zxy"]
 
 
 class VectorW(Protocol):
@@ -132,3 +145,28 @@ def in_heading(vector: VectorW, sin_yaw: Row, cos_yaw: Row) -> HeadingVector:
     """Turns a vector in W by minus the yaw."""
     x, y = vector.x, vector.y
     return HeadingVector(x * cos_yaw + y * sin_yaw, y * cos_yaw - x * sin_yaw, vector.z)
+
+
+def attitude_from_quarter_turn(tilt: Tilt, yaw: Row) -> Attitude:
+    """Return roll, pitch and yaw of a body in the sequence zxy, as angles of the sequence zyx like all attitudes.
+
+    Args:
+        tilt: of its axes after a quarter turn about z_B, at the yaw ψ + π/2.
+        yaw: ψ, rad.
+    """
+    _, sin_roll, cos_roll, sin_pitch, cos_pitch = tilt
+    return Attitude(
+        arctan2(-sin_pitch, cos_pitch * cos_roll),
+        arcsin(cos_pitch * sin_roll),
+        yaw - arctan2(sin_pitch * sin_roll, cos_roll),
+    )
+
+
+def rates_from_quarter_turn(rates: BodyRates) -> BodyRates:
+    """Return rates along the axes of a body, from those along its axes after a quarter turn about z_B."""
+    return BodyRates(-rates.q, rates.p, rates.r)
+
+
+def acceleration_from_quarter_turn(acceleration: AngularAcceleration) -> AngularAcceleration:
+    """Return an angular acceleration, likewise."""
+    return AngularAcceleration(-acceleration.q, acceleration.p, acceleration.r)

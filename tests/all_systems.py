@@ -275,6 +275,8 @@ OBSERVED = ObservationNumbers(290.0, (0.1, -0.2, 0.3))
 SEEN = ObservationSpec(
     ("position_error", "rotation", "reference_ahead", "rotor_speed", "wind", "action"), "body", 3, 0.4
 )
+TURNED = {"spec": ObservationSpec(("velocity", "rotation"), "reference_heading"), "num_actions": 3}
+SCALE = AccelerationScale(5.0, 4.0, 3.0)
 SEES = {"spec": SEEN, "num_actions": 3, "num_ahead": 2}
 
 
@@ -350,13 +352,14 @@ FLEET_SYSTEMS = [
     Example(Broadcast, structure={"num_rows": 2}, num_vehicles=3),
     Example(CommandLink, LINK, LOSSY, num_vehicles=2),
     Example(CommandLink, LINK, whole=False),
-    Example(AccelerationActuation, AccelerationScale(5.0, 4.0, 3.0), num_vehicles=2),
+    Example(AccelerationActuation, SCALE, {"frame": "reference_heading", "turn": -0.7}, num_vehicles=2),
+    Example(AccelerationActuation, SCALE, whole=False),
     Example(AttitudeActuation, AttitudeScale(THRUSTS, 0.6, 0.5), num_vehicles=2),
     Example(RatesFromTheGround, RATES, num_vehicles=2),
     Example(RatesOnBoard, RATES, num_vehicles=2),
     Example(RotorSpeedActuation, SPEEDS, {"order": (2, 0, 3, 1)}, num_vehicles=2),
     Example(Observation, OBSERVED, SEES, num_vehicles=2),
-    Example(Observation, OBSERVED, {"spec": ObservationSpec(("velocity",)), "num_actions": 3}, whole=False),
+    Example(Observation, OBSERVED, TURNED, whole=False),
     Example(Policy, structure={"network": _network_of(7, 3)}, num_vehicles=2),
     Example(CommandLink, TARGETS, {"signal": "attitude_target", **LOSSY}, num_vehicles=2, whole=False),
     Example(CommandLink, LINK._replace(delay_ticks=np.array([3.0, 1.0])), LOSSY, num_vehicles=2, whole=False),
@@ -371,17 +374,18 @@ FLEET_SYSTEMS = [
     Example(FuzzyRules, RulesNumbers((SETS,), Lead(0.13)), {"leads": True}, num_vehicles=2),
     Example(FuzzyRules, RulesNumbers((AROUND,)), {"inputs": ("z", "phase"), "lap_times": (0.0, 3.0, 7.0)}, whole=False),
     Example(GeometricAttitudeController, ATTITUDE),
-    Example(GeometricAttitudeController, ATTITUDE, num_vehicles=2),
+    Example(GeometricAttitudeController, ATTITUDE, {"transports": False}, num_vehicles=2),
     Example(Gust, GUST),
     Example(IncrementalAttitudeController, INCREMENTAL, {"delay_ticks": 1}),
     Example(IncrementalAttitudeController, INCREMENTAL, num_vehicles=2),
     Example(SineWind, SineNumbers(Wind(1.0, 2.0, 3.0), 1.1, 2.2)),
     Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), num_vehicles=2),
+    Example(IntegralCorrection, IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6), {"integration": "backward_euler"}),
     Example(IntegratingAttitudeController, IntegratingAttitudeNumbers(ATTITUDE, PerAngle(9.0, 7.0, 5.0), 3.0)),
     Example(
         IntegratingAttitudeController,
         IntegratingAttitudeNumbers(ATTITUDE, PerAngle(9.0, 7.0, 5.0), 3.0),
-        {"period": 0.01},
+        {"period": 0.01, "integration": "backward_euler", "transports": False},
         num_vehicles=2,
     ),
     Example(
@@ -426,6 +430,7 @@ FLEET_SYSTEMS = [
     Example(ThrustAlone),
     Example(ThrustVectoring, VECTORING),
     Example(ThrustVectoring, VECTORING, {"projects": True}, num_vehicles=2),
+    Example(ThrustVectoring, VECTORING, {"projects": True, "sequence": "zxy"}, num_vehicles=2),
     Example(TiltDisturbanceEstimator, BY_TILT, {"delay_ticks": 2}),
     Example(TiltDisturbanceEstimator, BY_TILT, num_vehicles=2),
     Example(

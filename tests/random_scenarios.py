@@ -261,7 +261,8 @@ def _attitude(structure, draw):
         case "geometric":
             return {"kind": "geometric", **gains}
         case "geometric with integral":
-            return {"kind": "geometric", **gains, "k_i": [draw(2.0, 4.0) for _ in range(3)]}
+            options = {"euler_sequence": "zxy", "integration": "backward_euler", "transport_term": False}
+            return {"kind": "geometric", **gains, **options, "k_i": [draw(2.0, 4.0) for _ in range(3)]}
         case "indi":
             delay = len(structure["axes"]) - 1
             return {"kind": "indi", **gains, "lag": draw(0.05, 0.1), "bandwidth": draw(2.0, 4.0), "delay_ticks": delay}
@@ -279,6 +280,7 @@ def _position(structure, draw):
     }
     if kind == "pid":
         position |= {"k_i": [draw(0.1, 1.0) for _ in range(3)], "integral_limit": draw(0.01, 0.1)}
+        position["integration"] = "backward_euler" if structure["derivative"] == "measurement" else "forward_euler"
     if kind in ("disturbance_observer", "l1", "indi"):
         lags = {"lag": draw(0.04, 0.1)}
         if structure["response"] == "commanded":

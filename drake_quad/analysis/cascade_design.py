@@ -219,8 +219,11 @@ def design_cascade(
         assert attitude is None or isinstance(attitude, AxisGains)
         add(axis, position_plant(laboratory, scenario, axis, attitude))
     if integral is not None:
+        position = with_integrals(scenario).cascade.position
+        assert isinstance(position, PidPosition)
         for axis in _POSITION:
-            loops[axis] = add_integral(loops[axis], wanted[axis].requirements, cost=integral)
+            required = wanted[axis].requirements
+            loops[axis] = add_integral(loops[axis], required, cost=integral, integration=position.integration)
     return CascadeDesign(loops, inner)
 
 

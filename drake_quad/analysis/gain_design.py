@@ -26,6 +26,7 @@ from pydrake.systems.controllers import DiscreteTimeLinearQuadraticRegulator
 from drake_quad.analysis.margins import FastMargins, Margins, fast_margins, frequencies, margins
 from drake_quad.analysis.modes import is_stabilizable
 from drake_quad.analysis.sampled_system import SampledSystem
+from drake_quad.control.integral import Integration
 from drake_quad.errors import InputError
 
 # Bandwidths that are tried, rad/s: from far below what any laboratory allows up to a third of half the sampling rate.
@@ -274,24 +275,31 @@ def design_loop(
     return finished(best, beyond.flaws)
 
 
-def with_integral(plant: SampledSystem) -> SampledSystem:
-    """A plant with the integral of its value for a further output: i⁺ = i + h value at every tick, as a PID has it."""
+def with_integral(plant: SampledSystem, integration: Integration = "forward_euler") -> SampledSystem:
+    """Return a plant with the integral of its value for a further output, as a PID has it.
+
+    At every tick i⁺ = i + h value. The output is i with the integration `forward_euler`, and i⁺ with `backward_euler`.
+    """
     n = len(plant.A)
     value, *_ = plant.C
-    integral = np.eye(n + 1)[n:]
+    direct, *_ = plant.D
+    own = plant.period if integration == "backward_euler" else 0.0
+    integral = np.append(own * value, 1.0)[np.newaxis]
     return replace(
         plant,
         A=np.block([[plant.A, np.zeros((n, 1))], [plant.period * value, np.ones((1, 1))]]),
-        B=np.vstack([plant.B, np.zeros((1, plant.B.shape[1]))]),
+        B=np.vstack([plant.B, plant.period * direct]),
         C=np.vstack([np.hstack([plant.C, np.zeros((len(plant.C), 1))]), integral]),
-        D=np.vstack([plant.D, np.zeros((1, plant.D.shape[1]))]),
+        D=np.vstack([plant.D, own * direct]),
         states=(*plant.states, "integral"),
         outputs=(*plant.outputs, "integral"),
     )
 
 
-def add_integral(design: LoopDesign, requirements: Requirements, *, cost: float) -> LoopDesign:
-    """Adds an integral to a PD: the largest that costs no more than a part of its phase margin.
+def add_integral(
+    design: LoopDesign, requirements: Requirements, *, cost: float, integration: Integration = "forward_euler"
+) -> LoopDesign:
+    """Add an integral to a PD: the largest that costs no more than a part of its phase margin.
 
     k_I is a share of k_P times the bandwidth at which the loop of the PD crosses over, and at most a quarter: with
     more, what is left of an error swings away slowly, whatever the margins at the crossover.
@@ -300,8 +308,9 @@ def add_integral(design: LoopDesign, requirements: Requirements, *, cost: float)
         design: of the PD.
         requirements: that the PID must meet.
         cost: the part, between 0 and 1.
+        integration: of the PID.
     """
-    pd, plant = design.gains, with_integral(design.plant)
+    pd, plant = design.gains, with_integral(design.plant, integration)
     assert isinstance(pd, AxisGains)
     grid = frequencies(plant.period)
     response = plant.response(np.exp(1j * grid * plant.period))[..., 0]

@@ -133,11 +133,13 @@ def build_control(
 
 
 def _vectoring(scenario: Scenario, fleet: Any, believed: QuadrotorParameters) -> dict[str, Recipe]:
-    """Thrust vectoring, of a vehicle as it is believed to be."""
+    """Return the recipe for thrust vectoring, of a vehicle as it is believed to be."""
     limits, attitude = fleet.control.thrust_vectoring, fleet.control.attitude
     weight = believed.mass * believed.gravity
     thrust = ThrustLimits(np.tan(limits.max_tilt), limits.min_thrust * weight, limits.max_thrust * weight)
-    structure = {"projects": attitude is not None and attitude.kind == "geometric"}
+    structure: dict[str, Any] = {"projects": False}
+    if attitude is not None and attitude.kind == "geometric":
+        structure = {"projects": True, "sequence": attitude.euler_sequence}
     numbers = VectoringNumbers(believed.mass, believed.gravity, thrust)
     return {"thrust_vectoring": Recipe(ThrustVectoring, structure, numbers)}
 
@@ -156,10 +158,11 @@ def _attitude(scenario: Scenario, attitude: Any, inertia: Inertia) -> dict[str, 
     period = scenario.laboratory.command_link.period
     match attitude.kind:
         case "geometric" if attitude.k_i is None:
-            return {"attitude": Recipe(GeometricAttitudeController, {}, numbers)}
+            return {"attitude": Recipe(GeometricAttitudeController, {"transports": attitude.transport_term}, numbers)}
         case "geometric":
             integrating = IntegratingAttitudeNumbers(numbers, PerAngle(*attitude.k_i), attitude.integral_limit)
-            return {"attitude": Recipe(IntegratingAttitudeController, {"period": period}, integrating)}
+            structure = {"integration": attitude.integration, "transports": attitude.transport_term}
+            return {"attitude": Recipe(IntegratingAttitudeController, {"period": period, **structure}, integrating)}
         case "indi":
             structure = {"period": period, "delay_ticks": attitude.delay_ticks}
             law = IncrementalLaw(attitude.bandwidth)
@@ -169,11 +172,12 @@ def _attitude(scenario: Scenario, attitude: Any, inertia: Inertia) -> dict[str, 
 
 
 def _integral(position: Any, period: float) -> dict[str, Recipe]:
-    """The integral of a position controller, if it has one."""
+    """Return the recipe for the integral of a position controller, if it has one."""
     if position.kind != "pid":
         return {}
     gains = IntegralGains(PerAxis(*position.k_i), position.integral_limit)
-    return {"position.integral": Recipe(IntegralCorrection, {"period": period}, gains)}
+    structure = {"period": period, "integration": position.integration}
+    return {"position.integral": Recipe(IntegralCorrection, structure, gains)}
 
 
 def _estimator(scenario: Scenario, position: Any, plan: Plan) -> dict[str, Recipe]:

@@ -115,7 +115,8 @@ def _actuation(scenario: Scenario, fleet: Any, believed: QuadrotorParameters) ->
     action, weight = control.action, believed.mass * believed.gravity
     match action:
         case AccelerationAction():
-            return Recipe(AccelerationActuation, {}, AccelerationScale(*action.most))
+            axes = {"frame": action.frame, "turn": control.observation.turn}
+            return Recipe(AccelerationActuation, axes, AccelerationScale(*action.most))
         case AttitudeAction():
             return Recipe(
                 AttitudeActuation, {}, AttitudeScale(_thrusts(action, weight), action.max_tilt, action.max_yaw)

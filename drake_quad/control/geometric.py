@@ -5,6 +5,7 @@ from typing import NamedTuple
 from drake_quad.axes import BodyAxes, Vector, cross
 from drake_quad.control.attitude import AttitudeNumbers, torque_of
 from drake_quad.control.axes import PerAngle
+from drake_quad.control.integral import Integration
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.signals import AngularAcceleration, Attitude, BodyAccelerationB, BodyRates, State, Torque
@@ -42,18 +43,19 @@ def _wanted(
     acceleration: AngularAcceleration,
     k_p: PerAngle,
     k_d: PerAngle,
+    transports: bool,
 ) -> AngularAcceleration:
-    """-k_P e_R - k_D e_Ω - Ω̂ Rᵀ R_d Ω_d + Rᵀ R_d Ω̇_d; arguments as for `geometric_law`, and gains."""
+    """Return -k_P e_R - k_D e_Ω - Ω̂ Rᵀ R_d Ω_d + Rᵀ R_d Ω̇_d; arguments as for `geometric_law`, and gains."""
     turned = _turned(measurement, attitude)
     error = _rotation_error(turned)
     own = Vector(measurement.p, measurement.q, measurement.r)
     commanded, faster = turned.in_world(Vector(*rates)), turned.in_world(Vector(*acceleration))
-    # How the commanded rates turn as they are seen from the body.
-    carried = cross(own, commanded)
-    return AngularAcceleration._make(
-        -k * e - d * (w - w_d) - turn + w_dot
-        for k, d, e, w, w_d, turn, w_dot in zip(k_p, k_d, error, own, commanded, carried, faster, strict=True)
-    )
+    wanted = [-k * e - d * (w - w_d) for k, d, e, w, w_d in zip(k_p, k_d, error, own, commanded, strict=True)]
+    if transports:
+        # The commanded rates turn as they are seen from the body.
+        carried = cross(own, commanded)
+        wanted = [whole - turn for whole, turn in zip(wanted, carried, strict=True)]
+    return AngularAcceleration._make(whole + w_dot for whole, w_dot in zip(wanted, faster, strict=True))
 
 
 def geometric_law(
@@ -62,8 +64,9 @@ def geometric_law(
     rates: BodyRates,
     acceleration: AngularAcceleration,
     numbers: AttitudeNumbers,
+    transports: bool = True,
 ) -> Torque:
-    """The torque of a `GeometricAttitudeController`.
+    """Return the torque of a `GeometricAttitudeController`.
 
     Args:
         measurement: of the vehicle's state.
@@ -71,9 +74,10 @@ def geometric_law(
         rates: commanded, along the axes of the commanded attitude.
         acceleration: commanded, along the same.
         numbers: gains and inertia.
+        transports: whether the term Ω̂ Rᵀ R_d Ω_d is there.
     """
     k_p, k_d, *inertia = numbers
-    wanted = _wanted(measurement, attitude, rates, acceleration, k_p, k_d)
+    wanted = _wanted(measurement, attitude, rates, acceleration, k_p, k_d, transports)
     return torque_of(wanted, BodyRates(measurement.p, measurement.q, measurement.r), *inertia)
 
 
@@ -84,12 +88,28 @@ def integrating_law(
     rates: BodyRates,
     acceleration: AngularAcceleration,
     numbers: IntegratingAttitudeNumbers,
+    transports: bool = True,
 ) -> Torque:
-    """The torque of an `IntegratingAttitudeController`: that of `geometric_law`, less I times the integral."""
+    """Return the torque of an `IntegratingAttitudeController`: that of `geometric_law`, less I times the integral."""
     k_p, k_d, *inertia = numbers.attitude
-    without = _wanted(measurement, attitude, rates, acceleration, k_p, k_d)
+    without = _wanted(measurement, attitude, rates, acceleration, k_p, k_d, transports)
     wanted = AngularAcceleration._make(whole - held for whole, held in zip(without, integral, strict=True))
     return torque_of(wanted, BodyRates(measurement.p, measurement.q, measurement.r), *inertia)
+
+
+def backward_integrating_law(
+    integral: AngularAcceleration,
+    measurement: State,
+    attitude: Attitude,
+    rates: BodyRates,
+    acceleration: AngularAcceleration,
+    numbers: IntegratingAttitudeNumbers,
+    period: float,
+    transports: bool = True,
+) -> Torque:
+    """Return the torque of `integrating_law` with the integral that takes in the error of this tick of a period (s)."""
+    integral = integrated_rotation(integral, measurement, attitude, numbers, period)
+    return integrating_law(integral, measurement, attitude, rates, acceleration, numbers, transports)
 
 
 def integrated_rotation(
@@ -99,7 +119,7 @@ def integrated_rotation(
     numbers: IntegratingAttitudeNumbers,
     period: float,
 ) -> AngularAcceleration:
-    """The integral a tick (s) later."""
+    """Return the integral after the error of a tick of a period (s)."""
     error = _rotation_error(_turned(measurement, attitude))
     return AngularAcceleration._make(
         maximum(minimum(before + period * k_i * e, numbers.limit), -numbers.limit)
@@ -129,22 +149,24 @@ class GeometricAttitudeController(FleetSystem):
 
     it brings the body home from almost any attitude (T. Lee, M. Leok and N. H. McClamroch, "Geometric tracking control
     of a quadrotor UAV on SE(3)", CDC 2010, eqs (10), (11), (16)); their k_R and k_Ω are k_P I and k_D I here, so that
-    gains are those of a double integrator. Near the commanded attitude it is the PD on roll, pitch and yaw.
+    gains are those of a double integrator. Near the commanded attitude it is the PD on roll, pitch and yaw. The term
+    with Ω̂, by which the commanded rates turn as seen from the body, can be left out, as the Crazyflie's firmware does.
 
     The only parameter of the context is `numbers`.
 
     Args:
         num_vehicles: N.
+        transports: whether the term Ω̂ Rᵀ R_d Ω_d is there.
         numbers: gains, and the inertia that is believed.
     """
 
-    def declare(self, *, numbers: AttitudeNumbers) -> None:
+    def declare(self, *, transports: bool = True, numbers: AttitudeNumbers) -> None:
         """Declares the system."""
         parameter = self.parameter("numbers", lambda numbers: numbers)
         measurement, attitude = self.input("measurement"), self.input("attitude_command")
         rates = self.input("body_rate_command")
         acceleration = self.input("angular_acceleration_command", absent=AngularAcceleration(0.0, 0.0, 0.0))
-        self.output("torque", geometric_law, measurement, attitude, rates, acceleration, parameter)
+        self.output("torque", geometric_law, measurement, attitude, rates, acceleration, parameter, transports)
 
 
 def _nothing(numbers: IntegratingAttitudeNumbers) -> AngularAcceleration:
@@ -166,20 +188,30 @@ class IntegratingAttitudeController(FleetSystem):
         output_ports:
         - torque
 
-    At every tick i⁺ = i + h k_I e_R about each axis of B, held between plus and minus the limit. It holds what turns
-    the vehicle for long: a centre of mass beside the middle, rotors that are unlike. (F. Goodarzi, D. Lee and T. Lee,
-    "Geometric nonlinear PID control of a quadrotor UAV on SE(3)", ECC 2013, integrates e_Ω + c e_R; the Crazyflie's
-    firmware integrates e_R, as this does.)
+    At every tick i⁺ = i + h k_I e_R about each axis of B, held between plus and minus the limit. With the integration
+    `backward_euler` it is I i⁺ that the torque lacks. The integral holds torques that last: those of a centre of mass
+    beside the middle, and of rotors that are not alike. (F. Goodarzi, D. Lee and T. Lee, "Geometric nonlinear PID
+    control of a quadrotor UAV on SE(3)", ECC 2013, integrates e_Ω + c e_R. The Crazyflie's firmware integrates e_R by
+    backward Euler, without a limit.)
 
     The only state is `integral`, the only parameter of the context `numbers`.
 
     Args:
         num_vehicles: N.
         period: h of the ticks, s.
+        integration: "forward_euler" or "backward_euler".
+        transports: whether the term Ω̂ Rᵀ R_d Ω_d is there.
         numbers: gains, and the inertia that is believed.
     """
 
-    def declare(self, *, period: float = 0.02, numbers: IntegratingAttitudeNumbers) -> None:
+    def declare(
+        self,
+        *,
+        period: float = 0.02,
+        integration: Integration = "forward_euler",
+        transports: bool = True,
+        numbers: IntegratingAttitudeNumbers,
+    ) -> None:
         """Declares the system."""
         parameter = self.parameter("numbers", lambda numbers: numbers)
         measurement, attitude = self.input("measurement"), self.input("attitude_command")
@@ -188,4 +220,8 @@ class IntegratingAttitudeController(FleetSystem):
         integral = self.state("integral", _nothing)
         before = integral, measurement, attitude, parameter
         self.update(period, integrated_rotation, *before, period, writes=[integral])
-        self.output("torque", integrating_law, integral, measurement, attitude, rates, acceleration, parameter)
+        reads = integral, measurement, attitude, rates, acceleration, parameter
+        if integration == "backward_euler":
+            self.output("torque", backward_integrating_law, *reads, period, transports)
+        else:
+            self.output("torque", integrating_law, *reads, transports)

@@ -1,11 +1,19 @@
-"""The integral of a PID."""
+"""The integral of a PID.
 
-from typing import Annotated, NamedTuple
+A discrete integral is of one of two kinds, as in Simulink's block Discrete-Time Integrator:
+
+    forward_euler     the command of a tick has the errors of the ticks before it
+    backward_euler    the command of a tick has the error of this tick as well
+"""
+
+from typing import Annotated, Literal, NamedTuple
 
 from drake_quad.control.axes import PerAxis
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.signals import Acceleration, PositionError, Quantity, Row
+
+Integration = Literal["forward_euler", "backward_euler"]
 
 
 class IntegralGains(NamedTuple):
@@ -21,7 +29,7 @@ class IntegralGains(NamedTuple):
 
 
 def integrated(correction: Acceleration, error: PositionError, gains: IntegralGains, period: float) -> Acceleration:
-    """The correction a tick (s) later."""
+    """Return the correction after the error of a tick of a period (s)."""
     return Acceleration._make(
         maximum(minimum(before - period * k_i * e, gains.limit), -gains.limit)
         for before, k_i, e in zip(correction, gains.k_i, error, strict=True)
@@ -44,20 +52,27 @@ class IntegralCorrection(FleetSystem):
         output_ports:
         - correction
 
-    At every tick i⁺ = i + h k_I e, held between plus and minus the limit; `correction` is -i, since a correction is
-    subtracted from the PD's command.
+    At every tick i⁺ = i + h k_I e, held between plus and minus the limit. A correction is subtracted from the PD's
+    command, so `correction` is -i with the integration `forward_euler`, and -i⁺ with `backward_euler`.
 
     The only state is `correction`, the only parameter of the context `gains`.
 
     Args:
         num_vehicles: N.
         period: h of the ticks, s.
+        integration: "forward_euler" or "backward_euler".
         numbers: the gains.
     """
 
-    def declare(self, *, period: float = 0.02, numbers: IntegralGains) -> None:
+    def declare(
+        self, *, period: float = 0.02, integration: Integration = "forward_euler", numbers: IntegralGains
+    ) -> None:
         """Declares the system."""
         error, gains = self.input("error"), self.parameter("gains", lambda gains: gains)
         correction = self.state("correction", _nothing)
-        self.update(period, integrated, correction, error, gains, period, writes=[correction])
-        self.state_output(correction)
+        reads = correction, error, gains, period
+        self.update(period, integrated, *reads, writes=[correction])
+        if integration == "backward_euler":
+            self.output("correction", integrated, *reads)
+        else:
+            self.state_output(correction)

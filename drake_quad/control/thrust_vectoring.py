@@ -4,12 +4,16 @@ from typing import Annotated, NamedTuple
 
 from drake_quad.axes import BodyAxes
 from drake_quad.flatness import (
+    EulerSequence,
     HeadingVector,
     Tilt,
+    acceleration_from_quarter_turn,
     angular_accelerations,
+    attitude_from_quarter_turn,
     attitude_of,
     body_rates,
     in_heading,
+    rates_from_quarter_turn,
     tilt_of,
 )
 from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt
@@ -106,8 +110,9 @@ def vectored_thrust(
     snap: Snap | None,
     numbers: VectoringNumbers,
     projects: bool = False,
+    sequence: EulerSequence = "zyx",
 ) -> Vectored:
-    """Thrust, attitude, body rates and angular accelerations for a commanded acceleration.
+    """Return thrust, attitude, body rates and angular accelerations for a commanded acceleration.
 
     Args:
         command: the acceleration.
@@ -117,13 +122,17 @@ def vectored_thrust(
         snap: of the reference; None if there shall be no angular acceleration.
         numbers: what is believed of the vehicle, and limits.
         projects: whether the commanded force is projected on the measured axis of thrust.
+        sequence: of rotations, which says what the yaw of a body that leans is; "zxy" only if `projects`.
     """
     mass, gravity, limits = numbers
     sin_yaw, cos_yaw = sin_cos(reference.yaw if projects else measurement.yaw)
+    if sequence == "zxy":
+        # Of the yaw a quarter turn further, see `drake_quad.flatness`.
+        sin_yaw, cos_yaw = cos_yaw, -sin_yaw
     tilt = tilt_of(specific_thrust(in_heading(command, sin_yaw, cos_yaw), mass, gravity, limits))
     turned_jerk = in_heading(jerk, sin_yaw, cos_yaw)
     rates = body_rates(tilt, turned_jerk, reference.yaw_rate)
-    roll, pitch = attitude_of(tilt)
+    attitude = Attitude(*attitude_of(tilt), reference.yaw)
     acceleration = AngularAcceleration(0.0, 0.0, 0.0)
     if snap is not None:
         turned_snap = in_heading(snap, sin_yaw, cos_yaw)
@@ -131,7 +140,10 @@ def vectored_thrust(
     thrust = mass * tilt.thrust
     if projects:
         thrust = maximum(thrust * _alignment(tilt, measurement, sin_yaw, cos_yaw), limits.min_thrust)
-    return Vectored(Thrust(thrust), Attitude(roll, pitch, reference.yaw), rates, acceleration)
+    if sequence == "zxy":
+        attitude = attitude_from_quarter_turn(tilt, reference.yaw)
+        rates, acceleration = rates_from_quarter_turn(rates), acceleration_from_quarter_turn(acceleration)
+    return Vectored(Thrust(thrust), attitude, rates, acceleration)
 
 
 def _alignment(tilt: Tilt, measurement: State, sin_yaw: Row, cos_yaw: Row) -> Row:
@@ -165,20 +177,23 @@ class ThrustVectoring(FleetSystem):
     In front of geometric control, where the vehicle may be upside down, eq (7) is taken at the commanded yaw, and the
     thrust is the commanded force along the measured axis of thrust, F_d · R e₃ (T. Lee, M. Leok and N. H. McClamroch,
     2010, eq (15)), or the least thrust where that is less: rotors that do not pull cannot turn the vehicle either.
+    There the yaw may be that of the sequence zxy, as in the same paper; zyx is that of eq (1). `attitude_command` has
+    angles of eq (1) in either case, so with zxy its yaw is not the reference's where roll and pitch are not zero.
 
     The only parameter of the context is `numbers`.
 
     Args:
         num_vehicles: N.
         projects: whether the commanded force is projected on the measured axis of thrust.
+        sequence: of rotations, see `drake_quad.flatness`; "zxy" only if `projects`.
         numbers: what is believed of the vehicle, and limits of thrust and tilt.
     """
 
-    def declare(self, *, projects: bool = False, numbers: VectoringNumbers) -> None:
+    def declare(self, *, projects: bool = False, sequence: EulerSequence = "zyx", numbers: VectoringNumbers) -> None:
         """Declares the system."""
         parameter = self.parameter("numbers", lambda numbers: numbers)
         command, measurement = self.input("acceleration_command"), self.input("measurement")
         reference = self.input("reference")
         jerk, snap = self.input("reference_jerk", absent=Jerk(0.0, 0.0, 0.0)), self.input("reference_snap")
-        reads = command, measurement, reference, jerk, snap, parameter, projects
+        reads = command, measurement, reference, jerk, snap, parameter, projects, sequence
         self.packed_output("thrust_and_attitude", Vectored, vectored_thrust, *reads)

@@ -47,7 +47,9 @@ def px4_columns(flight: Flight) -> _Columns:
     columns |= _turned("trajectory_setpoint.position[{}]", "012", reference.x, reference.y, reference.z)
     columns |= _turned("trajectory_setpoint.velocity[{}]", "012", reference.v_x, reference.v_y, reference.v_z)
     columns |= _turned("trajectory_setpoint.acceleration[{}]", "012", reference.a_x, reference.a_y, reference.a_z)
-    columns |= {"trajectory_setpoint.yaw": -reference.yaw, "trajectory_setpoint.yawspeed": -reference.yaw_rate}
+    # PX4's message TrajectorySetpoint has the yaw between -π and π.
+    yaw = np.arctan2(-np.sin(reference.yaw), np.cos(reference.yaw))
+    columns |= {"trajectory_setpoint.yaw": yaw, "trajectory_setpoint.yawspeed": -reference.yaw_rate}
     for name in ("attitude_target", "attitude_command"):
         if name in flight:
             command = flight.record(name)

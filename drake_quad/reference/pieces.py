@@ -6,6 +6,7 @@ begins at time 0. The format is that of W. Hönig et al., "Trajectory planning f
 programs that came of it.
 """
 
+import math
 from pathlib import Path
 from typing import Any
 
@@ -46,7 +47,10 @@ def pieces_of(plan: Plan) -> np.ndarray:
 
 
 def plan_of_pieces(rows: np.ndarray, *, origin: Any = (0.0, 0.0, 0.0), time_scale: float = 1.0) -> Plan:
-    """The plan of (pieces, 33) rows with the columns of `COLUMNS`.
+    """Return the plan of (pieces, 33) rows with the columns of `COLUMNS`.
+
+    A yaw is an angle: where a piece begins whole turns away from the end of the piece before it, its yaw is moved by
+    these turns. So a yaw that goes from π to -π between two pieces stays where it is.
 
     Args:
         rows: at least one.
@@ -57,8 +61,19 @@ def plan_of_pieces(rows: np.ndarray, *, origin: Any = (0.0, 0.0, 0.0), time_scal
     polynomials = rows[:, 1:].reshape(len(rows), len(AXES), POWERS).transpose(0, 2, 1)
     unit = polynomials * (np.diff(times)[:, np.newaxis] ** np.arange(POWERS))[:, :, np.newaxis]
     unit[:, 0, :3] += origin
+    unit[1:, 0, 3] -= _whole_turns(unit[:, :, 3])
     path, yaw = (PolynomialPath(time_scale * times, part) for part in np.split(unit, [3], axis=2))
     return Plan(path, yaw)
+
+
+def _whole_turns(yaws: np.ndarray) -> np.ndarray:
+    """Return (pieces - 1,) the whole turns by which the pieces after the first one are ahead of it, rad.
+
+    Args:
+        yaws: (pieces, powers) coefficients of the yaw in unit time, rad.
+    """
+    jumps = yaws[1:, 0] - yaws[:-1].sum(axis=1)
+    return np.asarray(math.tau * np.cumsum(np.rint(jumps / math.tau)))
 
 
 def save_pieces(plan: Plan, path: Path | str) -> Path:

@@ -5,6 +5,8 @@ from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
 
+from drake_quad.control.integral import Integration
+from drake_quad.flatness import EulerSequence
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.quantities import (
     Gains,
@@ -17,6 +19,11 @@ from drake_quad.scenario.quantities import (
     Span,
     Spans,
     bounded,
+)
+
+_INTEGRATION = (
+    "whether the command of a tick has the integral of the errors before it (forward_euler), or with its own"
+    " (backward_euler)"
 )
 
 
@@ -42,6 +49,7 @@ class PidPosition(PdPosition):
     integral_limit: Positive = Field(
         default=2.0, description="largest acceleration that the integral may ask for (m/s²)"
     )
+    integration: Integration = Field(default="forward_euler", description=_INTEGRATION)
 
 
 class CommandedResponse(Model):
@@ -120,7 +128,11 @@ class PdAttitude(Model):
 
 
 class GeometricAttitude(PdAttitude):
-    """PD on the error of the rotation, which has no singularity; thrust is projected on its measured axis."""
+    """PD on the error of the rotation, without a singularity; thrust is projected on its measured axis.
+
+    `euler_sequence: zxy` and `integration: backward_euler` without the transport term are the Lee controller of the
+    Crazyflie's firmware.
+    """
 
     kind: Literal["geometric"]  # type: ignore[assignment]
     k_i: Gains | None = Field(
@@ -129,6 +141,18 @@ class GeometricAttitude(PdAttitude):
     )
     integral_limit: Positive = Field(
         default=50.0, description="largest angular acceleration that the integral may ask for (rad/s²)"
+    )
+    integration: Integration = Field(default="forward_euler", description=_INTEGRATION)
+    euler_sequence: EulerSequence = Field(
+        default="zyx",
+        description="what the reference's yaw is of an attitude that leans: with zyx x_B stays in the vertical plane of"
+        " the heading, as eq (1) and PX4 have it; with zxy y_B stays perpendicular to the heading, as Lee et al. (2010)"
+        " and the Crazyflie's firmware have it",
+    )
+    transport_term: bool = Field(
+        default=True,
+        description="whether -Ω̂ Rᵀ R_d Ω_d is part of the law, as Lee et al. (2010) have it; the Crazyflie's firmware"
+        " leaves it out",
     )
 
 

@@ -11,6 +11,7 @@ from pydantic import Field, model_validator
 from pydantic_core import PydanticCustomError
 
 from drake_quad.control.policy.actuation import ROWS
+from drake_quad.control.policy.frames import LevelFrame
 from drake_quad.control.policy.network import Activation, Dense, Gru, Network
 from drake_quad.control.policy.observation import SIGNALS_SEEN, Frame, ObservationSpec, num_observed
 from drake_quad.framework.symbols import Matrix
@@ -159,10 +160,13 @@ def _network(trained: TrainedNetwork) -> Network:
 
 
 class AccelerationAction(Model):
-    """An acceleration along X, Y and Z, which the cascade makes thrust and attitude of."""
+    """An acceleration, which the cascade makes thrust and attitude of."""
 
     kind: Literal["acceleration"]
     most: PlainPositives = Field(default=(5.0, 5.0, 5.0), description="of an action of 1 (m/s²)")
+    frame: LevelFrame = Field(
+        default="world", description="axes along which the acceleration is commanded, named as in `observation.frame`"
+    )
 
 
 class _ThrustAction(Model):
@@ -238,7 +242,9 @@ class Observation(Model):
         " delay, or the vehicle's own",
     )
     frame: Frame = Field(
-        default="world", description="along whose axes vectors are seen: W's, W's turned by the yaw, or B's"
+        default="world",
+        description="axes along which vectors are seen: those of W; those of W turned about Z by the vehicle's yaw"
+        " (`heading`) or by the reference's yaw (`reference_heading`); those of B",
     )
     history: Annotated[int, Field(ge=1, le=100)] = Field(
         default=1, description="ticks that are seen, with the present one"
@@ -247,7 +253,9 @@ class Observation(Model):
         default=(), description="times from now of `reference_ahead`: where the reference will be, seen from here (s)"
     )
     turn: Annotated[float, Field(ge=-math.pi, le=math.pi)] = Field(
-        default=0.0, description="angle about z from x of B to where the policy takes the front to be (rad)"
+        default=0.0,
+        description="angle about z from x_B to the policy's front (rad); the axes of all frames but W are turned by it,"
+        " too, so that a policy in W which looks along X flies at a yaw of -turn",
     )
 
     @model_validator(mode="after")

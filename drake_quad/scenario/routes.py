@@ -485,7 +485,10 @@ class Piece(Model):
     x: _Coefficients = Field(description="coefficients, from the constant on, in W (m, s)")
     y: _Coefficients = Field(description="likewise (m, s)")
     z: _Coefficients = Field(description="likewise (m, s)")
-    yaw: _Coefficients = Field(default=(0.0,), description="likewise (rad, s)")
+    yaw: _Coefficients = Field(
+        default=(0.0,),
+        description="likewise (rad, s); whole turns between the end of a piece and the next do not count",
+    )
 
     def row(self) -> list[float]:
         """As the row of a table of pieces, see `drake_quad.reference.pieces`."""
@@ -504,7 +507,9 @@ class TrajectoryRoute(Model):
         default=None, description="position to jerk at increasing times, from 0 on; or else `pieces`"
     )
     yaw_knots: Annotated[tuple[YawKnot, ...], Field(strict=False, min_length=2)] | None = Field(
-        default=None, description="yaw and its rate at increasing times, from the first knot to the last"
+        default=None,
+        description="yaw and its rate at increasing times, from the first knot to the last; the yaw turns by the"
+        " difference of two knots, also by more than half a turn",
     )
     pieces: Annotated[tuple[Piece, ...], Field(strict=False, min_length=1, max_length=MOST_WAYPOINTS)] | None = Field(
         default=None,
@@ -551,7 +556,7 @@ class TrajectoryRoute(Model):
 
     @model_validator(mode="after")
     def _joined(self) -> "TrajectoryRoute":
-        """A piece begins where the one before it ends, as fast: no vehicle jumps."""
+        """Check that a piece begins where the one before it ends, as fast, but for whole turns of the yaw."""
         if self.pieces is None:
             return self
         plan = plan_of_pieces(np.array([piece.row() for piece in self.pieces]))

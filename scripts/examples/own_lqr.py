@@ -21,7 +21,10 @@ L, _, _ = control.dlqe(PLANT.A, PLANT.B, PLANT.C, np.diag((0.1 * COMMAND) ** 2),
 
 
 class Lqr(LeafSystem):
-    """A regulator of the error, whose state a Kalman filter estimates: a column for each vehicle."""
+    """A regulator of the error in hover, whose state a Kalman filter estimates: a column for each vehicle.
+
+    The plant is that of a yaw of zero, so the reference must look along X.
+    """
 
     def __init__(self, num_vehicles: int = 1) -> None:
         super().__init__()

@@ -563,16 +563,24 @@ def test_a_regulator_s_gains_are_found_to_a_thousandth():
         np.testing.assert_allclose(family.gains(plant, effort), K[0], rtol=1e-3)
 
 
+def designed_pid(integration):
+    scenario = with_integrals(load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", UNEVEN))
+    position = scenario.control.position.model_copy(update={"integration": integration})
+    control = scenario.control.model_copy(update={"position": position})
+    scenario = scenario.model_copy(update={"control": control})
+    return scenario, design_cascade(scenario, integral=0.2)
+
+
 @pytest.fixture(scope="module")
 def pid_design():
-    scenario = load_scenario(ROOT / "diagrams" / "laboratory.yaml:nominal", UNEVEN)
-    return with_integrals(scenario), design_cascade(scenario, integral=0.2)
+    return designed_pid("forward_euler")
 
 
 @pytest.mark.slow
-def test_a_pid_is_designed_as_it_flies(pid_design):
+@pytest.mark.parametrize("integration", ["forward_euler", "backward_euler"])
+def test_a_pid_is_designed_as_it_flies(integration, pid_design):
     """The poles of its loops are multipliers of the whole diagram with these gains."""
-    scenario, design = pid_design
+    scenario, design = pid_design if integration == "forward_euler" else designed_pid(integration)
     found = closed_loop(as_believed(with_gains(scenario, design.gains()))).system.poles()
     for axis in ("x", "y", "z"):
         loop = design.loops[axis]
@@ -609,22 +617,23 @@ def test_a_loop_with_phase_to_spare_pays_for_its_integral_with_no_more_than_the_
     assert 0.95 * slow.margins.phase - 0.02 <= found < 0.96 * slow.margins.phase
 
 
-def test_the_integral_is_the_sum_of_the_values_before():
-    """h / (z - 1) times the value, and all else as it was."""
+@pytest.mark.parametrize(("integration", "own"), [("forward_euler", 0.0), ("backward_euler", 0.02)])
+def test_the_integral_is_the_sum_of_the_values(integration, own):
+    """h / (z - 1) times the value by forward Euler, h z / (z - 1) by backward Euler, and all else as it was."""
     plant = SampledSystem(
         np.array([[0.9, 0.1], [-0.2, 0.8]]),
         np.array([[0.3], [0.5]]),
         np.array([[1.0, 0.4], [0.2, 1.1]]),
-        np.zeros((2, 1)),
+        np.array([[0.06], [0.0]]),
         0.02,
         ("a", "b"),
         ("u",),
         ("value", "rate"),
     )
     z = np.array([1.1 + 0.3j, -0.7 + 0.2j])
-    value, rate, integral = np.moveaxis(with_integral(plant).response(z)[..., 0], -1, 0)
+    value, rate, integral = np.moveaxis(with_integral(plant, integration).response(z)[..., 0], -1, 0)
     np.testing.assert_allclose(np.stack([value, rate], axis=-1), plant.response(z)[..., 0])
-    np.testing.assert_allclose(integral, 0.02 / (z - 1.0) * value)
+    np.testing.assert_allclose(integral, (0.02 / (z - 1.0) + own) * value)
 
 
 def test_a_controller_is_made_a_pid_once():

@@ -45,7 +45,9 @@ def test_the_cascade_has_the_gains_of_the_scenario_and_believes_its_nominal_numb
     assert pd.numbers == PdGains(PerAxis(1.3, 1.0, 5.0), PerAxis(1.5, 1.3, 3.2))
     assert pd.structure == {"derivative": "tracking_error", "feeds_forward": True}
     assert integral.numbers == IntegralGains(PerAxis(0.3, 0.2, 1.5), 0.6)
-    assert integral.structure == {"period": 0.02}
+    assert integral.structure == {"period": 0.02, "integration": "forward_euler"}
+    asked = "control.position.integration=backward_euler"
+    assert recipes_of(asymmetric("pid", asked))[0]["position.integral"].structure["integration"] == "backward_euler"
     assert (vectoring.numbers.mass, vectoring.numbers.gravity) == (0.7, 9.79)
     assert tuple(vectoring.numbers.limits) == pytest.approx((math.tan(0.2), 0.975 * WEIGHT, 1.11 * WEIGHT))
     k_p, k_d = PerAngle(17.0, 14.0, 5.0), PerAngle(7.5, 6.8, 3.1)
@@ -99,15 +101,19 @@ def test_attitude_control_is_of_the_kind_of_the_scenario_and_thrust_vectoring_wi
     geometric, _ = recipes_of(asymmetric("pid", f"control.attitude={{kind: geometric, {gains}}}"))
     assert geometric["attitude"].system is GeometricAttitudeController
     assert geometric["attitude"].numbers == pd["attitude"].numbers
-    projects = [found["thrust_vectoring"].structure["projects"] for found in (pd, geometric)]
-    assert projects == [False, True]
-    integral = "k_i: [3.0, 2.0, 1.0], integral_limit: 7.0"
+    assert geometric["attitude"].structure == {"transports": True}
+    structures = [found["thrust_vectoring"].structure for found in (pd, geometric)]
+    assert structures == [{"projects": False}, {"projects": True, "sequence": "zyx"}]
+    integral = (
+        "k_i: [3.0, 2.0, 1.0], integral_limit: 7.0, integration: backward_euler, euler_sequence: zxy,"
+        " transport_term: false"
+    )
     found, _ = recipes_of(asymmetric("pid", f"control.attitude={{kind: geometric, {gains}, {integral}}}"))
     attitude = found["attitude"]
     assert attitude.system is IntegratingAttitudeController
-    assert attitude.structure == {"period": 0.02}
+    assert attitude.structure == {"period": 0.02, "integration": "backward_euler", "transports": False}
     assert attitude.numbers == IntegratingAttitudeNumbers(pd["attitude"].numbers, PerAngle(3.0, 2.0, 1.0), 7.0)
-    assert found["thrust_vectoring"].structure["projects"]
+    assert found["thrust_vectoring"].structure == {"projects": True, "sequence": "zxy"}
     numbers = "delay_ticks: 2, lag: 0.08, bandwidth: 6.0, disturbance_limit: 9.0"
     found, _ = recipes_of(asymmetric("pid", f"control.attitude={{kind: indi, {gains}, {numbers}}}"))
     attitude = found["attitude"]

@@ -13,9 +13,10 @@ from drake_quad.signals import Acceleration, PositionError
 H, K_I = 0.02, np.array([0.3, 0.5, 2.0])
 
 
-def corrected(errors, limit, num_vehicles=1, k_i=tuple(K_I)):
+def corrected(errors, limit, num_vehicles=1, k_i=tuple(K_I), integration="forward_euler"):
     """The corrections (ticks + 1, 3, N) that follow from errors (ticks, 3, N), one a tick."""
-    system = IntegralCorrection(num_vehicles=num_vehicles, period=H, numbers=IntegralGains(PerAxis(*k_i), limit))
+    numbers = IntegralGains(PerAxis(*k_i), limit)
+    system = IntegralCorrection(num_vehicles=num_vehicles, period=H, integration=integration, numbers=numbers)
     simulator = Simulator(system)
     context, found = simulator.get_mutable_context(), []
     for tick, error in enumerate(errors):
@@ -45,6 +46,23 @@ def test_the_correction_is_minus_the_sum_of_the_errors():
     sums = np.cumsum(errors, axis=0) * H * K_I[:, None]
     np.testing.assert_array_equal(found[0], 0.0)
     np.testing.assert_allclose(found[1:], -sums, atol=1e-14)
+
+
+def test_by_backward_euler_the_correction_has_the_error_of_its_own_tick():
+    """Within the same limit, and with the same state from tick to tick as by forward Euler."""
+    limit, errors = 0.05, np.random.default_rng(2).normal(size=(30, 3))
+    numbers = IntegralGains(PerAxis(*K_I), limit)
+    system = IntegralCorrection(period=H, integration="backward_euler", numbers=numbers)
+    simulator = Simulator(system)
+    context, held, limited = simulator.get_mutable_context(), np.zeros(3), 0
+    for tick, error in enumerate(errors):
+        if tick:
+            simulator.AdvanceTo(tick * H)
+        system.get_input_port().FixValue(context, error)
+        held = np.clip(held + H * K_I * error, -limit, limit)
+        limited += np.abs(held).max() == limit
+        np.testing.assert_allclose(system.get_output_port().Eval(context), -held, atol=1e-15)
+    assert 0 < limited < len(errors)
 
 
 @pytest.mark.parametrize("signs", [*itertools.product((1.0, -1.0), repeat=3)])

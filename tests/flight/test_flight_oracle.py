@@ -111,7 +111,7 @@ FLIGHTS = {
             f"control.position={{kind: disturbance_observer, {PD}, feed_forward: snap, position_noise: 0.002,"
             " deviation: [0.3, 0.4, 0.2], time_constant: [0.5, 0.6, 0.7], response: {kind: commanded, delay_ticks: 2,"
             " lag: [0.25, 0.27, 0.06], feed_forward_lag: [0.07, 0.08, 0.05]}}",
-            "control.attitude={kind: geometric, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1]}",
+            "control.attitude={kind: geometric, k_p: [17.0, 14.0, 5.0], k_d: [7.5, 6.8, 3.1], euler_sequence: zxy}",
         ],
     ),
     "geometric attitude control with an integral, velocity that is seen too large and drifts, filtered": (
@@ -124,15 +124,17 @@ FLIGHTS = {
             "laboratory.motion_capture.velocity_drift=[0.02, 0.0, 0.04]",
         ],
     ),
-    "the same as on board: fast, without a link, velocity from elsewhere": (
+    "the firmware's Lee controller: fast, without a link, velocity from elsewhere": (
         "pid",
         [
             "duration=2",
             "vehicle.time_step=0.0025",
             "laboratory.command_link={period: 0.005, delay_ticks: 0, loss_rate: 0}",
             "laboratory.motion_capture={period: 0.0025, velocity_error: [0.1, -0.05, 0.2]}",
+            "control.position.integration=backward_euler",
+            "control.position.feed_forward=jerk",
             "control.attitude={kind: geometric, k_p: [170.0, 140.0, 50.0], k_d: [24.0, 22.0, 12.0], k_i: [200.0, 100.0,"
-            " 50.0]}",
+            " 50.0], integration: backward_euler, euler_sequence: zxy, transport_term: false}",
         ],
     ),
     "velocity of an estimator, which is too large and drifts": (

@@ -243,6 +243,27 @@ def test_environments_are_registered_and_wrapped():
     assert (infos["flight"]["rmse"] < 0.01).all()
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("action", [{"kind": "acceleration", "frame": "reference_heading"}, "attitude", "rates"])
+def test_seen_from_the_heading_of_the_reference_every_heading_is_the_same_task(action):
+    """A policy that learns at one heading meets at another what it knows: the same observations and rewards."""
+    seen = {"signals": ["position_error", "velocity_error", "rotation", "body_rates", "action"]}
+    steps = []
+    for yaw in (0.0, 2.0):
+        envs = QuadrotorVectorEnv(
+            "hover",
+            {"route.yaw": yaw, "duration": 0.6},
+            num_envs=2,
+            action=action,
+            observation={**seen, "frame": "reference_heading"},
+        )
+        steps.append(rollout(envs, random_actions(envs, 0, 25), 0))
+    for place, of_a_step in ((0, slice(None)), (1, slice(1, None))):
+        one, other = (columns(flown[of_a_step], place) for flown in steps)
+        assert np.ptp(one, axis=0).max() > 0.01
+        np.testing.assert_allclose(other, one, rtol=0.0, atol=1e-6)
+
+
 def test_spaces_are_those_of_the_scenario():
     envs = envs_of(3, action={"kind": "acceleration", "most": [3, 3, 3]}, observation={"history": 4})
     assert envs.single_observation_space.shape == (4 * (3 + 3 + 9 + 3 + 3 + 3),)

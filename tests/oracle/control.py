@@ -174,21 +174,24 @@ class IncrementalTurning:
 
 
 class Integral:
-    """i⁺ = i + h k_I e, within a limit; the correction, which is subtracted, is -i."""
+    """i⁺ = i + h k_I e, within a limit; the correction, which is subtracted, is -i, or -i⁺ by backward Euler."""
 
     def __init__(self, numbers, h):
         self.numbers, self.h, self.i = numbers, h, np.zeros(3)
 
     def output(self, seen):
-        return -self.i
+        return -self.i if self.numbers.integration == "forward_euler" else -self.after(seen)
 
     def shown(self):
         """What it lets others see, by name."""
         return {}
 
-    def learn(self, tick, seen):
+    def after(self, seen):
         limit = self.numbers.integral_limit
-        self.i = np.clip(self.i + self.h * np.array(self.numbers.k_i) * seen["error"], -limit, limit)
+        return np.clip(self.i + self.h * np.array(self.numbers.k_i) * seen["error"], -limit, limit)
+
+    def learn(self, tick, seen):
+        self.i = self.after(seen)
 
 
 class Network:
@@ -380,6 +383,7 @@ class Controller:
         mass, gravity, limits = self.believed.mass, self.believed.gravity, self.numbers.thrust_vectoring
         geometric = self.numbers.attitude is not None and self.numbers.attitude.kind == "geometric"
         yaw = reference["yaw"] if geometric else measured[5]
+        square = geometric and self.numbers.attitude.euler_sequence == "zxy"
         heading = rotation(0.0, 0.0, yaw)
         forward, left, up = heading.T @ u + [0.0, 0.0, gravity]
         # The vertical part is limited first, then the horizontal one is shortened.
@@ -394,13 +398,18 @@ class Controller:
         psi_dot, psi_ddot = reference["yaw_rate"], reference["yaw_acceleration"]
         order = ("none", "acceleration", "jerk", "snap").index(self.numbers.position.feed_forward)
         jerk, snap = (jerk if order >= 2 else np.zeros(3)), (snap if order >= 3 else np.zeros(3))
+        attitude = np.array([roll, pitch, reference["yaw"]])
         rates, accelerations = flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot)
+        if square:
+            axes = square_axes(heading @ [forward, left, up], yaw)
+            attitude = angles_near(axes, yaw)
+            rates, accelerations = square_flat(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot)
         if order < 3:
             accelerations = np.zeros(3)
         if geometric:
             force = heading @ [forward, left, up]
             thrust = max(force @ rotation(*measured[3:6])[:, 2], limits.min_thrust * gravity)
-        return mass * thrust, np.array([roll, pitch, reference["yaw"]]), rates, accelerations
+        return mass * thrust, attitude, rates, accelerations
 
     def torque(self, measured, attitude, rates, accelerations):
         """PD on the attitude, τ = I (k_P e + k_D ė + ω̇) + ω x I ω."""
@@ -408,12 +417,15 @@ class Controller:
         k_p, k_d = np.array(gains.k_p), np.array(gains.k_d)
         if gains.kind == "geometric":
             without = geometric_torque(measured, attitude, rates, accelerations, k_p, k_d, inertia)
+            if not gains.transport_term:
+                carried = rotation(*measured[3:6]).T @ rotation(*attitude) @ rates
+                without = without + inertia @ np.cross(measured[9:12], carried)
             if gains.k_i is None:
                 return without
-            torque = without - inertia @ self.held
+            before = self.held
             step = self.h * np.array(gains.k_i) * rotation_error(measured, attitude)
             self.held = np.clip(self.held + step, -gains.integral_limit, gains.integral_limit)
-            return torque
+            return without - inertia @ (before if gains.integration == "forward_euler" else self.held)
         error = attitude - measured[3:6]
         error[2] = math.remainder(error[2], math.tau)
         wanted = k_p * error + k_d * (rates - measured[9:12]) + accelerations
@@ -466,3 +478,33 @@ def flat(roll, pitch, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
     rest = np.array([p_dot, q_dot]) - carried[:2] - E[:2, 2] * psi_ddot
     turning_faster = np.array([*np.linalg.solve(E[:2, :2], rest), psi_ddot])
     return np.array([p, q, r]), np.array([p_dot, q_dot, carried[2] + E[2] @ turning_faster])
+
+
+def square_axes(force, yaw):
+    """The axes of a body, as columns, whose z_B is along a force and whose y_B is perpendicular to the heading."""
+    z_B = force / np.linalg.norm(force)
+    y_B = np.cross(z_B, [math.cos(yaw), math.sin(yaw), 0.0])
+    y_B = y_B / np.linalg.norm(y_B)
+    return np.column_stack([np.cross(y_B, z_B), y_B, z_B])
+
+
+def angles_near(axes, yaw):
+    """Roll, pitch and yaw of eq (1), the yaw within half a turn of another."""
+    yaw_there, pitch, roll = scipy.spatial.transform.Rotation.from_matrix(axes).as_euler("ZYX")
+    return np.array([roll, pitch, yaw + math.remainder(yaw_there - yaw, math.tau)])
+
+
+def square_flat(axes, yaw, thrust, jerk, snap, psi_dot, psi_ddot):
+    """As `flat`, of a body whose y_B stays perpendicular to the heading x_C: y_B·x_C = 0, differentiated twice."""
+    x_B, y_B, z_B = axes.T
+    x_C, y_C = np.array([math.cos(yaw), math.sin(yaw), 0.0]), np.array([-math.sin(yaw), math.cos(yaw), 0.0])
+    F_dot = z_B @ jerk
+    p, q = -y_B @ jerk / thrust, x_B @ jerk / thrust
+    r = (p * (z_B @ x_C) + psi_dot * (y_B @ y_C)) / (x_B @ x_C)
+    p_dot = q * r - (y_B @ snap + 2.0 * F_dot * p) / thrust
+    q_dot = (x_B @ snap - 2.0 * F_dot * q) / thrust - p * r
+    x_dot, y_dot, z_dot = (np.cross(axes @ [p, q, r], axis) for axis in (x_B, y_B, z_B))
+    right = p_dot * (z_B @ x_C) + p * (z_dot @ x_C + psi_dot * (z_B @ y_C))
+    right += psi_ddot * (y_B @ y_C) + psi_dot * (y_dot @ y_C - psi_dot * (y_B @ x_C))
+    left = r * (x_dot @ x_C + psi_dot * (x_B @ y_C))
+    return np.array([p, q, r]), np.array([p_dot, q_dot, (right - left) / (x_B @ x_C)])

@@ -81,6 +81,26 @@ def test_a_file_has_the_columns_of_crazyswarm2_and_can_be_read_as_it_does(tmp_pa
         start += duration
 
 
+@pytest.mark.parametrize("turns", [[0, 1, 1, 1, 1], [0, -1, 2, 0, -3], [1, 1, 1, 1, 1]])
+def test_pieces_whose_yaws_are_whole_turns_apart_are_one_heading(turns):
+    """Other programs write a yaw between -π and π."""
+    rows = pieces_of(PLAN)
+    rows[:, COLUMNS.index("yaw^0")] += 2.0 * np.pi * np.array(turns)
+    again = plan_of_pieces(rows)
+    first = PolynomialPath(YAW.times, YAW.coefficients + 2.0 * np.pi * turns[0] * np.eye(1, 4).T)
+    assert_alike(Plan(PATH, first), again)
+
+
+@pytest.mark.parametrize("before", [3.14159, -3.14159, 0.4])
+def test_a_vehicle_keeps_its_heading_where_the_yaw_of_a_file_wraps(write, before):
+    after = before - np.copysign(6.28318, before) if abs(before) > 1.0 else before + 4.0 * np.pi
+    text = f"duration,x^0,y^0,z^0,yaw^0,yaw^1\n1,0,0,1,{before - 0.1},0.1\n1,0,0,1,{after},0.1\n"
+    plan = plan_route(load_mission(write(text)))
+    times = np.linspace(0.0, 2.0, 41)
+    np.testing.assert_allclose(evaluate(plan.yaw, times)[0], before - 0.1 + 0.1 * times, atol=1e-5)
+    np.testing.assert_allclose(evaluate(plan.yaw, times, 1)[0], 0.1, atol=1e-12)
+
+
 def test_a_plan_that_begins_later_hovers_until_then():
     later = Plan(PATH._replace(times=PATH.times + 0.5), YAW._replace(times=YAW.times + 0.5))
     again = plan_of_pieces(pieces_of(later))
@@ -177,6 +197,10 @@ def test_a_plan_that_knots_cannot_say_is_saved_with_its_pieces(write, tmp_path, 
         (
             "duration,x^0,y^0,z^0,yaw^0\n1,0,0,1,0\n1,0,0,1,3\n",
             r"course.csv:3: .* its yaw jumps by 3 rad, 0.01 at most$",
+        ),
+        (
+            "duration,x^0,y^0,z^0,yaw^0\n1,0,0,1,3.1\n1,0,0,1,-3\n",
+            r"course.csv:3: .* its yaw jumps by 0.183 rad, 0.01 at most$",
         ),
         ("duration,x^0,y^0,z^0\n" + "1,0,0,1\n" * 1001, r"too many rows: a route may have 1,000 pieces$"),
         ("duration,x^0,x^2,y^0,z^0\n1,0,-500,0,1\n", r"the rotors cannot fly this route"),

@@ -2,8 +2,10 @@
 
 from typing import NamedTuple
 
+from drake_quad.axes import Vector
 from drake_quad.control.attitude import MomentOfInertia, torque_of
 from drake_quad.control.axes import PerAngle
+from drake_quad.control.policy.frames import LevelFrame, level_axes
 from drake_quad.control.thrust_vectoring import Vectored
 from drake_quad.framework.elementary import maximum, minimum
 from drake_quad.signals import (
@@ -43,7 +45,7 @@ class ThrustRange(NamedTuple):
 
 
 class AccelerationScale(NamedTuple):
-    """What actions of 1 mean as an acceleration."""
+    """Accelerations that actions of 1 command, along the axes of the frame of the action."""
 
     x: AccelerationW
     y: AccelerationW
@@ -107,9 +109,29 @@ def _scaled_thrust(action: Row, between: ThrustRange) -> ForceB:
     return between.least + 0.5 * (within(action) + 1.0) * (between.most - between.least)
 
 
-def commanded_acceleration(action: Action, scale: AccelerationScale) -> Acceleration:
-    """The acceleration that an action of three rows commands."""
-    return Acceleration._make(within(row) * most for row, most in zip(action, scale, strict=True))
+def commanded_acceleration(
+    action: Action,
+    measurement: State | None,
+    reference: Reference | None,
+    scale: AccelerationScale,
+    frame: LevelFrame,
+    turn: Angle,
+) -> Acceleration:
+    """Return the acceleration in W that an action commands along the axes of a frame.
+
+    Args:
+        action: three rows.
+        measurement: state of the vehicle; None with the frame `world`.
+        reference: to follow; None with the frame `world`.
+        scale: accelerations of actions of 1.
+        frame: along whose axes the rows are.
+        turn: angle about Z by which the axes are turned further, rad.
+    """
+    along = Vector._make(within(row) * most for row, most in zip(action, scale, strict=True))
+    if measurement is None or reference is None:
+        return Acceleration(*along)
+    axes = level_axes(frame, measurement.yaw, reference.yaw, turn)
+    return Acceleration(*(along if axes is None else axes.in_world(along)))
 
 
 def commanded_attitude(action: Action, reference: Reference, scale: AttitudeScale) -> Vectored:

@@ -16,6 +16,7 @@ from drake_quad.control.policy.actions import (
     rates_on_board,
     wrench_of_speeds,
 )
+from drake_quad.control.policy.frames import LevelFrame
 from drake_quad.control.thrust_vectoring import Vectored
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, Input, Parameter, fleet_system
 from drake_quad.framework.records import rows_layout
@@ -33,24 +34,32 @@ def _declared(system: FleetSystem, kind: ActionKind) -> tuple[Input, Parameter]:
 
 @fleet_system(float, AutoDiffXd)
 class AccelerationActuation(FleetSystem):
-    """The acceleration that an action commands.
+    """The acceleration in W that an action commands along the axes of a frame.
 
     .. pydrake_system::
 
         name: AccelerationActuation
         input_ports:
         - action
+        - measurement
+        - reference
         output_ports:
         - acceleration_command
 
+    `measurement` and `reference` are there unless the frame is `world`.
+
     Args:
         num_vehicles: N.
-        numbers: what actions of 1 mean.
+        frame: a frame of `drake_quad.control.policy.frames`.
+        turn: angle about Z by which the axes of `heading` and `reference_heading` are turned further, rad.
+        numbers: accelerations of actions of 1.
     """
 
-    def declare(self, *, numbers: AccelerationScale) -> None:
+    def declare(self, *, frame: LevelFrame = "world", turn: float = 0.0, numbers: AccelerationScale) -> None:
         """Declares the system."""
-        self.output("acceleration_command", commanded_acceleration, *_declared(self, "acceleration"))
+        action, scale = _declared(self, "acceleration")
+        heads = (None, None) if frame == "world" else (self.input("measurement"), self.input("reference"))
+        self.output("acceleration_command", commanded_acceleration, action, *heads, scale, frame, turn)
 
 
 @fleet_system(float, AutoDiffXd)

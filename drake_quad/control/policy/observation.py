@@ -1,17 +1,17 @@
-"""What a policy sees: rows of signals that it knows by name, now and at the ticks before.
+"""Observations of a policy: rows of named signals, of the present tick and of the ticks before.
 
-Vectors are along the axes of a frame: `world` is W; `heading` is W turned by the yaw, so that x points where the
-vehicle looks; `body` is B.
+Vectors are expressed along the axes of a frame of `drake_quad.control.policy.frames`, or along those of B (`body`).
 """
 
 from collections.abc import Callable
 from typing import Literal, NamedTuple
 
 from drake_quad.axes import BodyAxes, Vector
+from drake_quad.control.policy.frames import LevelFrame, level_axes
 from drake_quad.framework.elementary import sin_cos
 from drake_quad.signals import Attitude, BodyRates, PositionW, Reference, RotorRate, RotorSpeed, Row, State, Wind
 
-Frame = Literal["world", "heading", "body"]
+Frame = Literal[LevelFrame, "body"]
 
 
 class Seen(NamedTuple):
@@ -142,7 +142,9 @@ SIGNALS_SEEN = {
     ),
     "attitude": SignalSeen(3, _attitude, "roll, pitch and yaw in W, whatever the frame (rad)"),
     "rotation": SignalSeen(
-        9, _rotation, "the matrix from B to W row by row, from B to W turned by the yaw with the frame `heading` (1)"
+        9,
+        _rotation,
+        "the matrix from B to W row by row; from B to the turned W with `heading` and `reference_heading` (1)",
     ),
     "yaw_error": SignalSeen(2, _yaw_error, "sine and cosine of the reference's yaw minus the vehicle's (1)"),
     "body_rates": SignalSeen(3, _body_rates, "p, q, r along the axes of B (rad/s)"),
@@ -163,7 +165,7 @@ class ObservationSpec(NamedTuple):
         signals: names of `SIGNALS_SEEN`, in the order of the rows.
         frame: in which vectors are seen.
         history: ticks that are seen, with the present one.
-        turn: angle from the axes of B to those that the policy takes for the body's, about z, rad.
+        turn: angle about z from x_B to the policy's front, rad. The axes of all frames but W are turned by it, too.
     """
 
     signals: tuple[str, ...]
@@ -216,12 +218,12 @@ def observed(
         spec: what is seen.
     """
     state, attitude = _with_own_axes(state, spec)
-    axes = None
     if spec.frame == "body":
-        axes = attitude
-    elif spec.frame == "heading":
-        axes = BodyAxes.of(0.0, 0.0, state.yaw + spec.turn)
-        attitude = BodyAxes._make(axes.in_body(axis) for axis in attitude)
+        axes: BodyAxes | None = attitude
+    else:
+        axes = level_axes(spec.frame, state.yaw, reference.yaw, spec.turn)
+        if axes is not None:
+            attitude = BodyAxes._make(map(axes.in_body, attitude))
     distance = None if clearance is None else clearance(state.x, state.y, state.z)
     seen = Seen(state, reference, ahead, rotor_speed, wind, action, distance, numbers.top_speed, axes, attitude)
     return tuple([row for name in spec.signals for row in SIGNALS_SEEN[name].of(seen)])

@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from pydrake.math import RotationMatrix
 
 from drake_quad.control.axes import PerAngle
 from drake_quad.control.policy.actions import (
@@ -25,10 +26,21 @@ REFERENCE = Reference(*[0.0] * 9, 0.3, 0.0)
 BEYOND = ((1.0, 1.0, 1.0, 1.0), (1.7, 1.0, 2.0, 9.0))
 
 
+SCALE = AccelerationScale(5.0, 4.0, 3.0)
+
+
 def test_an_acceleration_is_scaled_axis_by_axis():
-    scale = AccelerationScale(5.0, 4.0, 3.0)
-    assert commanded_acceleration((0.5, -0.25, 1.0), scale) == (2.5, -1.0, 3.0)
-    assert commanded_acceleration((-1.5, 2.0, 1.0), scale) == (-5.0, 4.0, 3.0)
+    assert commanded_acceleration((0.5, -0.25, 1.0), None, None, SCALE, "world", 0.0) == (2.5, -1.0, 3.0)
+    assert commanded_acceleration((-1.5, 2.0, 1.0), None, None, SCALE, "world", 0.0) == (-5.0, 4.0, 3.0)
+
+
+@pytest.mark.parametrize("turn", [0.0, 0.6])
+@pytest.mark.parametrize(("frame", "yaw"), [("heading", 1.1), ("reference_heading", REFERENCE.yaw)])
+def test_an_acceleration_along_the_axes_of_a_heading_is_turned_into_the_world(frame, yaw, turn):
+    measured = State(*[0.0] * 3, 0.3, -0.2, 1.1, *[0.0] * 6)
+    found = commanded_acceleration((0.5, -0.25, 1.0), measured, REFERENCE, SCALE, frame, turn)
+    expected = RotationMatrix.MakeZRotation(yaw + turn) @ np.array([2.5, -1.0, 3.0])
+    np.testing.assert_allclose(found, expected, atol=1e-14)
 
 
 def test_thrust_goes_from_the_least_to_the_most():

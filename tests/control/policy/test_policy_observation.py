@@ -1,4 +1,6 @@
-"""What a policy sees, against Drake's rotations."""
+"""Observations of a policy, against Drake's rotations."""
+
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -6,6 +8,7 @@ from pydrake.math import RollPitchYaw, RotationMatrix
 
 from drake_quad.control.policy.observation import (
     SIGNALS_SEEN,
+    Frame,
     ObservationNumbers,
     ObservationSpec,
     num_observed,
@@ -33,6 +36,7 @@ def axes_of(frame, turn=0.0):
     return {
         "world": RotationMatrix(),
         "heading": RotationMatrix.MakeZRotation(STATE.yaw + turn),
+        "reference_heading": RotationMatrix.MakeZRotation(REFERENCE.yaw + turn),
         "body": ROTATION @ RotationMatrix.MakeZRotation(turn),
     }[frame]
 
@@ -48,7 +52,7 @@ VECTORS = {
 
 
 @pytest.mark.parametrize("turn", [0.0, 0.6])
-@pytest.mark.parametrize("frame", ["world", "heading", "body"])
+@pytest.mark.parametrize("frame", get_args(Frame))
 def test_vectors_are_along_the_axes_of_the_frame(frame, turn):
     to_frame = axes_of(frame, turn).inverse()
     for name, vector in VECTORS.items():
@@ -63,9 +67,32 @@ def test_the_rotation_is_that_of_the_body_row_by_row(turn):
     body = ROTATION @ turned
     for frame in ("world", "body"):
         np.testing.assert_allclose(seen("rotation", frame, turn), body.matrix().ravel(), atol=1e-14)
-    without_yaw = axes_of("heading", turn).inverse() @ body
-    np.testing.assert_allclose(seen("rotation", "heading", turn), without_yaw.matrix().ravel(), atol=1e-14)
+    for frame in ("heading", "reference_heading"):
+        relative = axes_of(frame, turn).inverse() @ body
+        np.testing.assert_allclose(seen("rotation", frame, turn), relative.matrix().ravel(), atol=1e-14)
     np.testing.assert_allclose(seen("body_rates", turn=turn), turned.inverse() @ np.array(STATE[9:]), atol=1e-14)
+
+
+@pytest.mark.parametrize("angle", [-1.5, 0.4, np.pi, 40.0])
+def test_in_the_heading_of_the_reference_a_turn_of_everything_about_z_changes_nothing(angle):
+    """The policy cannot tell one heading from another, so what flies at one flies at all."""
+
+    def turned(x, y):
+        return np.cos(angle) * x - np.sin(angle) * y, np.sin(angle) * x + np.cos(angle) * y
+
+    (x, y), (v_x, v_y) = turned(STATE.x, STATE.y), turned(STATE.v_x, STATE.v_y)
+    state = STATE._replace(x=x, y=y, v_x=v_x, v_y=v_y, yaw=STATE.yaw + angle)
+    (x, y), (v_x, v_y), (a_x, a_y) = (turned(*pair) for pair in (REFERENCE[:2], REFERENCE[3:5], REFERENCE[6:8]))
+    reference = REFERENCE._replace(x=x, y=y, v_x=v_x, v_y=v_y, a_x=a_x, a_y=a_y, yaw=REFERENCE.yaw + angle)
+    wind = Wind(*turned(WIND.x, WIND.y), WIND.z)
+    ahead = tuple(np.concatenate([(*turned(*AHEAD[k : k + 2]), AHEAD[k + 2]) for k in (0, 3)]).tolist())
+    names = tuple([name for name in SIGNALS_SEEN if name not in ("position", "attitude", "clearance")])
+    spec, numbers = ObservationSpec(names, "reference_heading", 1, 0.6), ObservationNumbers(200.0, ACTION)
+    rows = [
+        observed(*given, ROTORS, blowing, ACTION, numbers, None, spec)
+        for given, blowing in (((STATE, REFERENCE, AHEAD), WIND), ((state, reference, ahead), wind))
+    ]
+    np.testing.assert_allclose(*rows, rtol=0.0, atol=1e-13)
 
 
 def test_the_rest_is_as_it_is():
