@@ -161,7 +161,7 @@ def print_coverage(found: dict[int, list[Checked]]) -> None:
             (
                 name,
                 f"{held} of {len(rows)}",
-                f"{100.0 * share.low:.0f} to {100.0 * share.high:.0f} %",
+                share.percent(),
                 f"{np.mean(off) / spread:+.2f}",
                 f"{np.sqrt(np.mean(deviation**2)) / rms:.2f}",
                 f"{rms:.2g}",

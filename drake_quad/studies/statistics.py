@@ -15,10 +15,10 @@ from drake_quad.errors import InputError, listed
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario import distributions_in
 from drake_quad.scenario.correlation import correlated_groups
-from drake_quad.studies.interval import Interval
+from drake_quad.studies.interval import CONFIDENCE, Interval
+from drake_quad.studies.ratios import ratio_of_means
 from drake_quad.studies.study import Study
 
-CONFIDENCE = 0.95
 # Of its spread, what must be left of a number when others are given, for it to be more than rounding.
 _DETERMINED = 1e-9
 # Of a number that a float can hold.
@@ -35,13 +35,12 @@ def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interva
     return Interval(mean, mean - reach, mean + reach)
 
 
-def positive_mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
-    """The mean of (n,) values that are not negative: what Student's interval holds of negative numbers is left out.
+def positive(estimate: Interval) -> Interval:
+    """Return an estimate of a number that is not negative, without the negative part of its interval.
 
-    It covers as often as the whole interval, since the mean is not there.
+    The interval covers as often as the whole one, since the number is not in that part.
     """
-    found = mean_interval(values, confidence)
-    return found._replace(low=max(found.low, 0.0))
+    return estimate._replace(low=max(estimate.low, 0.0))
 
 
 def share_mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
@@ -70,8 +69,10 @@ def metric_mean(metrics: Metrics, name: str, confidence: float = CONFIDENCE) -> 
         name: of the metric, none of which is negative.
         confidence: of the interval.
     """
-    interval = share_mean_interval if name == "saturation_share" else positive_mean_interval
-    return interval(of_survivors(metrics, name), confidence)
+    values = of_survivors(metrics, name)
+    if name == "saturation_share":
+        return share_mean_interval(values, confidence)
+    return positive(mean_interval(values, confidence))
 
 
 def quantile_interval(values: np.ndarray, probability: float, confidence: float = CONFIDENCE) -> Interval:
@@ -302,11 +303,14 @@ def most_influential(studies: Iterable[Study], name: str = "crashed") -> str | N
 class Comparison(NamedTuple):
     """Two controllers on the same samples.
 
+    Difference and share are of the same two means, those over the pairs, so that a share above 1 goes with a difference
+    above zero.
+
     Attributes:
         num_pairs: samples that both flew to the end.
         difference: mean of the metric less that of the baseline, in the metric's unit.
-        share: mean of the metric over that of the baseline, 1.
-        better: share of the pairs in which it is smaller, 1.
+        share: ratio of the mean of the metric to that of the baseline, 1, see `ratio_of_means`.
+        better: share of the pairs in which the metric is smaller, 1.
         crashed: samples on which only this one crashed.
         baseline_crashed: samples on which only the baseline crashed.
         crash_significance: p-value of McNemar's exact test that both crash as often.
@@ -339,7 +343,7 @@ def compare(metrics: Metrics, baseline: Metrics, name: str = "rmse") -> Comparis
     return Comparison(
         len(value),
         mean_interval(value - reference),
-        positive_mean_interval(value[reference > 0.0] / reference[reference > 0.0]),
+        ratio_of_means(value, reference),
         share_interval(int(np.sum(value < reference)), len(value)),
         only,
         baseline_only,
