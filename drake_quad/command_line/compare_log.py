@@ -105,14 +105,13 @@ def print_comparison(comparison: Comparison) -> None:
 def verdict(comparison: Comparison) -> str:
     """A sentence on the RMSE in space."""
     flown = comparison.flown_figures.rmse[-1]
-    predicted = Interval(*(float(end[-1]) for end in comparison.interval("rmse")))
+    predicted = _predicted(comparison, "rmse", -1, unit="cm")
     if not comparison.varies:
-        only = _cm(predicted, is_alone=True)
-        return f"The flown RMSE is {100.0 * flown:.2f} cm, the predicted one {only} cm; no two flights differ."
+        return f"The flown RMSE is {100.0 * flown:.2f} cm, the predicted one {predicted}; no two flights differ."
     where, flights = "within" if comparison.within("rmse")[-1] else "outside", len(comparison.predicted)
     return (
         f"The flown RMSE, {100.0 * flown:.2f} cm, lies {where} the 95 % interval of {flights:,} flights,"
-        f" whose median is {_cm(predicted)} cm."
+        f" whose median is {predicted}."
     )
 
 
@@ -145,14 +144,13 @@ def _rows(comparison: Comparison) -> list[tuple[str, ...]]:
     for figure, name in _FIGURES.items():
         flown, within = getattr(comparison.flown_figures, figure), comparison.within(figure)
         for i, axis in enumerate(AXES):
-            predicted = Interval(*(float(end[i]) for end in comparison.interval(figure)))
             place = ("within" if within[i] else "outside") if comparison.varies else "–"
-            shown = _cm(predicted, is_alone=not comparison.varies)
-            rows.append((name, axis, f"{100.0 * flown[i]:.2f}", shown, place))
+            rows.append((name, axis, f"{100.0 * flown[i]:.2f}", _predicted(comparison, figure, i), place))
     return rows
 
 
-def _cm(predicted: Interval, *, is_alone: bool = False) -> str:
-    """A predicted length (m) in cm, with its interval unless the flight is alone; infinite is a flight that crashes."""
-    shown = predicted._replace(low=math.nan, high=math.nan) if is_alone else predicted
-    return shown.text(size=0.01, infinite="crash")
+def _predicted(comparison: Comparison, figure: str, axis: int, *, unit: str = "") -> str:
+    """The median of a figure of the predictions in cm, with its interval unless no two flights differ."""
+    median, low, high = (float(end[axis]) for end in comparison.interval(figure))
+    found = Interval(median, low, high) if comparison.varies else Interval(median, math.nan, math.nan)
+    return found.text(unit=unit, size=0.01, infinite="crash")
