@@ -2,6 +2,11 @@
 
 A crashed vehicle has no error that could be averaged: means are those of the flights that went to the end, and say how
 many these are. Quantiles are those of all samples, a crash being worse than any error.
+
+Intervals of means are Student's. They contain the mean of a skewed metric less often than they say if there are few
+samples: the mean of log-normal numbers with σ = 1 in 84 % of studies of 10 samples and in 88 % of studies of 30. Tables
+are in docs/how_to/studies.md. The intervals of quantiles and probabilities hold for any metric and any number of
+samples.
 """
 
 import math
@@ -28,7 +33,11 @@ _FEWEST_BINS, _MOST_BINS = 2, 20
 
 
 def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
-    """The mean of (n,) values, with Student's interval; NaN ends for fewer than two."""
+    """Return the mean of (n,) values with Student's interval, whose ends are NaN for fewer than two values.
+
+    The interval is too short for few values of a skewed metric. It can be trusted from about 25 times the squared
+    skewness of the values on (W. G. Cochran, "Sampling Techniques", 1977).
+    """
     if len(values) < 2:
         return Interval(float(values[0]) if len(values) else math.nan, math.nan, math.nan)
     mean, reach = float(np.mean(values)), float(_reach(np.std(values, ddof=1), len(values), confidence))
@@ -44,11 +53,12 @@ def positive(estimate: Interval) -> Interval:
 
 
 def share_mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
-    """The mean of (n,) values from 0 to 1, with an interval within these.
+    """Return the mean of (n,) values from 0 to 1 with an interval within 0 and 1.
 
-    It is Student's for the logarithm of the mean's odds, by its derivative. Where all values are 0 or all are 1 the
-    spread says nothing: then it is the interval of the share of values that are otherwise, `share_interval`, which the
-    mean cannot leave. NaN ends for fewer than two.
+    The interval is Student's for the logarithm of the mean's odds, by its derivative. Like that of `mean_interval` it is
+    too short for few skewed values: of the beta distribution (0.2, 8) it contains the mean in 91 % of studies of 30
+    samples. Where all values are 0 or all are 1 the spread says nothing: then it is the interval of the share of values
+    that are otherwise, `share_interval`, which the mean cannot leave. Its ends are NaN for fewer than two values.
     """
     found = mean_interval(values, confidence)
     if len(values) > 1 and found.value in (0.0, 1.0):
@@ -166,7 +176,7 @@ def with_crashes(metrics: Metrics, name: str) -> np.ndarray:
 
 
 def running_mean(values: np.ndarray, confidence: float = CONFIDENCE) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
-    """(n,) arrays of the mean of the first values, up to each one, and of the ends of its interval."""
+    """(n,) arrays of the mean of the first values, up to each one, and of the ends of its interval, Student's."""
     count = np.arange(1, len(values) + 1)
     # About the whole mean, so that nothing cancels.
     shift = values - (values.mean() if len(values) else 0.0)
