@@ -9,15 +9,13 @@ import numpy as np
 
 from drake_quad.analysis.sampled_system import SampledSystem
 
-# Lowest frequency that is looked at, rad/s, and how many up to half the sampling rate.
-_LOWEST, _POINTS = 1e-4, 2000
-_PARTS = 32  # into which a stretch between two frequencies is divided again and again, where something is looked for
-_ZOOMS = 3  # divisions of a stretch around a peak; half of the last part, squared, is 1e-9 of its width, squared
-_PEAKS = 8  # local maxima of a grid, the largest ones, of which each is looked at closely
-# Modes that decay by less than this in a radian have peaks that a grid can miss.
-_NARROW = 0.1
-# Size of L at standstill that only integrators reach.
-_INTEGRATES = 1e6
+_MIN_FREQUENCY = 1e-4  # rad/s, lowest of the grid
+_NUM_FREQUENCIES = 2000  # of the grid, up to half the sampling rate
+_NUM_PARTS = 32  # into which a stretch between two frequencies is divided, again and again, to find something in it
+_NUM_DIVISIONS = 3  # of a stretch around a peak, whose height then is right to 1e-9
+_NUM_PEAKS = 8  # largest local maxima of the grid, each of which is searched
+_MAX_NARROW_DECAY = 0.1  # per radian; modes that decay more slowly have peaks that the grid can miss
+_MIN_INTEGRATOR_GAIN = 1e6  # size of L at standstill that only integrators reach
 
 
 class Margins(NamedTuple):
@@ -69,7 +67,7 @@ def margins(loop: SampledSystem) -> Margins:
         gain_reduction=-_decibel(np.max(gains[gains < 1.0], initial=0.0)),
         phase=float(np.min(np.abs(phases), initial=np.inf)),
         delay=float(np.min(np.radians(phases % 360.0) / crossovers, initial=np.inf)),
-        disk=1.0 / _peak(closed, places, S, lambda S: np.abs(S - 0.5)),
+        disk=1.0 / _peak(closed, places, S, lambda s: np.abs(s - 0.5)),
         crossover=float(np.max(crossovers, initial=0.0)),
         sensitivity=_peak(closed, places, S, np.abs),
         bandwidth=_bandwidth(loop, grid, response),
@@ -112,7 +110,7 @@ def fast_margins(responses: np.ndarray, grid: np.ndarray) -> FastMargins:
     )
 
 
-def frequencies(period: float, *, points: int = _POINTS, lowest: float = _LOWEST) -> np.ndarray:
+def frequencies(period: float, *, points: int = _NUM_FREQUENCIES, lowest: float = _MIN_FREQUENCY) -> np.ndarray:
     """(points,) frequencies from the lowest (rad/s) up to just below half the sampling rate, rad/s."""
     return np.geomspace(lowest, 0.9999 * math.pi / period, points)
 
@@ -136,7 +134,7 @@ def _crossings(
     values = of(response)
     ends = np.stack([grid[:-1], grid[1:]], axis=1)[_passes_zero(values)]
     for _ in range(2):
-        inside = np.linspace(ends[:, 0], ends[:, 1], _PARTS + 1, axis=1)
+        inside = np.linspace(ends[:, 0], ends[:, 1], _NUM_PARTS + 1, axis=1)
         values = of(_response(loop, inside.ravel())).reshape(inside.shape)
         passes = _passes_zero(values)
         # What changed sign from end to end may have done so by a jump inside.
@@ -169,7 +167,7 @@ def _gain_where_real(loop: SampledSystem, z: float) -> float:
         value = loop.response(np.array([z])).item().real
     except np.linalg.LinAlgError:
         return math.inf
-    if abs(value) > _INTEGRATES:
+    if abs(value) > _MIN_INTEGRATOR_GAIN:
         return math.inf
     return -1.0 / value if value < 0.0 else math.inf
 
@@ -186,8 +184,8 @@ def _near_modes(system: SampledSystem, grid: np.ndarray) -> np.ndarray:
     poles = system.poles()
     poles = poles[poles.imag > 0.0]
     frequency, decay = np.angle(poles) / system.period, -np.log(np.abs(poles)) / system.period
-    narrow = decay < _NARROW * frequency
-    places = (frequency[narrow, np.newaxis] + np.outer(decay[narrow], np.linspace(-4.0, 4.0, _PARTS + 1))).ravel()
+    narrow = decay < _MAX_NARROW_DECAY * frequency
+    places = (frequency[narrow, np.newaxis] + np.outer(decay[narrow], np.linspace(-4.0, 4.0, _NUM_PARTS + 1))).ravel()
     return places[(places > grid[0]) & (places < grid[-1])]
 
 
@@ -205,15 +203,15 @@ def _peak(
     values = size(response)
     padded = np.pad(values, 1, constant_values=-np.inf)
     tops = np.flatnonzero((values >= padded[:-2]) & (values >= padded[2:]))
-    tops = tops[np.argsort(values[tops])[-_PEAKS:]]
+    tops = tops[np.argsort(values[tops])[-_NUM_PEAKS:]]
     low, high = grid[np.maximum(tops - 1, 0)], grid[np.minimum(tops + 1, len(grid) - 1)]
-    for _ in range(_ZOOMS):
-        inside = np.linspace(low, high, _PARTS + 1, axis=1)
+    for _ in range(_NUM_DIVISIONS):
+        inside = np.linspace(low, high, _NUM_PARTS + 1, axis=1)
         values = size(_response(system, inside.ravel())).reshape(inside.shape)
         best = np.argmax(values, axis=1)[:, np.newaxis]
         low, high = (
             np.take_along_axis(inside, place, axis=1)[:, 0]
-            for place in (np.maximum(best - 1, 0), np.minimum(best + 1, _PARTS))
+            for place in (np.maximum(best - 1, 0), np.minimum(best + 1, _NUM_PARTS))
         )
     return float(values.max())
 

@@ -9,8 +9,8 @@ from typing import TYPE_CHECKING, Any
 if TYPE_CHECKING:
     from drake_quad.identification.flown_again.prediction import Predictions
 
-# Of what is predicted: factor and unit for the eye.
-_PREDICTED = {
+# Display factor and unit of each predicted quantity.
+_DISPLAY_UNITS = {
     "position": (1e2, "cm"),
     "height": (1e2, "cm"),
     "attitude": (180.0 / math.pi, "°"),
@@ -62,7 +62,7 @@ def remark(sentence: str) -> None:
 def print_predictions(predictions: "Predictions") -> None:
     """Prints how far off vehicles are at horizons, and by how much the first of two is better than the other."""
     names, rows = predictions.vehicles, []
-    for quantity, (size, unit) in _PREDICTED.items():
+    for quantity, (size, unit) in _DISPLAY_UNITS.items():
         for horizon in predictions.horizons if quantity in predictions.errors else ():
             if predictions.starts(horizon):
                 errors = [predictions.rmse(quantity, name, horizon).text(size=1.0 / size) for name in names]

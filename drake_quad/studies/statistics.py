@@ -24,12 +24,12 @@ from drake_quad.studies.interval import CONFIDENCE, Interval
 from drake_quad.studies.ratios import ratio_of_means
 from drake_quad.studies.study import Study
 
-# Of its spread, what must be left of a number when others are given, for it to be more than rounding.
-_DETERMINED = 1e-9
-# Of a number that a float can hold.
-_LARGEST_EXPONENT = 600.0
-# Of a number over which the probability of a crash is looked at.
-_FEWEST_BINS, _MOST_BINS = 2, 20
+# Ranks of which less than this share remains when others are given are determined by these, but for rounding errors.
+_MIN_REMAINDER = 1e-9
+_MAX_EXPONENT = 600.0  # its exponential is finite
+# Default bins of a number over which the probability of a crash is estimated.
+_MIN_BINS = 2
+_MAX_BINS = 20
 
 
 def mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
@@ -55,8 +55,8 @@ def positive(estimate: Interval) -> Interval:
 def share_mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
     """Return the mean of (n,) values from 0 to 1 with an interval within 0 and 1.
 
-    The interval is Student's for the logarithm of the mean's odds, by its derivative. Like that of `mean_interval` it is
-    too short for few skewed values: of the beta distribution (0.2, 8) it contains the mean in 91 % of studies of 30
+    The interval is Student's for the logarithm of the mean's odds, by its derivative. Like that of `mean_interval` it
+    is too short for few skewed values: of the beta distribution (0.2, 8) it contains the mean in 91 % of studies of 30
     samples. Where all values are 0 or all are 1 the spread says nothing: then it is the interval of the share of values
     that are otherwise, `share_interval`, which the mean cannot leave. Its ends are NaN for fewer than two values.
     """
@@ -66,7 +66,7 @@ def share_mean_interval(values: np.ndarray, confidence: float = CONFIDENCE) -> I
     if not 0.0 < found.value < 1.0:
         return found
     odds = found.value / (1.0 - found.value)
-    factor = math.exp(min((found.high - found.value) / (found.value * (1.0 - found.value)), _LARGEST_EXPONENT))
+    factor = math.exp(min((found.high - found.value) / (found.value * (1.0 - found.value)), _MAX_EXPONENT))
     low, high = odds / factor, odds * factor
     return Interval(found.value, low / (1.0 + low), high / (1.0 + high))
 
@@ -146,7 +146,7 @@ def partial_rank_correlation(
     ranks, others = (each - each.mean(axis=1, keepdims=True) for each in (ranks, others))
     rest = ranks.T - others.T @ np.linalg.lstsq(others.T, ranks.T, rcond=None)[0]
     left, before = np.linalg.norm(rest, axis=0), np.linalg.norm(ranks, axis=1)
-    if np.any(left < _DETERMINED * before):
+    if np.any(left < _MIN_REMAINDER * before):
         return Interval(math.nan, math.nan, math.nan)
     return _of_ranks(float(rest[:, 0] @ rest[:, 1] / np.prod(left)), len(x) - len(given), confidence)
 
@@ -277,7 +277,7 @@ def crash_levels(study: Study, path: str, *, num_bins: int | None = None) -> lis
     numbers, crashed = study.parameters[path], study.metrics.crashed
     if not len(numbers):
         return []
-    wanted = num_bins or min(max(round(len(numbers) ** (1.0 / 3.0)), _FEWEST_BINS), _MOST_BINS)
+    wanted = num_bins or min(max(round(len(numbers) ** (1.0 / 3.0)), _MIN_BINS), _MAX_BINS)
     different = np.unique(numbers)
     if len(different) <= wanted:
         first = different

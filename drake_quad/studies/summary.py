@@ -20,8 +20,8 @@ from drake_quad.studies.statistics import (
 )
 from drake_quad.studies.study import Study
 
-# Name, unit and size of the unit in SI units of each metric that is shown.
-_SHOWN = [
+# Name, unit and size of the unit in SI units of each metric of a summary.
+_SUMMARY_METRICS = [
     ("rmse", "cm", 0.01),
     ("rmse_x", "cm", 0.01),
     ("rmse_y", "cm", 0.01),
@@ -75,7 +75,7 @@ def summary_of(study: Study) -> Summary:
     crashed, count = int(metrics.crashed.sum()), len(study.samples)
     beyond = "crash" if crashed else "∞"
     rows: list[tuple[str, ...]] = []
-    for metric, unit, size in _SHOWN:
+    for metric, unit, size in _SUMMARY_METRICS:
         values, everyone = of_survivors(metrics, metric), with_crashes(metrics, metric)
         spread = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
         quantiles = (_quantile(everyone, share) for share in _QUANTILES)
