@@ -58,7 +58,7 @@ def print_calibration(found: Calibration) -> None:
             (
                 WINDS[cell.wind],
                 CONTROLLERS[cell.controller],
-                f"{ours.value:.3f} ± {ours.high - ours.value:.3f}",
+                ours.text(),
                 f"{printed:.3f}" if printed == printed else "–",
                 f"{100.0 * (ours.value / printed - 1.0):+.1f} %" if printed == printed else "–",
                 "fitted" if cell in (PD_CELL, NETWORK_CELL) else "predicted",

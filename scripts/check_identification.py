@@ -145,7 +145,7 @@ def write_rows(path: Path, flown: str, found: dict[int, list[Checked]]) -> None:
 
 
 def print_coverage(found: dict[int, list[Checked]]) -> None:
-    """Prints in how many flights intervals hold, and how large errors are beside what was said of them."""
+    """Prints in how many flights intervals hold, as a share with its interval, and how large errors are."""
     by_name: dict[str, list[Checked]] = {}
     for rows in found.values():
         for row in rows:
@@ -161,7 +161,7 @@ def print_coverage(found: dict[int, list[Checked]]) -> None:
             (
                 name,
                 f"{held} of {len(rows)}",
-                f"{100.0 * share.low:.0f} to {100.0 * share.high:.0f} %",
+                share.percent(),
                 f"{np.mean(off) / spread:+.2f}",
                 f"{np.sqrt(np.mean(deviation**2)) / rms:.2f}",
                 f"{rms:.2g}",
@@ -169,7 +169,7 @@ def print_coverage(found: dict[int, list[Checked]]) -> None:
             )
         )
     print(f"{len(found)} flights; 95 % intervals that hold the true number, where the log tells it")
-    header = ("number", "interval holds", "share by chance", "bias/sd", "said/error", "error, RMS", "not told")
+    header = ("number", "interval holds", "share", "bias/sd", "said/error", "error, RMS", "not told")
     print_columns(header, table)
 
 

@@ -2,18 +2,20 @@
 
 import math
 from collections.abc import Callable
+from dataclasses import replace
 from typing import NamedTuple
 
 import numpy as np
 
 from drake_quad.analysis.sampled_system import SampledSystem
 
-# Lowest frequency that is looked at, rad/s, and how many up to half the sampling rate.
-_LOWEST, _POINTS = 1e-4, 2000
-# Into how many parts the stretch between two frequencies is divided, twice, to find where L crosses something.
-_PARTS = 32
-# Size of L at standstill that only integrators reach.
-_INTEGRATES = 1e6
+_MIN_FREQUENCY = 1e-4  # rad/s, lowest of the grid
+_NUM_FREQUENCIES = 2000  # of the grid, up to half the sampling rate
+_NUM_PARTS = 32  # into which a stretch between two frequencies is divided, again and again, to find something in it
+_NUM_DIVISIONS = 3  # of a stretch around a peak, whose height then is right to 1e-9
+_NUM_PEAKS = 8  # largest local maxima of the grid, each of which is searched
+_MAX_NARROW_DECAY = 0.1  # per radian; modes that decay more slowly have peaks that the grid can miss
+_MIN_INTEGRATOR_GAIN = 1e6  # size of L at standstill that only integrators reach
 
 
 class Margins(NamedTuple):
@@ -28,7 +30,7 @@ class Margins(NamedTuple):
             is stood (P. Seiler, A. Packard and P. Gahinet, "An introduction to disk margins", 2020).
         crossover: highest frequency at which |L| = 1, rad/s.
         sensitivity: peak of |1 / (1 + L)|.
-        bandwidth: lowest frequency at which |L / (1 + L)| falls below -3 dB, rad/s.
+        bandwidth: lowest frequency at which |L / (1 + L)| falls below -3 dB, rad/s; 0 if it is below from the start.
     """
 
     gain: float
@@ -44,8 +46,9 @@ class Margins(NamedTuple):
 def margins(loop: SampledSystem) -> Margins:
     """The margins of a stable loop with one input and one output.
 
-    Gain and phase margins are those of the frequency response itself, where it crosses the negative real axis and the
-    unit circle between two of 2,000 points: a polynomial in z for a dozen states loses the digits that they need.
+    All are those of the frequency response itself, found between two of 2,000 frequencies: where it crosses the
+    negative real axis, the unit circle and -3 dB, and where it comes closest to -1. A polynomial in z for a dozen
+    states loses the digits that they need.
     """
     grid = frequencies(loop.period)
     response = _response(loop, grid)
@@ -53,18 +56,21 @@ def margins(loop: SampledSystem) -> Margins:
     phases = np.degrees(np.angle(-_response(loop, crossovers)))
     turns = _crossings(loop, grid, response, lambda L: np.angle(-L))
     sizes = np.abs(_response(loop, turns))
-    gains = np.array([*1.0 / sizes, _gain_at_half_the_rate(response), _gain_at_standstill(loop)])
-    complementary = np.abs(response / (1.0 + response))
-    below = np.flatnonzero(complementary < math.sqrt(0.5))
+    gains = np.array([*1.0 / sizes, *(_gain_where_real(loop, z) for z in (1.0, -1.0))])
+    closed = _sensitivity(loop)
+    further = np.append(_near_modes(closed, grid), math.pi / loop.period)
+    places = np.append(grid, further)
+    order = np.argsort(places)
+    places, S = places[order], np.append(1.0 / (1.0 + response), _response(closed, further))[order]
     return Margins(
         gain=_decibel(np.min(gains[gains > 1.0], initial=np.inf)),
         gain_reduction=-_decibel(np.max(gains[gains < 1.0], initial=0.0)),
         phase=float(np.min(np.abs(phases), initial=np.inf)),
         delay=float(np.min(np.radians(phases % 360.0) / crossovers, initial=np.inf)),
-        disk=float(1.0 / np.abs(1.0 / (1.0 + response) - 0.5).max()),
+        disk=1.0 / _peak(closed, places, S, lambda s: np.abs(s - 0.5)),
         crossover=float(np.max(crossovers, initial=0.0)),
-        sensitivity=float(np.abs(1.0 / (1.0 + response)).max()),
-        bandwidth=float(grid[below[0]]) if len(below) else math.inf,
+        sensitivity=_peak(closed, places, S, np.abs),
+        bandwidth=_bandwidth(loop, grid, response),
     )
 
 
@@ -104,7 +110,7 @@ def fast_margins(responses: np.ndarray, grid: np.ndarray) -> FastMargins:
     )
 
 
-def frequencies(period: float, *, points: int = _POINTS, lowest: float = _LOWEST) -> np.ndarray:
+def frequencies(period: float, *, points: int = _NUM_FREQUENCIES, lowest: float = _MIN_FREQUENCY) -> np.ndarray:
     """(points,) frequencies from the lowest (rad/s) up to just below half the sampling rate, rad/s."""
     return np.geomspace(lowest, 0.9999 * math.pi / period, points)
 
@@ -128,7 +134,7 @@ def _crossings(
     values = of(response)
     ends = np.stack([grid[:-1], grid[1:]], axis=1)[_passes_zero(values)]
     for _ in range(2):
-        inside = np.linspace(ends[:, 0], ends[:, 1], _PARTS + 1, axis=1)
+        inside = np.linspace(ends[:, 0], ends[:, 1], _NUM_PARTS + 1, axis=1)
         values = of(_response(loop, inside.ravel())).reshape(inside.shape)
         passes = _passes_zero(values)
         # What changed sign from end to end may have done so by a jump inside.
@@ -152,18 +158,73 @@ def _gain_at_half_the_rate(responses: np.ndarray) -> np.ndarray:
     return np.where(end < 0.0, -1.0 / np.where(end < 0.0, end, -1.0), np.inf)
 
 
-def _gain_at_standstill(loop: SampledSystem) -> float:
-    """The factor at which a pole leaves through z = 1; infinite if it cannot, as with an integrator in the loop."""
-    if np.abs(loop.poles() - 1.0).min() < 1e-9:
+def _gain_where_real(loop: SampledSystem, z: float) -> float:
+    """The factor at which a pole leaves through z = 1 or -1; infinite if it cannot, as through 1 with an integrator."""
+    if np.abs(loop.poles() - z).min() < 1e-9:
         return math.inf
     # Rounding takes the poles of several integrators apart.
     try:
-        value = loop.response(np.array([1.0])).item().real
+        value = loop.response(np.array([z])).item().real
     except np.linalg.LinAlgError:
         return math.inf
-    if abs(value) > _INTEGRATES:
+    if abs(value) > _MIN_INTEGRATOR_GAIN:
         return math.inf
     return -1.0 / value if value < 0.0 else math.inf
+
+
+def _sensitivity(loop: SampledSystem) -> SampledSystem:
+    """S = 1 / (1 + L), the closed loop from what is added to the signal to the signal."""
+    through = 1.0 / (1.0 + loop.D)
+    fed_back = through * loop.C
+    return replace(loop, A=loop.A - loop.B @ fed_back, B=loop.B @ through, C=-fed_back, D=through)
+
+
+def _near_modes(system: SampledSystem, grid: np.ndarray) -> np.ndarray:
+    """(frequencies,) places within a grid (rad/s) around modes whose peaks can be narrower than a step of the grid."""
+    poles = system.poles()
+    poles = poles[poles.imag > 0.0]
+    frequency, decay = np.angle(poles) / system.period, -np.log(np.abs(poles)) / system.period
+    narrow = decay < _MAX_NARROW_DECAY * frequency
+    places = (frequency[narrow, np.newaxis] + np.outer(decay[narrow], np.linspace(-4.0, 4.0, _NUM_PARTS + 1))).ravel()
+    return places[(places > grid[0]) & (places < grid[-1])]
+
+
+def _peak(
+    system: SampledSystem, grid: np.ndarray, response: np.ndarray, size: Callable[[np.ndarray], np.ndarray]
+) -> float:
+    """The largest size of a response at any frequency, to about 1e-9 of itself.
+
+    Args:
+        system: with one input and one output.
+        grid: (frequencies,) rad/s, so dense that there is one peak at most between two of them.
+        response: (frequencies,) of the system there.
+        size: of the response, elementwise.
+    """
+    values = size(response)
+    padded = np.pad(values, 1, constant_values=-np.inf)
+    tops = np.flatnonzero((values >= padded[:-2]) & (values >= padded[2:]))
+    tops = tops[np.argsort(values[tops])[-_NUM_PEAKS:]]
+    low, high = grid[np.maximum(tops - 1, 0)], grid[np.minimum(tops + 1, len(grid) - 1)]
+    for _ in range(_NUM_DIVISIONS):
+        inside = np.linspace(low, high, _NUM_PARTS + 1, axis=1)
+        values = size(_response(system, inside.ravel())).reshape(inside.shape)
+        best = np.argmax(values, axis=1)[:, np.newaxis]
+        low, high = (
+            np.take_along_axis(inside, place, axis=1)[:, 0]
+            for place in (np.maximum(best - 1, 0), np.minimum(best + 1, _NUM_PARTS))
+        )
+    return float(values.max())
+
+
+def _bandwidth(loop: SampledSystem, grid: np.ndarray, response: np.ndarray) -> float:
+    """The lowest frequency at which |L / (1 + L)| falls below -3 dB, rad/s; 0 if it begins there, infinite if never."""
+
+    def excess(L: np.ndarray) -> np.ndarray:
+        return 0.5 - 1.0 / (1.0 + math.sqrt(2.0) * np.abs(L / (1.0 + L)))
+
+    if excess(response[0]) < 0.0:
+        return 0.0
+    return float(np.min(_crossings(loop, grid, response, excess), initial=np.inf))
 
 
 def _decibel(factor: float) -> float:

@@ -15,6 +15,7 @@ as it is. For a closed loop A is the monodromy matrix and its eigenvalues are th
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from functools import cached_property
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -85,10 +86,7 @@ class SampledSystem:
         Raises:
             LinAlgError: one of the points is a pole.
         """
-        balanced, scales = scipy.linalg.matrix_balance(self.A, permute=False, separate=True)
-        scale = scales[0][:, np.newaxis]
-        # The complex algorithm does not always converge where entries are as small as 1e-150.
-        triangular, basis = scipy.linalg.rsf2csf(*scipy.linalg.schur(balanced, output="real"))
+        triangular, basis, scale = self._schur_form
         inputs = basis.conj().T @ (self.B / scale)
         gaps = np.asarray(z)[:, np.newaxis] - np.diag(triangular)
         if not gaps.all():
@@ -98,6 +96,14 @@ class SampledSystem:
             above = np.tensordot(triangular[i, i + 1 :], states[i + 1 :], 1)
             states[i] = (inputs[i] + above) / gaps[:, i, np.newaxis]
         return np.moveaxis(np.tensordot(self.C * scale.T @ basis, states, 1), 0, 1) + self.D
+
+    @cached_property
+    def _schur_form(self) -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+        """Schur's form of the balanced A: an upper triangular matrix, its basis, and (n, 1) scales of the states."""
+        balanced, scales = scipy.linalg.matrix_balance(self.A, permute=False, separate=True)
+        # The complex algorithm does not always converge where entries are as small as 1e-150.
+        triangular, basis = scipy.linalg.rsf2csf(*scipy.linalg.schur(balanced, output="real"))
+        return triangular, basis, scales[0][:, np.newaxis]
 
     def between(self, inputs: Sequence[str], outputs: Sequence[str]) -> "SampledSystem":
         """The system from some of the inputs to some of the outputs, with all states."""

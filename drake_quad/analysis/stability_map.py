@@ -55,7 +55,8 @@ class StabilityMap(NamedTuple):
     Attributes:
         size: of the largest pole; the loop is stable below 1.
         damping: the least of all poles; NaN where the loop is not stable.
-        delay: delay margin, s; NaN where the loop is not stable.
+        delay: delay margin, s, by interpolation between frequencies, right to about 1e-3 of itself; NaN where the loop
+            is not stable.
     """
 
     size: np.ndarray

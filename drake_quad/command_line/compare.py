@@ -20,7 +20,8 @@ from drake_quad.command_line.progress import flight_progress
 from drake_quad.files import output_folder, write_table
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.studies.comparison import fly_samples
-from drake_quad.studies.statistics import compare, of_survivors
+from drake_quad.studies.interval import plus_minus
+from drake_quad.studies.statistics import compare, mean_interval, of_survivors
 from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.style import save_figures
 
@@ -78,8 +79,8 @@ def main(arguments: argparse.Namespace) -> None:
         *save_figures({"comparison": plot_comparison(flights)}, folder, vector=arguments.vector),
     ]
     print(
-        f"{samples} samples each; mean and standard deviation; the share is that of the first controller's RMSE, with"
-        " 95 % confidence"
+        f"{samples} samples each; mean and standard deviation; the share is the ratio of the mean RMSE to that of the"
+        " first controller, with 95 % confidence"
     )
     print_comparison(flights)
     print_files(files)
@@ -111,10 +112,10 @@ def print_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> None:
                 (
                     place,
                     name,
-                    f"{spread(100.0 * of_survivors(metrics, 'rmse'), 1)} cm",
-                    f"{spread(100.0 * of_survivors(metrics, 'peak_error'), 0)} cm",
-                    f"{spread(of_survivors(metrics, 'effort_x'), 3)}",
-                    f"{spread(of_survivors(metrics, 'effort_y'), 3)}",
+                    f"{spread(100.0 * of_survivors(metrics, 'rmse'))} cm",
+                    f"{spread(100.0 * of_survivors(metrics, 'peak_error'))} cm",
+                    spread(of_survivors(metrics, "effort_x")),
+                    spread(of_survivors(metrics, "effort_y")),
                     "100 %" if metrics is first else compare(metrics, first).share.percent(),
                     f"{int(metrics.crashed.sum())} crashed" if metrics.crashed.any() else "",
                 )
@@ -122,11 +123,11 @@ def print_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> None:
     print_columns(("scenario", "controller", "RMSE", "peak", "effort X (m²/s⁴)", "effort Y", "share", ""), rows)
 
 
-def spread(values: np.ndarray, digits: int) -> str:
-    """Mean and standard deviation, in words."""
-    if not len(values):
-        return "–"
-    return f"{values.mean():.{digits}f}" + (f" ± {values.std(ddof=1):.{digits}f}" if len(values) > 1 else "")
+def spread(values: np.ndarray) -> str:
+    """Return mean and standard deviation as they are printed."""
+    if len(values) > 1:
+        return plus_minus(values.mean(), values.std(ddof=1))
+    return mean_interval(values).text()
 
 
 def write_flights(path: Path, flights: Mapping[str, Mapping[str, Metrics]]) -> Path:

@@ -4,6 +4,7 @@ A vehicle without a control predicts the flight on open loop, from the logged co
 """
 
 import argparse
+import math
 from pathlib import Path
 
 from drake_quad import load_scenario
@@ -24,6 +25,7 @@ from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.scenario import distributions_in, load_undesigned, middle_of, save_scenario
 from drake_quad.scenario.loading import has_control
+from drake_quad.studies.interval import Interval
 
 _MOST = 10_000
 _FIGURES = {"rmse": "RMSE", "mean": "mean", "largest": "95 % largest"}
@@ -94,7 +96,7 @@ def print_comparison(comparison: Comparison) -> None:
     deviation = 1e3 * comparison.reference.deviation
     pieces = len(comparison.reference.route.knots or ()) - 1
     print(f"reference: {pieces} pieces of degree 7, within {deviation:.2f} mm of the log's")
-    print_columns(("error, cm", "axis", "flown", "predicted", "95 % interval", "flown lies"), _rows(comparison))
+    print_columns(("error, cm", "axis", "flown", "predicted, median and 95 %", "flown lies"), _rows(comparison))
     if comparison.crashes:
         print(f"{comparison.crashes:,} of {samples:,} predictions crash")
     print(verdict(comparison))
@@ -103,13 +105,13 @@ def print_comparison(comparison: Comparison) -> None:
 def verdict(comparison: Comparison) -> str:
     """A sentence on the RMSE in space."""
     flown = comparison.flown_figures.rmse[-1]
-    median, low, high = (end[-1] for end in comparison.interval("rmse"))
+    predicted = _predicted(comparison, "rmse", -1, unit="cm")
     if not comparison.varies:
-        return f"The flown RMSE is {100.0 * flown:.2f} cm, the predicted one {_cm(median)} cm; no two flights differ."
+        return f"The flown RMSE is {100.0 * flown:.2f} cm, the predicted one {predicted}; no two flights differ."
     where, flights = "within" if comparison.within("rmse")[-1] else "outside", len(comparison.predicted)
     return (
         f"The flown RMSE, {100.0 * flown:.2f} cm, lies {where} the 95 % interval of {flights:,} flights,"
-        f" {_cm(low)} to {_cm(high)} cm."
+        f" whose median is {predicted}."
     )
 
 
@@ -142,14 +144,13 @@ def _rows(comparison: Comparison) -> list[tuple[str, ...]]:
     for figure, name in _FIGURES.items():
         flown, within = getattr(comparison.flown_figures, figure), comparison.within(figure)
         for i, axis in enumerate(AXES):
-            median, low, high = (end[i] for end in comparison.interval(figure))
-            interval, place = f"{_cm(low)} to {_cm(high)}", "within" if within[i] else "outside"
-            if not comparison.varies:
-                interval, place = "–", "–"
-            rows.append((name, axis, f"{100.0 * flown[i]:.2f}", _cm(median), interval, place))
+            place = ("within" if within[i] else "outside") if comparison.varies else "–"
+            rows.append((name, axis, f"{100.0 * flown[i]:.2f}", _predicted(comparison, figure, i), place))
     return rows
 
 
-def _cm(length: float) -> str:
-    """A length (m) in cm; that of a flight that ends in a crash is none."""
-    return f"{100.0 * length:.2f}" if abs(length) < float("inf") else "crash"
+def _predicted(comparison: Comparison, figure: str, axis: int, *, unit: str = "") -> str:
+    """The median of a figure of the predictions in cm, with its interval unless no two flights differ."""
+    median, low, high = (float(end[axis]) for end in comparison.interval(figure))
+    found = Interval(median, low, high) if comparison.varies else Interval(median, math.nan, math.nan)
+    return found.text(unit=unit, size=0.01, infinite="crash")

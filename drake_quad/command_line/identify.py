@@ -27,6 +27,7 @@ from drake_quad.identification.results.vehicle_file import write_vehicle
 from drake_quad.scenario import Override, load_undesigned
 from drake_quad.scenario.models import NAME
 from drake_quad.scenario.paths import distributions_in
+from drake_quad.studies.interval import plus_minus, spread_alone
 from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.style import save_figures
 
@@ -212,28 +213,22 @@ def print_estimates(found: Identification) -> None:
     known = estimates.variation_known
     columns = zip(estimates.names, estimates.values, reaches, farther, known, estimates.units, strict=True)
     for name, value, reach, far, varies, unit in columns:
-        digits = max(0, 1 - math.floor(math.log10(reach))) if reach > 0.0 else 6
-        plain = (
-            f"{value:.3e} ± {reach:.1e}"
-            if abs(value) < 1e-3 or reach < 1e-4
-            else f"{value:.{digits}f} ± {reach:.{digits}f}"
-        )
         explained = estimates.explained.get(name)
         share = (
             ""
             if explained is None or explained.share < 5e-4
             else f"{100.0 * explained.share:.1f} % of {explained.output}"
         )
-        another = f"± {far:.2g}" if varies else "–"
-        rows.append((name, plain, "" if unit == "1" else unit, another, covered(found, name), share))
+        another = spread_alone(far) if varies else "–"
+        rows.append((name, plus_minus(value, reach), "" if unit == "1" else unit, another, covered(found, name), share))
     print("identified, with 95 % intervals, and those for another stretch of flight: in how many held out these hold")
     print_columns(("number", "value", "unit", "another stretch", "interval holds", "explains, held out"), rows)
     if found.delay is not None:
-        print(f"a command shows after {1e3 * found.delay.value:.1f} ± {1e3 * found.delay.reach:.1f} ms")
+        print(f"a command shows after {plus_minus(1e3 * found.delay.value, 1e3 * found.delay.reach)} ms")
     for name, spread in (found.further or {}).items():
         if math.isfinite(spread.deviation):
             unit = "" if spread.unit == "1" else f" {spread.unit}"
-            print(f"{name}: {spread.value:.3g} ± {spread.reach:.1g}{unit}")
+            print(f"{name}: {plus_minus(spread.value, spread.reach)}{unit}")
     for name, why in estimates.not_seen.items():
         print(f"not told: {name}: {why}")
     for sentence in (*found.remarks, *estimates.remarks):
@@ -276,7 +271,7 @@ def print_hover(records: list[FlightRecord]) -> None:
     print_columns(("", "at rest", "in flight", ""), rows)
     for record in records:
         for name, spread in trim(record).items():
-            print(f"{record.name}: {name} in hover {spread.value:.3g} ± {spread.reach:.1g} {spread.unit}")
+            print(f"{record.name}: {name} in hover {plus_minus(spread.value, spread.reach)} {spread.unit}")
         behind = delay_by_correlation(record)
         if behind is not None:
             print(f"{record.name}: attitude is most like its command {1e3 * behind:.0f} ms later")

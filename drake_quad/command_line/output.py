@@ -12,8 +12,8 @@ from drake_quad.scenario import Scenario
 if TYPE_CHECKING:
     from drake_quad.identification.flown_again.prediction import Predictions
 
-# Of what is predicted: factor and unit for the eye.
-_PREDICTED = {
+# Display factor and unit of each predicted quantity.
+_DISPLAY_UNITS = {
     "position": (1e2, "cm"),
     "height": (1e2, "cm"),
     "attitude": (180.0 / math.pi, "°"),
@@ -65,12 +65,12 @@ def remark(sentence: str) -> None:
 def print_predictions(predictions: "Predictions") -> None:
     """Prints how far off vehicles are at horizons, and by how much the first of two is better than the other."""
     names, rows = predictions.vehicles, []
-    for quantity, (size, unit) in _PREDICTED.items():
+    for quantity, (size, unit) in _DISPLAY_UNITS.items():
         for horizon in predictions.horizons if quantity in predictions.errors else ():
             if predictions.starts(horizon):
-                errors = [predictions.rmse(quantity, name, horizon).text(".3g", size=1.0 / size) for name in names]
+                errors = [predictions.rmse(quantity, name, horizon).text(size=1.0 / size) for name in names]
                 if len(names) == 2:
-                    errors.append(predictions.better(quantity, *names, horizon).text(".0f", size=0.01))
+                    errors.append(predictions.better(quantity, *names, horizon).text(size=0.01))
                 rows.append((quantity.replace("_", " "), f"{horizon:g} s", *errors, unit))
     print_columns(("", "horizon", *names, *(["better by, %"] if len(names) == 2 else []), ""), rows)
 

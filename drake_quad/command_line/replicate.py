@@ -103,13 +103,12 @@ def print_errors(entries: Sequence[Entry]) -> None:
     rows = []
     for entry in entries:
         if entry.quantity == "rmse":
-            mean = entry.mean
             is_printed = math.isfinite(entry.off)
             rows.append(
                 (
                     WINDS[entry.cell.wind],
                     CONTROLLERS[entry.cell.controller],
-                    f"{mean.value:.3f} [{mean.low:.3f}, {mean.high:.3f}]",
+                    entry.mean.text(),
                     f"{entry.printed.mean:.3f}" if is_printed else "–",
                     f"{100.0 * entry.off:+.1f} %" if is_printed else "–",
                 )

@@ -119,10 +119,10 @@ def _best(found: Evaluation) -> str:
     for place in dict.fromkeys(place for _, place, *_ in _flown(found)):
         best, *equals = best_in(found, place)
         mean = mean_interval(of_survivors(found.flights[place][best], "rmse"))
-        words = f"- {place}: {WORDS[best]}, {mean.text('.2f', unit='cm', size=0.01)}"
+        words = f"- {place}: {WORDS[best]}, {mean.text(unit='cm', size=0.01)}"
         if "pd" in found.flights[place] and best != "pd":
             share = beside(found.flights[place]["pd"], found.flights[place][best]).share
-            words += f"; the tuned PD {share.ratio()} times that"
+            words += f"; the tuned PD {share.text()} times that"
         if equals:
             words += f"; not told apart from {', '.join(WORDS[name] for name in equals)}"
         lines.append(words)
@@ -142,9 +142,9 @@ def _family(found: Evaluation, name: str, family: Family) -> str:
         rows.append(
             (
                 WORDS[controller] + ("" if len(windy.rmse) == _most(found) else f" ({len(windy.rmse)} samples)"),
-                *(mean_interval(of_survivors(metrics, "rmse")).text(".2f", size=0.01) for metrics in flown),
+                *(mean_interval(of_survivors(metrics, "rmse")).text(size=0.01) for metrics in flown),
                 ", ".join(map(str, crashed)) if any(crashed) else "0",
-                mean_interval(of_survivors(windy, "peak_error")).text(".1f", size=0.01),
+                mean_interval(of_survivors(windy, "peak_error")).text(size=0.01),
                 f"{sum(float(values.mean()) for values in effort):.2f}" if len(effort[0]) else "–",
                 *_of_traits(each),
             )
@@ -184,7 +184,7 @@ def _priced(found: Evaluation) -> str:
     for name, each in found.traits.get(PRICED, {}).items():
         controller, _, limit = name.partition("@")
         metrics = found.flights["high wind"][name]
-        mean = mean_interval(of_survivors(metrics, "rmse")).text(".2f", size=0.01)
+        mean = mean_interval(of_survivors(metrics, "rmse")).text(size=0.01)
         rows.append((WORDS[controller], limit, mean, str(int(metrics.crashed.sum())), *_of_traits(each)))
     return table(("", "limit", "high wind (cm)", "crashes", *_TRAITS), rows) if rows else "None were flown."
 

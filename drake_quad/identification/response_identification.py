@@ -42,6 +42,7 @@ from drake_quad.laboratory.motion_capture import RotationMatrix, attitude_of_mar
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.autopilots import AttitudeResponse
 from drake_quad.signals import Attitude
+from drake_quad.studies.interval import plus_minus
 
 METHOD = "multiple shooting on positions and attitudes"
 # Of a window, s. Commands follow measurements, and with them their noise, which is taken for the vehicle's answer as
@@ -338,7 +339,7 @@ def _below_remarks(
         )
         if held:
             found.append(
-                f"{name} came out at {size * value:.2g} ± {size * reach:.2g} {unit}, and is held at zero, below which"
+                f"{name} came out at {plus_minus(size * value, size * reach)} {unit}, and is held at zero, below which"
                 " it makes no sense"
             )
     return tuple(found)

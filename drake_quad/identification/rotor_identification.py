@@ -40,6 +40,7 @@ from drake_quad.identification.results.estimates import (
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.paths import value_at
 from drake_quad.signals import Wrench
+from drake_quad.studies.interval import plus_minus
 from drake_quad.vehicle.allocation import RotorModel, allocate
 from drake_quad.vehicle.motors import ThrottleModel, allocate_throttle
 
@@ -413,7 +414,7 @@ def _wide(sought: Sequence[_Sought], fitted: Fitted, uncertainty: Uncertainty) -
             found[each.name] = f"the best fit is at the limit of what is looked for, {value:.3g}"
         elif reach > _TOLD * size:
             found[each.name] = (
-                f"its interval would be {value:.3g} ± {reach:.2g}, by what blocks of the flights say of it"
+                f"its interval would be {plus_minus(value, reach)}, by what blocks of the flights say of it"
             )
         elif freedom < _FEWEST_DEGREES:
             found[each.name] = f"hardly more than one stretch of the flights tells it, as {value:.3g}"

@@ -11,6 +11,7 @@ from drake_quad.files import write_table
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.results import MAPPED, Experiment
 from drake_quad.replication.sweeps import EXPONENTS, NOISE, Q_VALUES, SLOPES, Sweep
+from drake_quad.studies.ratios import linearized_ratio, ratio_of_means
 from drake_quad.studies.report import Verdict, judge
 from drake_quad.studies.statistics import Comparison, Interval, compare_studies, mean_interval
 
@@ -72,7 +73,7 @@ def beside_pd(found: Experiment, wind: str, controller: str, metric: str = "rmse
 
 
 def cut_beside_pd(found: Experiment, wind: str, controller: str, metric: str = "rmse") -> Interval:
-    """The share by which a metric is smaller under a controller than under the PD."""
+    """The share by which the mean of a metric is smaller under a controller than under the PD."""
     return -beside_pd(found, wind, controller, metric).share.plus(-1.0)
 
 
@@ -144,12 +145,9 @@ def type_2_beats_type_1(found: Experiment) -> Claim:
 
 def wider_under_noise(found: Experiment) -> Claim:
     """More noise favours wider membership functions."""
-    gains, by_sample = [], []
-    for level in NOISE:
-        narrow, wide = (_rmse(found.noise, "noise", level, name) for name in _TYPE_2)
-        by_sample.append(1.0 - wide / narrow)
-        gains.append(_mean(by_sample[-1]))
-    trend = _mean(by_sample[-1] - by_sample[0])
+    errors = [[_rmse(found.noise, "noise", level, name) for name in _TYPE_2] for level in NOISE]
+    gains = [_cut(wide, narrow) for narrow, wide in errors]
+    trend = _more_cut(errors[-1], errors[0])
     printed = [printed_table()[Cell("low_wind", name)].rmse.mean for name in _TYPE_2]
     text = ", ".join(f"{1e3 * level:g} mm {(-gain).percent()}" for level, gain in zip(NOISE, gains, strict=True))
     return Claim(
@@ -216,8 +214,8 @@ def pd_tends_to_zero(found: Experiment) -> Claim:
     return Claim(
         "the PD's output tends to zero as the network takes over, and comes back at each change of segment",
         "Figs 12 and 13, one run",
-        f"without wind the PD's output in the last quarter of a flight is {fade.percent()} of that in the quarter after"
-        f" the rise, and in the 1 s after a change of segment {back.percent()} of that in the 1 s before",
+        f"without wind the PD's output in the last quarter of a flight is on average {fade.percent()} of that in the"
+        f" quarter after the rise, and in the 1 s after a change of segment {back.percent()} of that in the 1 s before",
         judge([(-fade).is_above(-0.5), back.is_above(1.0)]),
         "holds if less than half is left and more comes back, in part if one of the two",
         f"left is, {_listed(fades)}; after a change, {_listed(returns)}",
@@ -235,13 +233,13 @@ def least_effort(found: Experiment) -> Claim:
     low, high = _ends(shares.values())
     printed = [share for shares in printed_effort_ratios().values() for share in shares if np.isfinite(share)]
     text = "; ".join(
-        f"{WINDS[wind]}, {CONTROLLERS[name]} on {axis.upper()} {each.ratio()}"
+        f"{WINDS[wind]}, {CONTROLLERS[name]} on {axis.upper()} {each.text()}"
         for (wind, name, axis), each in shares.items()
     )
     return Claim(
         "the PD costs the least effort",
         f"Table II: the networks {_span(printed, 1.0, '.1f')} times as much",
-        f"{low.ratio()} to {high.ratio()} times the PD's effort",
+        f"{low.text()} to {high.text()} times the PD's effort",
         judge([each.is_above(1.0) for each in shares.values()]),
         "holds if all are above 1, in part if some are",
         text,
@@ -275,8 +273,8 @@ def straight_against_curved(found: Experiment) -> Claim:
     half = len(found.legs.samples) // 2
     # A mean is NaN where a sample crashed, and gains that crash are not chosen.
     on_straight, on_curved = (int(np.nanargmin(each[:, :half].mean(axis=1))) for each in (straight, curved))
-    worse = mean_interval(curved[on_straight, half:] / curved[on_curved, half:] - 1.0)
-    livelier = mean_interval(swing[on_curved, half:] / swing[on_straight, half:])
+    worse = ratio_of_means(curved[on_straight, half:], curved[on_curved, half:]).plus(-1.0)
+    livelier = ratio_of_means(swing[on_curved, half:], swing[on_straight, half:])
     gains = [
         " and ".join(f"{symbol} = {found.legs.settings[name][best]:.2f}" for name, symbol in _GAINS.items())
         for best in (on_straight, on_curved)
@@ -285,7 +283,7 @@ def straight_against_curved(found: Experiment) -> Claim:
         "an aggressive PD tuned on straight lines is worse on curves, one tuned on curves oscillates on straight lines",
         "words, no numbers",
         f"best on straight lines are {gains[0]}, on curves {gains[1]}; on other samples the first are {worse.percent()}"
-        f" worse on curves, and on straight lines the command of the second moves {livelier.ratio()} times as much",
+        f" worse on curves, and on straight lines the command of the second moves {livelier.text()} times as much",
         judge([worse.is_above(0.0), livelier.is_above(1.0)]),
         "holds if the first are worse on curves and the second move more on straight lines, in part if one of the two",
     )
@@ -300,10 +298,10 @@ def circle_of_gains(found: Experiment) -> Claim:
     return Claim(
         "with the network any PD gains that stabilise will do: a circle around the optimal point",
         "words, no numbers",
-        f"within 20 % of the best error are {pd.percent()} of the gains that stabilise the PD, and {network.percent()}"
-        f" of those that stabilise it with the network; half of these gains have more than {typical[0].ratio()} times"
-        f" the best error, and {typical[1].ratio()} times with the network; the best errors are {best[0].metres()} and"
-        f" {best[1].metres()}",
+        f"on average over samples, within 20 % of the best error are {pd.percent()} of the gains that stabilise the PD,"
+        f" and {network.percent()} of those that stabilise it with the network; half of these gains have more than"
+        f" {typical[0].text()} times the best error, and {typical[1].text()} times with the network; the best errors"
+        f" are {best[0].metres()} and {best[1].metres()}",
         judge([more.is_above(0.0), network.is_above(0.5)]),
         "holds if the share grows and is more than half, in part if one of the two",
         f"{_box(found.maps['pd'])}; a sample crashes with {_crashing(found.maps['pd'])} of them, and with"
@@ -327,7 +325,7 @@ def typical_over_best(sweep: Sweep) -> np.ndarray:
 
 
 def advantage(sweep: Sweep, number: str, value: float, controller: str) -> Interval:
-    """The share by which a controller's error is smaller than type 1's, both with one value of a number.
+    """The share by which a controller's mean error is smaller than type 1's, both with one value of a number.
 
     Args:
         sweep: over the number.
@@ -335,7 +333,7 @@ def advantage(sweep: Sweep, number: str, value: float, controller: str) -> Inter
         value: of the number.
         controller: one of those of type 2.
     """
-    return _mean(1.0 - _rmse(sweep, number, value, controller) / _rmse(sweep, number, value, "pd_t1fnn"))
+    return _cut(_rmse(sweep, number, value, controller), _rmse(sweep, number, value, "pd_t1fnn"))
 
 
 def printed_effort_ratios() -> dict[Cell, tuple[float, float]]:
@@ -371,12 +369,25 @@ def _errors(sweep: Sweep) -> np.ndarray:
 
 
 def _cut_at(found: Experiment, wind: str, slope: float) -> Interval:
-    """The share by which PD+T2FNN with a slope λ makes the error of the PD smaller."""
+    """The share by which PD+T2FNN with a slope λ makes the mean error of the PD smaller."""
     sweep = found.slopes[wind]
     (place,) = np.flatnonzero(sweep.settings["slope"] == slope)
     pd = found.cells[Cell(wind, "pd")].metrics
     baseline = np.where(pd.crashed, np.nan, pd.rmse)[sweep.samples]
-    return _mean(1.0 - _errors(sweep)[place] / baseline)
+    return _cut(_errors(sweep)[place], baseline)
+
+
+def _cut(errors: np.ndarray, baseline: np.ndarray) -> Interval:
+    """The share by which the mean of (samples,) errors is smaller than that of others; NaN for those that crashed."""
+    both = np.isfinite(errors) & np.isfinite(baseline)
+    return -ratio_of_means(errors[both], baseline[both]).plus(-1.0)
+
+
+def _more_cut(pair: Sequence[np.ndarray], other: Sequence[np.ndarray]) -> Interval:
+    """By how much `_cut` of one pair of baseline and errors is more than that of another pair."""
+    every = np.isfinite([*pair, *other]).all(axis=0)
+    ratio, other_ratio = (linearized_ratio(errors[every], baseline[every]) for baseline, errors in (pair, other))
+    return mean_interval(other_ratio - ratio)
 
 
 def _box(sweep: Sweep) -> str:

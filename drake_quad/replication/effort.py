@@ -20,7 +20,7 @@ class EffortMatch(NamedTuple):
 
     Attributes:
         name: of the definition in `EFFORTS`.
-        ratio_x: effort of the networks over that of the PD on X, the geometric mean over cells.
+        ratio_x: effort of the networks over that of the PD on X, the geometric mean over cells and samples.
         ratio_y: the same on Y.
         distance: the factor by which a ratio is typically off: the exponential of the root mean square of the logarithm
             of ratio over printed ratio, over all that are printed.

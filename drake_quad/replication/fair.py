@@ -21,8 +21,8 @@ class FairEntry(NamedTuple):
         peak_error: mean peak error, m.
         effort_x: mean control effort on X, m²/s⁴.
         effort_y: mean control effort on Y, m²/s⁴.
-        over_pd: mean of RMSE over the PD's RMSE on the same sample.
-        over_network: mean of RMSE over PD+T2FNN's RMSE on the same sample.
+        over_pd: ratio of the mean RMSE to the PD's on the same samples.
+        over_network: ratio of the mean RMSE to PD+T2FNN's on the same samples.
     """
 
     cell: Cell

@@ -96,7 +96,7 @@ def table_markdown(entries: Sequence[Entry], quantity: str) -> str:
             lines.append(
                 f"| {WINDS[entry.cell.wind]} | {CONTROLLERS[entry.cell.controller]} | {_runs(entry.printed)}"
                 f" | {_number(entry.printed.mean)} | {_runs(entry.runs)} | {_number(entry.runs.mean)}"
-                f" | {entry.mean.value:.4f} [{entry.mean.low:.4f}, {entry.mean.high:.4f}] | {_percent(entry.off)} |"
+                f" | {entry.mean.text()} | {_percent(entry.off)} |"
             )
     return "\n".join(lines)
 

@@ -7,27 +7,29 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.laboratory.metrics import UNITS
+from drake_quad.studies.interval import Interval
 from drake_quad.studies.statistics import (
     compare_studies,
     crash_probability,
     metric_mean,
     of_survivors,
+    positive,
     quantile_interval,
     share_interval,
     with_crashes,
 )
 from drake_quad.studies.study import Study
 
-# The metrics that are shown: name, unit, size of the unit in SI units, and digits.
-_SHOWN = [
-    ("rmse", "cm", 0.01, 2),
-    ("rmse_x", "cm", 0.01, 2),
-    ("rmse_y", "cm", 0.01, 2),
-    ("rmse_z", "cm", 0.01, 2),
-    ("peak_error", "cm", 0.01, 1),
-    ("effort_x", "m²/s⁴", 1.0, 4),
-    ("effort_y", "m²/s⁴", 1.0, 4),
-    ("saturation_share", "% of the ticks", 0.01, 2),
+# Name, unit and size of the unit in SI units of each metric of a summary.
+_SUMMARY_METRICS = [
+    ("rmse", "cm", 0.01),
+    ("rmse_x", "cm", 0.01),
+    ("rmse_y", "cm", 0.01),
+    ("rmse_z", "cm", 0.01),
+    ("peak_error", "cm", 0.01),
+    ("effort_x", "m²/s⁴", 1.0),
+    ("effort_y", "m²/s⁴", 1.0),
+    ("saturation_share", "% of the ticks", 0.01),
 ]
 _QUANTILES = (0.05, 0.5, 0.95)
 
@@ -71,23 +73,29 @@ def summary_of(study: Study) -> Summary:
     """
     metrics = study.metrics
     crashed, count = int(metrics.crashed.sum()), len(study.samples)
-    beyond = "crash" if crashed else "–"
+    beyond = "crash" if crashed else "∞"
     rows: list[tuple[str, ...]] = []
-    for metric, unit, size, digits in _SHOWN:
+    for metric, unit, size in _SUMMARY_METRICS:
         values, everyone = of_survivors(metrics, metric), with_crashes(metrics, metric)
-        spread = np.std(values, ddof=1) / size if len(values) > 1 else math.nan
-        quantiles = (quantile_interval(everyone, share) for share in _QUANTILES)
+        spread = float(np.std(values, ddof=1)) if len(values) > 1 else math.nan
+        quantiles = (_quantile(everyone, share) for share in _QUANTILES)
         rows.append(
             (
                 metric,
-                metric_mean(metrics, metric).text(f".{digits}f", size=size),
-                f"{spread:.{digits}f}" if math.isfinite(spread) else "–",
-                *(quantile.text(f".{digits}f", size=size, infinite=beyond) for quantile in quantiles),
+                metric_mean(metrics, metric).text(size=size),
+                Interval(spread, math.nan, math.nan).text(size=size),
+                *(quantile.text(size=size, infinite=beyond) for quantile in quantiles),
                 unit,
             )
         )
     names = ("median" if share == 0.5 else f"{100.0 * share:.0f} % quantile" for share in _QUANTILES)
     return Summary(("", "mean", "deviation", *names, ""), rows, _remarks(crashed, count))
+
+
+def _quantile(values: np.ndarray, probability: float) -> Interval:
+    """A quantile of a metric, which is not negative; of one that is a crash, no lower end is known to be an error."""
+    found = quantile_interval(values, probability)
+    return positive(found) if math.isfinite(found.value) else found
 
 
 def _remarks(crashed: int, count: int) -> list[str]:
@@ -117,7 +125,7 @@ def comparison_of(studies: Mapping[str, Study], metric: str) -> Summary:
         rows.append(
             (
                 name,
-                found.difference.text("+.4g"),
+                found.difference.text(signed=True),
                 found.share.percent(),
                 found.better.percent(),
                 f"{found.num_pairs:,}",

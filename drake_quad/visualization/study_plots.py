@@ -174,7 +174,7 @@ def plot_influences(study: Study, name: str = "rmse") -> Figure:
                 axes.barh(place + offset, end.value - mean, 0.36, left=mean, color=color)
                 axes.plot([end.low, end.high], [place + offset] * 2, color="0.25", linewidth=1.0)
             rho = each.correlation
-            text = f"{rho.value:+.2f} [{rho.low:+.2f}, {rho.high:+.2f}]" if np.isfinite(rho.low) else "–"
+            text = rho.text(signed=True)
             if each.alone != rho and np.isfinite(each.alone.value):
                 text += f"; alone {each.alone.value:+.2f}"
             axes.annotate(text, (1.01, place), xycoords=("axes fraction", "data"), va="center", fontsize=8.5)

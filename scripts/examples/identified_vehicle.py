@@ -15,7 +15,7 @@ print(found.estimates)
 # On open loop, from the logged commands, where the flight was held out.
 ahead = predict(record, {"identified": found.vehicle, "sheet": sheet}, believed=sheet, share=1.0 / 3.0)
 for horizon in (0.1, 0.2, 0.5):
-    off = ahead.rmse("position", "identified", horizon).text(".2f", unit="cm", size=0.01)
+    off = ahead.rmse("position", "identified", horizon).text(unit="cm", size=0.01)
     less = ahead.better("position", "identified", "sheet", horizon).percent()
     print(f"after {horizon} s: {off} off, {less} less than the data sheet")
 

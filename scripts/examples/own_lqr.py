@@ -57,5 +57,5 @@ if __name__ == "__main__":  # worker processes import this file
     uncertain = load_scenario(LABORATORY, [UNCERTAIN])
     mine, built_in = run_monte_carlo(uncertain, 200, seed=1, control=Lqr), run_monte_carlo(uncertain, 200, seed=1)
     for name, study in {"LQR": mine, BELIEVED.cascade.position.kind: built_in}.items():
-        print(f"RMSE, {name}: {mean_interval(study.metrics.rmse).text('.2f', unit='cm', size=0.01)}")
-    print(f"that is {compare_studies(mine, built_in).share.ratio()} times as much")
+        print(f"RMSE, {name}: {mean_interval(study.metrics.rmse).text(unit='cm', size=0.01)}")
+    print(f"that is {compare_studies(mine, built_in).share.text()} times as much")

@@ -8,7 +8,7 @@ import pytest
 from drake_quad import InputError, load_scenario
 from drake_quad.analysis.cascade_design import design_cascade, with_gains
 from drake_quad.analysis.closed_loop import as_believed, at_rest, closed_loop
-from drake_quad.analysis.link_margins import link_loops, link_margins
+from drake_quad.analysis.link_margins import fast_link_margins, link_loops, link_margins
 from drake_quad.analysis.step_response import release
 from drake_quad.assembly.control import build_control, control_recipes
 from drake_quad.assembly.planning import plan_route
@@ -100,6 +100,14 @@ def test_model_predictive_control_has_the_margins_of_its_regulator(laboratory, m
     found = link_margins(lqg.model_copy(update={"control": mpc}))
     for name, expected in margins_of("lqg.yaml:lqg").items():
         np.testing.assert_allclose(found[name], expected, rtol=1e-6)
+
+
+@pytest.mark.parametrize("controller", CONTROLLERS)
+def test_a_search_sees_the_margins_that_are_reported(laboratory, margins_of, controller):
+    fast = fast_link_margins(laboratory(controller))
+    exact = [*margins_of(controller).values()]
+    np.testing.assert_allclose(fast.sensitivity, [margins.sensitivity for margins in exact], rtol=2e-5)
+    np.testing.assert_allclose(fast.delay, [margins.delay for margins in exact], rtol=2e-4)
 
 
 @pytest.mark.parametrize("controller", CONTROLLERS)

@@ -167,7 +167,9 @@ def test_the_disk_margin_stands_every_gain_and_phase_within_it(k_p, k_d):
     # The disk of -1 / f touches the Nyquist curve and holds none of it.
     middle, radius = -0.5 * (low + 1.0 / low), 0.5 * (1.0 / low - low)
     assert np.abs(response - middle).min() == pytest.approx(radius, rel=1e-3)
-    assert found.disk == pytest.approx(control.disk_margins(loop.to_state_space(), grid)[0], rel=1e-9)
+    top = int(np.argmax(np.abs(1.0 / (1.0 + response) - 0.5)))
+    fine = np.linspace(grid[top - 1], grid[top + 1], 1001)
+    assert found.disk == pytest.approx(control.disk_margins(loop.to_state_space(), fine)[0], rel=1e-8)
     # Its consequences cannot be larger than the margins themselves.
     assert -20.0 * np.log10(low) <= found.gain * (1.0 + 1e-6)
     assert np.degrees(2.0 * np.arctan(0.5 * found.disk)) <= found.phase * (1.0 + 1e-6)
@@ -186,15 +188,80 @@ def test_a_pole_may_leave_through_minus_one():
     assert fast.gain == pytest.approx(margins(loop).gain, abs=1e-6)
 
 
-@pytest.mark.slow
 @pytest.mark.parametrize(("k_p", "k_d"), CASES)
-def test_crossover_bandwidth_and_peak_against_a_fine_grid(k_p, k_d):
+def test_crossover_bandwidth_and_peaks_are_where_elimination_finds_them(k_p, k_d):
+    """L by elimination at each frequency, whose roots and maxima SciPy finds."""
     loop, found = loop_of(k_p, k_d), margins(loop_of(k_p, k_d))
-    grid = np.geomspace(0.1, np.pi / PERIOD, 200_001)
-    L = loop.response(np.exp(1j * grid * PERIOD))[:, 0, 0]
-    assert found.crossover == pytest.approx(grid[np.abs(L) > 1.0].max(), rel=1e-3)
-    assert found.bandwidth == pytest.approx(grid[np.abs(L / (1.0 + L)) < np.sqrt(0.5)].min(), rel=1e-2)
-    assert found.sensitivity == pytest.approx(np.abs(1.0 / (1.0 + L)).max(), rel=1e-3)
+
+    def L(frequency):
+        z = np.exp(1j * frequency * PERIOD)
+        return (loop.C @ np.linalg.solve(z * np.eye(len(loop.A)) - loop.A, loop.B)).item()
+
+    def peak(size):
+        grid = np.geomspace(0.3, np.pi / PERIOD, 300)
+        top = int(np.argmax([size(L(frequency)) for frequency in grid]))
+        ends = grid[top - 1], grid[min(top + 1, len(grid) - 1)]
+        best = scipy.optimize.minimize_scalar(lambda w: -size(L(w)), bounds=ends, method="bounded")
+        return -best.fun
+
+    assert found.crossover == pytest.approx(scipy.optimize.brentq(lambda w: abs(L(w)) - 1.0, 0.5, 50.0), rel=1e-8)
+    follows = scipy.optimize.brentq(lambda w: abs(L(w) / (1.0 + L(w))) - np.sqrt(0.5), found.crossover, 100.0)
+    assert found.bandwidth == pytest.approx(follows, rel=1e-8)
+    assert found.sensitivity == pytest.approx(peak(lambda L: abs(1.0 / (1.0 + L))), rel=1e-8)
+    assert found.disk == pytest.approx(1.0 / peak(lambda L: abs(1.0 / (1.0 + L) - 0.5)), rel=1e-8)
+
+
+def second_order(frequency, damping):
+    """A PD around a sampled double integrator with closed-loop poles of a frequency (rad/s) and damping; and a pole."""
+    pole = np.exp((-damping + 1j * np.sqrt(1.0 - damping**2)) * frequency * PERIOD)
+    trace, determinant = 2.0 * pole.real, abs(pole) ** 2
+    A, B = np.array([[1.0, PERIOD], [0.0, 1.0]]), np.array([[0.5 * PERIOD**2], [PERIOD]])
+    # Of A - B C the trace is 2 - k_p h² / 2 - k_d h, and the determinant 1 + k_p h² / 2 - k_d h.
+    k_p = (1.0 - trace + determinant) / PERIOD**2
+    k_d = (3.0 - trace - determinant) / (2.0 * PERIOD)
+    return SampledSystem(A, B, np.array([[k_p, k_d]]), np.zeros((1, 1)), PERIOD, ("x", "v"), ("u",), ("y",)), pole
+
+
+@pytest.mark.parametrize("damping", [0.8, 0.3, 0.1])
+@pytest.mark.parametrize("frequency", [3.0, 20.3, 111.0])
+def test_peaks_of_a_second_order_loop_are_those_worked_out_by_hand(frequency, damping):
+    """S = (z - 1)² / (z² - t z + d), so that |S|² is a quotient of quadratics of x = cos ω.
+
+    It is largest at an end of [-1, 1] or at a root of its derivative; likewise |S - 1/2|².
+    """
+    loop, pole = second_order(frequency, damping)
+
+    def squared(first, second, third):
+        middle = first**2 + second**2 + third**2 - 2.0 * first * third
+        return np.poly1d([4.0 * first * third, 2.0 * second * (first + third), middle])
+
+    def peak(numerator, denominator):
+        N, D = squared(*numerator), squared(*denominator)
+        roots = (N.deriv() * D - N * D.deriv()).roots
+        places = [-1.0, 1.0, *(root.real for root in roots if abs(root.imag) < 1e-9 and abs(root.real) < 1.0)]
+        return max(np.sqrt(N(x) / D(x)) for x in places)
+
+    integrators, closed = np.array([1.0, -2.0, 1.0]), np.array([1.0, -2.0 * pole.real, abs(pole) ** 2])
+    found = margins(loop)
+    assert found.sensitivity == pytest.approx(peak(integrators, closed), rel=1e-8)
+    assert found.disk == pytest.approx(1.0 / peak(integrators - 0.5 * closed, closed), rel=1e-8)
+
+
+@pytest.mark.parametrize("damping", [1e-2, 1e-4, 1e-6])
+@pytest.mark.parametrize("frequency", [3.0, 20.3, 111.0])
+def test_a_peak_that_is_narrower_than_the_steps_of_the_grid_is_found(frequency, damping):
+    loop, pole = second_order(frequency, damping)
+
+    def lost(turn):
+        z = np.exp(1j * turn)
+        return -(abs(z - 1.0) ** 2) / (abs(z - pole) * abs(z - pole.conj()))
+
+    middle, reach = np.angle(pole), -np.log(abs(pole))
+    best = scipy.optimize.minimize_scalar(
+        lost, bounds=(middle - reach, middle + reach), options={"xatol": 1e-6 * reach}
+    )
+    # Rounding moves a pole by about 1e-15, and so changes the height of its peak.
+    assert margins(loop).sensitivity == pytest.approx(-best.fun, rel=max(1e-8, 1e-14 / reach))
 
 
 @pytest.mark.slow
@@ -258,7 +325,9 @@ def test_a_pole_may_leave_through_one_or_minus_one():
         found, loop = margins(first_order(0.5, gain)), first_order(0.5, gain)
         # L(1) = 2 gain, L(-1) = -gain / 1.5.
         limits = [-1.0 / limit for limit in (2.0 * gain, -gain / 1.5) if limit < 0.0]
-        assert 10.0 ** (found.gain / 20.0) == pytest.approx(min(limits), rel=1e-6)
+        assert 10.0 ** (found.gain / 20.0) == pytest.approx(min(limits), rel=1e-12)
+        # |S| is largest at half the sampling rate or at standstill.
+        assert found.sensitivity == pytest.approx(max(1.5 / (1.5 - gain), 0.5 / (0.5 + gain)), rel=1e-8)
         assert is_stable(loop, 0.999 * min(limits))
         assert not is_stable(loop, 1.001 * min(limits))
         assert found.gain_reduction == np.inf

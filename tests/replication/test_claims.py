@@ -75,7 +75,7 @@ def found():
     }
     for sweep in maps.values():
         sweep.metrics.rmse[:3] *= 2.0
-    legs = Sweep(gains, np.arange(4), LegMetrics(*(rng.uniform(0.5, 1.5, (6, 4)) for _ in range(3))))
+    legs = Sweep(gains, np.arange(16), LegMetrics(*(rng.uniform(0.5, 1.5, (6, 16)) for _ in range(3))))
     legs.metrics.straight[2, 0] = np.nan
     return Experiment(cells, recorded, noise, shares, slopes, maps, legs)
 
@@ -94,24 +94,43 @@ def opposite(estimate, start=0.0):
 
 
 def per_cent(estimate):
-    value, low, high = 100.0 * np.asarray(estimate)
-    digits = 1 if high - low >= 0.1 else 2
-    return f"{value:.{digits}f} % [{low:.{digits}f}, {high:.{digits}f}]"
+    return Interval(*estimate).percent()
 
 
-def plain(estimate, digits=2, unit=""):
-    value, low, high = estimate
-    return f"{value:.{digits}f}{unit} [{low:.{digits}f}, {high:.{digits}f}]"
+def plain(estimate):
+    return Interval(*estimate).text()
+
+
+def metres(estimate):
+    return Interval(*estimate).text(unit="m")
 
 
 def named(wind, controller):
     return f"{NAMES[wind]}, {CONTROLLERS[controller]}"
 
 
+def fieller(values, baseline):
+    """The ratio of means of what is finite, and where a t-test of a - R b gives way.
+
+    There (mean a - R mean b)² is t² / n times the variance of a - R b.
+    """
+    a, b = np.stack([values, baseline])[:, np.isfinite(values) & np.isfinite(baseline)]
+    (var_a, cov), (_, var_b) = scipy.stats.t.ppf(0.975, len(a) - 1) ** 2 / len(a) * np.cov(a, b)
+    mean_a, mean_b = a.mean(), b.mean()
+    low, high = np.sort(np.roots([mean_b**2 - var_b, -2.0 * (mean_a * mean_b - cov), mean_a**2 - var_a]).real)
+    return np.array([mean_a / mean_b, low, high])
+
+
+def less(values, baseline):
+    """By what share a mean is smaller than another."""
+    return opposite(fieller(values, baseline), 1.0)
+
+
 def over(found, wind, name, other, metric="rmse", other_wind=None):
-    """The ratio of two cells, sample by sample."""
-    values = (getattr(found.cells[Cell(*cell)].metrics, metric) for cell in ((wind, name), (other_wind or wind, other)))
-    return interval(np.divide(*values))
+    """The ratio of the means of two cells."""
+    return fieller(
+        *(getattr(found.cells[Cell(*cell)].metrics, metric) for cell in ((wind, name), (other_wind or wind, other)))
+    )
 
 
 def least_to_most(estimates, form=per_cent):
@@ -148,7 +167,7 @@ def test_errors_beside_those_of_the_pd(found):
     over_slope = {}
     for wind in NAMES:
         baseline = found.cells[Cell(wind, "pd")].metrics.rmse[1:4]
-        over_slope[wind] = [interval(1.0 - row / baseline) for row in found.slopes[wind].metrics.rmse]
+        over_slope[wind] = [less(row, baseline) for row in found.slopes[wind].metrics.rmse]
     best = max((each for cuts in over_slope.values() for each in cuts), key=lambda each: each[0])
     assert half.ours == (
         f"{least_to_most(cuts.values())} over winds and widths; λ, which is fitted, makes it {per_cent(best)} at best"
@@ -178,7 +197,7 @@ def test_type_2_beside_type_1(found):
     for number, sweep, count in (("noise", found.noise, len(NOISE)), ("q", found.q, len(Q_VALUES))):
         first = rows_at(sweep, number, "pd_t1fnn", count)
         both = (
-            [interval(1.0 - row / of_1) for row, of_1 in zip(rows_at(sweep, number, name, count), first, strict=True)]
+            [less(row, of_1) for row, of_1 in zip(rows_at(sweep, number, name, count), first, strict=True)]
             for name in ("pd_t2fnn", "pd_t2fnn_wide")
         )
         better[number] = [max(pair, key=lambda each: each[0]) for pair in zip(*both, strict=True)]
@@ -191,9 +210,15 @@ def test_type_2_beside_type_1(found):
     assert against.details == "; ".join(f"{named(*cell)} {per_cent(gain)}" for cell, gain in gains.items())
     assert against.verdict == "holds"
     narrow, wide = (rows_at(found.noise, "noise", name, len(NOISE)) for name in ("pd_t2fnn", "pd_t2fnn_wide"))
-    gained = 1.0 - wide / narrow
-    larger = [opposite(interval(each)) for each in gained]
-    trend = interval(gained[-1] - gained[0])
+    larger = [opposite(less(*pair)) for pair in zip(wide, narrow, strict=True)]
+    # To first order w₀ / n₀ - w / n changes with the four means as their weights say.
+    four = np.stack([wide[0], narrow[0], wide[-1], narrow[-1]])
+    four = four[:, np.isfinite(four).all(axis=0)]
+    w_0, n_0, w, n = four.mean(axis=1)
+    weights = np.array([1.0 / n_0, -w_0 / n_0**2, -1.0 / n, w / n**2])
+    count = four.shape[1]
+    half = scipy.stats.t.ppf(0.975, count - 1) * np.sqrt(weights @ np.cov(four) @ weights / count)
+    trend = (w_0 / n_0 - w / n) + half * np.array([0.0, -1.0, 1.0])
     assert wider.ours == (
         f"the error with wider sets is larger by {per_cent(larger[0])} without position noise and by"
         f" {per_cent(larger[-1])} with 20 mm: they gain {per_cent(trend)}"
@@ -209,7 +234,7 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
     _, _, _, _, peak, peaks, fading, effort, windy, *_ = all_claims(found)
     pd, network = (interval(found.cells[Cell("no_wind", name)].metrics.peak_error) for name in ("pd", "pd_t2fnn"))
     cut = opposite(over(found, "no_wind", "pd_t2fnn", "pd", "peak_error"), 1.0)
-    assert peak.ours == f"{plain(pd, 3, ' m')} and {plain(network, 3, ' m')}, {per_cent(cut)} less"
+    assert peak.ours == f"{metres(pd)} and {metres(network)}, {per_cent(cut)} less"
     assert peak.verdict == "holds"
     differences = {}
     for wind in ("low_wind", "high_wind"):
@@ -218,8 +243,7 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
             differences[wind, name] = interval(found.cells[Cell(wind, name)].metrics.peak_error - first)
 
     def millimetres(length):
-        value, low, high = (f"{1000.0 * each:+.1f}" for each in length)
-        return f"{value} mm [{low}, {high}]"
+        return Interval(*length).text(unit="mm", size=1e-3, signed=True)
 
     assert peaks.ours == f"peaks beside those of type 1: {least_to_most(differences.values(), millimetres)}"
     assert peaks.details == "; ".join(f"{named(*cell)} {millimetres(each)}" for cell, each in differences.items())
@@ -234,8 +258,9 @@ def test_peaks_the_part_of_the_pd_and_effort(found):
         for measure in ("pd_fade", "pd_return")
     )
     assert fading.ours == (
-        f"without wind the PD's output in the last quarter of a flight is {per_cent(left['no_wind', 'pd_t2fnn'])} of"
-        " that in the quarter after the rise, and in the 1 s after a change of segment"
+        "without wind the PD's output in the last quarter of a flight is on average"
+        f" {per_cent(left['no_wind', 'pd_t2fnn'])} of that in the quarter after the rise, and in the 1 s after a change"
+        " of segment"
         f" {per_cent(returned['no_wind', 'pd_t2fnn'])} of that in the 1 s before"
     )
     listed = [
@@ -269,10 +294,10 @@ def test_gains_on_straight_lines_on_curves_and_on_a_map(found):
     *_, legs, circle = all_claims(found)
     straight, curved, swing = found.legs.metrics
     # The third pair crashed on a straight line.
-    on_straight = min((0, 1, 3, 4, 5), key=lambda place: straight[place, 0] + straight[place, 1])
-    on_curved = min(range(6), key=lambda place: curved[place, 0] + curved[place, 1])
-    worse = interval(curved[on_straight, 2:] / curved[on_curved, 2:] - 1.0)
-    livelier = interval(swing[on_curved, 2:] / swing[on_straight, 2:])
+    on_straight = min((0, 1, 3, 4, 5), key=lambda place: sum(straight[place, :8]))
+    on_curved = min(range(6), key=lambda place: sum(curved[place, :8]))
+    worse = fieller(curved[on_straight, 8:], curved[on_curved, 8:]) - 1.0
+    livelier = fieller(swing[on_curved, 8:], swing[on_straight, 8:])
     pairs = [(1.0, 0.5), (1.0, 1.0), (2.0, 0.5), (2.0, 1.0), (4.0, 0.5), (4.0, 1.0)]
     texts = ["k_P = {:.2f} and k_D = {:.2f}".format(*pairs[place]) for place in (on_straight, on_curved)]
     assert legs.ours == (
@@ -288,10 +313,10 @@ def test_gains_on_straight_lines_on_curves_and_on_a_map(found):
     ]
     assert crashing[0] != crashing[1]
     assert circle.ours == (
-        f"within 20 % of the best error are {per_cent(interval(share[0]))} of the gains that stabilise the PD, and"
-        f" {per_cent(interval(share[1]))} of those that stabilise it with the network; half of these gains have more"
-        f" than {plain(typical[0])} times the best error, and {plain(typical[1])} times with the network; the best"
-        f" errors are {plain(best[0], 3, ' m')} and {plain(best[1], 3, ' m')}"
+        f"on average over samples, within 20 % of the best error are {per_cent(interval(share[0]))} of the gains that"
+        f" stabilise the PD, and {per_cent(interval(share[1]))} of those that stabilise it with the network; half of"
+        f" these gains have more than {plain(typical[0])} times the best error, and {plain(typical[1])} times with the"
+        f" network; the best errors are {metres(best[0])} and {metres(best[1])}"
     )
     assert circle.details == (
         "3 × 2 gains, k_P from 1 to 4 1/s² and k_D from 0.5 to 1 1/s, in equal ratios, 4 samples each; a sample crashes"
@@ -316,12 +341,6 @@ def test_gains_on_straight_lines_on_curves_and_on_a_map(found):
 )
 def test_verdicts_follow_from_conditions(needed, enough, verdict):
     assert judge(needed, *enough) == verdict
-
-
-def test_a_share_has_the_digits_in_which_its_ends_differ():
-    assert Interval(0.12345, 0.12, 0.13).percent() == "12.3 % [12.0, 13.0]"
-    assert Interval(0.12345, 0.1231, 0.1239).percent() == "12.35 % [12.31, 12.39]"
-    assert Interval(0.5, np.nan, np.nan).percent() == "50.0 %"
 
 
 def test_controllers_are_compared_with_both_baselines_in_the_same_wind(found):
@@ -422,11 +441,10 @@ def test_table_ii_beside_the_print(found, tmp_path):
     assert len(lines) == 2 + 12
     (entry,) = (entry for entry in entries if (entry.quantity, *entry.cell) == ("effort_y", "low_wind", "pd"))
     first, _, third = entry.runs.runs
-    value, low, high = entry.mean
     runs = ", ".join(f"{run:.3f}" for run in entry.printed.runs)
     assert lines[6] == (
         f"| low wind | PD | {runs} | {entry.printed.mean:.3f} | {first:.3f}, –, {third:.3f} | –"
-        f" | {value:.4f} [{low:.4f}, {high:.4f}] | {100.0 * entry.off:+.1f} % |"
+        f" | {plain(entry.mean)} | {100.0 * entry.off:+.1f} % |"
     )
 
 

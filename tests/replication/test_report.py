@@ -16,6 +16,7 @@ from drake_quad.replication.findings import findings_of, write_findings
 from drake_quad.replication.printed import CONTROLLERS, WINDS, Cell, printed_table
 from drake_quad.replication.report import FIGURES, report_markdown
 from drake_quad.replication.results import FAIR, read_experiment
+from drake_quad.studies.interval import Interval
 from drake_quad.studies.processes import Workers
 from drake_quad.studies.report import report_html
 from drake_quad.visualization.in_print import save_small
@@ -111,7 +112,7 @@ def check_table(text, written):
             assert printed.split(", ") == [rounded[f"printed_run{i}"] for i in (1, 2, 3)]
             assert ours.split(", ") == [rounded[f"ours_run{i}"] for i in (1, 2, 3)]
             assert (printed_mean, ours_mean) == (rounded["printed_mean"], rounded["ours_mean"])
-            assert mean == "{:.4f} [{:.4f}, {:.4f}]".format(*(float(row[name]) for name in ("mean", "low", "high")))
+            assert mean == Interval(*(float(row[name]) for name in ("mean", "low", "high"))).text()
             if row["printed_mean"]:
                 assert off == f"{100 * (float(row['mean']) / float(row['printed_mean']) - 1):+.1f} %"
             else:
@@ -126,7 +127,8 @@ def test_the_report_says_what_its_tables_say(run, report):
     for claim in rows_of(folder / "claims.csv"):
         assert f"| {claim['claim']} | {claim['printed']} | {claim['ours']} | **{claim['verdict']}** |" in report
     for row in rows_of(folder / "fair.csv"):
-        assert f"| {float(row['rmse']):.3f} [{float(row['rmse_low']):.3f}, {float(row['rmse_high']):.3f}] |" in report
+        rmse = Interval(*(float(row[name]) for name in ("rmse", "rmse_low", "rmse_high")))
+        assert f"| {rmse.text()} |" in report
     for row in rows_of(folder / "effort.csv"):
         assert f"| {float(row['ratio_x']):.2f} | {float(row['ratio_y']):.2f} |" in report
 

@@ -15,12 +15,12 @@ def metrics(rmse, crash_time):
     return Metrics(*[np.array(rmse)] * (len(Metrics._fields) - 1), np.array(crash_time))
 
 
-def test_a_share_is_of_samples_that_neither_crashed_and_that_erred_at_all():
+def test_a_share_is_the_ratio_of_the_means_of_samples_on_which_neither_crashed():
     ours = metrics([1.0, 3.0, 5.0, 7.0, 9.0], [math.inf, 2.0, math.inf, 2.0, math.inf])
     baseline = metrics([2.0, 2.0, 2.0, 2.0, 0.0], [math.inf, math.inf, 3.0, 3.0, math.inf])
     found, reverse = compare(ours, baseline), compare(baseline, ours)
-    assert (found.num_pairs, found.share.value) == (2, 0.5)
-    assert (reverse.num_pairs, reverse.share.value) == (2, 1.0)
+    assert (found.num_pairs, found.share.value) == (2, 5.0)
+    assert (reverse.num_pairs, reverse.share.value) == (2, 0.2)
 
 
 def test_samples_fly_in_the_order_that_is_asked_for():

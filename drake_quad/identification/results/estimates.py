@@ -14,9 +14,7 @@ from drake_quad.identification.fitting.random_effects import Variation
 from drake_quad.scenario.correlation import checked_deviations
 from drake_quad.scenario.limits import LARGEST, LONGEST, SHORTEST, SMALLEST
 from drake_quad.scenario.paths import joined
-from drake_quad.studies.interval import Interval
-
-CONFIDENCE = 0.95
+from drake_quad.studies.interval import CONFIDENCE, Interval
 
 
 class Kind(NamedTuple):
@@ -231,7 +229,7 @@ class Estimates:
         """A line for each number, with unit and 95 % interval, and one for each that the log does not tell."""
         rows = zip(self.names, self.values, self.intervals(), self.units, strict=True)
         told = [
-            f"{name}: {Interval(value, *ends).text('.4g', unit='' if unit == '1' else unit)}"
+            f"{name}: {Interval(value, *ends).text(unit='' if unit == '1' else unit)}"
             for name, value, ends, unit in rows
         ]
         return "\n".join([*told, *(f"not told: {name}: {why}" for name, why in self.not_seen.items())])

@@ -31,6 +31,7 @@ from drake_quad.scenario.library import Library, is_shipped, split_spec
 from drake_quad.scenario.limits import LARGEST
 from drake_quad.scenario.models import NAME, Nominal
 from drake_quad.scenario.paths import value_at
+from drake_quad.studies.interval import Interval
 from drake_quad.vehicle.motors import ThrustCurve, thrust_of
 
 # Characters of a line of comment, and of the file: what an estimate shares stands on one line.
@@ -229,15 +230,14 @@ def _limits(name: str, mean: float, deviation: float) -> dict[str, float]:
 def _comment(estimates: Estimates, name: str, written: Any) -> str:
     """What is known of an estimate: unit, intervals, what it explains, where it is from."""
     place = estimates.names.index(name)
-    unit = "" if kind_of(name).unit == "1" else f" {kind_of(name).unit}"
-    value, digits = estimates.values[place], 2 - math.floor(math.log10(estimates.deviations[place]))
+    unit = "" if kind_of(name).unit == "1" else kind_of(name).unit
+    value = float(estimates.values[place])
     own, elsewhere = (
-        " to ".join(_plain(round(float(end), digits)) for end in each.intervals()[place])
-        for each in (estimates, estimates.elsewhere())
+        Interval(value, *each.intervals()[place]).text(unit=unit) for each in (estimates, estimates.elsewhere())
     )
-    parts = [f"{_plain(round(float(value), digits + 1))}{unit}, 95 % interval {own}"]
+    parts = [f"{own} with 95 % confidence"]
     if estimates.variation is not None and estimates.variation.covariance[place, place] > 0.0:
-        parts.append(f"in another {estimates.variation.seconds:.2g} s of flight {elsewhere}")
+        parts.append(f"{elsewhere} in another {estimates.variation.seconds:.2g} s of flight")
     if name in estimates.explained:
         share, output = estimates.explained[name]
         parts.append(f"explains {100.0 * share:.3g} % of the variance of {output}")
@@ -248,10 +248,6 @@ def _comment(estimates: Estimates, name: str, written: Any) -> str:
     elif abs(mean - value) > estimates.deviations[place]:
         parts.append("beyond the limit of what there is, which is written")
     return "; ".join(parts)
-
-
-def _plain(number: float) -> str:
-    return f"{number:.6g}"
 
 
 def _listed(path: str, whole: Mapping[str, _Entry], base: Scenario) -> list[_Entry]:
