@@ -3,6 +3,7 @@
 import csv
 import os
 import tempfile
+import threading
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
@@ -30,7 +31,8 @@ def output_folder(path: Path) -> Path:
 
 def write_whole(path: Path, write: Callable[[Path], None]) -> Path:
     """Lets `write` fill a temporary file beside `path`, renames it and returns the path; on an error it is gone."""
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    # Other processes and threads may write the same file at the same time.
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.{threading.get_ident()}{path.suffix}")
     try:
         write(temporary)
         temporary.replace(path)

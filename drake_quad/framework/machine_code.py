@@ -58,10 +58,15 @@ def address(text: str) -> int:
 
     Any number of threads may call this; a module is compiled and loaded once.
     """
+    name = _name(text)
+    return _addresses.get(name, lambda: _made(name, text))
+
+
+def _name(text: str) -> str:
+    """Return the name of a module's file and function, made of all that its machine code depends on."""
     made_by = llvmlite.__version__, llvm.llvm_version_info, _MACHINE.triple, llvm.get_host_cpu_name()
     identity = repr((*made_by, _FEATURES, _AS_WRITTEN, text))
-    name = f"kernel_{hashlib.sha256(identity.encode()).hexdigest()[:32]}"
-    return _addresses.get(name, lambda: _made(name, text))
+    return f"kernel_{hashlib.sha256(identity.encode()).hexdigest()[:32]}"
 
 
 def _made(name: str, text: str) -> int:
