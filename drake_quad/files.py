@@ -1,15 +1,18 @@
-"""Files that are whole or not there, and tables."""
+"""Files that are whole or not there, tables, and arrays by name."""
 
 import csv
 import os
 import tempfile
+import threading
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
-from typing import Any
+from typing import IO, Any
+from zipfile import ZipFile
 
 import numpy as np
 
-from drake_quad.errors import InputError, shortened
+from drake_quad.errors import InputError, shortened, shown
+from drake_quad.process_settings import without_warnings
 
 
 def output_folder(path: Path) -> Path:
@@ -30,7 +33,8 @@ def output_folder(path: Path) -> Path:
 
 def write_whole(path: Path, write: Callable[[Path], None]) -> Path:
     """Lets `write` fill a temporary file beside `path`, renames it and returns the path; on an error it is gone."""
-    temporary = path.with_name(f".{path.stem}.{os.getpid()}{path.suffix}")
+    # Other processes and threads may write the same file at the same time.
+    temporary = path.with_name(f".{path.stem}.{os.getpid()}.{threading.get_ident()}{path.suffix}")
     try:
         write(temporary)
         temporary.replace(path)
@@ -89,6 +93,35 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
         return {name: _array(cells) for name, cells in zip(header, columns, strict=True)}
     except (OSError, ValueError):
         raise InputError(f"{path} cannot be read, or is not a table") from None
+
+
+def read_arrays(file: IO[bytes], *, max_bytes: int | None = None) -> dict[str, np.ndarray]:
+    """Read the arrays of an .npz file by name, none of them of Python objects.
+
+    Args:
+        file: open to be read.
+        max_bytes: that all arrays may have, unpacked; unlimited if not given.
+
+    Raises:
+        ValueError: the file is larger, is not of this format, is damaged, or has two arrays of one name.
+    """
+    try:
+        with ZipFile(file) as packed, without_warnings():
+            members = packed.infolist()
+            names = [member.filename.removesuffix(".npy") for member in members]
+            is_too_large = max_bytes is not None and sum(member.file_size for member in members) > max_bytes
+            arrays = {}
+            for name, member in zip(names, [] if is_too_large else members, strict=False):
+                with packed.open(member) as content:
+                    arrays[name] = np.lib.format.read_array(content, allow_pickle=False)
+    except Exception:  # zipfile and NumPy raise whatever their lines meet in a damaged file
+        raise ValueError("is not an .npz file of arrays") from None
+    if is_too_large:
+        raise ValueError(f"is too large: its arrays have more than {max_bytes:,} bytes")
+    twice = [name for place, name in enumerate(names) if name in names[:place]]
+    if twice:
+        raise ValueError(f"has two arrays of the name {shown(twice[0])}")
+    return arrays
 
 
 def _array(cells: tuple[str, ...]) -> np.ndarray:

@@ -1,11 +1,15 @@
-"""Folders that cannot be written are told in a sentence."""
+"""Folders that cannot be written, and arrays that cannot be read, are told in a sentence."""
 
+import io
+import warnings
+import zipfile
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from drake_quad import InputError
-from drake_quad.files import output_folder
+from drake_quad.files import output_folder, read_arrays
 
 
 @pytest.mark.parametrize("name", ["a\0b", "x" * 5000, "a\nb/" + "x" * 300])
@@ -20,3 +24,56 @@ def test_a_folder_below_a_file_is_refused(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(InputError, match="cannot be written: not a directory"):
         output_folder(Path(tmp_path / "file" / "folder"))
+
+
+def npz(*members):
+    """A file of arrays, given the name and the bytes of each."""
+    file = io.BytesIO()
+    with warnings.catch_warnings(action="ignore"), zipfile.ZipFile(file, "w") as packed:
+        for name, data in members:
+            packed.writestr(name, data)
+    file.seek(0)
+    return file
+
+
+def npy(array):
+    file = io.BytesIO()
+    np.save(file, array, allow_pickle=True)
+    return file.getvalue()
+
+
+def headed(shape, kind="'<f8'"):
+    """The bytes of an array with a header that NumPy would not write, and no numbers."""
+    header = f"{{'descr': {kind}, 'fortran_order': False, 'shape': {shape}, }}\n".encode()
+    return b"\x93NUMPY\x01\x00" + len(header).to_bytes(2, "little") + header
+
+
+ARRAY = npy(np.arange(3.0))
+
+
+def test_arrays_come_back_by_name():
+    arrays = read_arrays(npz(("a.npy", ARRAY), ("b.npy", npy(np.array("word")))))
+    assert [*arrays] == ["a", "b"]
+    np.testing.assert_array_equal(arrays["a"], [0.0, 1.0, 2.0])
+    assert str(arrays["b"]) == "word"
+
+
+@pytest.mark.parametrize(
+    ("file", "words"),
+    [
+        (npz(("a.npy", b"no magic")), "is not an .npz file of arrays"),
+        (npz(("a", ARRAY[1:])), "is not an .npz file of arrays"),
+        (npz(("a.npy", headed("(" * 300 + ")" * 300))), "is not an .npz file of arrays"),
+        (npz(("a.npy", headed("(" * 300))), "is not an .npz file of arrays"),
+        (npz(("a.npy", headed("(-1, 99999999999999999999)"))), "is not an .npz file of arrays"),
+        (npz(("a.npy", headed("(3L,)"))), "is not an .npz file of arrays"),  # as Python 2 wrote, of which NumPy warns
+        (npz(("a.npy", npy(np.array([object()])))), "is not an .npz file of arrays"),
+        (npz(("a.npy", ARRAY), ("a.npy", ARRAY)), "has two arrays of the name 'a'"),
+        (npz(("a.npy", ARRAY), ("a", ARRAY)), "has two arrays of the name 'a'"),
+        (npz(("a.npy", npy(np.zeros(100)))), "is too large: its arrays have more than 800 bytes"),
+        (io.BytesIO(b"PK"), "is not an .npz file of arrays"),
+    ],
+)
+def test_arrays_that_cannot_be_read_are_told_in_a_sentence(file, words):
+    with pytest.raises(ValueError, match=f"^{words}$"):
+        read_arrays(file, max_bytes=800)

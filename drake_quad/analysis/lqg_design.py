@@ -16,7 +16,6 @@ from typing import Any, NamedTuple
 
 import numpy as np
 import scipy
-from threadpoolctl import ThreadpoolController
 
 from drake_quad.analysis.cascade_design import design_cascade
 from drake_quad.analysis.closed_loop import laboratory_plant
@@ -40,6 +39,7 @@ from drake_quad.control.lqg.chains import (
 )
 from drake_quad.control.lqg.design import AxisLoop, Timing
 from drake_quad.errors import InputError
+from drake_quad.process_settings import single_threaded_blas
 from drake_quad.scenario import Batch, Scenario, distributions_in, middle_of
 from drake_quad.scenario.autopilots import AttitudeAutopilot, AttitudeResponse
 from drake_quad.scenario.batch import at_quantile
@@ -476,8 +476,7 @@ class _Search:
         """The search with the numbers of the least cost that it finds from those that it has."""
         logs = np.log(self.numbers)
         first, *_ = steps = np.eye(len(logs))
-        # Handing small matrices round takes longer than multiplying them.
-        with ThreadpoolController().limit(limits=1, user_api="blas"):
+        with single_threaded_blas():
             # The weight of the command decides most: its best decade first.
             begin = min((logs + shift * first for shift in np.arange(-7.0, 7.1, 1.75)), key=self.cost_of)
             signed = (

@@ -1,6 +1,5 @@
 """Linear-quadratic-Gaussian control of a scenario."""
 
-import warnings
 from typing import Any
 
 import numpy as np
@@ -23,6 +22,7 @@ from drake_quad.control.lqg.design import AxisLoop, Timing, axis_loop
 from drake_quad.control.lqg.laws import LqgNumbers, TargetNumbers, ThrustNumbers, TorqueNumbers
 from drake_quad.control.lqg.system import LinearQuadraticGaussian
 from drake_quad.errors import InputError
+from drake_quad.process_settings import without_warnings
 from drake_quad.scenario import Batch, Scenario
 from drake_quad.scenario.lqg import Axis, LateralAxis, LqgControl, VerticalAxis
 from drake_quad.scenario.quantities import can_differ_from_zero
@@ -150,7 +150,7 @@ def _designed(field: str, model: ContinuousModel, times: Timing, noise: np.ndarr
     """The loop of an axis; floating point has none where times or sizes are too far apart."""
     try:
         # What SciPy warns of ends in an error, or does not matter.
-        with np.errstate(all="ignore"), warnings.catch_warnings(action="ignore"):
+        with np.errstate(all="ignore"), without_warnings():
             return axis_loop(model, times, noise=noise, command_weight=weight)
     except (np.linalg.LinAlgError, ValueError) as error:
         raise InputError(

@@ -9,6 +9,7 @@ import numpy as np
 
 from drake_quad.assembly.effects import thrust_curve
 from drake_quad.assembly.space import space_to_plan_in
+from drake_quad.caching import ThreadSafeCache
 from drake_quad.errors import InputError
 from drake_quad.reference.feasibility import first_violation, sample_times
 from drake_quad.reference.laps import LapDurations, flown_in_laps
@@ -53,9 +54,9 @@ from drake_quad.vehicle.parameters import Inertia, QuadrotorParameters
 
 # Times at which the rotors are checked along a braking piece, a polynomial of degree 6.
 _BRAKING_SAMPLES = 200
-# Ways around obstacles that are kept, by their scenarios' text.
-_MOST_WAYS = 16
-_ways: dict[str, "Planned"] = {}
+# Ways around obstacles, by the text of the scenario.
+_MAX_WAYS = 16
+_ways: "ThreadSafeCache[Planned]" = ThreadSafeCache(_MAX_WAYS)
 
 
 def nominal_parameters(mission: Mission) -> QuadrotorParameters:
@@ -124,13 +125,12 @@ def planned(mission: Mission) -> Planned:
         return _planned(mission, None)
     # Of what is no part of a mission only the tracking error depends.
     depends = None if mission.space.tracking else set(Mission.model_fields)
-    key = mission.model_dump_json(include=depends)
-    if key not in _ways:
-        if len(_ways) >= _MOST_WAYS:
-            del _ways[next(iter(_ways))]
+
+    def make() -> Planned:
         space = space_to_plan_in(mission)
-        _ways[key] = _planned(mission, space)._replace(space=space)
-    return _ways[key]
+        return _planned(mission, space)._replace(space=space)
+
+    return _ways.get(mission.model_dump_json(include=depends), make)
 
 
 def _planned(mission: Mission, space: Space | None) -> Planned:

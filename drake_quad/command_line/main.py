@@ -41,13 +41,14 @@ def main(*before: str) -> None:
         before: arguments that come first, as in `main("fly")`.
     """
     # What is loaded from here on may be interrupted by Ctrl-C without a traceback.
-    from drake_quad.command_line.running import run
+    from drake_quad.command_line.running import orderly_exit, run
 
-    arguments = [*before, *sys.argv[1:]]
-    command = _parser().parse_args(arguments[:1]).command
-    module = module_of(command)
-    options = module.options().parse_args(arguments[1:])
-    options.command = shlex.join(["drake-quad", *arguments])
+    with orderly_exit():
+        arguments = [*before, *sys.argv[1:]]
+        command = _parser().parse_args(arguments[:1]).command
+        module = module_of(command)
+        options = module.options().parse_args(arguments[1:])
+        options.command = shlex.join(["drake-quad", *arguments])
     run(lambda: module.main(options))
 
 

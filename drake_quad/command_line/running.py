@@ -1,30 +1,67 @@
 """How a command runs and ends."""
 
+import io
 import os
 import sys
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
+from contextlib import contextmanager, suppress
+from pathlib import Path
 
 from drake_quad.command_line.interruption import SENTENCE, raise_interruptions
 from drake_quad.errors import InputError
 
 
 def run(main: Callable[[], None]) -> None:
-    """Runs a command and exits: with 0 if all went well, 1 if the computation failed, 2 if the input was wrong.
-
-    An error is told in one sentence.
-    """
+    """Run a command and exit if it fails: with 1 if the computation failed, with 2 if the input was wrong."""
     raise_interruptions()
-    try:
+    with orderly_exit():
         main()
+
+
+@contextmanager
+def orderly_exit() -> Iterator[None]:
+    """Have whatever goes wrong inside a `with` statement end the process with a sentence and without a traceback.
+
+    Whatever is printed inside is printed to any terminal or file: a character that its encoding lacks is escaped. A
+    standard output that cannot be written, such as a file on a full disk, is a failure, too.
+    """
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if stream is None:  # it was closed before Python began
+            setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115 - for the whole process
+        elif isinstance(stream, io.TextIOWrapper):
+            stream.reconfigure(errors="backslashreplace")
+    status, sentence, exits = 0, "", False
+    try:
+        yield
+    except SystemExit as stop:
+        status, exits = stop.code, True
     except InputError as error:
-        print(f"error: {error}", file=sys.stderr)
-        sys.exit(2)
-    except BrokenPipeError:
-        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())  # nobody reads what would still be printed
-        sys.exit(1)
+        status, sentence = 2, f"error: {error}"
+    except BrokenPipeError:  # nobody reads what would still be printed
+        status = 1
+    except MemoryError as error:
+        status, sentence = 1, f"failed: {str(error) or 'the memory does not suffice'}"
     except (RuntimeError, OSError) as error:
-        print(f"failed: {error}", file=sys.stderr)
-        sys.exit(1)
+        status, sentence = 1, f"failed: {error}"
     except KeyboardInterrupt as interruption:
-        print(str(interruption) or SENTENCE, file=sys.stderr)
-        sys.exit(1)
+        status, sentence = 1, str(interruption) or SENTENCE
+    unwritten = _flushed()
+    if unwritten and not status:
+        status, sentence = 1, unwritten
+    if sentence:
+        with suppress(OSError):
+            print(sentence, file=sys.stderr)
+    if status or exits:
+        sys.exit(status)
+
+
+def _flushed() -> str:
+    """Write out what was printed; return why that is not possible, and forget what is left."""
+    try:
+        sys.stdout.flush()
+    except OSError as error:
+        os.dup2(os.open(os.devnull, os.O_WRONLY), sys.stdout.fileno())
+        reason = (error.strerror or str(error)).lower()
+        return f"failed: the standard output cannot be written: {reason}"
+    return ""

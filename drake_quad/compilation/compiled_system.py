@@ -7,14 +7,16 @@ import numpy as np
 from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from drake_quad.caching import ThreadSafeCache
 from drake_quad.compilation.program import Event, Program, Shown
 from drake_quad.compilation.topology import Exported, Port
 from drake_quad.compilation.trace import INPUTS, ROUNDING, STATE
 from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
 
-# Tables of shared numbers that are kept for the next flight, and the events in one where each comes alone.
-_MOST_TABLES, _TABLE = 256, 64
+# Tables of shared numbers that are kept for the next flight, and the events in a table where each comes alone.
+_MAX_TABLES = 256
+_TABLE_EVENTS = 64
 
 
 class Log:
@@ -66,7 +68,7 @@ class CompiledSystem(LeafSystem):
                     self._show(f"{path}.{system.get_input_port(index).get_name()}", source)
         self.recorded = dict(program.topology.outputs) if record else {}
         self._log = self.DeclareAbstractParameter(AbstractValue.Make(Log())) if record else None
-        self._tables: dict[tuple[int, int, int], np.ndarray] = {}
+        self._tables: ThreadSafeCache[np.ndarray] = ThreadSafeCache(_MAX_TABLES)
         # Between its own events, nothing may look at what takes several instants at once.
         alone = not program.places.inputs
         strides = None
@@ -211,13 +213,12 @@ class CompiledSystem(LeafSystem):
 
     def _table(self, event: Event | Shown, first: int, count: int) -> np.ndarray:
         """The shared numbers of some events, which are kept for the next flight; many are made at a time."""
-        begin, size = (first - first % _TABLE, _TABLE) if count == 1 else (first, count)
-        key = id(event), begin, size
-        if key not in self._tables:
-            if len(self._tables) == _MOST_TABLES:
-                self._tables.clear()
-            self._tables[key] = self.program.table(event.shared, self.program.times(begin, event.instants, size))
-        return self._tables[key][first - begin : first - begin + count]
+        begin, size = (first - first % _TABLE_EVENTS, _TABLE_EVENTS) if count == 1 else (first, count)
+
+        def make() -> np.ndarray:
+            return self.program.table(event.shared, self.program.times(begin, event.instants, size))
+
+        return self._tables.get((id(event), begin, size), make)[first - begin : first - begin + count]
 
     def _run(self, event: Any, context: Context, state: np.ndarray) -> np.ndarray:
         """Lets one event pass at the context's time, and returns what it logs."""

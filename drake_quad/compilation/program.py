@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 from pydrake.systems.framework import Context, Diagram
 
+from drake_quad.caching import ThreadSafeCache
 from drake_quad.compilation.blocks import Block, Work, block_of
 from drake_quad.compilation.clocked_loop import ClockedLoop
 from drake_quad.compilation.loop import Loop
@@ -23,8 +24,8 @@ from drake_quad.framework.symbols import Symbol
 # Of instants until everything happens together again.
 _LONGEST_CYCLE = 64
 # Events of diagrams that are alike but for their numbers, and the size of their fleets, are made once.
-_MOST_MADE = 256
-_made: dict[Any, Any] = {}
+_MAX_MADE = 256
+_made: ThreadSafeCache[Any] = ThreadSafeCache(_MAX_MADE)
 
 
 class Event(NamedTuple):
@@ -99,7 +100,6 @@ class Program:
         (self.num_vehicles,) = fleets
         self.places, self.sizes = self._places(diagram.CreateDefaultContext())
         self.base, self.cycle = self._grid()
-        self._contexts: dict[str, Context] = {}
 
     @property
     def others(self) -> dict[str, Any]:
@@ -291,13 +291,15 @@ class Program:
 
     def table(self, shared: SharedNumbers, times: np.ndarray) -> np.ndarray:
         """The (events, width) numbers that all vehicles share at the (events, instants) times (s)."""
+        # Made anew each time, so that threads that share a diagram do not set each other's time.
+        contexts: dict[str, Context] = {}
 
         def values(path: str, output: int, time: float) -> np.ndarray:
             system = self.topology.leaves[path]
-            if path not in self._contexts:
-                self._contexts[path] = system.CreateDefaultContext()
-            self._contexts[path].SetTime(time)
-            shown: np.ndarray = system.get_output_port(output).Eval(self._contexts[path])
+            if path not in contexts:
+                contexts[path] = system.CreateDefaultContext()
+            contexts[path].SetTime(time)
+            shown: np.ndarray = system.get_output_port(output).Eval(contexts[path])
             return shown
 
         return shared.table(times, values)
@@ -316,12 +318,7 @@ class Program:
 
     def _kept(self, key: tuple[Any, ...], make: Callable[[], Any]) -> Any:
         """Events that were made for this or for a diagram like it, or are made now."""
-        key = self._signature, *key
-        if key not in _made:
-            if len(_made) == _MOST_MADE:
-                _made.clear()
-            _made[key] = make()
-        return _made[key]
+        return _made.get((self._signature, *key), make)
 
     def _trace(self, instants: int) -> tuple[Trace, SharedNumbers]:
         shared = SharedNumbers()

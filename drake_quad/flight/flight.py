@@ -1,8 +1,6 @@
 """What a flight leaves behind."""
 
 import math
-import zipfile
-import zlib
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
@@ -14,7 +12,7 @@ from drake_quad.assembly.planning import plan_route
 from drake_quad.assembly.remarks import flight_remarks
 from drake_quad.errors import InputError, listed
 from drake_quad.extras import needed
-from drake_quad.files import output_folder, read_table, write_table, write_whole
+from drake_quad.files import output_folder, read_arrays, read_table, write_table, write_whole
 from drake_quad.framework.records import layout_of
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.plan import Plan
@@ -26,8 +24,8 @@ from drake_quad.signals import SIGNALS, Quantity, quantities, row_names
 if TYPE_CHECKING:
     import pandas as pd
 
-# What NumPy meets in a file that is not what it was.
-_DAMAGES = (OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error)
+# What a file that is not what it was raises: where it is read, and where a plan is made of its arrays.
+_DAMAGES = (OSError, ValueError, KeyError, AttributeError, TypeError)
 ARRAYS, TABLE, SCENARIO, METRICS = "flight.npz", "flight.csv", "scenario.yaml", "metrics.csv"
 # What stands beside the signals in a flight's file of arrays: how it was flown, what it crashed into, and its plan.
 _COMPILED, _TOUCHED, _OF_PLAN = "compiled", "touched", "plan."
@@ -188,8 +186,8 @@ def read_flight(path: Path | str) -> Flight:
         raise InputError(f"{path} is no flight, which has {ARRAYS}, {TABLE}, {SCENARIO} and {METRICS}")
     scenario = load_scenario(folder / SCENARIO)
     try:
-        with (folder / ARRAYS).open("rb") as file, np.load(file) as loaded:
-            arrays = {name: loaded[name] for name in loaded}
+        with (folder / ARRAYS).open("rb") as file:
+            arrays = read_arrays(file)
         time = arrays.pop("time")
         compiled = bool(arrays.pop(_COMPILED, False))
         touched = str(arrays.pop(_TOUCHED)) if _TOUCHED in arrays else None

@@ -10,6 +10,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
+from drake_quad.caching import ThreadSafeCache
 from drake_quad.framework.elementary import nearest
 from drake_quad.framework.kernels import compiled
 from drake_quad.framework.records import Layout
@@ -58,7 +59,7 @@ class TickOf(NamedTuple):
         return Tick(pair, number > 2.0 * pair)
 
 
-_kernels: dict[Any, Callable[..., None]] = {}
+_kernels: ThreadSafeCache[Callable[..., None]] = ThreadSafeCache()
 
 
 def kernel(
@@ -76,9 +77,7 @@ def kernel(
         TypeError: the formula returns something else, or branches on a row.
     """
     key = formula, tuple(map(told_apart, arguments)), results, lone
-    if key not in _kernels:
-        _kernels[key] = _made(formula, arguments, results, lone)
-    return _kernels[key]
+    return _kernels.get(key, lambda: _made(formula, arguments, results, lone))
 
 
 def told_apart(constant: Any) -> tuple[Any, str]:

@@ -1,13 +1,11 @@
 """Minimum snap as a MathematicalProgram: the form that takes inequalities."""
 
-import logging
-from collections.abc import Iterator
-from contextlib import contextmanager
 from enum import Enum
 
 import numpy as np
 from pydrake.solvers import ClarabelSolver, MathematicalProgram, SolutionResult, SolverOptions
 
+from drake_quad.process_settings import without_drake_remarks
 from drake_quad.reference.minimum_snap import (
     BOUNDARY_FORM,
     DEGREE,
@@ -40,18 +38,6 @@ _WALL_TOLERANCE = 1e-7
 _ROUNDS = 25
 # The weight of the snap beside what is exceeded: enough to choose among paths that exceed it equally.
 _SNAP_BESIDE_SLACK = 1e-6
-
-
-@contextmanager
-def without_solver_remarks() -> Iterator[None]:
-    """Keeps Drake's log from telling of attempts and roundings that nobody asked for."""
-    logger = logging.getLogger("drake")
-    level = logger.level
-    logger.setLevel(logging.WARNING)
-    try:
-        yield
-    finally:
-        logger.setLevel(level)
 
 
 class InfeasibleError(Exception):
@@ -307,7 +293,7 @@ class MinimumSnapProgram:
             options = SolverOptions()
             for name in ("tol_feas", "tol_gap_abs", "tol_gap_rel"):
                 options.SetOption(ClarabelSolver.id(), name, tolerance)
-            with without_solver_remarks():
+            with without_drake_remarks():
                 result = ClarabelSolver().Solve(self.program, None, options)
             status = result.get_solution_result()
             if status != SolutionResult.kSolverSpecificError:

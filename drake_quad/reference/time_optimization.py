@@ -4,7 +4,6 @@ Both follow exact gradients of the fast path (`minimum_snap.MinimumSnap`) with r
 segments' durations, so that a segment of 0.1 s counts as much as one of 100 s.
 """
 
-import functools
 import math
 from collections.abc import Sequence
 from contextlib import suppress
@@ -13,8 +12,8 @@ from typing import NamedTuple
 import numpy as np
 import scipy
 from pydrake.solvers import ClpSolver, MathematicalProgram
-from threadpoolctl import ThreadpoolController
 
+from drake_quad.process_settings import single_threaded_blas
 from drake_quad.reference.minimum_snap import DEGREE, FROM_BOUNDARY, Contact, MinimumSnap
 from drake_quad.reference.path_problem import Limits
 from drake_quad.reference.polynomial_path import norm_peaks, power_basis
@@ -74,15 +73,9 @@ def least_snap_durations(
     options = {"maxiter": 300, "maxfun": 600, "ftol": 1e-12, "gtol": 1e-8}
     # A step of the search may reach durations so unequal that the form is no longer positive definite in floating
     # point; what was found before stands.
-    with suppress(np.linalg.LinAlgError), _linear_algebra().limit(limits=1, user_api="blas"):
+    with suppress(np.linalg.LinAlgError), single_threaded_blas():
         scipy.optimize.minimize(logarithm_of_cost, start, jac=True, method="L-BFGS-B", bounds=bounds, options=options)
     return best[1]
-
-
-@functools.cache
-def _linear_algebra() -> ThreadpoolController:
-    """The threads of linear algebra: for a few numbers L-BFGS-B takes up to a hundred times as long with two."""
-    return ThreadpoolController()
 
 
 def shortest_durations(

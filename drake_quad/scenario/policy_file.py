@@ -7,16 +7,15 @@ another, and perhaps `initial_k` (units,). Beside them it may have `offset`, `sc
 """
 
 import io
-import zlib
 from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
-from zipfile import BadZipFile, ZipFile
 
 import numpy as np
 from pydantic import ValidationError
 
 from drake_quad.errors import InputError, listed
+from drake_quad.files import read_arrays
 from drake_quad.scenario.limits import MOST_NETWORK_BYTES
 from drake_quad.scenario.marked_tree import Mark, Tree
 from drake_quad.scenario.onnx_file import network_of_onnx
@@ -28,8 +27,6 @@ from drake_quad.scenario.reading import opened
 _MOST_BYTES = 8 * MOST_NETWORK_BYTES
 # In the paths of its errors.
 _LAYER_KINDS = ("dense", "gru")
-# What NumPy raises of a file that is broken somewhere.
-_BROKEN = (ValueError, TypeError, OSError, EOFError, KeyError, RuntimeError, MemoryError, BadZipFile, zlib.error)
 
 
 def policy_network(path: Path) -> Tree:
@@ -74,13 +71,9 @@ def _tree(value: Any, mark: Mark) -> Tree:
 
 def _of_npz(data: bytes) -> TrainedNetwork:
     try:
-        with ZipFile(io.BytesIO(data)) as packed:
-            if sum(each.file_size for each in packed.infolist()) > _MOST_BYTES:
-                raise UnreadableError(f"is too large: a network may have {MOST_NETWORK_BYTES:,} bytes of numbers")
-        with np.load(io.BytesIO(data), allow_pickle=False) as file:
-            arrays = {name: file[name] for name in file.files}
-    except _BROKEN:
-        raise UnreadableError("is not an .npz file of arrays") from None
+        arrays = read_arrays(io.BytesIO(data), max_bytes=_MOST_BYTES)
+    except ValueError as error:
+        raise UnreadableError(str(error)) from None
     for name, array in arrays.items():
         if array.dtype.kind not in ("U" if name.startswith("activation_") else "fiu"):
             raise UnreadableError(f"has {name} of type {array.dtype}, which is none of numbers")

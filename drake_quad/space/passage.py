@@ -22,7 +22,7 @@ from pydrake.geometry.optimization import (
 from pydrake.planning import GcsTrajectoryOptimization
 from pydrake.solvers import ClarabelSolver
 
-from drake_quad.reference.minimum_snap_program import without_solver_remarks
+from drake_quad.process_settings import without_drake_remarks
 from drake_quad.reference.regions import Box, Corridor, Place, Polytope, Sphere
 from drake_quad.space.regions import NARROWEST, Regions
 
@@ -121,7 +121,7 @@ def find_passage(
     options = GraphOfConvexSetsOptions()
     options.convex_relaxation, options.preprocessing, options.solver = True, True, ClarabelSolver()
     options.max_rounded_paths, options.rounding_seed = _ROUNDED_PATHS, seed
-    with without_solver_remarks():
+    with without_drake_remarks():
         _, result = graph.SolvePath(stops[0], stops[-1], options)
     if not result.is_success():
         return None

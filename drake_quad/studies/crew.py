@@ -2,7 +2,7 @@
 
 from abc import ABC, abstractmethod
 from collections import deque
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from concurrent.futures import FIRST_COMPLETED, Executor, Future, wait
 from typing import Any, NamedTuple
 
@@ -111,7 +111,7 @@ class ExecutorCrew(Crew):
 
 
 def fly_batches(
-    crew: Crew, fly: Callable[[Sequence[int]], np.ndarray], batches: Sequence[Sequence[int]]
+    crew: Crew, fly: Callable[[Sequence[int]], np.ndarray], batches: Iterable[Sequence[int]]
 ) -> Iterator[Outcome]:
     """Flies batches and yields what becomes of them, in the order in which they are done.
 
@@ -121,25 +121,27 @@ def fly_batches(
     Args:
         crew: that flies.
         fly: returns the (n, columns) rows of n samples.
-        batches: numbers of samples.
+        batches: numbers of samples; each is taken when there is room for it.
 
     Raises:
         InputError: a sample is not what the scenario may say.
         RuntimeError: no sample can be flown, by the first of them; or the crew takes no more.
     """
-    waiting, under_way = deque(batches), 0
+    fresh, halves, under_way = iter(batches), deque[Sequence[int]](), 0
     flown, failed_alone = False, 0
-    while waiting or under_way:
-        while waiting and under_way < crew.capacity:
-            crew.begin(fly, waiting.popleft())
+    while True:
+        while under_way < crew.capacity and (batch := halves.popleft() if halves else next(fresh, None)) is not None:
+            crew.begin(fly, batch)
             under_way += 1
+        if not under_way:
+            return
         for outcome in crew.finished():
             under_way -= 1
             if outcome.refused:
                 raise InputError(outcome.reason)
             if outcome.reason and len(outcome.given) > 1:
                 middle = len(outcome.given) // 2
-                waiting.extendleft((outcome.given[middle:], outcome.given[:middle]))
+                halves.extendleft((outcome.given[middle:], outcome.given[:middle]))
                 continue
             flown, failed_alone = flown or not outcome.reason, failed_alone + bool(outcome.reason)
             if not flown and failed_alone == _HOPELESS:

@@ -2,7 +2,7 @@
 
 import math
 import uuid
-from collections.abc import Callable, Iterator, Sequence
+from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
 from functools import partial
@@ -90,6 +90,7 @@ def run_monte_carlo(
             holds another study or one that is not to be resumed.
         OSError: rows could not be written, or a cluster is gone; the rows before are saved.
         RuntimeError: no sample can be flown; the rows before are saved.
+        MemoryError: the memory does not suffice; the rows before are saved.
         StudyInterrupted: by Ctrl-C; what is done is saved.
     """
     num_workers = num_cores() if num_workers is None else num_workers
@@ -107,8 +108,8 @@ def run_monte_carlo(
                 _check_alike(crew, job)
             duration = flight_duration(scenario, plan)
             with open_study(folder, scenario, num_samples, duration, own, compiled=compiled, resume=resume) as rows:
-                batches = _batches(rows.missing, crew.num_workers, batch_size)
-                _fly(crew, job._replace(num_vehicles=max(map(len, batches), default=1)), batches, rows, progress)
+                size = _size_of_batches(len(rows.missing), crew.num_workers, batch_size)
+                _fly(crew, job._replace(num_vehicles=size), rows, progress)
             if rows.failures and not len(rows):
                 sample, reason = min(rows.failures.items())
                 raise RuntimeError(f"no sample can be flown; sample {sample}: {reason}")
@@ -118,6 +119,8 @@ def run_monte_carlo(
         raise OSError(f"{error}; {_saved(rows)}") from error
     except RuntimeError as error:
         raise RuntimeError(f"{error}; {_saved(rows)}") from error
+    except MemoryError as error:
+        raise MemoryError(f"the memory does not suffice; {_saved(rows)}") from error
     finally:
         forget()
     return rows.study()
@@ -130,19 +133,20 @@ def _saved(rows: StudyRows | None) -> str:
 def _fly(
     crew: Crew,
     job: Job,
-    batches: Sequence[Sequence[int]],
     rows: StudyRows,
     progress: Callable[[int, int], None] | None,
 ) -> None:
-    """Flies the batches of a study and takes in their rows."""
+    """Flies what is missing of a study, in batches of as many vehicles as the job has, and takes in their rows."""
+    missing, size = rows.missing, job.num_vehicles
 
     def report() -> None:
         if progress is not None:
             progress(len(rows) + len(rows.failures), rows.num_samples)
 
     report()
-    if batches and not job.own.given and isinstance(crew, Workers) and crew.inherit:
+    if missing and not job.own.given and isinstance(crew, Workers) and crew.inherit:
         prepare(job)
+    batches = (missing[first : first + size] for first in range(0, len(missing), size))
     for outcome in fly_batches(crew, partial(fly_batch, job), batches):
         rows.add(outcome)
         report()
@@ -192,9 +196,9 @@ def _check_alike(crew: Crew, job: Job) -> None:
             )
 
 
-def _batches(samples: Sequence[int], num_workers: int, batch_size: int | None) -> list[Sequence[int]]:
-    """Samples in batches: if nothing else is asked for, equally many for every worker, and nearly equally large."""
+def _size_of_batches(num_samples: int, num_workers: int, batch_size: int | None) -> int:
+    """How many samples a batch has: if nothing else is asked for, every worker has as many batches, nearly equal."""
     if batch_size is None:
-        rounds = math.ceil(len(samples) / (num_workers * _BATCH_SIZE))
-        batch_size = math.ceil(len(samples) / max(rounds * num_workers, 1))
-    return [samples[first : first + batch_size] for first in range(0, len(samples), max(batch_size, 1))]
+        rounds = math.ceil(num_samples / (num_workers * _BATCH_SIZE))
+        batch_size = math.ceil(num_samples / max(rounds * num_workers, 1))
+    return max(min(batch_size, num_samples), 1)

@@ -12,6 +12,7 @@ from drake_quad.errors import InputError
 from drake_quad.files import output_folder, write_table, write_whole
 from drake_quad.scenario import Scenario, load_scenario, save_scenario
 from drake_quad.studies.crew import Outcome
+from drake_quad.studies.missing_samples import MissingSamples
 from drake_quad.studies.results_file import Found, ResultsFile, open_results, write_results
 from drake_quad.studies.study import (
     FAILED,
@@ -51,31 +52,29 @@ class StudyRows:
         self._scenario, self.num_samples, self._duration, self._file = scenario, num_samples, duration, file
         columns = columns_of(scenario)
         self._crash_time = columns.index("crash_time")
-        self._table = np.full((num_samples, len(columns)), np.nan)
+        self._parts = [np.empty((0, len(columns)))]
         self._misfits: list[int] = []
         if found is not None:
-            self._table[found.rows[:, 0].astype(int)] = found.rows
+            self._parts.append(found.rows)
             self._misfits = sorted(found.misfits)
+        self._count = sum(map(len, self._parts))
         self._flown_time = 0.0
         self.failures: dict[int, str] = {}
 
     def __len__(self) -> int:
-        return int(self._there.sum())
+        return self._count
 
     @property
-    def _there(self) -> np.ndarray:
-        return ~np.isnan(self._table[:, 0])
-
-    @property
-    def missing(self) -> list[int]:
-        """The samples that are not there."""
-        missing: list[int] = np.flatnonzero(~self._there).tolist()
-        return missing
+    def missing(self) -> MissingSamples:
+        """The samples that are not there by now."""
+        return MissingSamples(self.num_samples, np.concatenate([part[:, 0] for part in self._parts]))
 
     @property
     def rows(self) -> np.ndarray:
         """The (n, columns) rows that are there, by rising samples."""
-        return self._table[self._there]
+        self._parts = [np.concatenate(self._parts)]
+        (rows,) = self._parts
+        return rows[np.argsort(rows[:, 0])]
 
     @property
     def saved(self) -> str:
@@ -103,7 +102,8 @@ class StudyRows:
         """
         if self._file is not None:
             self._file.append(rows)
-        self._table[rows[:, 0].astype(int)] = rows
+        self._parts.append(rows)
+        self._count += len(rows)
         self._flown_time += float(np.minimum(rows[:, self._crash_time], self._duration).sum())
 
     def study(self) -> Study:

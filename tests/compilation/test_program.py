@@ -14,6 +14,7 @@ from pydrake.systems.primitives import (
 )
 from pydrake.trajectories import PiecewisePolynomial
 
+from drake_quad.caching import ThreadSafeCache
 from drake_quad.compilation import compile_diagram, compiled_part, program
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import FleetSystem, fleet_system
@@ -64,7 +65,7 @@ def diagram_of(n=1, *, hold=0.02, gain=3.0, connected=True, value=4.0, name="sma
 @pytest.fixture
 def made(monkeypatch):
     """The loops that are made from now on; before, none had been."""
-    monkeypatch.setattr(program, "_made", {})
+    monkeypatch.setattr(program, "_made", ThreadSafeCache())
     loops, make = [], program.Loop
 
     def count(*args, **options):
@@ -210,7 +211,7 @@ def test_what_is_recorded_and_how_much_at_once_make_other_events_too(made):
 
 
 def test_events_that_are_made_anew_when_too_many_are_kept_do_the_same(made, monkeypatch):
-    monkeypatch.setattr(program, "_MOST_MADE", 2)
+    monkeypatch.setattr(program, "_made", ThreadSafeCache(2))
     diagram = diagram_of()
     first = flown(diagram)
     assert len(program._made) <= 2
@@ -221,7 +222,7 @@ def test_tables_that_are_made_anew_when_too_many_are_kept_say_the_same(monkeypat
     diagram = diagram_of()
     logs = []
     for most in (256, 1):
-        monkeypatch.setattr("drake_quad.compilation.compiled_system._MOST_TABLES", most)
+        monkeypatch.setattr("drake_quad.compilation.compiled_system._MAX_TABLES", most)
         compiled = compile_diagram(diagram, ticks=2, record=True)
         part = compiled_part(compiled)
         for _ in range(2):

@@ -145,7 +145,7 @@ def test_what_is_whole_of_a_cut_log_is_read_and_the_loss_is_said(written):
     record = read_log(written(GOOD[: HEAD + 10 * 22 + 13]))
     np.testing.assert_allclose(np.degrees(record.body_rates[:, 0]), np.arange(10.0), atol=1e-9)
     assert said(record, "the checksum is wrong")
-    assert said(record, "the last 13 bytes are no whole record")
+    assert said(record, "the last 13 bytes are not read: no whole record")
     assert not said(read_log(written(GOOD)), "checksum")
 
 

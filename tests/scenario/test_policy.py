@@ -209,7 +209,7 @@ def test_an_npz_that_would_fill_the_memory_is_refused(tmp_path):
     np.savez_compressed(tmp_path / "net.npz", weights_0=np.zeros((1000, 1000)), biases_0=np.zeros(1000))
     assert (tmp_path / "net.npz").stat().st_size < 20_000
     (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.npz"), encoding="utf-8")
-    with pytest.raises(InputError, match="is too large: a network may have 300,000 bytes"):
+    with pytest.raises(InputError, match="is too large: its arrays have more than 2,400,000 bytes"):
         load_scenario(tmp_path / "mine.yaml")
     np.save(tmp_path / "net.npy", np.zeros(3))
     (tmp_path / "net.npy").rename(tmp_path / "net.npz")

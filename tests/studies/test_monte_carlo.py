@@ -6,6 +6,7 @@ import shutil
 import signal
 import threading
 import time
+import tracemalloc
 from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
@@ -471,10 +472,39 @@ def test_failures_are_written_in_the_order_of_their_samples(tmp_path):
     ],
 )
 def test_every_worker_has_as_many_batches_of_a_thousand_at_most(count, num_workers, batch_size, sizes):
-    samples = range(100, 100 + count)
-    batches = run_module._batches(samples, num_workers, batch_size)
-    assert [len(batch) for batch in batches] == sizes
-    assert [sample for batch in batches for sample in batch] == list(samples)
+    size = run_module._size_of_batches(count, num_workers, batch_size)
+    assert [min(size, count - first) for first in range(0, count, size)] == sizes
+
+
+def test_a_study_takes_memory_for_what_is_flown_and_not_for_what_is_to_be_flown(tmp_path):
+    """Two thousand million samples would take 250 GB."""
+    count, seen = 2_000_000_000, []
+
+    def stop(done, total):
+        seen.append(total)
+        if done >= 4:
+            raise KeyboardInterrupt
+
+    scenario = load_scenario("hover", ["duration=0.05"])
+    tracemalloc.start()
+    try:
+        with ThreadPoolExecutor(1) as executor, pytest.raises(run_module.StudyInterrupted, match="4 of 2000000000"):
+            run_monte_carlo(scenario, count, folder=tmp_path, executor=executor, batch_size=2, progress=stop)
+        _, peak = tracemalloc.get_traced_memory()
+    finally:
+        tracemalloc.stop()
+    assert peak < 100e6
+    assert {*seen} == {count}
+    assert read_study(tmp_path).samples.tolist() == [0, 1, 2, 3]
+
+
+def test_without_memory_a_study_says_what_is_saved(monkeypatch, tmp_path):
+    def full(*_):
+        raise MemoryError
+
+    monkeypatch.setattr(run_module.StudyRows, "add", full)
+    with pytest.raises(MemoryError, match=r"^the memory does not suffice; 0 of 2 samples are in .*results.csv$"):
+        run_monte_carlo(load_scenario("hover", ["duration=0.05"]), 2, folder=tmp_path, num_workers=1)
 
 
 class Known(Crew):

@@ -12,6 +12,7 @@ All is little-endian, names end in a zero, and t is the letter of the type in Py
 """
 
 import zlib
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -136,27 +137,74 @@ def _kind(header: _Header, log: LogFile, name: str, clock: str) -> _Kind:
 
 def _places(log: LogFile, start: int, kinds: dict[int, _Kind]) -> tuple[dict[int, list[int]], list[str]]:
     """Where the records of each event type begin, by its id, and remarks on what is lost."""
-    data, remarks = log.data, list(log.remarks)
-    intact = int.from_bytes(data[-_CHECKSUM:], "little") == zlib.crc32(memoryview(data)[:-_CHECKSUM])
-    end = len(data) - _CHECKSUM if intact else len(data)
-    sizes = {identity: kind.layout.itemsize for identity, kind in kinds.items()}
+    data, sizes = log.data, {identity: kind.layout.itemsize for identity, kind in kinds.items()}
+    if int.from_bytes(data[-_CHECKSUM:], "little") == zlib.crc32(memoryview(data)[:-_CHECKSUM]):
+        records = _chain(memoryview(data)[:-_CHECKSUM], start, sizes)
+        end = _end_of(records, start, sizes)
+        remarks = _unread(log, end, sizes) if end < len(data) - _CHECKSUM else []
+    else:
+        records = _chain(memoryview(data), start, sizes)
+        count = _count_before_checksum(data, records, start, sizes)
+        if count is None:
+            remarks = ["the checksum is wrong: the log is cut or damaged", *_cut(log, records, start, sizes)]
+        else:
+            del records[count:]
+            end = _end_of(records, start, sizes) + _CHECKSUM
+            remarks = [log.unread(end, "they stand behind the log and its checksum")]
     places: dict[int, list[int]] = {identity: [] for identity in kinds}
-    place = start
-    while place + 2 <= end:
+    for identity, place in records:
+        places[identity].append(place)
+    return places, [*log.remarks, *remarks]
+
+
+def _chain(data: memoryview, start: int, sizes: Mapping[int, int]) -> list[tuple[int, int]]:
+    """The id and the place of each record from a place on, until no whole one follows."""
+    records, place, last = [], start, len(data) - 2
+    while place <= last:
         identity = data[place] | data[place + 1] << 8
         size = sizes.get(identity)
-        if size is None or place + size > end:
+        if size is None or place + size > len(data):
             break
-        places[identity].append(place)
+        records.append((identity, place))
         place += size
-    if not intact:
-        remarks.append("the checksum is wrong: the log is cut or damaged")
-    left = end - place
-    if place + 2 <= end and identity not in sizes and left > _CHECKSUM:
-        remarks.append(f"the last {left:,} bytes are not read: {identity} is the id of no event type")
-    elif left and not (left == _CHECKSUM and not intact):
-        remarks.append(f"the last {left:,} bytes are no whole record")
-    return places, remarks
+    return records
+
+
+def _count_before_checksum(
+    data: bytes, records: Sequence[tuple[int, int]], start: int, sizes: Mapping[int, int]
+) -> int | None:
+    """How many records lie before the place at which the checksum of all before stands; None if there is none."""
+    checksum, view = zlib.crc32(memoryview(data)[:start]), memoryview(data)
+    for count, place in enumerate([*(place for _, place in records), _end_of(records, start, sizes)]):
+        checksum = zlib.crc32(view[start:place], checksum)
+        start = place
+        if data[place : place + _CHECKSUM] == checksum.to_bytes(_CHECKSUM, "little"):
+            return count
+    return None
+
+
+def _end_of(records: Sequence[tuple[int, int]], start: int, sizes: Mapping[int, int]) -> int:
+    """The place of the byte behind the last record."""
+    identity, place = records[-1] if records else (None, start)
+    return place + (0 if identity is None else sizes[identity])
+
+
+def _cut(log: LogFile, records: list[tuple[int, int]], start: int, sizes: Mapping[int, int]) -> list[str]:
+    """Removes the records of a cut log that reach into the zeros or 0xff behind it; remarks on what is not read."""
+    end = _end_of(records, start, sizes)
+    if end < len(log.data) or (records and log.written <= records[-1][1]):
+        while records and _end_of(records, start, sizes) > log.written:
+            records.pop()
+    end = _end_of(records, start, sizes)
+    # A log that is damaged further ahead ends in its checksum.
+    return _unread(log, end, sizes) if len(log.data) - end not in (0, _CHECKSUM) else []
+
+
+def _unread(log: LogFile, end: int, sizes: Mapping[int, int]) -> list[str]:
+    """A remark on bytes that no whole record begins with."""
+    identity = int.from_bytes(log.data[end : end + 2], "little")
+    is_known = identity in sizes or len(log.data) - end <= _CHECKSUM
+    return [log.unread(end, "no whole record" if is_known else f"{identity} is the id of no event type")]
 
 
 def _table(log: LogFile, kind: _Kind, places: list[int], unit: float) -> Table:

@@ -36,6 +36,28 @@ class LogFile(NamedTuple):
         return Mark(str(self.path), 0)
 
     @property
+    def written(self) -> int:
+        """Number of bytes before the run of zeros, or of the byte 0xff, with which the data end.
+
+        After a loss of power a file may end in such a run, since its length was set before its content was written.
+        """
+        last = self.data[-1:]
+        return len(self.data.rstrip(last)) if last in (b"\0", b"\xff") else len(self.data)
+
+    def unread(self, end: int, reason: str) -> str:
+        """Return a sentence on the bytes from `end` on, which are not read.
+
+        Args:
+            end: number of bytes that are read.
+            reason: why the others are not, or what they are, if they are not only zeros or only 0xff.
+        """
+        rest = set(self.data[end:])
+        if rest in ({0}, {255}):
+            reason = f"all {'0xff' if rest == {255} else 'zeros'}, as after a loss of power"
+        count = len(self.data) - end
+        return f"the last {f'{count:,} bytes are' if count > 1 else 'byte is'} not read: {reason}"
+
+    @property
     def name(self) -> str:
         """The name of the file without what says how it is packed and written."""
         name = self.path.name.removesuffix(".gz").removesuffix(".xz")

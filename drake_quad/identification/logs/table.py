@@ -48,7 +48,7 @@ def read_table_file(log: LogFile, given: tuple[str, Mapping] | None) -> TableFil
     Raises:
         InputError: it is no text, no mapping fits, or a cell is no number.
     """
-    text = _text(log)
+    text, cut = _text(log)
     name, mapping, names = _fitting(log, text, given)
     header, rows, lines, lost = _rows(log, text, mapping.delimiter)
     chosen = mapping.chosen(set(names))
@@ -63,23 +63,29 @@ def read_table_file(log: LogFile, given: tuple[str, Mapping] | None) -> TableFil
         for each in sorted(wanted)
     }
     time = columns.pop(mapping.time.column) * UNITS["s"][mapping.time.unit].scale
-    remarks = (*log.remarks, f"the mapping is {name}: {mapping.description}".removesuffix(": "), *lost)
+    remarks = (*log.remarks, *cut, f"the mapping is {name}: {mapping.description}".removesuffix(": "), *lost)
     return TableFile(Table("", time, columns), mapping, tuple(each for each in names if each), remarks)
 
 
-def _text(log: LogFile) -> str:
-    if len(log.data) > MOST_BYTES:
+def _text(log: LogFile) -> tuple[str, list[str]]:
+    """The lines before the first byte that is no text, and a remark on what follows them, if anything does."""
+    data = log.data
+    if len(data) > MOST_BYTES:
         raise InputError(f"{log.mark}: is too large: a CSV file may have {MOST_BYTES:,} bytes")
+    end = len(data) if (null := data.find(b"\0")) < 0 else null
     try:
-        text = log.data.decode("utf-8-sig")
-    except UnicodeDecodeError:
-        text = "\0"
-    if "\0" in text:
+        data[:end].decode("utf-8")
+    except UnicodeDecodeError as error:
+        end = error.start
+    if end < len(data):
+        end = 1 + max(data.rfind(b"\n", 0, end), data.rfind(b"\r", 0, end))
+    if not end:
         raise InputError(
             f"{log.mark}: is none of the logs that can be read: a Crazyflie's, which begins with the byte 0xBC, PX4's"
             " ULog, and CSV"
         )
-    return text
+    lost = [] if end == len(data) else [log.unread(end, "no line of text")]
+    return data[:end].decode("utf-8-sig"), lost
 
 
 def _fitting(log: LogFile, text: str, given: tuple[str, Mapping] | None) -> tuple[str, Mapping, list[str]]:

@@ -18,6 +18,8 @@ _SECOND = 1e-6
 _CLOCKWISE = [(True, True), (False, True), (False, False), (True, False)]
 # Of a topic, with those of its arrays: more than any of PX4 has.
 _MOST_FIELDS = 20_000
+_HEADER_SIZE = 16
+_MESSAGE_TYPES = frozenset(b"ABCDFILMOPQRS")
 
 
 class _Bounded(io.BytesIO):
@@ -58,25 +60,84 @@ def ulog_tables(log: LogFile, mapping: Mapping) -> ULogTables:
     Raises:
         InputError: pyulog is not installed, or cannot read the log.
     """
-    try:
-        from pyulog import ULog
-    except ImportError:
-        raise InputError(f"{log.mark}: a ULog is read by pyulog: pip install 'drake_quad[ulog]'") from None
     topics = {name.partition(".")[0] for name in mapping.names}
+    chain = _chain_of(log)
+    remarks = [*log.remarks, *chain.remarks]
     try:
-        # What it prints is said in remarks.
-        with contextlib.redirect_stdout(io.StringIO()):
-            _check_fields(ULog(_Bounded(log.data), parse_header_only=True).message_formats)
-            read = ULog(_Bounded(log.data), sorted(topics))
-    except Exception as error:  # of a damaged log pyulog raises whatever its lines meet
-        reason = shortened(str(error) or type(error).__name__)
-        raise InputError(f"{log.mark}: is a ULog that cannot be read: {reason}") from None
+        read = _read(log, log.data[: log.written if chain.goes_on else chain.end], topics)
+    except InputError:
+        read = _read(log, log.data[: chain.end], topics) if chain.goes_on else None
+        if read is None or not read.data_list:
+            raise
+        remarks.append(log.unread(chain.end, "pyulog cannot read on from there"))
+    else:
+        if read.file_corruption and not chain.goes_on:
+            remarks.append("the log is damaged; read what pyulog finds whole")
     topics_read = [topic for topic in read.data_list if topic.multi_id == 0 and "timestamp" in topic.data]
     start = min((int(topic.data["timestamp"][0]) for topic in topics_read), default=0)
     tables = [_table(topic, start) for topic in topics_read]
     if not tables:
         raise InputError(f"{log.mark}: is a ULog without any of the topics {', '.join(sorted(topics))}")
-    return ULogTables(tables, [*log.remarks, *_remarks(read)], _rotors(read.initial_parameters))
+    return ULogTables(tables, [*remarks, *_dropouts(read)], _rotors(read.initial_parameters))
+
+
+class _Chain(NamedTuple):
+    """The messages that follow one another from the beginning of a log.
+
+    Attributes:
+        end: the place of the byte behind the last of them.
+        goes_on: whether something follows that may hold further messages.
+        remarks: on what follows.
+    """
+
+    end: int
+    goes_on: bool
+    remarks: list[str]
+
+
+def _chain_of(log: LogFile) -> _Chain:
+    """Find the end of the whole messages of a log.
+
+    A log that was cut may go on with zeros or 0xff. A message that reaches into these does not count, since its end may
+    be missing.
+    """
+    data, written = log.data, log.written
+    place = end = _HEADER_SIZE
+    while place + 3 <= len(data):
+        size, kind = data[place] | data[place + 1] << 8, data[place + 2]
+        known = kind in _MESSAGE_TYPES
+        if not known or place + 3 + size > len(data):
+            break
+        place += 3 + size
+        if place <= written:
+            end = place
+    if place >= len(data):
+        return _Chain(len(data), goes_on=False, remarks=[])
+    if place + 3 > written or known:
+        return _Chain(end, goes_on=False, remarks=[log.unread(end, "no whole message, so the log is cut")])
+    return _Chain(
+        place, goes_on=True, remarks=[f"the log is damaged from byte {place:,} on; read what pyulog finds whole"]
+    )
+
+
+def _read(log: LogFile, data: bytes, topics: set[str]) -> Any:
+    """Have pyulog read some topics.
+
+    Raises:
+        InputError: pyulog is not installed, or cannot read the data.
+    """
+    try:
+        from pyulog import ULog
+    except ImportError:
+        raise InputError(f"{log.mark}: a ULog is read by pyulog: pip install 'drake_quad[ulog]'") from None
+    try:
+        # What it prints is said in remarks.
+        with contextlib.redirect_stdout(io.StringIO()):
+            _check_fields(ULog(_Bounded(data), parse_header_only=True).message_formats)
+            return ULog(_Bounded(data), sorted(topics))
+    except Exception as error:  # of a damaged log pyulog raises whatever its lines meet
+        reason = shortened(str(error) or type(error).__name__)
+        raise InputError(f"{log.mark}: is a ULog that cannot be read: {reason}") from None
 
 
 def _rotors(parameters: collections.abc.Mapping[str, Any]) -> tuple[int, ...] | None:
@@ -125,14 +186,12 @@ def _table(topic: Any, start: int) -> Table:
     return Table(topic.name, seconds(topic.data["timestamp"]), columns, seconds(sampled) if known else None)
 
 
-def _remarks(read: Any) -> list[str]:
-    remarks = []
+def _dropouts(read: Any) -> list[str]:
+    """A sentence on the dropouts of the logger, if there are any."""
     lengths = np.array([dropout.duration for dropout in read.dropouts]) * 1e-3
-    if len(lengths):
-        remarks.append(
-            f"{len(lengths)} dropout{'s' if len(lengths) > 1 else ''} of the logger, {lengths.sum():.3g} s in all, the"
-            f" longest of {lengths.max():.3g} s"
-        )
-    if read.file_corruption:
-        remarks.append("the log is damaged; read what pyulog finds whole")
-    return remarks
+    if not len(lengths):
+        return []
+    return [
+        f"{len(lengths)} dropout{'s' if len(lengths) > 1 else ''} of the logger, {lengths.sum():.3g} s in all, the"
+        f" longest of {lengths.max():.3g} s"
+    ]

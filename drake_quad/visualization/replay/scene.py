@@ -1,6 +1,5 @@
 """What stands still in a scene: the room, the path of the reference, fans and the camera."""
 
-import logging
 from collections.abc import Mapping, Sequence
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -11,6 +10,7 @@ from pydrake.math import RigidTransform
 
 from drake_quad.assembly.laboratory import jets
 from drake_quad.assembly.space import space_of
+from drake_quad.process_settings import without_drake_remarks
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.wind import Fan
@@ -59,11 +59,8 @@ class Room(NamedTuple):
 
 def local_meshcat() -> Meshcat:
     """Starts a Meshcat server that only this machine can reach, with an empty scene."""
-    log = logging.getLogger("drake")
-    level = log.level
-    log.setLevel(logging.WARNING)  # a page that is only written needs no address
-    meshcat = Meshcat(MeshcatParams(host="127.0.0.1", show_stats_plot=False))
-    log.setLevel(level)
+    with without_drake_remarks():  # a page that is only written needs no address
+        meshcat = Meshcat(MeshcatParams(host="127.0.0.1", show_stats_plot=False))
     for name in ("/Axes", "/Grid"):
         meshcat.SetProperty(name, "visible", False)
     # Light from everywhere, so that colours look like those of the legend.

@@ -1,0 +1,106 @@
+"""Whatever goes wrong, a command ends with a sentence and a status, and prints on whatever there is."""
+
+import io
+import os
+import subprocess
+import sys
+from pathlib import Path
+
+from drake_quad.command_line.running import orderly_exit
+
+import pytest
+
+from drake_quad import InputError
+
+
+def status_of(words, error):
+    """The status with which a process ends that prints words and then raises an error, if one is given."""
+
+    def command():
+        print(words)
+        if error is not None:
+            raise error
+
+    with pytest.raises(SystemExit) as stop, orderly_exit():
+        command()
+    return stop.value.code
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "sentence"),
+    [
+        (InputError("the route is empty"), 2, "error: the route is empty\n"),
+        (RuntimeError("it diverged"), 1, "failed: it diverged\n"),
+        (ConnectionError("the scheduler is gone"), 1, "failed: the scheduler is gone\n"),
+        (MemoryError(), 1, "failed: the memory does not suffice\n"),
+        (MemoryError("nothing was written"), 1, "failed: nothing was written\n"),
+        (KeyboardInterrupt(), 1, "interrupted: nothing was written\n"),
+        (BrokenPipeError(), 1, ""),
+        (SystemExit(3), 3, ""),
+        (SystemExit(), None, ""),
+    ],
+)
+def test_what_fails_ends_in_a_sentence_and_a_status(error, status, sentence, capsys):
+    assert status_of("before", error) == status
+    assert capsys.readouterr() == ("before\n", sentence)
+
+
+def test_what_does_not_fail_goes_on(capsys):
+    with orderly_exit():
+        print("done")
+    assert capsys.readouterr() == ("done\n", "")
+
+
+def test_an_error_that_is_no_person_s_is_shown_in_full():
+    with pytest.raises(ZeroDivisionError), orderly_exit():
+        1 // 0  # noqa: B018
+
+
+@pytest.mark.parametrize("encoding", ["latin-1", "ascii", "cp1252"])
+def test_characters_that_a_terminal_lacks_are_escaped(encoding, monkeypatch):
+    written = {name: io.TextIOWrapper(io.BytesIO(), encoding=encoding) for name in ("stdout", "stderr")}
+    for name, stream in written.items():
+        monkeypatch.setattr(sys, name, stream)
+    assert status_of("∫ω dt ≤ 5", InputError("∆ is no name")) == 2
+    printed = [stream.buffer.getvalue().decode(encoding) for stream in written.values() if not stream.flush()]
+    assert printed == ["\\u222b\\u03c9 dt \\u2264 5\n", "error: \\u2206 is no name\n"]
+
+
+def test_without_a_standard_output_nothing_is_printed_and_nothing_fails(monkeypatch):
+    """As after `>&-`. What is written straight to it goes nowhere."""
+    monkeypatch.setattr(sys, "stdout", None)
+    with orderly_exit():
+        print("lost")
+        sys.stdout.write("lost")
+    sys.stdout.close()
+
+
+@pytest.mark.parametrize(
+    ("error", "status", "words"),
+    [
+        (None, 1, "failed: the standard output cannot be written: no space left on device\n"),
+        (SystemExit(0), 1, "failed: the standard output cannot be written: no space left on device\n"),
+        (InputError("the route is empty"), 2, "error: the route is empty\n"),
+    ],
+)
+def test_a_full_device_is_a_failure(error, status, words, monkeypatch, capsys):
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        monkeypatch.setattr(sys, "stdout", full)
+        assert (status_of("a table", error), capsys.readouterr().err) == (status, words)
+
+
+def test_a_sentence_that_cannot_be_written_changes_no_status(monkeypatch, capsys):
+    with Path("/dev/full").open("w", buffering=1, encoding="utf-8") as full:
+        monkeypatch.setattr(sys, "stderr", full)
+        assert status_of("before", InputError("the route is empty")) == 2
+
+
+@pytest.mark.parametrize("arguments", [["--version"], ["--help"]])
+def test_a_command_on_a_full_device_has_no_traceback(arguments, root):
+    environment = {**os.environ, "PYTHONPATH": str(root)}
+    environment.pop("PYTHONUNBUFFERED", None)
+    with Path("/dev/full").open("w", encoding="utf-8") as full:
+        command = [sys.executable, "-m", "drake_quad", *arguments]
+        done = subprocess.run(command, stdout=full, stderr=subprocess.PIPE, text=True, cwd=root, env=environment)
+    sentence = "failed: the standard output cannot be written: no space left on device\n"
+    assert (done.returncode, done.stderr) == (1, sentence)

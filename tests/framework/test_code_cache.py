@@ -1,0 +1,201 @@
+"""Machine code from the disk is run only if this user wrote it there, whole and under its own name."""
+
+import ctypes
+import os
+import re
+import threading
+from contextlib import nullcontext
+from pathlib import Path
+
+import pytest
+
+from drake_quad.caching import ThreadSafeCache
+from drake_quad.framework import code_cache, machine_code
+
+NAME, OTHER = (f"kernel_{digit * 32}" for digit in "12")
+CODE = bytes(range(200))
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """The folder of the cache, which is not there yet; remarks are logged anew."""
+    code_cache._remark.cache_clear()
+    monkeypatch.setenv("DRAKE_QUAD_CACHE", str(tmp_path / "cache"))
+    return tmp_path / "cache"
+
+
+@pytest.fixture
+def file(folder):
+    """The file of a module that can be read."""
+    code_cache.write(NAME, CODE)
+    assert code_cache.read(NAME) == CODE
+    return folder / f"{NAME}.o"
+
+
+def test_only_the_user_can_write_to_what_is_written(folder):
+    before = os.umask(0)
+    try:
+        code_cache.write(NAME, CODE)
+    finally:
+        os.umask(before)
+    (file,) = folder.iterdir()
+    assert (file.name, oct(file.stat().st_mode & 0o777)) == (f"{NAME}.o", "0o600")
+    assert oct(folder.stat().st_mode & 0o777) == "0o700"
+
+
+def test_the_file_of_another_module_is_not_read(file):
+    code_cache.write(OTHER, CODE[::-1])
+    file.write_bytes((file.parent / f"{OTHER}.o").read_bytes())
+    assert code_cache.read(NAME) is None
+    assert code_cache.read(OTHER) == CODE[::-1]
+
+
+def test_a_valid_digest_of_nothing_is_not_read(file):
+    file.write_bytes(code_cache._digest(NAME, b""))
+    assert code_cache.read(NAME) is None
+
+
+@pytest.mark.parametrize("mode", [0o620, 0o602, 0o666], ids=oct)
+def test_a_file_that_others_can_write_is_not_read(file, mode):
+    file.chmod(mode)
+    assert code_cache.read(NAME) is None
+
+
+@pytest.mark.parametrize("mode", [0o770, 0o707, 0o777, 0o1777], ids=oct)
+def test_a_folder_that_others_can_write_is_not_used_and_this_is_said_once(file, mode, caplog):
+    file.parent.chmod(mode)
+    assert code_cache.read(NAME) is None
+    code_cache.write(OTHER, CODE)
+    assert [*file.parent.iterdir()] == [file]
+    (record,) = caplog.records
+    assert record.getMessage().startswith(f"{file.parent} belongs to another user or can be written by others")
+    file.parent.chmod(0o755)
+    assert code_cache.read(NAME) == CODE
+
+
+def test_what_belongs_to_another_user_is_not_used(file, monkeypatch):
+    monkeypatch.setattr(os, "geteuid", lambda: file.stat().st_uid + 1)
+    assert code_cache.read(NAME) is None
+    code_cache.write(OTHER, CODE)
+    assert [*file.parent.iterdir()] == [file]
+    # A file may be another's though the folder is not.
+    monkeypatch.setattr(code_cache, "_is_ours", lambda folder: True)
+    assert code_cache.read(NAME) is None
+
+
+def link(file, elsewhere):
+    elsewhere.write_bytes(file.read_bytes())
+    file.unlink()
+    file.symlink_to(elsewhere)
+
+
+def folder_there(file, _):
+    file.unlink()
+    file.mkdir()
+
+
+def fifo(file, _):
+    file.unlink()
+    os.mkfifo(file, 0o600)
+
+
+def fifo_that_is_held_open(file, _):
+    """By somebody who writes nothing."""
+    fifo(file, _)
+    return os.fdopen(os.open(file, os.O_RDWR), "rb")
+
+
+@pytest.mark.parametrize("replace", [link, folder_there, fifo, fifo_that_is_held_open])
+def test_what_is_no_regular_file_is_neither_read_nor_waited_for(file, replace, tmp_path):
+    found = []
+    with replace(file, tmp_path / "elsewhere") or nullcontext():
+        thread = threading.Thread(target=lambda: found.append(code_cache.read(NAME)), daemon=True)
+        thread.start()
+        thread.join(10.0)
+        assert found == [None]
+
+
+def test_a_folder_that_is_a_file_is_not_used(folder):
+    folder.write_text("")
+    assert code_cache.read(NAME) is None
+    code_cache.write(NAME, CODE)
+    assert folder.read_text() == ""
+
+
+@pytest.mark.parametrize(
+    ("variables", "expected"),
+    [
+        ({"XDG_CACHE_HOME": "/caches"}, "/caches/drake_quad"),
+        ({"XDG_CACHE_HOME": "caches"}, "/home/me/.cache/drake_quad"),
+        ({"XDG_CACHE_HOME": ""}, "/home/me/.cache/drake_quad"),
+        ({}, "/home/me/.cache/drake_quad"),
+        ({"HOME": "me"}, None),
+        ({"DRAKE_QUAD_CACHE": "/here", "XDG_CACHE_HOME": "/caches"}, "/here"),
+        ({"DRAKE_QUAD_CACHE": "here", "XDG_CACHE_HOME": "/caches"}, None),
+        ({"DRAKE_QUAD_CACHE": "", "XDG_CACHE_HOME": "/caches"}, None),
+    ],
+)
+def test_a_relative_path_names_no_folder(variables, expected, monkeypatch):
+    monkeypatch.setattr("sys.platform", "linux")
+    for name in ("DRAKE_QUAD_CACHE", "XDG_CACHE_HOME"):
+        monkeypatch.delenv(name, raising=False)
+    for name, value in {"HOME": "/home/me", **variables}.items():
+        monkeypatch.setenv(name, value)
+    assert code_cache.cache_folder() == (None if expected is None else Path(expected))
+
+
+def test_what_was_used_longest_ago_is_deleted_first(folder):
+    names = [f"kernel_{number:032x}" for number in range(5)]
+    for age, name in zip((500, 400, 300, 200, 100), names, strict=True):
+        code_cache.write(name, CODE)
+        path = folder / f"{name}.o"
+        written = path.stat().st_mtime - age
+        os.utime(path, (written, written))
+    mine = folder / "mine.o"
+    mine.write_bytes(bytes(10_000))
+    code_cache.read(names[0])
+    size = len(CODE) + 32
+    code_cache.prune(folder, 3 * size)
+    assert {*folder.iterdir()} == {mine, *(folder / f"{names[k]}.o" for k in (0, 3, 4))}
+
+
+def test_what_a_process_that_was_ended_left_behind_is_deleted_too(folder):
+    folder.mkdir(mode=0o700)
+    left = folder / f".{NAME}.1234.5678.o"
+    left.write_bytes(bytes(10))
+    os.utime(left, (0.0, 0.0))
+    code_cache.prune(folder, 9)
+    assert not left.exists()
+
+
+def test_writing_keeps_the_cache_below_its_limit(folder, monkeypatch):
+    monkeypatch.setattr(code_cache, "MAX_BYTES", 1_000)
+    for number in range(100):
+        code_cache.write(f"kernel_{number:032x}", CODE)
+    assert 1 <= len([*folder.iterdir()]) <= 1_000 // (len(CODE) + 32) + 15
+
+
+def module(number):
+    return f"define i64 @kernel() {{\n  ret i64 {number}\n}}"
+
+
+def called(text):
+    return ctypes.CFUNCTYPE(ctypes.c_int64)(machine_code.address(text))()
+
+
+def test_an_object_file_without_the_function_is_not_called(folder, monkeypatch):
+    """Its digest is valid; the address that LLVM gives is 0."""
+    text = module(4_711)
+    code_cache.write(machine_code._name(text), machine_code._compiled(module(1).replace("@kernel(", "@another(")))
+    assert called(text) == 4_711
+    # What was compiled instead is kept.
+    monkeypatch.setattr(machine_code, "_addresses", ThreadSafeCache())
+    monkeypatch.setattr(machine_code, "_compiled", None)
+    assert called(text) == 4_711
+
+
+def test_a_module_is_found_under_its_own_name(folder):
+    assert called(module(815)) == 815
+    (file,) = folder.iterdir()
+    assert re.fullmatch(code_cache._OUR_NAMES, file.name)
+    assert file.stem == machine_code._name(module(815))

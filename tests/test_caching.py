@@ -1,0 +1,186 @@
+"""A value of a cache is made once, whatever number of threads asks for it."""
+
+import os
+import subprocess
+import sys
+import threading
+
+import pytest
+
+from drake_quad.caching import ThreadSafeCache
+from drake_quad.process_settings import ProcessSetting
+
+
+def in_threads(*functions):
+    """Runs functions at the same time, each in a thread."""
+    threads = [threading.Thread(target=function) for function in functions]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+
+
+def test_threads_that_ask_at_once_share_one_value():
+    cache, found, gate = ThreadSafeCache(), [], threading.Barrier(4)
+    made = []
+
+    def make():
+        made.append(threading.get_ident())
+        threading.Event().wait(0.02)  # the other threads ask meanwhile
+        return object()
+
+    def ask():
+        gate.wait()
+        found.append(cache.get("key", make))
+
+    in_threads(*[ask] * 4)
+    assert len(made) == 1
+    assert found == [found[0]] * 4
+
+
+def test_a_value_that_is_there_is_not_waited_for():
+    cache, begun, done = ThreadSafeCache(), threading.Event(), threading.Event()
+    cache.get("there", lambda: 1)
+
+    def slow():
+        begun.set()
+        assert done.wait(10.0)
+        return 2
+
+    thread = threading.Thread(target=lambda: cache.get("slow", slow))
+    thread.start()
+    assert begun.wait(10.0)
+    assert cache.get("there", lambda: 3) == 1
+    done.set()
+    thread.join()
+    assert cache.get("slow", lambda: 4) == 2
+
+
+def test_a_value_may_be_made_of_others_of_the_same_cache():
+    cache = ThreadSafeCache()
+    assert cache.get(3, lambda: 1 + cache.get(2, lambda: 1 + cache.get(1, lambda: 1))) == 3
+
+
+def test_an_error_is_not_kept():
+    cache = ThreadSafeCache()
+    with pytest.raises(ZeroDivisionError):
+        cache.get("key", lambda: 1 // 0)
+    assert cache.get("key", lambda: 5) == 5
+
+
+def test_the_oldest_values_are_dropped():
+    cache = ThreadSafeCache(2)
+    for key in (1, 2, 3):
+        assert cache.get(key, lambda key=key: key) == key
+    assert len(cache) == 2
+    assert [cache.get(key, lambda: "anew") for key in (2, 3, 1)] == [2, 3, "anew"]
+
+
+class Setting:
+    """A setting that is saved, changed and restored, as a library's context manager does it."""
+
+    value = "usual"
+
+    def __enter__(self):
+        self.before, Setting.value = Setting.value, "changed"
+
+    def __exit__(self, *_):
+        Setting.value = self.before
+
+
+def test_threads_that_overlap_leave_a_setting_as_it_was():
+    """The first one leaves before the second one."""
+    changed = ProcessSetting(Setting)
+    one_is_in, two_is_in, one_is_out = (threading.Event() for _ in range(3))
+    seen = []
+
+    def one():
+        with changed():
+            one_is_in.set()
+            assert two_is_in.wait(10.0)
+        one_is_out.set()
+
+    def two():
+        assert one_is_in.wait(10.0)
+        with changed():
+            two_is_in.set()
+            assert one_is_out.wait(10.0)
+            seen.append(Setting.value)
+
+    in_threads(one, two)
+    assert seen == ["changed"]
+    assert Setting.value == "usual"
+
+
+def test_a_setting_is_restored_after_an_error():
+    changed = ProcessSetting(Setting)
+    with pytest.raises(ValueError, match="changed"), changed():
+        raise ValueError(Setting.value)
+    assert Setting.value == "usual"
+
+
+KERNELS = """
+import sys, threading
+import numpy as np
+from drake_quad.framework import machine_code
+from drake_quad.framework.formulas import kernel
+from drake_quad.framework.records import ROW
+
+sys.setswitchinterval(1e-6)
+compile_text, compiled = machine_code._compiled, []
+machine_code._compiled = lambda text: (compiled.append(text), compile_text(text))[1]
+formulas = [lambda x, factor=float(factor): factor * x for factor in range(2, 10)]
+wrong, gate = [], threading.Barrier(4)
+
+def run():
+    gate.wait()
+    for formula in formulas:
+        result = np.empty(1)
+        kernel(formula, (ROW,), (ROW,), lone=True)(1, 0.0, result, np.array([3.0]))
+        if result[0] != formula(3.0):
+            wrong.append(formula(3.0))
+
+threads = [threading.Thread(target=run) for _ in range(4)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+print(len(wrong), len(compiled) - len(formulas))
+"""
+
+FLIGHTS = """
+import threading
+import numpy as np
+from drake_quad import load_scenario, simulate
+
+scenario = load_scenario("laboratory:nominal", ["duration=0.1"])
+found, gate = {}, threading.Barrier(4)
+
+def fly(number):
+    gate.wait()
+    found[number] = simulate(scenario, sample=number, compiled=number % 2 == 0)
+
+threads = [threading.Thread(target=fly, args=(number,)) for number in range(4)]
+for thread in threads:
+    thread.start()
+for thread in threads:
+    thread.join()
+for number in range(4):
+    alone = simulate(scenario, sample=number, compiled=number % 2 == 0)
+    for name, values in alone.signals.items():
+        np.testing.assert_array_equal(found[number].signals[name], values)
+print("alike")
+"""
+
+
+def fresh_process(program, cache):
+    environment = {**os.environ, "DRAKE_QUAD_CACHE": str(cache), "PYTHONPATH": os.pathsep.join(sys.path)}
+    return subprocess.run([sys.executable, "-c", program], env=environment, capture_output=True, text=True)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("program", "printed"), [(KERNELS, "0 0\n"), (FLIGHTS, "alike\n")], ids=["kernels", "flights"])
+def test_threads_of_a_fresh_process_share_their_machine_code(program, printed, tmp_path):
+    """The cache on the disk is empty, so that all threads compile at once."""
+    done = fresh_process(program, tmp_path / "cache")
+    assert (done.returncode, done.stdout, done.stderr) == (0, printed, "")
