@@ -21,7 +21,7 @@ from drake_quad.scenario import Scenario
 from drake_quad.scenario.models import Window
 from drake_quad.scenario.routes import HoverRoute
 from drake_quad.studies.interval import Interval
-from drake_quad.studies.statistics import positive_mean_interval
+from drake_quad.studies.statistics import mean_interval, positive
 
 SETTLING_TIME = 20.0
 """Time that a hover is given until its error counts, s: several time constants of the slowest integrals shipped."""
@@ -139,7 +139,7 @@ def _refuse_crashes(scenario: Scenario, metrics: Metrics) -> None:
 
 def _root_of_mean(squares: np.ndarray) -> Interval:
     """Return the root of the mean of (n,) mean squares of independent hovers, with its interval."""
-    return Interval(*(math.sqrt(end) for end in positive_mean_interval(squares)))
+    return Interval(*(math.sqrt(end) for end in positive(mean_interval(squares))))
 
 
 def _is_precise(error: Interval) -> bool:
