@@ -16,7 +16,13 @@ from drake_quad.command_line.options import (
     check_ranges,
     folder_of,
 )
-from drake_quad.command_line.output import print_columns, print_files, print_predictions, remark
+from drake_quad.command_line.output import (
+    print_columns,
+    print_files,
+    print_flight_remarks,
+    print_predictions,
+    remark,
+)
 from drake_quad.command_line.progress import study_progress
 from drake_quad.files import output_folder, write_table, write_whole
 from drake_quad.identification.flown_again.comparison import AXES, REST, Comparison, compare_with_log, side_by_side
@@ -65,6 +71,7 @@ def main(arguments: argparse.Namespace) -> None:
         predict_on_open_loop(record, arguments)
         return
     scenario = load_scenario(arguments.scenario, all_overrides_of(arguments))
+    print_flight_remarks([scenario])
     folder = output_folder(folder_of(arguments, f"{record.name}_{scenario.name}"))
     with study_progress(scenario.name) as progress:
         comparison = compare_with_log(

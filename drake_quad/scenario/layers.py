@@ -91,22 +91,22 @@ def laid_over(base: Tree, layer: Tree) -> Tree:
     and with that the control that relied on it. A control or a route that says its kind replaces the one beneath; with
     a route go the duration of its flight and the window of its metrics.
     """
-    beneath = dict(base.value)
-    if describes_vehicle(layer):
+    beneath, new_vehicle = dict(base.value), describes_vehicle(layer)
+    if new_vehicle:
         beneath = _without_airframe(beneath)
     if _has_kind(layer, "control"):
         beneath.pop("control", None)
     if _has_kind(layer, "route") and "route" in beneath:
         beneath = {key: tree for key, tree in beneath.items() if key not in _OF_THE_ROUTE}
-    spreads = relative_part(beneath["vehicle"]) if "vehicle" in beneath and describes_vehicle(layer) else None
     result = changed(base._replace(value=beneath), layer)
-    if spreads is None:
+    if not new_vehicle:
         return result
-    # What is relative applies to the vehicle that is laid over it, so it comes on top.
-    over = Tree({"vehicle": spreads}, base.mark)
-    own = relative_part(layer.value["vehicle"]) if "vehicle" in layer.value else None
-    result = merged(result, over)
-    return result if own is None else merged(result, Tree({"vehicle": own}, layer.mark))
+    # Relative distributions apply to the new vehicle, so they come on top of it; those of the layer come last.
+    for fields, mark in ((beneath, base.mark), (layer.value, layer.mark)):
+        spreads = relative_part(fields["vehicle"]) if "vehicle" in fields else None
+        if spreads is not None:
+            result = merged(result, Tree({"vehicle": spreads}, mark))
+    return result
 
 
 def describes_vehicle(tree: Tree) -> bool:
