@@ -10,6 +10,7 @@ from typing import Any
 import numpy as np
 
 from drake_quad.errors import InputError, shortened
+from drake_quad.written_numbers import float_in
 
 
 def output_folder(path: Path) -> Path:
@@ -93,6 +94,6 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
 
 def _array(cells: tuple[str, ...]) -> np.ndarray:
     try:
-        return np.array([float(cell) if cell else np.nan for cell in cells])
+        return np.array([float_in(cell) if cell else np.nan for cell in cells])
     except ValueError:
         return np.array(cells)

@@ -4,7 +4,7 @@ import os
 from pathlib import Path
 
 from drake_quad.errors import InputError, listed, shortened, shown
-from drake_quad.scenario.distributions import DISTRIBUTIONS
+from drake_quad.scenario.distributions import is_distribution
 from drake_quad.scenario.documents import parse_document
 from drake_quad.scenario.limits import MOST_BASES, MOST_BYTES, MOST_NODES
 from drake_quad.scenario.marked_tree import Mark, Tree
@@ -193,10 +193,14 @@ def merged(base: Tree, extension: Tree, silent: str | None = None) -> Tree:
         return extension
     before = old["kind"].value if "kind" in old else silent
     other_kind = "kind" in new and before is not None and new["kind"].value != before
-    if other_kind or any(name in old or name in new for name in DISTRIBUTIONS):
+    if other_kind or _is_distribution(old) or _is_distribution(new):
         return extension
     joined = {key: merged(old[key], tree, SILENT_KINDS.get(key)) if key in old else tree for key, tree in new.items()}
     return Tree({**old, **joined}, extension.mark)
+
+
+def _is_distribution(fields: dict[str, Tree]) -> bool:
+    return is_distribution({name: tree.value for name, tree in fields.items()})
 
 
 def located(spec: str) -> tuple[Path, str | None]:

@@ -8,9 +8,7 @@ another, and perhaps `initial_k` (units,). Beside them it may have `offset`, `sc
 
 import io
 import zlib
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 from zipfile import BadZipFile, ZipFile
 
 import numpy as np
@@ -61,15 +59,7 @@ def policy_network(path: Path) -> Tree:
         demand = problem["msg"].replace("Input should", "must")
         raise InputError(f"{mark}: is no network that can be flown: {place} {demand}".replace("  ", " ")) from None
     fields = network.model_dump(mode="json", exclude_defaults=True)
-    return _tree(fields, mark)
-
-
-def _tree(value: Any, mark: Mark) -> Tree:
-    if isinstance(value, Mapping):
-        return Tree({name: _tree(part, mark) for name, part in value.items()}, mark)
-    if isinstance(value, list | tuple):
-        return Tree([_tree(part, mark) for part in value], mark)
-    return Tree(value, mark)
+    return Tree.of(fields, mark)
 
 
 def _of_npz(data: bytes) -> TrainedNetwork:
