@@ -64,6 +64,7 @@ def test_options_are_numbers_in_ascii_digits(arguments, capsys):
         assert re.search(rf"argument {option}: invalid (int|float) value: '{value}'", capsys.readouterr().err)
 
 
+@pytest.mark.slow
 def test_every_command_reads_its_numbers_so():
     for command in COMMANDS:
         options = module_of(command).options()
