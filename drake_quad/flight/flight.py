@@ -28,8 +28,8 @@ if TYPE_CHECKING:
 # What NumPy meets in a file that is not what it was.
 _DAMAGES = (OSError, ValueError, KeyError, EOFError, AttributeError, TypeError, zipfile.BadZipFile, zlib.error)
 ARRAYS, TABLE, SCENARIO, METRICS = "flight.npz", "flight.csv", "scenario.yaml", "metrics.csv"
-# What stands beside the signals in a flight's file of arrays: how it was flown, what it crashed into, and its plan.
-_COMPILED, _TOUCHED, _OF_PLAN = "compiled", "touched", "plan."
+# What stands beside the signals in a flight's file of arrays: how it was flown, why it crashed, and its plan.
+_COMPILED, _TOUCHED, _CAUSE, _OF_PLAN = "compiled", "touched", "cause", "plan."
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -46,6 +46,7 @@ class Flight(Mapping[str, np.ndarray]):
         metrics: of the flight; NaN where there is nothing to measure.
         compiled: whether it was flown in a compiled diagram; else in the diagram as it is wired.
         touched: name of the obstacle that it crashed into, if it did.
+        cause: a sentence on what was not a number, if it crashed by that.
     """
 
     scenario: Scenario
@@ -55,6 +56,7 @@ class Flight(Mapping[str, np.ndarray]):
     metrics: Metrics
     compiled: bool = False
     touched: str | None = None
+    cause: str | None = None
 
     def __getitem__(self, name: str) -> np.ndarray:
         """The (ticks, rows) values of a signal."""
@@ -117,6 +119,7 @@ class Flight(Mapping[str, np.ndarray]):
     def __repr__(self) -> str:
         """A line of text."""
         end = self.crash or f"{self.time[-1]:.2f} s"
+        end = end if self.cause is None else f"{end}, since {self.cause}"
         how = ", compiled" if self.compiled else ""
         return (
             f"<Flight of {self.scenario.name}{how}: {end}, RMSE {self.metrics.rmse:.4g} m; {', '.join(self.signals)}>"
@@ -129,6 +132,12 @@ class Flight(Mapping[str, np.ndarray]):
             return ""
         into = "" if self.touched is None else f" into {self.touched}"
         return f"crashed{into} at {self.metrics.crash_time:.2f} s"
+
+    @property
+    def _words(self) -> dict[str, str]:
+        """What became of a flight that crashed, by the name in its file of arrays."""
+        words = {_TOUCHED: self.touched, _CAUSE: self.cause}
+        return {name: each for name, each in words.items() if each is not None}
 
     @property
     def euclidean_error(self) -> np.ndarray:
@@ -155,8 +164,7 @@ class Flight(Mapping[str, np.ndarray]):
 
         def save_arrays(path: Path) -> None:
             arrays: dict[str, Any] = {"time": self.time, **self.signals, _COMPILED: np.array(self.compiled)}
-            if self.touched is not None:
-                arrays[_TOUCHED] = np.array(self.touched, dtype=str)
+            arrays |= {name: np.array(each, dtype=str) for name, each in self._words.items()}
             np.savez_compressed(path, **(arrays | _arrays_of(self.plan)))
 
         return [
@@ -186,7 +194,7 @@ def read_flight(path: Path | str) -> Flight:
             arrays = {name: loaded[name] for name in loaded}
         time = arrays.pop("time")
         compiled = bool(arrays.pop(_COMPILED, False))
-        touched = str(arrays.pop(_TOUCHED)) if _TOUCHED in arrays else None
+        touched, cause = (str(arrays.pop(name)) if name in arrays else None for name in (_TOUCHED, _CAUSE))
         planned = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_OF_PLAN)}
         plan = _plan_of(planned) if planned else None
     except _DAMAGES:
@@ -195,7 +203,7 @@ def read_flight(path: Path | str) -> Flight:
     if strange:
         raise InputError(f"{folder / ARRAYS} is not the file of a flight: {listed(strange)} is no signal of its length")
     metrics = _read_metrics(folder / METRICS)
-    return Flight(scenario, plan or plan_route(scenario), time, arrays, metrics, compiled, touched)
+    return Flight(scenario, plan or plan_route(scenario), time, arrays, metrics, compiled, touched, cause)
 
 
 def _read_metrics(path: Path) -> Metrics:
