@@ -25,7 +25,7 @@ from pydrake.systems.primitives import (
 from drake_quad.errors import InputError
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import Computation, FleetSystem, Input, Parameter, StateGroup
-from drake_quad.framework.formulas import TIME, TickOf, traced, told_apart
+from drake_quad.framework.formulas import TIME, TickOf, told_apart, traced
 
 # The rows of a port, of a state or of a parameter: symbols, or numbers.
 Rows = list[Any]

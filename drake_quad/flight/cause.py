@@ -8,11 +8,11 @@ import numpy as np
 from drake_quad.assembly.user_systems import PLACES
 from drake_quad.signals import row_names
 
-# In the order of cause and effect within a tick; what a control shows comes after these, in its own order.
+# These signals are in the order of cause and effect within a tick; those of the control follow in their own order.
 _BEFORE_CONTROL = ("wind", "state", "rotor_speed", "swing", "charge", "measurement", "reference")
-# A vehicle whose own state leaves all numbers has diverged; that is a result, and nothing that was sent to it is to blame.
+# A vehicle whose own state leaves all numbers has diverged: nothing that was sent to it is to blame.
 _OF_VEHICLE = ("state", "rotor_speed", "swing", "charge", "measurement")
-# What only shows what was sent before.
+# These signals only show what was sent before.
 _AFTER_CONTROL = ("rotor_speed_command", "throttle_command", "shortfall", "crashed")
 
 
