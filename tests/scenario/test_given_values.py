@@ -29,8 +29,11 @@ def load(diagrams):
         ({"vehicle.mass": np.float64(0.7), "seed": np.int64(3)}, ["vehicle.mass=0.7", "seed=3"]),
         ({"control.position.k_p": np.array([1.0, 2.0, 3.0])}, ["control.position.k_p=[1, 2, 3]"]),
         ({"control.position": {"k_p": (1, 2.5, 3)}}, ["control.position.k_p=[1, 2.5, 3]"]),
-        ({"vehicle.inertia.1": 0.01, "vehicle.inertia.2": 0.02}, ["vehicle.inertia.1=0.01", "vehicle.inertia.2=0.02"]),
-        ({"vehicle": {"inertia": {1: 0.01, "2": 0.02}}}, ["vehicle.inertia.1=0.01", "vehicle.inertia.2=0.02"]),
+        (
+            {"vehicle.inertia.1": 0.01, "vehicle.inertia.2": 0.013},
+            ["vehicle.inertia.1=0.01", "vehicle.inertia.2=0.013"],
+        ),
+        ({"vehicle": {"inertia": {1: 0.01, "2": 0.013}}}, ["vehicle.inertia.1=0.01", "vehicle.inertia.2=0.013"]),
         ({"vehicle": {"thrust_factor_error": {"rotor_2": 0.01}}}, ["vehicle.thrust_factor_error.rotor_2=0.01"]),
         (
             {"vehicle.thrust_factor_error": [0, {"choice": [0.0, 0.1]}, 0, 0]},

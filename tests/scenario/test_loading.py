@@ -631,6 +631,42 @@ def test_an_item_that_no_list_has_is_refused(diagrams, overrides, words):
         load_scenario(diagrams / "hover.yaml", overrides)
 
 
+NO_BODY = "I_zz, 0.03, is larger than I_xx + I_yy, 0.014 kg m²"
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("vehicle.inertia=[0.007, 0.007, 0.03]", f"vehicle.inertia is .* must be that of a rigid body: {NO_BODY}"),
+        ("nominal.inertia=[0.007, 0.007, 0.03]", f"nominal.inertia is .* must be that of a rigid body: {NO_BODY}"),
+        ("vehicle.inertia.2=0.03", f"vehicle.inertia is .*{NO_BODY}"),
+        (
+            "vehicle.inertia=[{uniform: {min: 0.003, max: 0.004}}, 0.002, {choice: [0.007, 0.008]}]",
+            "must be that of a rigid body: whatever is drawn, I_zz, 0.007, is larger than I_xx + I_yy, 0.006",
+        ),
+        (
+            "vehicle.payload={mass: 0.1, inertia: [0.001, 0.004, 0.002], time: 1, event: dropped}",
+            "vehicle.payload.inertia is .* rigid body: I_yy, 0.004, is larger than I_xx . I_zz, 0.003",
+        ),
+    ],
+)
+def test_moments_of_inertia_that_no_body_has_are_refused(diagrams, override, words):
+    with pytest.raises(InputError, match=words.replace("+", r"\+")):
+        load_scenario(diagrams / "hover.yaml", [override])
+
+
+@pytest.mark.parametrize(
+    "inertia",
+    [
+        "[0.0061, 0.0061, 0.0123]",
+        "[0.007, 0.007, {normal: {mean: 0.013, standard_deviation: 0.001, min: 0.001}}]",
+        "[{normal: {mean: 0.001, standard_deviation: 0.001, min: 0.0001}}, 0.007, 0.012]",
+    ],
+)
+def test_moments_of_inertia_that_a_body_may_have_are_taken(diagrams, inertia):
+    load_scenario(diagrams / "hover.yaml", [f"vehicle.inertia={inertia}"])
+
+
 @pytest.mark.parametrize(
     ("field", "path"),
     [
