@@ -1,7 +1,11 @@
 """The error that a person can cause, and how its sentence shows what was written."""
 
+import difflib
+from collections.abc import Mapping
 from numbers import Integral
-from typing import Any
+from typing import Any, TypeVar
+
+_Entry = TypeVar("_Entry")
 
 # Characters of an error message: a sentence, even with a long path in it.
 _MOST = 400
@@ -36,6 +40,24 @@ def whole_number(value: Any, name: str, *, least: int, most: int | None = None) 
     if number < least or (most is not None and number > most):
         raise InputError(f"{name} is {number}, but must be {bounds}")
     return number
+
+
+def entry(table: Mapping[str, _Entry], name: str, kind: str) -> _Entry:
+    """Return the entry of a table under a name that a caller gave.
+
+    Args:
+        table: entries by their names.
+        name: of one of them.
+        kind: of entry, as in "signal".
+
+    Raises:
+        InputError: there is no such entry; the message names those that are close, or all.
+    """
+    if name in table:
+        return table[name]
+    close = difflib.get_close_matches(str(name), table, 2)
+    hint = f"did you mean {' or '.join(close)}?" if close else f"there are {listed([*table], 40) or 'none'}"
+    raise InputError(f"there is no {kind} called {shown(name)}; {hint}")
 
 
 def shortened(text: str, most: int = 60) -> str:

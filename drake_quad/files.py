@@ -13,6 +13,7 @@ import numpy as np
 
 from drake_quad.errors import InputError, shortened, shown
 from drake_quad.process_settings import without_warnings
+from drake_quad.written_numbers import float_in
 
 
 def output_folder(path: Path) -> Path:
@@ -126,6 +127,6 @@ def read_arrays(file: IO[bytes], *, max_bytes: int | None = None) -> dict[str, n
 
 def _array(cells: tuple[str, ...]) -> np.ndarray:
     try:
-        return np.array([float(cell) if cell else np.nan for cell in cells])
+        return np.array([float_in(cell) if cell else np.nan for cell in cells])
     except ValueError:
         return np.array(cells)

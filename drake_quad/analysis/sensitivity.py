@@ -15,6 +15,7 @@ from pydrake.systems.framework import Diagram
 
 from drake_quad.analysis.context_vector import ContextVector, leaf_paths
 from drake_quad.analysis.sampled_system import to_autodiff
+from drake_quad.assembly.laboratory import jump_times
 from drake_quad.assembly.planning import flight_duration, plan_route, refuse_distributions
 from drake_quad.assembly.tracking import build_tracking_diagram
 from drake_quad.errors import InputError
@@ -22,7 +23,7 @@ from drake_quad.flight.fleet_simulation import fly, read_metrics
 from drake_quad.framework.wiring import subsystem
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.reference.plan import Plan
-from drake_quad.scenario import Scenario, distributions_in, draw_sample
+from drake_quad.scenario import Batch, Scenario, distributions_in, draw_sample
 from drake_quad.scenario.numbers import number_at, with_number
 
 # The metrics that depend on a flight smoothly, as long as it does not crash.
@@ -90,7 +91,7 @@ def flight_sensitivities(scenario: Scenario, fields: Sequence[str], *, sample: i
     layout.write(converted, context, InitializeAutoDiff(nominal, gradient=seeds.T).ravel())
     # The floating-point flags that arithmetic on objects leaves behind mean nothing.
     with np.errstate(all="ignore"):
-        fly(simulator, flight_duration(scenario, plan))
+        fly(simulator, flight_duration(scenario, plan), jumps=jump_times(Batch.draw(scenario, [0])))
         metrics = read_metrics(converted, context)
     found = {name: getattr(metrics, name)[0] for name in DIFFERENTIABLE}
     (crash,) = metrics.crash_time

@@ -153,6 +153,19 @@ def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Rec
     return Recipe(RespondingQuadrotor, structure, RespondingNumbers(numbers, response))
 
 
+def jump_times(batch: Batch) -> tuple[float, ...]:
+    """Return when the forces on vehicles with a continuous state jump, s, in order; none for those that step.
+
+    An integrator with error control finds no step that is short enough to cross a jump: it has to stop just before it,
+    and to go on at it.
+    """
+    if batch.scenario.vehicle.time_step > 0.0:
+        return ()
+    vehicle = FleetScenario(batch).vehicle
+    events = [event for event in (vehicle.rotor_failure, vehicle.payload) if event is not None]
+    return tuple(sorted({float(time) for event in events for time in np.ravel(event.time)}))
+
+
 def _faults(fleet: Any, duration: float) -> RotorFaults:
     faults, failure = RotorFaults(battery_sag=fleet.battery_sag / duration), fleet.rotor_failure
     if failure is None:

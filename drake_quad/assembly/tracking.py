@@ -172,6 +172,7 @@ def build_fleet_diagram(
     connect(laboratory, "state", monitor)
     connect(reference, "reference", monitor)
     connect(control, "acceleration_command", monitor)
+    connect(control, command, monitor)
     connect(laboratory, "shortfall", monitor)
 
     if open_action:

@@ -1,5 +1,6 @@
 """Systems of the user's own, which stand in for parts of the loop."""
 
+import inspect
 from collections.abc import Mapping
 from types import MappingProxyType
 from typing import Any, NamedTuple
@@ -35,8 +36,22 @@ class UserSystems(NamedTuple):
         return {name: system for name, system in self._asdict().items() if system is not None}
 
     def made(self, num_vehicles: int) -> "UserSystems":
-        """What these functions make for N vehicles."""
-        return UserSystems(**{name: make(num_vehicles) for name, make in self.given.items()})
+        """Return what these functions make for N vehicles.
+
+        Raises:
+            InputError: one of them cannot be called with a number of vehicles alone, or returns nothing.
+        """
+        systems = {}
+        for name, make in self.given.items():
+            system = make(num_vehicles) if _takes_a_number(make) else None
+            if system is None:  # without a system the scenario's own would fly in its place
+                found = f"{_described(make)} returns nothing" if _takes_a_number(make) else f"is {_described(make)}"
+                raise InputError(
+                    f"{name} must be a function of the number of vehicles that returns a Drake system for so many, as"
+                    f" in `def make(num_vehicles): return Mine(num_vehicles=num_vehicles)`, but {found}"
+                )
+            systems[name] = system
+        return UserSystems(**systems)
 
 
 class Place(NamedTuple):
@@ -92,7 +107,8 @@ def check_user_systems(
 
 def _check(name: str, system: Any, place: Place, sizes: Mapping[str, int], num_vehicles: int) -> None:
     if isinstance(system, type) or not hasattr(system, "num_output_ports"):
-        raise InputError(f"{name} must be a Drake system, an object and not its class, but is {system!r}")
+        alone = ", an object and not its class or a function that makes it" if callable(system) else ""
+        raise InputError(f"{name} must be a Drake system{alone}, but is {_described(system)}")
     inputs = {port.get_name(): port.size() for port in map(system.get_input_port, range(system.num_input_ports()))}
     outputs = {port.get_name(): port.size() for port in map(system.get_output_port, range(system.num_output_ports()))}
     if (place.output not in outputs) if place.named else (len(outputs) != 1):
@@ -113,6 +129,30 @@ def _check(name: str, system: Any, place: Place, sizes: Mapping[str, int], num_v
         if size != rows * num_vehicles:
             fleet = f" for each of {num_vehicles} vehicles" if num_vehicles > 1 else ""
             raise InputError(f"the port `{port}` of {name} must have {rows} rows{fleet}, but has {size}")
+
+
+def _takes_a_number(make: Any) -> bool:
+    """Return True if a function can be called with one argument, as far as its signature tells."""
+    if not callable(make):
+        return False
+    try:
+        inspect.signature(make).bind(1)
+    except TypeError:
+        return False
+    except ValueError:  # functions of C++ may have no signature
+        return True
+    return True
+
+
+def _described(thing: Any) -> str:
+    """Return a word or two on what was given in the place of a system, without the address of an object."""
+    if not callable(thing):
+        return "None" if thing is None else f"an object of type {type(thing).__name__}"
+    name = getattr(thing, "__name__", type(thing).__name__)
+    try:
+        return f"{name}{inspect.signature(thing)}"
+    except (TypeError, ValueError):
+        return str(name)
 
 
 def _num_rows(signal: str) -> int:

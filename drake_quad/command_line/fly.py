@@ -12,7 +12,7 @@ from pydrake.systems.analysis import Simulator
 from drake_quad import Flight, InputError, Scenario, save_network, simulate
 from drake_quad.assembly.planning import plan_route
 from drake_quad.command_line.options import add_vector, check_extra, folder_of, parser, scenario_of
-from drake_quad.command_line.output import print_files, print_flight_remarks, print_table
+from drake_quad.command_line.output import print_files, print_flight_remarks, print_table, remark
 from drake_quad.command_line.progress import flight_progress
 from drake_quad.files import output_folder
 from drake_quad.flight.mcap_file import save_mcap
@@ -87,6 +87,8 @@ def main(arguments: argparse.Namespace) -> None:
         files.append(save_network(flight, arguments.save_network))
     which = [("sample", str(sample), f"of seed {scenario.seed}")] if sample is not None else []
     print_table([*which, *summary(flight)])
+    if flight.cause is not None:
+        remark(f"the flight ended since {flight.cause}")
     print_files(files)
     if meshcat is not None:
         show_again(meshcat, scenario.name, flight)

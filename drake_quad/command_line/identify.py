@@ -30,6 +30,7 @@ from drake_quad.scenario.paths import distributions_in
 from drake_quad.studies.interval import plus_minus, spread_alone
 from drake_quad.visualization import identification_plots as plots
 from drake_quad.visualization.style import save_figures
+from drake_quad.written_numbers import float_in
 
 # Of a log that does not say what it is of, by its commands.
 _LIKE_AUTOPILOT = "vehicles/neural_fly:neural_fly", "whose autopilot takes attitudes and thrust"
@@ -132,7 +133,7 @@ def with_winds(records: list[FlightRecord], winds: list[str]) -> list[FlightReco
     found = []
     for record, text in zip(records, given, strict=True):
         try:
-            wind = [float(each) for each in text.split(",")]
+            wind = [float_in(each) for each in text.split(",")]
         except ValueError:
             wind = []
         if len(wind) != 3 or not np.all(np.abs(wind) < _FASTEST_WIND):

@@ -11,6 +11,7 @@ from drake_quad.extras import needed
 from drake_quad.scenario import Mission, Override, load_mission
 from drake_quad.scenario.models import NAME
 from drake_quad.visualization.style import Vector
+from drake_quad.written_numbers import float_in, int_in
 
 
 def bare_parser(command: str, description: str | None, example: str) -> argparse.ArgumentParser:
@@ -21,12 +22,15 @@ def bare_parser(command: str, description: str | None, example: str) -> argparse
         description: a sentence that says what the command does.
         example: a command line that can be run as it is.
     """
-    return argparse.ArgumentParser(
+    result = argparse.ArgumentParser(
         prog=f"drake-quad {command}",
         description=description,
         epilog=f"example: {example}",
         formatter_class=argparse.RawDescriptionHelpFormatter,
     )
+    result.register("type", int, int_in)
+    result.register("type", float, float_in)
+    return result
 
 
 def parser(

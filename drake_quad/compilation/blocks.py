@@ -25,7 +25,7 @@ from pydrake.systems.primitives import (
 from drake_quad.errors import InputError
 from drake_quad.framework.broadcast import Broadcast
 from drake_quad.framework.fleet_system import Computation, FleetSystem, Input, Parameter, StateGroup
-from drake_quad.framework.formulas import TIME, TickOf, flattened, told_apart
+from drake_quad.framework.formulas import TIME, TickOf, told_apart, traced
 
 # The rows of a port, of a state or of a parameter: symbols, or numbers.
 Rows = list[Any]
@@ -213,7 +213,7 @@ def _computed(computation: Computation, around: Surroundings) -> list[Rows]:
                 values.append(around.argument(read))
             case _:
                 values.append(around.argument(read) if read is TIME else read)
-    returned = iter(flattened(computation.formula(*values), computation.results))
+    returned = iter(traced(computation.formula, values, computation.results))
     return [[next(returned) for _ in range(layout.num_rows)] for layout in computation.results]
 
 

@@ -11,7 +11,7 @@ from drake_quad.caching import ThreadSafeCache
 from drake_quad.compilation.program import Event, Program, Shown
 from drake_quad.compilation.topology import Exported, Port
 from drake_quad.compilation.trace import INPUTS, ROUNDING, STATE
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, entry
 from drake_quad.framework.fleet_system import FleetSystem
 
 # Tables of shared numbers that are kept for the next flight, and the events in a table where each comes alone.
@@ -106,7 +106,7 @@ class CompiledSystem(LeafSystem):
             path: of the FleetSystem in the diagram, joined by dots.
             name: of the group.
         """
-        group = self._system(path).states[name]
+        group = entry(self._system(path).states, name, "group of the state")
         rows = self._rows(
             context.get_discrete_state(self._state).value(), self.program.places.states[path, int(group.index)]
         )
@@ -114,7 +114,7 @@ class CompiledSystem(LeafSystem):
 
     def get_parameter(self, context: Context, path: str, name: str) -> Any:
         """The record of a FleetSystem's parameter, a copy; arguments as for `get_state`."""
-        parameter = self._system(path).parameters[name]
+        parameter = entry(self._system(path).parameters, name, "parameter")
         place = self.program.places.parameters[path, int(parameter.index)]
         return parameter.layout.build(self._rows(context.get_numeric_parameter(self._parameters).value(), place))
 

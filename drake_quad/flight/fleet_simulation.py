@@ -1,12 +1,14 @@
 """A fleet under Drake's simulator, in the diagram as it is wired or in a compiled one."""
 
+import math
 from abc import ABC, abstractmethod
-from collections.abc import Callable
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
+from drake_quad.assembly.laboratory import jump_times
 from drake_quad.assembly.recorder import read_recorder
 from drake_quad.assembly.tracking import build_fleet_diagram, reset_fleet
 from drake_quad.assembly.user_systems import UserSystems
@@ -27,6 +29,7 @@ class FleetSimulation(ABC):
     Args:
         diagram: that is simulated.
         stride: between two looks at the crashes, s.
+        jumps: when the forces on the vehicles jump, s, see `jump_times`.
 
     Attributes:
         simulator: Drake's.
@@ -35,8 +38,8 @@ class FleetSimulation(ABC):
 
     compiled: bool
 
-    def __init__(self, diagram: Diagram, stride: float) -> None:
-        self.simulator, self._stride = Simulator(diagram), stride
+    def __init__(self, diagram: Diagram, stride: float, jumps: Sequence[float] = ()) -> None:
+        self.simulator, self._stride, self._jumps = Simulator(diagram), stride, jumps
 
     def fly(self, duration: float, *, progress: Callable[[float, float], None] | None = None) -> None:
         """Flies from time zero to a duration (s), or until every vehicle has crashed.
@@ -45,7 +48,7 @@ class FleetSimulation(ABC):
             duration: s.
             progress: called now and then with the time flown and the duration.
         """
-        fly(self.simulator, duration, stride=self._stride, progress=progress)
+        fly(self.simulator, duration, stride=self._stride, jumps=self._jumps, progress=progress)
 
     @abstractmethod
     def reset(self, batch: Batch) -> None:
@@ -86,10 +89,11 @@ class WiredSimulation(FleetSimulation):
     def __init__(self, batch: Batch, plan: Plan, *, own: UserSystems, record: bool) -> None:
         self._plan, self._own = plan, own
         self._diagram = build_fleet_diagram(batch, plan, own=own, record=record)
-        super().__init__(self._diagram, _STRIDE)
+        super().__init__(self._diagram, _STRIDE, jump_times(batch))
 
     def reset(self, batch: Batch) -> None:
         """As for every `FleetSimulation`."""
+        self._jumps = jump_times(batch)
         reset_fleet(self._diagram, self.simulator.get_mutable_context(), batch, self._plan, own=self._own)
         self.simulator.Initialize()
 
@@ -175,17 +179,25 @@ def fly(
     duration: float,
     *,
     stride: float = _STRIDE,
+    jumps: Sequence[float] = (),
     progress: Callable[[float, float], None] | None = None,
 ) -> None:
-    """Advances a tracking diagram from time zero to a duration (s), or until every vehicle has crashed.
+    """Advance a tracking diagram from time zero to a duration, or until every vehicle has crashed.
 
-    `progress` is called after each stride (s) with the time flown and the duration.
+    Args:
+        simulator: of the diagram.
+        duration: s.
+        stride: between two looks at the crashes and two reports of progress, s.
+        jumps: when the forces on vehicles with a continuous state jump, s, see `jump_times`.
+        progress: called after each stride with the time flown and the duration.
     """
     diagram, context = simulator.get_system(), simulator.get_context()
     crashed = diagram.GetOutputPort("crashed")
+    # Stages of the integrator at the end of a step still see the forces from before the jump.
+    stops = sorted({stop for jump in jumps for stop in (math.nextafter(jump, 0.0), jump)})
     time = 0.0
     while time < duration and not (crashed.Eval(context) != 0.0).all():
-        time = min(time + stride, duration)
+        time = min(time + stride, duration, *[stop for stop in stops if stop > time])
         simulator.AdvanceTo(time)
         if progress is not None:
             progress(time, duration)

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 # What a file that is not what it was raises: where it is read, and where a plan is made of its arrays.
 _DAMAGES = (OSError, ValueError, KeyError, AttributeError, TypeError)
 ARRAYS, TABLE, SCENARIO, METRICS = "flight.npz", "flight.csv", "scenario.yaml", "metrics.csv"
-# What stands beside the signals in a flight's file of arrays: how it was flown, what it crashed into, and its plan.
-_COMPILED, _TOUCHED, _OF_PLAN = "compiled", "touched", "plan."
+# What stands beside the signals in a flight's file of arrays: how it was flown, why it crashed, and its plan.
+_COMPILED, _TOUCHED, _CAUSE, _OF_PLAN = "compiled", "touched", "cause", "plan."
 
 
 @dataclass(frozen=True, repr=False, eq=False)
@@ -45,6 +45,7 @@ class Flight(Mapping[str, np.ndarray]):
         metrics: of the flight; NaN where there is nothing to measure.
         compiled: whether it was flown in a compiled diagram; else in the diagram as it is wired.
         touched: name of the obstacle that it crashed into, if it did.
+        cause: a sentence on what was not a number, if it crashed by that.
     """
 
     scenario: Scenario
@@ -54,6 +55,7 @@ class Flight(Mapping[str, np.ndarray]):
     metrics: Metrics
     compiled: bool = False
     touched: str | None = None
+    cause: str | None = None
 
     def __getitem__(self, name: str) -> np.ndarray:
         """The (ticks, rows) values of a signal."""
@@ -116,6 +118,7 @@ class Flight(Mapping[str, np.ndarray]):
     def __repr__(self) -> str:
         """A line of text."""
         end = self.crash or f"{self.time[-1]:.2f} s"
+        end = end if self.cause is None else f"{end}, since {self.cause}"
         how = ", compiled" if self.compiled else ""
         return (
             f"<Flight of {self.scenario.name}{how}: {end}, RMSE {self.metrics.rmse:.4g} m; {', '.join(self.signals)}>"
@@ -133,6 +136,12 @@ class Flight(Mapping[str, np.ndarray]):
     def remarks(self) -> tuple[str, ...]:
         """What to know of the flight before its numbers are used, in sentences; see `flight_remarks`."""
         return flight_remarks(self.scenario, self.plan)
+
+    @property
+    def _words(self) -> dict[str, str]:
+        """What became of a flight that crashed, by the name in its file of arrays."""
+        words = {_TOUCHED: self.touched, _CAUSE: self.cause}
+        return {name: each for name, each in words.items() if each is not None}
 
     @property
     def euclidean_error(self) -> np.ndarray:
@@ -159,8 +168,7 @@ class Flight(Mapping[str, np.ndarray]):
 
         def save_arrays(path: Path) -> None:
             arrays: dict[str, Any] = {"time": self.time, **self.signals, _COMPILED: np.array(self.compiled)}
-            if self.touched is not None:
-                arrays[_TOUCHED] = np.array(self.touched, dtype=str)
+            arrays |= {name: np.array(each, dtype=str) for name, each in self._words.items()}
             np.savez_compressed(path, **(arrays | _arrays_of(self.plan)))
 
         return [
@@ -190,7 +198,7 @@ def read_flight(path: Path | str) -> Flight:
             arrays = read_arrays(file)
         time = arrays.pop("time")
         compiled = bool(arrays.pop(_COMPILED, False))
-        touched = str(arrays.pop(_TOUCHED)) if _TOUCHED in arrays else None
+        touched, cause = (str(arrays.pop(name)) if name in arrays else None for name in (_TOUCHED, _CAUSE))
         planned = {name: arrays.pop(name) for name in [*arrays] if name.startswith(_OF_PLAN)}
         plan = _plan_of(planned) if planned else None
     except _DAMAGES:
@@ -199,7 +207,7 @@ def read_flight(path: Path | str) -> Flight:
     if strange:
         raise InputError(f"{folder / ARRAYS} is not the file of a flight: {listed(strange)} is no signal of its length")
     metrics = _read_metrics(folder / METRICS)
-    return Flight(scenario, plan or plan_route(scenario), time, arrays, metrics, compiled, touched)
+    return Flight(scenario, plan or plan_route(scenario), time, arrays, metrics, compiled, touched, cause)
 
 
 def _read_metrics(path: Path) -> Metrics:

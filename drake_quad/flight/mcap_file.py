@@ -146,7 +146,7 @@ def messages_of(name: str, flight: Flight, number: int = 0) -> Iterator[Message]
             yield Message(time, f"/{name}/signals/{signal}", {"timestamp": stamp, **fields})
     if flight.metrics.crashed:
         time = max(round(_NANOSECONDS * flight.metrics.crash_time), times[-1] if times else 0)
-        words = f"{name} {flight.crash}"
+        words = f"{name} {flight.crash}" + (f": {flight.cause}" if flight.cause else "")
         line = {"level": _ERROR, "message": words, "name": name, "file": "", "line": 0}
         yield Message(time, f"/{name}/log", {"timestamp": _stamp(time), **line})
 

@@ -9,6 +9,7 @@ from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator
 from drake_quad.assembly.planning import flight_duration, plan_route, refuse_distributions
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
+from drake_quad.flight.cause import not_a_number
 from drake_quad.flight.fleet_simulation import FleetSimulation, simulate_fleet
 from drake_quad.flight.flight import Flight
 from drake_quad.laboratory.metrics import Metrics
@@ -89,7 +90,7 @@ def simulate(
             f"vehicle.time_step is 0, but from {time:.3g} s on something moves too fast for the integration of a"
             f" continuous state, in less than {_MIN_STEP:g} s; give it a step"
         ) from None
-    return _flights(batch, plan, simulation)[0]
+    return _flights(batch, plan, simulation, own)[0]
 
 
 def simulate_samples(
@@ -132,7 +133,7 @@ def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool = F
     return _flights(batch, plan, simulation)
 
 
-def _flights(batch: Batch, plan: Plan, simulation: FleetSimulation) -> list[Flight]:
+def _flights(batch: Batch, plan: Plan, simulation: FleetSimulation, own: UserSystems = UserSystems()) -> list[Flight]:
     """The flights of a fleet's vehicles so far."""
     metrics, touched = simulation.metrics(), simulation.touched()
     time, signals = simulation.recording()
@@ -141,11 +142,13 @@ def _flights(batch: Batch, plan: Plan, simulation: FleetSimulation) -> list[Flig
     rows = {name: values.reshape(len(time), -1, len(batch)) for name, values in signals.items()}
     flights = []
     for i in range(len(batch)):
-        own = Metrics(*(float(value[i]) for value in metrics))
-        kept = time <= own.crash_time
+        mine = Metrics(*(float(value[i]) for value in metrics))
+        kept = time <= mine.crash_time
+        signals_of = {name: values[kept, :, i] for name, values in rows.items()}
+        cause = not_a_number(time[kept], signals_of, own.given) if mine.crashed else None
         # Within the step into its crash a vehicle may have left all numbers behind.
         kept &= np.all([np.isfinite(values[:, :, i]).all(axis=1) for values in rows.values()], axis=0)
-        mine = {name: values[kept, :, i] for name, values in rows.items()}
+        shown = {name: values[kept, :, i] for name, values in rows.items()}
         name = obstacles[touched[i]]
-        flights.append(Flight(batch.scenario_of(i), plan, time[kept], mine, own, simulation.compiled, name))
+        flights.append(Flight(batch.scenario_of(i), plan, time[kept], shown, mine, simulation.compiled, name, cause))
     return flights

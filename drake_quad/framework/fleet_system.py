@@ -41,6 +41,7 @@ from pydrake.systems.framework import (
 )
 from pydrake.systems.scalar_conversion import TemplateSystem
 
+from drake_quad.errors import entry
 from drake_quad.framework.formulas import INTERPRETED, TIME, TickOf, interpret, kernel, packed
 from drake_quad.framework.records import Layout, layout_of
 from drake_quad.signals import SIGNALS
@@ -295,8 +296,11 @@ class FleetSystem(_Base):
             name: of the port; what it holds is what `drake_quad.signals` says, unless there is a layout.
             layout: of what it holds.
             absent: what a formula gets in its place where nothing is connected.
+
+        Raises:
+            InputError: there is no layout, and no signal of that name.
         """
-        layout = layout or layout_of(SIGNALS[name])
+        layout = layout or _layout_of_signal(name)
         return Input(name, self.DeclareVectorInputPort(name, self._model(layout)).get_index(), layout, absent)
 
     def random_input(self, name: str, kind: Any, distribution: RandomDistribution, *, period: float) -> Input:
@@ -345,8 +349,11 @@ class FleetSystem(_Base):
             formula: which returns what it holds.
             reads: the formula's arguments: ports, parameters, states, `TIME`, a `TickOf`, or constants.
             layout: of what it holds.
+
+        Raises:
+            InputError: there is no layout, and no signal of that name.
         """
-        layout = layout or layout_of(SIGNALS[name])
+        layout = layout or _layout_of_signal(name)
         computation = Computation(formula, reads, [layout], [])
         self.outputs[name] = computation
 
@@ -460,20 +467,20 @@ class FleetSystem(_Base):
 
     def get_parameter(self, context: Context, name: str) -> Any:
         """The record of a numeric parameter, a copy."""
-        return self._record(self.parameters[name], context)
+        return self._record(entry(self.parameters, name, "parameter"), context)
 
     def set_parameter(self, context: Context, name: str, record: Any) -> None:
         """Writes a record into a numeric parameter; each row is a number for all vehicles, or an (N,) array."""
-        parameter = self.parameters[name]
+        parameter = entry(self.parameters, name, "parameter")
         parameter.mutable_vector(context).SetFromVector(self._elements(parameter.layout, record))
 
     def get_state(self, context: Context, name: str) -> Any:
         """The record of a group of the state, a copy."""
-        return self._record(self.states[name], context)
+        return self._record(entry(self.states, name, "group of the state"), context)
 
     def set_state(self, context: Context, name: str, record: Any) -> None:
         """Writes a record into a group of the state; each row is a number for all vehicles, or an (N,) array."""
-        group = self.states[name]
+        group = entry(self.states, name, "group of the state")
         group.mutable_vector(context).SetFromVector(self._elements(group.layout, record))
 
     def copy(self, target: BasicVector, source: BasicVector) -> None:
@@ -497,6 +504,10 @@ class FleetSystem(_Base):
 
     def _model(self, layout: Layout) -> Any:
         return BasicVector_[self.scalar](layout.num_rows * self.num_vehicles)
+
+
+def _layout_of_signal(name: str) -> Layout:
+    return layout_of(entry(SIGNALS, name, "signal"))
 
 
 class RandomInput(NamedTuple):

@@ -14,7 +14,7 @@ from drake_quad.caching import ThreadSafeCache
 from drake_quad.framework.elementary import nearest
 from drake_quad.framework.kernels import compiled
 from drake_quad.framework.records import Layout
-from drake_quad.framework.symbols import Listing
+from drake_quad.framework.symbols import ALLOWED, Listing
 from drake_quad.signals import Row
 
 # So that a debugger stops in formulas.
@@ -104,12 +104,28 @@ def _made(
             sizes.append(argument.num_rows)
         else:
             values.append(at_time(argument, listing.shared(0)))
-    try:
-        returned = flattened(formula(*values), results)
-    except TypeError as error:
-        name = getattr(formula, "__name__", repr(formula))
-        raise TypeError(f"formula {name}: {error}") from error
+    returned = traced(formula, values, results)
     return compiled(listing, returned, sources=sizes, targets=[layout.num_rows for layout in results], lone=lone)
+
+
+def traced(formula: Callable[..., Any], values: Sequence[Any], results: Sequence[Layout]) -> list[Any]:
+    """Run a formula on symbols, and return the rows of what it returned.
+
+    Args:
+        formula: to apply.
+        values: its arguments.
+        results: layouts of what it returns.
+
+    Raises:
+        TypeError: the formula returns something else, branches on a row, or calls a function that knows no symbols.
+    """
+    try:
+        return flattened(formula(*values), results)
+    except (TypeError, AttributeError) as error:
+        name = getattr(formula, "__name__", repr(formula))
+        # What Python and NumPy say of a Symbol says nothing to those who wrote of rows.
+        hint = f"; a Symbol is a row that is not known yet: {ALLOWED}" if "Symbol" in str(error) else ""
+        raise TypeError(f"formula {name}: {error}{hint}") from error
 
 
 def interpret(

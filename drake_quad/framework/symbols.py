@@ -23,6 +23,8 @@ class Kind(IntEnum):
     WORD = 3
 
 
+# What errors tell the author of a formula.
+ALLOWED = "compute with rows by arithmetic, comparisons and the functions of drake_quad.framework.elementary"
 # What takes nothing from other lines.
 LEAVES = ("constant", "row", "shared")
 
@@ -147,6 +149,8 @@ class Listing:
 
     def constant(self, value: Any) -> "Symbol":
         """The symbol of a number, of a NumPy uint64 or of a truth value."""
+        if isinstance(value, np.ndarray) and value.ndim:
+            raise TypeError(f"an array of shape {value.shape} stands where a number or a row is wanted; {ALLOWED}")
         if isinstance(value, bool | np.bool):
             return self.add("constant", (int(value),), Kind.TRUTH)
         if isinstance(value, np.uint64):
@@ -174,8 +178,6 @@ class Symbol:
     """
 
     __slots__ = ("kind", "line", "listing")
-    # NumPy's numbers leave arithmetic with symbols to these.
-    __array_ufunc__ = None
 
     def __init__(self, listing: Listing, line: int, kind: Kind) -> None:
         self.listing, self.line, self.kind = listing, line, kind
@@ -203,8 +205,40 @@ class Symbol:
     def __abs__(self) -> "Symbol":
         return operation("absolute", self)
 
+    def __array_ufunc__(self, function: np.ufunc, method: str, *inputs: Any, **options: Any) -> "Symbol":
+        """Compute with NumPy's numbers, which leave arithmetic and comparisons to this; refuse other functions."""
+        name = _ARITHMETIC.get(function)
+        if name is None or method != "__call__" or options:
+            raise TypeError(f"numpy.{function.__name__} does not take a row that is not known yet; {ALLOWED}")
+        comparison = name.startswith(("less", "greater", "equal", "unequal"))
+        return operation(name, *inputs, kind=Kind.TRUTH if comparison else None)
+
+    def __float__(self) -> float:
+        raise TypeError(f"a row that is not known yet is not a float, as the functions of math take it; {ALLOWED}")
+
     def __bool__(self) -> bool:
         raise TypeError("a formula cannot branch on a row, which differs from vehicle to vehicle: select with `where`")
+
+
+_ARITHMETIC: dict[np.ufunc, str] = {
+    np.add: "add",
+    np.subtract: "subtract",
+    np.multiply: "multiply",
+    np.divide: "divide",
+    np.negative: "negate",
+    np.absolute: "absolute",
+    np.less: "less",
+    np.less_equal: "less_or_equal",
+    np.greater: "greater",
+    np.greater_equal: "greater_or_equal",
+    np.equal: "equal",
+    np.not_equal: "unequal",
+    np.bitwise_and: "and",
+    np.bitwise_or: "or",
+    np.bitwise_xor: "xor",
+    np.left_shift: "shift_left",
+    np.right_shift: "shift_right",
+}
 
 
 def operation(name: str, *operands: Any, kind: Kind | None = None) -> Symbol:

@@ -1,6 +1,7 @@
 """Chooses how a vehicle is identified by what logs hold."""
 
 from collections.abc import Sequence
+from dataclasses import replace
 
 import numpy as np
 import scipy
@@ -19,6 +20,7 @@ from drake_quad.identification.results.held_out import hold_out
 from drake_quad.identification.results.vehicle_numbers import with_estimates, with_numbers, with_throttles
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.autopilots import AttitudeResponse
+from drake_quad.vehicle.rigid_body import inertia_flaw
 
 # In the air, s, for windows in which a filter settles; shorter flights need shorter windows.
 _LONG = 30.0
@@ -46,6 +48,14 @@ def identify(
     """
     if not records:
         raise InputError("there is no log to identify a vehicle from")
+    found = _identified(records, scenario, held_out_share)
+    flaw = inertia_flaw(found.vehicle.vehicle.inertia)
+    remarks = [f"no rigid body has the inertia that was found, but for its error: {flaw}"] if flaw else []
+    return replace(found, remarks=(*found.remarks, *remarks))
+
+
+def _identified(records: Sequence[FlightRecord], scenario: Scenario, held_out_share: float) -> Identification:
+    """Identify by the method for what the logs hold; arguments as for `identify`."""
     responds = isinstance(scenario.laboratory.autopilot, AttitudeResponse)
     if responds and all(map(tells_forces, records)):
         return _from_attitudes_and_forces(records, scenario, held_out_share)

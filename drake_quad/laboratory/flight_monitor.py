@@ -9,7 +9,17 @@ from pydrake.systems.framework import Context
 from drake_quad.framework.elementary import maximum, minimum, where, where_needed
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.laboratory.metrics import Metrics, PerAxis, Sums, add_tick, summarized
-from drake_quad.signals import Acceleration, Crashed, CrashTime, PositionError, Reference, Row, State, Wrench
+from drake_quad.signals import (
+    Acceleration,
+    AttitudeTarget,
+    Crashed,
+    CrashTime,
+    PositionError,
+    Reference,
+    Row,
+    State,
+    Wrench,
+)
 
 
 class CrashLimits(NamedTuple):
@@ -110,6 +120,8 @@ def judged(
     state: State,
     reference: Reference,
     command: Acceleration,
+    wrench: Wrench | None,
+    target: AttitudeTarget | None,
     shortfall: Wrench,
     before: CrashTime,
     touched: Touched,
@@ -126,6 +138,8 @@ def judged(
         state: the true one.
         reference: to follow.
         command: commanded acceleration.
+        wrench: sent over the link; None if something else is.
+        target: of an autopilot, sent over the link; None if something else is.
         shortfall: what is given up of the wrench.
         before: when it crashed, until now.
         touched: what it crashed into, until now.
@@ -137,7 +151,9 @@ def judged(
         window: in which ticks count.
     """
     error = PositionError(reference.x - state.x, reference.y - state.y, reference.z - state.z)
-    total = command.x + command.y + command.z
+    total: Row = 0.0
+    for part in (*command, *(wrench or ()), *(target or ())):
+        total = total + part
     touch, free = touching(state, before.crash_time == math.inf, free, surroundings)
     # Not a number is beyond any limit.
     flying = (
@@ -215,6 +231,8 @@ class FlightMonitor(FleetSystem):
         - state
         - reference
         - acceleration_command
+        - wrench
+        - attitude_target
         - shortfall
         output_ports:
         - crashed
@@ -222,9 +240,10 @@ class FlightMonitor(FleetSystem):
 
     At every tick of the control it compares the true position in `state` with that in `reference` and adds to the sums
     of `drake_quad.laboratory.metrics`. A vehicle has crashed when it is beyond a limit, when its centre of mass is
-    nearer to a solid than its radius, or when the commanded acceleration is not finite: `crashed` is then 1 instead of
-    0, and `crash_time` is that tick instead of infinity. The tick of a crash no longer counts. `acceleration_command`
-    is what the control effort is made of and `shortfall` what saturation is; not connected they count as zero.
+    nearer to a solid than its radius, or when a command is not finite: `crashed` is then 1 instead of 0, and
+    `crash_time` is that tick instead of infinity. The tick of a crash no longer counts. `acceleration_command` is what
+    the control effort is made of and `shortfall` what saturation is; not connected they count as zero. `wrench` and
+    `attitude_target` are what goes over the link; one of them is connected.
 
     The states are `crashed`, `crash_time`, `touched`, `free` and `sums`.
 
@@ -248,12 +267,13 @@ class FlightMonitor(FleetSystem):
         self._period = period
         state, reference = self.input("state"), self.input("reference")
         self._command = self.input("acceleration_command", absent=Acceleration(0.0, 0.0, 0.0))
+        sent = self.input("wrench"), self.input("attitude_target")
         self._shortfall = self.input("shortfall", absent=Wrench(0.0, 0.0, 0.0, 0.0))
         crashed = self.state("crashed", lambda _: Crashed(0.0))
         crash_time, sums = self.state("crash_time", lambda _: CrashTime(math.inf)), self.state("sums", lambda _: Sums())
         touched = self.state("touched", lambda _: Touched())
         held = crash_time, touched, self.state("free", lambda _: FreeBall()), sums
-        reads = state, reference, self._command, self._shortfall, *held, TIME, limits, surroundings, window
+        reads = state, reference, self._command, *sent, self._shortfall, *held, TIME, limits, surroundings, window
         self.update(period, judged, *reads, writes=[crashed, *held])
         self.state_output(crashed)
         self.state_output(crash_time)

@@ -9,8 +9,9 @@ import numpy as np
 from drake_quad.errors import InputError
 from drake_quad.randomness.streams import Seeds
 from drake_quad.scenario.correlation import drawn_values
+from drake_quad.scenario.inertia import rigid_draws
 from drake_quad.scenario.models import Scenario
-from drake_quad.scenario.paths import distributions_in, replaced, steps_of
+from drake_quad.scenario.paths import distributions_in, joined, replaced, steps_of
 
 
 @dataclass(frozen=True)
@@ -36,6 +37,9 @@ class Batch:
     ) -> "Batch":
         """Draws samples of a scenario's study.
 
+        What is drawn for a field depends on no other field, but for moments of inertia that no rigid body has: they are
+        replaced by the nearest that one has.
+
         Args:
             scenario: with or without distributions.
             samples: numbers of samples, from 0 on.
@@ -52,7 +56,7 @@ class Batch:
                 raise InputError(f"{name} is {number}, but must be at least 0 and below {limit}")
         found, own = distributions_in(scenario), None if seeds is None else tuple(seeds)
         drawn = drawn_values(own or seed, samples, {_label(path): each for path, each in found.items()})
-        varying = {path: drawn[_label(path)] for path in found}
+        varying = _with_rigid_bodies(scenario, {path: drawn[_label(path)] for path in found})
         return cls(scenario.model_copy(update={"seed": seed}), tuple(samples), varying, own)
 
     @property
@@ -101,14 +105,36 @@ def draw_sample(scenario: Scenario, sample: int, *, seed: int | None = None) -> 
 
 
 def at_quantile(scenario: Scenario, share: float) -> Scenario:
-    """The scenario with the number of each distribution below which this share of all lies."""
+    """The scenario with the number of each distribution below which this share of all lies.
+
+    Moments of inertia that no rigid body has are replaced by the nearest that one has.
+    """
     varying = {path: np.array([each.quantile(share)]) for path, each in distributions_in(scenario).items()}
-    return Batch(scenario, (0,), varying).scenario_of(0)
+    return Batch(scenario, (0,), _with_rigid_bodies(scenario, varying)).scenario_of(0)
 
 
 def middle_of(scenario: Scenario) -> Scenario:
     """The scenario with the median of each of its distributions."""
     return at_quantile(scenario, 0.5)
+
+
+def _with_rigid_bodies(scenario: Scenario, varying: Mapping[str, np.ndarray]) -> dict[str, np.ndarray]:
+    """Return the numbers that were drawn with moments of inertia that rigid bodies can have.
+
+    Args:
+        scenario: with distributions.
+        varying: (N,) numbers by the path of their field.
+    """
+    found = dict(varying)
+    bodies = {"vehicle": scenario.vehicle, "vehicle.payload": scenario.vehicle.payload}
+    for path, body in bodies.items():
+        fields = [joined(path, "inertia", axis) for axis in range(3)]
+        if body is None or not any(field in varying for field in fields):
+            continue
+        drawn = [varying.get(field, moment) for field, moment in zip(fields, body.inertia, strict=True)]
+        rigid = zip(fields, rigid_draws(body.inertia, drawn), strict=True)
+        found |= {field: moments for field, moments in rigid if field in varying}
+    return found
 
 
 def _label(path: str) -> str:

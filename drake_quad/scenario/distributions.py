@@ -2,7 +2,7 @@
 
 import math
 import re
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from typing import TYPE_CHECKING, Annotated, Any, LiteralString
 
 import numpy as np
@@ -222,6 +222,21 @@ DISTRIBUTIONS: dict[str, type[Distribution]] = {
     "normal": Normal,
     "choice": Choice,
 }
+
+
+def is_distribution(fields: Mapping[str, Any]) -> bool:
+    """Return True if a mapping, as it is written, is a distribution.
+
+    A distribution has one field, which holds a mapping of parameters or, for a choice, a list. Other mappings may have
+    a field of such a name, too: the `normal` of a half-space is a vector.
+
+    Args:
+        fields: values by the names of their fields.
+    """
+    name, *others = fields or [""]
+    if others or name not in DISTRIBUTIONS:
+        return False
+    return isinstance(fields[name], list | tuple if DISTRIBUTIONS[name] is Choice else Mapping)
 
 
 def _tag(value: Any) -> str | None:

@@ -143,6 +143,9 @@ class _Converter:
                 f"{mark}: the tag {shortened(str(node.tag))} is not allowed; write numbers, text, lists and mappings"
             )
         try:
+            # ruamel.yaml reads underscores between digits, as YAML 1.1 had them; YAML 1.2 does not.
+            if kind in ("int", "float") and "_" in node.value:
+                raise ValueError
             return self._construct.construct_object(node)
         except (LookupError, ValueError, OverflowError):
             what = "true or false" if kind == "bool" else "a number that can be read"

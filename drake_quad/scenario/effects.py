@@ -6,6 +6,7 @@ from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
 from drake_quad.scenario.distributions import Model, Real
+from drake_quad.scenario.inertia import INERTIA_DEMAND, INERTIA_RULE, inertia_flaw
 from drake_quad.scenario.limits import LARGEST, SMALLEST
 from drake_quad.scenario.quantities import Moment, NonNegative, Number, Position, Positive, bounded, extremes
 
@@ -93,12 +94,19 @@ class Payload(Model):
         default=_Nowhere, description="of its centre of mass, x, y, z in B seen from that of the vehicle without it (m)"
     )
     inertia: _PerAxis = Field(
-        default=_Nowhere, description="about its own centre of mass along x, y, z of B (kg m²); 0 for a point"
+        default=_Nowhere,
+        description=f"about its own centre of mass along x, y, z of B (kg m²), 0 for a point{INERTIA_RULE}",
     )
     time: Moment = Field(description="of the event (s)")
     event: Literal["picked_up", "dropped"] = Field(
         description="what happens at that time: before it is picked up and after it is dropped it is not there"
     )
+
+    @model_validator(mode="after")
+    def _is_rigid(self) -> "Payload":
+        if flaw := inertia_flaw(self.inertia):
+            raise self.wrong("inertia", kind="inertia", demand=INERTIA_DEMAND, flaw=flaw)
+        return self
 
 
 class Battery(Model):

@@ -8,7 +8,6 @@ import numpy as np
 
 from drake_quad.errors import InputError, shortened, shown
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.layers import merged
 from drake_quad.scenario.library import Library
 from drake_quad.scenario.limits import MOST_CHARACTERS, MOST_LEVELS
 from drake_quad.scenario.marked_tree import Mark, Tree
@@ -92,5 +91,16 @@ class _Values:
             tree = self.tree(value, inside, level + len(steps))
             for step in reversed(steps):
                 tree = Tree({step: tree}, self._mark)
-            result = merged(result, tree)
+            result = _united(result, tree)
         return result
+
+
+def _united(one: Tree, other: Tree) -> Tree:
+    """Return all fields of two parts of one mapping; of a field that is in both, the second value.
+
+    Other than in `merged` nothing else is replaced: the parts were written together.
+    """
+    if not (isinstance(one.value, dict) and isinstance(other.value, dict)):
+        return other
+    both = {key: _united(one.value[key], part) for key, part in other.value.items() if key in one.value}
+    return Tree({**one.value, **other.value, **both}, other.mark)

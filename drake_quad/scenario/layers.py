@@ -5,7 +5,7 @@ half of another make no sense: a vehicle, a control, and a route with what belon
 """
 
 from drake_quad.errors import InputError, listed
-from drake_quad.scenario.distributions import DISTRIBUTIONS
+from drake_quad.scenario.distributions import is_distribution
 from drake_quad.scenario.marked_tree import Tree
 from drake_quad.scenario.relative import (
     are_relative,
@@ -61,10 +61,14 @@ def merged(base: Tree, extension: Tree, silent: str | None = None) -> Tree:
         return extension
     before = old["kind"].value if "kind" in old else silent
     other_kind = "kind" in new and before is not None and new["kind"].value != before
-    if other_kind or any(name in old or name in new for name in DISTRIBUTIONS):
+    if other_kind or _is_distribution(old) or _is_distribution(new):
         return extension
     joined = {key: merged(old[key], tree, SILENT_KINDS.get(key)) if key in old else tree for key, tree in new.items()}
     return Tree({**old, **joined}, extension.mark)
+
+
+def _is_distribution(fields: dict[str, Tree]) -> bool:
+    return is_distribution({name: tree.value for name, tree in fields.items()})
 
 
 def changed(base: Tree, override: Tree) -> Tree:

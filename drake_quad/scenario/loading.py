@@ -2,8 +2,8 @@
 
 import difflib
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
-from functools import partial, reduce
+from collections.abc import Iterator, Mapping, Sequence, Set
+from functools import reduce
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, get_args
 
@@ -16,9 +16,11 @@ from drake_quad.scenario.given_values import given_trees
 from drake_quad.scenario.layers import SILENT_KINDS, changed, laid_over, merged, with_default_vehicle
 from drake_quad.scenario.library import Library
 from drake_quad.scenario.limits import MOST_LEVELS
+from drake_quad.scenario.list_items import at, with_items, within_lists, without
 from drake_quad.scenario.marked_tree import Mark, Tree
 from drake_quad.scenario.models import Mission, Nominal, Scenario, Vehicle
-from drake_quad.scenario.paths import joined, steps_of
+from drake_quad.scenario.named_files import with_named_files
+from drake_quad.scenario.paths import is_item, joined, steps_of
 from drake_quad.scenario.relative import refuse_elsewhere, with_absolute_distributions
 
 # Names of forms that stand in no file: an attitude controller without a kind is a PD.
@@ -176,12 +178,10 @@ def _loaded(
             allowed = ", ".join(Mission.model_fields)
             raise InputError(f"{override.mark}: a plan does not depend on {field}, only on {allowed}")
         # What is missing is missing in the file.
-        tree = changed(tree, _within_lists(tree, override))._replace(mark=tree.mark)
+        tree = changed(tree, within_lists(tree, override))._replace(mark=tree.mark)
     if "name" not in tree.value:
         tree = Tree({"name": Tree(name, tree.mark), **tree.value}, tree.mark)
-    for path, read in _FILES.items():
-        tree = _with_file(tree, path, partial(read, library))
-    return _without_relatives(tree)
+    return _without_relatives(with_named_files(tree, library))
 
 
 def _without_relatives(tree: Tree) -> Tree:
@@ -195,43 +195,8 @@ def _without_relatives(tree: Tree) -> Tree:
     return with_absolute_distributions(tree, believed, Vehicle())
 
 
-# Stands in a path for each name of a mapping.
-_EACH = "*"
-# Fields in which the name of a file may stand, and how a library reads it.
-_FILES: dict[tuple[str, ...], Callable[[Library, Path], Tree]] = {
-    ("control", "network", "learned"): Library.mapping,
-    ("control", "policy"): Library.policy,
-    ("route", "pieces"): Library.pieces,
-    ("space", "obstacles", _EACH, "points"): Library.points,
-}
-
-
-def _with_file(tree: Tree, path: tuple[str, ...], read: Callable[[Path], Tree]) -> Tree:
-    """The tree with what is in a file in the place of its name.
-
-    A file that is named in another is looked for beside that, as those that are extended are.
-
-    Args:
-        tree: of the scenario, or a part of it.
-        path: from there to the field.
-        read: reads the file.
-    """
-    if not path:
-        if not isinstance(tree.value, str):
-            return tree
-        folder = Path(tree.mark.source).parent if tree.mark.line else Path()
-        return read(folder / tree.value)
-    field, *inside = path
-    if not isinstance(tree.value, dict):
-        return tree
-    fields = tree.value.keys() & ({field} if field != _EACH else tree.value.keys())
-    return Tree(
-        {**tree.value, **{each: _with_file(tree.value[each], tuple(inside), read) for each in fields}}, tree.mark
-    )
-
-
 def validated(model: type[_Valid], tree: Tree) -> _Valid:
-    """What a document says, as a model of it.
+    """Return what a document says, as a model of it.
 
     Raises:
         InputError: something in it is wrong; the message names file, line, field, value and what is allowed.
@@ -240,7 +205,28 @@ def validated(model: type[_Valid], tree: Tree) -> _Valid:
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise InputError(_explain(error, model, tree, data)) from None
+        problems = error.errors(include_url=False)
+    paths = [_real_path(problem, data) for problem in problems if _gives_items(problem)]
+    rest = reduce(without, paths, tree)
+    try:
+        defaults = model.model_validate(rest.plain()).model_dump(mode="json") if paths else {}
+    except ValidationError as error:
+        others = error.errors(include_url=False)
+        lists_are_missing = any(_real_path(problem, rest.plain()) in paths for problem in others)
+        if not lists_are_missing:
+            raise InputError(_explain(others, model, rest, rest.plain())) from None
+        defaults = {}
+    if not paths or not all(isinstance(at(defaults, path), list) for path in paths):
+        raise InputError(_explain(problems, model, tree, data))
+    for path in paths:
+        rest = with_items(rest, path, at(defaults, path), tree.at(path)[0])
+    return validated(model, rest)
+
+
+def _gives_items(problem: Any) -> bool:
+    """Return True if a list is missing of which items are given by their numbers, as in `vehicle.inertia.0`."""
+    given = problem["input"]
+    return problem["type"] == "tuple_type" and isinstance(given, dict) and all(map(is_item, given))
 
 
 def _trees_of(overrides: Overrides, library: Library) -> Iterator[Tree]:
@@ -274,30 +260,15 @@ def _parsed(override: Override, library: Library) -> Tree:
     return tree
 
 
-def _within_lists(tree: Tree, override: Tree) -> Tree:
-    """The override with whole lists where it names items of lists by their numbers."""
-    old, new = tree.value, override.value
-    if isinstance(old, dict) and isinstance(new, dict):
-        known = {key: _within_lists(old[key], value) if key in old else value for key, value in new.items()}
-        return Tree(known, override.mark)
-    if isinstance(old, list) and isinstance(new, dict) and new and new.keys() <= {*map(str, range(len(old)))}:
-        items = list(old)
-        for key, value in new.items():
-            items[int(key)] = merged(old[int(key)], _within_lists(old[int(key)], value))
-        return Tree(items, override.mark)
-    return override
-
-
-def _explain(error: ValidationError, model: type[Model], tree: Tree, data: Any) -> str:
-    """One sentence for the first of the errors."""
-    problems = error.errors(include_url=False)
+def _explain(problems: Sequence[Any], model: type[Model], tree: Tree, data: Any) -> str:
+    """Return one sentence for the first of several problems."""
     problem = problems[0]
     context = problem.get("ctx", {})
-    path = _real_path(problem["loc"], data)
+    path = _real_path(problem, data)
     path = (*path, *context.get("path", ()))
     if problem["type"] in ("union_tag_invalid", "union_tag_not_found"):
         path = (*path, "kind")
-    others = [_real_path(other["loc"], data) for other in problems[1:]]
+    others = [_real_path(other, data) for other in problems[1:]]
     together = all(other["type"] == "missing" for other in problems) and {other[:-1] for other in others} == {path[:-1]}
     more = f" (and {len(others)} more)" if others else ""
     if together:
@@ -330,8 +301,7 @@ def _complaint(problem: Any, value: str, path: tuple[Any, ...], model: type[Mode
         case "dict_type":
             return f"is {value}, but must be a mapping of names to numbers"
         case "tuple_type":
-            items = isinstance(problem["input"], dict) and all(str(key).isdecimal() for key in problem["input"])
-            alone = "; an item alone can be given where the scenario says the others" if items else ""
+            alone = "; an item alone can be given where the others have defaults" if _gives_items(problem) else ""
             return f"is {value}, but must be a list{alone}"
     demand = re.sub(r"^(Input|String|Tuple) should", "must", problem["msg"]).replace(" after validation", "")
     return f"is {value}, but {demand}"
@@ -347,18 +317,27 @@ def _further_in(model: type[Model], name: str) -> list[str]:
     ]
 
 
-def _real_path(location: tuple[Any, ...], data: Any) -> tuple[Any, ...]:
-    """The location without the tags of unions, which stand in no file; a missing field or item comes last."""
+def _real_path(problem: Any, data: Any) -> tuple[Any, ...]:
+    """Return where a problem is, without the tags of unions, which stand in no file.
+
+    A missing field or item comes last.
+    """
     path: list[Any] = []
     tagged: Any = None
+    location, is_missing = problem["loc"], problem["type"] == "missing"
     for i, key in enumerate(location):
+        is_last = i == len(location) - 1
         kinds = (data["kind"],) if isinstance(data, dict) and "kind" in data else SILENT_KINDS.values()
+        # The half-space's field `normal` and the tag of a normal distribution are told apart by what is wrong there.
+        is_tag = key in _TAGS and not is_missing and problem["input"] is data
         if isinstance(data, dict) and key in kinds and data is not tagged:
             tagged = data
+        elif is_last and is_tag:
+            break
         elif (isinstance(data, dict) and key in data) or (isinstance(data, list) and key in range(len(data))):
             path.append(key)
             data = data[key]
-        elif i == len(location) - 1 and key not in _TAGS and isinstance(data, list if isinstance(key, int) else dict):
+        elif is_last and (is_missing or key not in _TAGS) and isinstance(data, list if isinstance(key, int) else dict):
             path.append(key)
     return tuple(path)
 

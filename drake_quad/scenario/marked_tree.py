@@ -1,5 +1,6 @@
 """Documents as trees that remember where everything was written."""
 
+from collections.abc import Mapping
 from typing import Any, NamedTuple
 
 from drake_quad.errors import shortened
@@ -24,6 +25,15 @@ class Tree(NamedTuple):
 
     value: Any
     mark: Mark
+
+    @classmethod
+    def of(cls, value: Any, mark: Mark) -> "Tree":
+        """Return the tree of a plain value, all of which bears one mark."""
+        if isinstance(value, Mapping):
+            return cls({name: cls.of(part, mark) for name, part in value.items()}, mark)
+        if isinstance(value, list | tuple):
+            return cls([cls.of(part, mark) for part in value], mark)
+        return cls(value, mark)
 
     def plain(self) -> Any:
         """The value without marks."""

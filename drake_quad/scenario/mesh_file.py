@@ -9,6 +9,7 @@ from drake_quad.scenario.limits import MOST_CORNERS
 from drake_quad.scenario.marked_tree import Mark, Tree
 from drake_quad.scenario.reading import opened
 from drake_quad.space.shapes import hull_of
+from drake_quad.written_numbers import float_in
 
 _MOST_BYTES = 50_000_000
 # A binary .stl: 80 bytes and a count, then 12 numbers and 2 bytes for each triangle.
@@ -45,13 +46,13 @@ def mesh_points(path: Path) -> Tree:
         raise InputError(
             f"{mark}: the convex hull has {len(corners)} corners, but may have {MOST_CORNERS}: simplify the mesh"
         )
-    return Tree([Tree([Tree(float(number), mark) for number in corner], mark) for corner in corners], mark)
+    return Tree.of(corners, mark)
 
 
 def _of_obj(data: bytes) -> np.ndarray:
     """(n, 3): the numbers behind each `v`."""
     rows = (line.split() for line in data.decode("utf-8", "replace").splitlines())
-    return np.array([[float(number) for number in row[1:4]] for row in rows if row and row[0] == "v"])
+    return np.array([[float_in(number) for number in row[1:4]] for row in rows if row and row[0] == "v"])
 
 
 def _of_stl(data: bytes) -> np.ndarray:
@@ -62,4 +63,4 @@ def _of_stl(data: bytes) -> np.ndarray:
         triangles = np.frombuffer(data, _TRIANGLE, offset=_HEAD)
         return np.unique(triangles["corners"].reshape(-1, 3).astype(float), axis=0)
     rows = (line.split() for line in data.decode("utf-8", "replace").splitlines())
-    return np.array([[float(number) for number in row[1:4]] for row in rows if row and row[0] == "vertex"])
+    return np.array([[float_in(number) for number in row[1:4]] for row in rows if row and row[0] == "vertex"])

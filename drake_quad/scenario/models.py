@@ -35,6 +35,7 @@ from drake_quad.scenario.effects import (
     SlungLoad,
     SpeedMotors,
 )
+from drake_quad.scenario.inertia import INERTIA_DEMAND, INERTIA_RULE, inertia_flaw
 from drake_quad.scenario.layouts import Layout, PlusLayout, has_distances, implied_arms, rotors_of
 from drake_quad.scenario.limits import MOST_SHARED, MOST_SOURCES, MOST_TICKS
 from drake_quad.scenario.lqg import LqgControl
@@ -80,13 +81,13 @@ _Positive = TypeVar("_Positive")
 _NonNegative = TypeVar("_NonNegative")
 
 
-def _paper(name: str, symbol: str, record: Any = _PAPER) -> Any:
-    """A field with the paper's number for default."""
+def _paper(name: str, symbol: str, record: Any = _PAPER, *, rule: str = "") -> Any:
+    """A field with the paper's number for default; a rule stands behind its unit."""
     value, hint = getattr(record, name), get_type_hints(type(record), include_extras=True)[name]
     if isinstance(value, tuple):
         hint = next(iter(get_type_hints(type(value), include_extras=True).values()))
     _, quantity = get_args(hint)
-    return Field(default=value, description=f"{symbol} ({quantity.unit})")
+    return Field(default=value, description=f"{symbol} ({quantity.unit}){rule}")
 
 
 class Airframe(Model, Generic[_Positive, _NonNegative]):
@@ -94,7 +95,7 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
 
     mass: _Positive = _paper("mass", "m")
     inertia: Annotated[tuple[_Positive, _Positive, _Positive], Field(strict=False)] = _paper(
-        "inertia", "I_xx, I_yy, I_zz"
+        "inertia", "I_xx, I_yy, I_zz", rule=INERTIA_RULE
     )
     rotor_inertia: _NonNegative = _paper("rotor_inertia", "J_r")
     thrust_factor: _Positive = _paper("thrust_factor", "b", _ROTOR)
@@ -120,6 +121,11 @@ class Airframe(Model, Generic[_Positive, _NonNegative]):
         if missing := missing_direction(rotors_of(self)):
             demand = "must give thrust and all torques: it has no {missing}"
             raise self.wrong("layout", kind="layout", demand=demand, missing=missing)
+
+    def check_inertia(self) -> None:
+        """Raise an error if no rigid body has the moments of inertia, whatever is drawn."""
+        if flaw := inertia_flaw(self.inertia):
+            raise self.wrong("inertia", kind="inertia", demand=INERTIA_DEMAND, flaw=flaw)
 
     def _check_arm(self) -> None:
         """What is written twice must be the same: a mistaken arm length would not be noticed."""
@@ -161,6 +167,7 @@ class Nominal(Airframe[PlainPositive, PlainNonNegative]):
 
     @model_validator(mode="after")
     def _can_fly(self) -> "Nominal":
+        self.check_inertia()
         self.check_layout()
         flaw = hover_flaw(rotors_of(self), min_speed=self.min_rotor_speed, max_speed=self.max_rotor_speed)
         if flaw:
@@ -429,6 +436,7 @@ class Scenario(Mission):
                 raise whole_vehicle.wrong("max_rotor_speed", kind="idle", demand=demand, idle=idle)
             demand = "must be smaller than max_rotor_speed, {top}"
             raise whole_vehicle.wrong("min_rotor_speed", kind="idle", demand=demand, top=top)
+        whole_vehicle.check_inertia()
         whole_vehicle.check_layout()
         if whole_vehicle.motors.kind != nominal.motors.kind:
             demand = "must be {told}, as in nominal: the autopilot knows what it tells the motors"

@@ -19,10 +19,15 @@ def joined(*steps: str | int) -> str:
     """The path of these steps, each of which may be a path itself."""
     path = ""
     for step in map(str, steps):
-        if step.isdecimal() and path.rpartition(".")[2] in _PER_ROTOR:
+        if is_item(step) and path.rpartition(".")[2] in _PER_ROTOR:
             step = f"{_ROTOR}{int(step) + 1}"
         path = f"{path}.{step}" if path else step
     return path
+
+
+def is_item(step: str) -> bool:
+    """Return True if a step is the number of an item of a list."""
+    return step.isascii() and step.isdecimal()
 
 
 def steps_of(path: str) -> list[str]:

@@ -7,9 +7,7 @@ another, and perhaps `initial_k` (units,). Beside them it may have `offset`, `sc
 """
 
 import io
-from collections.abc import Mapping
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydantic import ValidationError
@@ -58,15 +56,7 @@ def policy_network(path: Path) -> Tree:
         demand = problem["msg"].replace("Input should", "must")
         raise InputError(f"{mark}: is no network that can be flown: {place} {demand}".replace("  ", " ")) from None
     fields = network.model_dump(mode="json", exclude_defaults=True)
-    return _tree(fields, mark)
-
-
-def _tree(value: Any, mark: Mark) -> Tree:
-    if isinstance(value, Mapping):
-        return Tree({name: _tree(part, mark) for name, part in value.items()}, mark)
-    if isinstance(value, list | tuple):
-        return Tree([_tree(part, mark) for part in value], mark)
-    return Tree(value, mark)
+    return Tree.of(fields, mark)
 
 
 def _of_npz(data: bytes) -> TrainedNetwork:

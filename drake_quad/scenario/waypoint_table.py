@@ -10,6 +10,7 @@ from pathlib import Path
 from drake_quad.errors import InputError, shown
 from drake_quad.scenario.limits import MOST_WAYPOINTS
 from drake_quad.scenario.marked_tree import Mark, Tree
+from drake_quad.written_numbers import float_in
 
 _COLUMNS = ("time", "x", "y", "z", "yaw")
 _Row = tuple[Mark, list[str]]
@@ -121,7 +122,7 @@ def _check_names(names: list[str], mark: Mark) -> None:
 def number_in(cell: str) -> float | None:
     """The finite number that a cell holds, if it does."""
     try:
-        number = float(cell)
+        number = float_in(cell)
     except ValueError:
         return None
     return number if math.isfinite(number) else None

@@ -9,7 +9,7 @@ import numpy as np
 
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
-from drake_quad.flight import StudyFleet
+from drake_quad.flight import StudyFleet, simulate
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario
 from drake_quad.studies.provenance import difference, provenance, sources_of
@@ -62,6 +62,12 @@ def fly_trial(job: Job, samples: Sequence[int]) -> np.ndarray:
     """Flies the last of some samples alone, alone once more, and beside the others; returns its three rows."""
     last = samples[-1:]
     return np.vstack([fly_batch(job, last), fly_batch(job, last), fly_batch(job, samples)[-1:]])
+
+
+def cause_of_crash(job: Job, samples: Sequence[int]) -> str | None:
+    """Return a sentence on what was not a number in the flight of the first of some samples, if it crashed by that."""
+    own = job.own.made(1).given
+    return simulate(job.scenario, sample=samples[0], plan=job.plan, compiled=job.compiled, **own).cause
 
 
 def prepare(job: Job) -> None:

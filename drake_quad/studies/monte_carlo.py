@@ -2,6 +2,7 @@
 
 import math
 import uuid
+import warnings
 from collections.abc import Callable, Iterator
 from concurrent.futures import Executor
 from contextlib import contextmanager
@@ -16,7 +17,7 @@ from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError
 from drake_quad.scenario import Scenario
 from drake_quad.studies.crew import Crew, ExecutorCrew, fly_batches
-from drake_quad.studies.flying import Job, code_of, fly_batch, fly_trial, forget, prepare
+from drake_quad.studies.flying import Job, cause_of_crash, code_of, fly_batch, fly_trial, forget, prepare
 from drake_quad.studies.processes import Workers, check_counts, check_makers, num_cores
 from drake_quad.studies.study import Study, columns_of
 from drake_quad.studies.study_folder import StudyRows, open_study
@@ -171,7 +172,8 @@ def _crew(executor: Executor | Crew | None, num_workers: int, time_limit: float 
 def _check_alike(crew: Crew, job: Job) -> None:
     """Flies sample 0 alone, alone once more, and beside others, where batches hold more than one.
 
-    A trial that fails says nothing: which samples cannot be flown, the study finds out.
+    A trial that fails says nothing: which samples cannot be flown, the study finds out. Numbers that are not finite,
+    by which the sample crashes, are named in a warning.
 
     Raises:
         InputError: it does not fly alike, or a user's system does not fit.
@@ -185,7 +187,8 @@ def _check_alike(crew: Crew, job: Job) -> None:
     if outcome.reason:
         return
     alone, again, beside = outcome.result
-    names, error = " and ".join(job.own.given), columns_of(job.scenario).index("rmse")
+    columns = columns_of(job.scenario)
+    names, error = " and ".join(job.own.given), columns.index("rmse")
     for flown, how, why in (
         (again, "a second time in the same diagram", "must keep nothing in Python objects, but in Drake's state"),
         (beside, "beside other samples", "must not mix the vehicles of a fleet, whose rows are (k, N)"),
@@ -194,6 +197,11 @@ def _check_alike(crew: Crew, job: Job) -> None:
             raise InputError(
                 f"sample 0 flies otherwise {how} (RMSE {alone[error]:.6g} m, then {flown[error]:.6g} m): {names} {why}"
             )
+    if alone[columns.index("crashed")]:
+        crew.begin(partial(cause_of_crash, job), range(1))
+        (outcome,) = crew.finished()
+        if outcome.result is not None:
+            warnings.warn(f"sample 0: {outcome.result}; flights that end so count as crashed", stacklevel=3)
 
 
 def _size_of_batches(num_samples: int, num_workers: int, batch_size: int | None) -> int:

@@ -99,8 +99,10 @@ class Quadrotor(FleetSystem):
         inputs ●━━━━━○
                ●━━━━━→ state at h, seen by the discrete updates at h
 
-    The update at time zero does nothing. With `time_step=0` the state is continuous, a `VehicleState`. A step takes the
-    faults at its middle.
+    The update at time zero does nothing. With `time_step=0` the state is continuous, a `VehicleState`; a simulation
+    with error control then has to be advanced to the instant just before a rotor fails, or a payload comes or goes, and
+    from there to that instant, since no step is short enough to cross the jump of the forces. A step takes the faults
+    at its middle.
 
     Effects (`drake_quad.vehicle.effects`) act beside the paper's equations. With a `slung_load` and with a `battery`
     there are states and outputs of these, `swing` and `charge`; with a `thrust_curve` the commands are throttles, at

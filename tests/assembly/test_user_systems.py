@@ -3,8 +3,12 @@
 import pytest
 from pydrake.systems.framework import BasicVector, LeafSystem
 
-from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
+from drake_quad import InputError, build_tracking_diagram, load_scenario, run_monte_carlo, simulate
+from drake_quad.assembly.user_systems import UserSystems
+from drake_quad.flight import StudyFleet
+from drake_quad.framework import FleetSystem, fleet_system
 from drake_quad.laboratory.wind.dryden import DrydenTurbulence, Turbulence, TurbulenceNumbers
+from drake_quad.signals import Acceleration
 
 
 class WithPorts(LeafSystem):
@@ -53,12 +57,67 @@ def test_ports_that_do_not_fit_are_named(diagrams, place, inputs, outputs, sente
 
 def test_what_is_no_system_or_for_fewer_vehicles_is_refused(diagrams):
     scenario = load_scenario(diagrams / "hover.yaml")
-    with pytest.raises(InputError, match="must be a Drake system, an object and not its class"):
+    with pytest.raises(InputError, match="must be a Drake system, an object and not its class or a function that"):
         simulate(scenario, position_controller=WithPorts)
+    with pytest.raises(InputError, match=r"^control must be a Drake system, .*, but is <lambda>\(n\)$"):
+        simulate(scenario, control=lambda n: WithPorts(SEEN, {"wrench": 4}))
+    with pytest.raises(InputError, match="^wind must be a Drake system, but is an object of type dict$"):
+        simulate(scenario, wind={})
     with pytest.raises(InputError, match="must have 12 rows for each of 3 vehicles, but has 12"):
         build_tracking_diagram(scenario, 3, position_controller=WithPorts(SEEN, COMMAND))
     with pytest.raises(InputError, match="no place for a position_controller"):
         simulate(scenario, control=WithPorts(SEEN, {"wrench": 4}), position_controller=WithPorts(SEEN, COMMAND))
+
+
+def no_number():
+    return WithPorts(SEEN, COMMAND)
+
+
+def two_numbers(num_vehicles, gain):
+    return WithPorts(SEEN, COMMAND)
+
+
+def nothing(num_vehicles):
+    pass
+
+
+@pytest.mark.parametrize(
+    ("make", "words"),
+    [
+        (no_number, r"position_controller must be a function of the number of vehicles .*, but is no_number\(\)$"),
+        (two_numbers, r"position_controller must be a function .*, but is two_numbers\(num_vehicles, gain\)$"),
+        (nothing, r"position_controller must be a function .*, but nothing\(num_vehicles\) returns nothing$"),
+    ],
+)
+def test_a_function_that_makes_no_system_is_refused_with_its_signature(diagrams, make, words):
+    scenario = load_scenario(diagrams / "hover.yaml", ["duration=0.1"])
+    with pytest.raises(InputError, match=words):
+        run_monte_carlo(scenario, 2, position_controller=make, num_workers=1)
+    with pytest.raises(InputError, match=words):
+        StudyFleet(scenario, 2, own=UserSystems(position_controller=make))
+
+
+class Misspelt(FleetSystem):
+    """A controller whose ports have names that are no signals."""
+
+    def declare(self, *, seen="measurement", commanded="acceleration_command"):
+        reads = self.parameter("gains", lambda numbers: Acceleration(0.0, 0.0, 0.0)), self.input(seen)
+        self.output(commanded, lambda gains, m: gains, *reads)
+
+
+def test_a_misspelt_name_in_a_system_is_answered_with_those_that_are_close():
+    system = fleet_system(float)(Misspelt)
+    with pytest.raises(InputError, match=r"^there is no signal called 'measurment'; did you mean measurement\?$"):
+        system(seen="measurment")
+    with pytest.raises(InputError, match=r"'accel_command'; did you mean acceleration_command"):
+        system(commanded="accel_command")
+    made = system()
+    context = made.CreateDefaultContext()
+    assert made.get_parameter(context, "gains") == (0.0, 0.0, 0.0)
+    with pytest.raises(InputError, match=r"^there is no parameter called 'gain'; did you mean gains\?$"):
+        made.get_parameter(context, "gain")
+    with pytest.raises(InputError, match=r"^there is no group of the state called 'x'; there are none$"):
+        made.set_state(context, "x", ())
 
 
 def test_a_wind_may_have_random_ports(diagrams):

@@ -7,6 +7,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import BasicVector, LeafSystem
 
 from drake_quad import InputError, build_tracking_diagram, load_scenario, simulate
+from drake_quad.analysis.sensitivity import flight_sensitivities
 from drake_quad.assembly.planning import plan_route
 from drake_quad.assembly.tracking import build_fleet_diagram
 from drake_quad.flight import simulate_samples
@@ -296,3 +297,27 @@ def test_wind_of_the_user_s_is_sampled_whatever_system_makes_it(diagrams):
 
     flights = [simulate(scenario, wind=wind) for wind in (Leaf(), Fleet())]
     np.testing.assert_allclose(flights[0]["state"], flights[1]["state"], rtol=0.0, atol=1e-12)
+
+
+@pytest.mark.slow
+def test_the_forces_on_a_continuous_state_jump_at_their_instant(diagrams):
+    """Between two ticks a rotor fails, from when on it only coasts; and a payload drops, from when on nothing sinks."""
+    instant, still = 0.287654321, ["vehicle.time_step=0", "duration=0.4", "crash.tilt=null"]
+    failing = load_scenario(diagrams / "hover.yaml", [*still, f"vehicle.rotor_failure={{rotor: 2, time: {instant}}}"])
+    flight = simulate(failing)
+    coasting = np.exp(-np.maximum(flight.time - instant, 0.0) / failing.vehicle.rotor_time_constant)
+    speed = flight["rotor_speed"]
+    np.testing.assert_allclose(speed[:, 1], speed[0, 1] * coasting, rtol=1e-7)
+    np.testing.assert_allclose(speed[:, 0][flight.time <= instant], speed[0, 0], rtol=1e-12)
+
+    idle = ["control.position={k_p: [0, 0, 0], k_d: [0, 0, 0]}", "vehicle.rotor_time_constant=0.005"]
+    drop = f"vehicle.payload={{mass: 0.1, time: {instant}, event: dropped}}"
+    dropping = load_scenario(diagrams / "hover.yaml", [*still, *idle, drop])
+    flight = simulate(dropping)
+    climb, mass = flight["state"][:, 8], dropping.vehicle.mass
+    after = flight.time > instant
+    sinking = -0.1 * dropping.vehicle.gravity / (mass + 0.1) * (instant - flight.time[~after][-1])
+    np.testing.assert_allclose(climb[after], climb[~after][-1] + sinking, atol=1e-7)
+    assert climb[-1] < -0.2
+    (sensitivity,) = flight_sensitivities(dropping, ["vehicle.mass"]).gradients["rmse"]
+    assert np.isfinite(sensitivity)

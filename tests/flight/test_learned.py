@@ -80,7 +80,7 @@ def test_a_file_that_does_not_fit_gets_one_sentence(asymmetric, tmp_path, text, 
 
 
 def test_a_file_that_is_missing_is_named(asymmetric):
-    with pytest.raises(InputError, match=r"nowhere\.yaml.*cannot be read: no such file"):
+    with pytest.raises(InputError, match=r"control.network.learned names nowhere\.yaml, which does not exist"):
         asymmetric("pd_t2fnn", "control.network.learned=nowhere.yaml")
 
 

@@ -235,6 +235,43 @@ def test_a_branch_on_a_row_is_refused_in_a_sentence():
         machine(branching, 1.0)
 
 
+@pytest.mark.parametrize(
+    ("formula", "words"),
+    [
+        (lambda x: np.sin(x), "numpy.sin does not take a row that is not known yet"),
+        (lambda x: np.maximum(x, 0.0), "numpy.maximum does not take a row"),
+        (lambda x: np.linalg.norm([x, x]), "numpy.sqrt does not take a row"),
+        (lambda x: np.sin(np.array([x, x])), "no callable sin method; a Symbol is a row"),
+        (lambda x: math.sin(x), "a row that is not known yet is not a float"),
+        (lambda x: np.array([1.0, 2.0]) * x, r"an array of shape \(2,\) stands where a number or a row is wanted"),
+        (lambda x: x**2, "'Symbol' and 'int'; a Symbol is a row"),
+        (lambda x: x.clip(0.0, 1.0), "has no attribute 'clip'; a Symbol is a row"),
+    ],
+)
+def test_a_function_that_knows_no_rows_is_refused_with_the_way_out(formula, words):
+    with pytest.raises(TypeError, match=f"^formula <lambda>: .*{words}.*compute with rows by .*framework.elementary$"):
+        machine(formula, 1.0)
+
+
+def test_numbers_of_numpy_compute_with_rows():
+    """From both sides, as Python's do."""
+    two, x = np.float64(2.0), 3.0
+    formulas = [
+        lambda x: two + x,
+        lambda x: two - x,
+        lambda x: x - two,
+        lambda x: two * x,
+        lambda x: two / x,
+        lambda x: np.negative(x),
+        lambda x: np.abs(x) - np.add(x, two),
+        lambda x: elementary.where(two < x, 1.0, 0.0),
+        lambda x: elementary.where(two >= x, 1.0, 0.0),
+        lambda x: elementary.where((two != x) & (x == np.float64(3.0)), 1.0, 0.0),
+    ]
+    for formula in formulas:
+        assert machine(formula, x) == formula(x)
+
+
 class Polar(NamedTuple):
     length: Row
     slope: Row

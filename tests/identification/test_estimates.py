@@ -69,6 +69,10 @@ def test_units_and_limits_are_those_of_the_language(vehicles, name):
     kind, path = kind_of(name), scenario_path(name)
     scenario = vehicles[name.startswith(("autopilot.natural", "autopilot.damping"))]
     number_at(scenario, path)
+    if path.startswith("vehicle.inertia"):  # of a body that is so small about all axes
+        scenario = scenario.model_copy(
+            update={"vehicle": scenario.vehicle.model_copy(update={"inertia": (kind.least,) * 3})}
+        )
     # How a count is written in words is left to the language.
     assert kind.whole or unit_at(scenario, path) == kind.unit
     for limit, beyond in ((kind.least, -1.0), (kind.most, 1.0)):

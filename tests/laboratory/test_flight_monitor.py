@@ -102,10 +102,14 @@ def test_only_the_window_counts():
         ("acceleration_command", "x", math.inf),
         ("acceleration_command", "y", -math.inf),
         ("acceleration_command", "z", math.nan),
+        *(("wrench", field, math.nan) for field in SIGNALS["wrench"]._fields),
+        *(("attitude_target", field, -math.inf) for field in SIGNALS["attitude_target"]._fields),
     ],
 )
 def test_a_crash_is_called_and_ends_what_counts(port, field, value):
     tape = random_tape()
+    if port in ("wrench", "attitude_target"):
+        tape[port] = np.ones((len(tape["state"]), len(SIGNALS[port]._fields)))
     tape[port][25:, row(port, field)] = value
     metrics, crashed = watched(tape)
     assert crashed == 1.0

@@ -215,7 +215,7 @@ def test_what_is_wrong_in_a_file_is_named(write, text, words):
     ("route", "words"),
     [
         ("{kind: trajectory}", "must have either knots or pieces, not neither"),
-        ("{kind: trajectory, pieces: nowhere.csv}", "nowhere.csv: cannot be read"),
+        ("{kind: trajectory, pieces: nowhere.csv}", "route.pieces names .*nowhere.csv, which does not exist"),
         ("{kind: trajectory, pieces: loop.yaml}", "loop.yaml:1: "),
         (
             "{kind: trajectory, pieces: short.csv}",

@@ -6,7 +6,15 @@ import scipy
 
 from drake_quad import InputError
 from drake_quad.randomness.streams import parameter_numbers
-from drake_quad.scenario import Batch, distributions_in, draw_sample, load_scenario, save_scenario
+from drake_quad.scenario import (
+    Batch,
+    Scenario,
+    distributions_in,
+    draw_sample,
+    load_scenario,
+    middle_of,
+    save_scenario,
+)
 from drake_quad.scenario.paths import value_at
 
 # As SciPy has them: name and arguments.
@@ -90,6 +98,47 @@ def test_a_sample_may_have_a_route_of_its_own(study):
     radii = [draw_sample(scenario, sample).route.radius for sample in range(2)]
     assert radii == batch.varying["route.radius"].tolist()
     assert 1.2 < min(radii) < max(radii) < 1.4
+
+
+BELL = "{normal: {mean: 0.007, standard_deviation: 0.002, min: 0.001}}"
+
+
+def test_moments_of_inertia_are_drawn_as_those_of_a_rigid_body(study):
+    """The nearest to what is drawn; a body that was drawn is what it was."""
+    scenario = study(f"vehicle.inertia=[{BELL}, {BELL}, {{uniform: {{min: 0.008, max: 0.016}}}}]")
+    batch = Batch.draw(scenario, range(2000))
+    fields = [f"vehicle.inertia.{axis}" for axis in range(3)]
+    found = np.array([batch.varying[field] for field in fields])
+    distributions = distributions_in(scenario)
+    drawn = np.array(
+        [distributions[field].quantile(parameter_numbers(0, range(2000), f"vehicle.inertia[{axis}]"))
+         for axis, field in enumerate(fields)]
+    )  # fmt: skip
+    rigid = 2.0 * drawn.max(axis=0) <= drawn.sum(axis=0)
+    assert 0.1 < rigid.mean() < 0.9
+    np.testing.assert_array_equal(found[:, rigid], drawn[:, rigid])
+    np.testing.assert_allclose(2.0 * found.max(axis=0)[~rigid], found.sum(axis=0)[~rigid], rtol=1e-12)
+    for sample in np.flatnonzero(~rigid)[:3].tolist():
+        alone = draw_sample(scenario, sample)
+        assert alone.vehicle.inertia == tuple(found[:, sample].tolist())
+        Scenario.model_validate(alone.model_dump(mode="json"))
+
+
+def test_a_moment_that_is_a_number_stays_and_the_others_follow(study):
+    """Also those of a payload, and in the middle of all distributions."""
+    scenario = study(f"vehicle.inertia=[{BELL}, 0.007, 0.012]")
+    found = Batch.draw(scenario, range(500)).varying
+    assert [*found] == ["vehicle.inertia.0"]
+    assert found["vehicle.inertia.0"].min() == pytest.approx(0.005)
+    small = "{uniform: {min: 0.0, max: 0.001}}"
+    load = study(f"vehicle.payload={{mass: 0.1, inertia: [{small}, 0.0, 0.0004], time: 1, event: dropped}}")
+    moments = Batch.draw(load, range(100)).varying["vehicle.payload.inertia.0"]
+    np.testing.assert_allclose(moments, 0.0004)
+    assert middle_of(study("vehicle.inertia=[{uniform: {min: 0.001, max: 0.006}}, 0.007, 0.012]")).vehicle.inertia == (
+        pytest.approx(0.005),
+        0.007,
+        0.012,
+    )
 
 
 def test_the_samples_of_a_study_stay_what_they_were(study):

@@ -1,5 +1,7 @@
 """Overrides as Python's values, and what a scenario shows of itself."""
 
+import json
+from functools import reduce
 from pathlib import Path
 
 import numpy as np
@@ -7,6 +9,11 @@ import pytest
 
 from drake_quad import InputError, load_scenario
 from drake_quad.scenario import load_mission, load_undesigned
+from drake_quad.scenario.given_values import given_trees
+from drake_quad.scenario.library import Library, merged
+from drake_quad.scenario.marked_tree import Mark, Tree
+from drake_quad.scenario.routes import HalfSpace
+from drake_quad.scenario.shipped import shipped_scenarios
 
 
 @pytest.fixture
@@ -22,8 +29,11 @@ def load(diagrams):
         ({"vehicle.mass": np.float64(0.7), "seed": np.int64(3)}, ["vehicle.mass=0.7", "seed=3"]),
         ({"control.position.k_p": np.array([1.0, 2.0, 3.0])}, ["control.position.k_p=[1, 2, 3]"]),
         ({"control.position": {"k_p": (1, 2.5, 3)}}, ["control.position.k_p=[1, 2.5, 3]"]),
-        ({"vehicle.inertia.1": 0.01, "vehicle.inertia.2": 0.02}, ["vehicle.inertia.1=0.01", "vehicle.inertia.2=0.02"]),
-        ({"vehicle": {"inertia": {1: 0.01, "2": 0.02}}}, ["vehicle.inertia.1=0.01", "vehicle.inertia.2=0.02"]),
+        (
+            {"vehicle.inertia.1": 0.01, "vehicle.inertia.2": 0.013},
+            ["vehicle.inertia.1=0.01", "vehicle.inertia.2=0.013"],
+        ),
+        ({"vehicle": {"inertia": {1: 0.01, "2": 0.013}}}, ["vehicle.inertia.1=0.01", "vehicle.inertia.2=0.013"]),
         ({"vehicle": {"thrust_factor_error": {"rotor_2": 0.01}}}, ["vehicle.thrust_factor_error.rotor_2=0.01"]),
         (
             {"vehicle.thrust_factor_error": [0, {"choice": [0.0, 0.1]}, 0, 0]},
@@ -48,8 +58,60 @@ def test_parts_of_other_scenarios_are_values(load, diagrams):
     assert (found.vehicle.mass, found.route) == (0.66, other.route)
 
 
+@pytest.mark.slow
+def test_every_value_that_is_shipped_can_be_given_as_a_mapping(load):
+    """A mapping says what the same text says, whether it is given field by field or as a whole."""
+    nothing = Tree({}, Mark("", 0))
+    scenarios = [Library().find(name)[1].plain() for name in shipped_scenarios()]
+    for plain in (*scenarios, {"route": ROUTE}, load({"route": ROUTE}).model_dump(mode="json")):
+        for fields in (plain, {"whole": plain}):
+            assert reduce(merged, given_trees(fields, Library()), nothing).plain() == fields
+
+
+CORRIDOR = {"half_spaces": [{"normal": [1.0, -1.0, 0.0], "point": [0.5, 0.0, 0.0]}]}
+ROUTE = {"kind": "waypoints", "waypoints": [[0.0, 0.0, 1.0], [1.0, 1.0, 1.0]], "corridors": [CORRIDOR]}
+
+
+def test_the_normal_of_a_half_space_is_no_normal_distribution(load):
+    """The names of distributions are names of other fields, too."""
+    found = load({"route": ROUTE})
+    assert found == load("route=" + json.dumps(ROUTE))
+    assert found.route.corridors[0].half_spaces[0].normal == (1.0, -1.0, 0.0)
+    moved = load([{"route": ROUTE}, "route.corridors.0.half_spaces.0.point=[0.6, 0, 0]"])
+    assert moved.route.corridors[0].half_spaces[0] == HalfSpace(normal=(1.0, -1.0, 0.0), point=(0.6, 0.0, 0.0))
+    turned = load([{"route": ROUTE}, {"route.corridors.0.half_spaces.0": {"normal": [0.0, 0.0, -1.0]}}])
+    assert turned.route.corridors[0].half_spaces[0] == HalfSpace(normal=(0.0, 0.0, -1.0), point=(0.5, 0.0, 0.0))
+    corridor = {"half_spaces": [{"point": [0.5, 0.0, 0.0]}]}
+    with pytest.raises(InputError, match=r"route\.corridors\.0\.half_spaces\.0\.normal is missing"):
+        load({"route": {**ROUTE, "corridors": [corridor]}})
+
+
+@pytest.mark.parametrize(
+    ("given", "words"),
+    [
+        ({"normal": {"mean": 0.7, "standard_deviation": 0.1, "min": 0.5}, "x": 3}, "vehicle.mass.x is unknown"),
+        ({"normal": {"mean": 0.7}}, r"vehicle.mass.normal.standard_deviation is missing"),
+        ({"normal": [1.0, 2.0]}, r"vehicle.mass.normal is \[1.0, 2.0\], but must be a mapping"),
+        ({"choice": 3.0}, r"vehicle.mass.choice is 3.0, but must be a list"),
+    ],
+)
+def test_flaws_of_distributions_are_at_their_place(load, given, words):
+    with pytest.raises(InputError, match=f"^override vehicle.mass: {words}"):
+        load({"vehicle.mass": given})
+
+
+def test_a_distribution_replaces_another(load):
+    for given in ({"uniform": {"min": 0.6, "max": 0.7}}, {"choice": [0.6, 0.7]}):
+        assert isinstance(load("vehicle.mass=0.7").vehicle.mass, float)
+        found = load(["vehicle.mass={log_uniform: {min: 0.6, max: 0.8}}", {"vehicle.mass": given}])
+        assert found.vehicle.mass.model_dump(mode="json") == given
+
+
 def test_a_path_is_the_name_of_a_file(load):
-    with pytest.raises(InputError, match="^nowhere.yaml"):
+    with pytest.raises(
+        InputError,
+        match="^override control.network.learned: control.network.learned names nowhere.yaml, which does not exist$",
+    ):
         load({"control.network.learned": Path("nowhere.yaml")})
 
 

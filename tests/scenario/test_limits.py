@@ -223,8 +223,11 @@ def test_a_route_may_have_so_many_waypoints_and_no_more(write):
     ("override", "words"),
     [
         ("vehicle.mass=" + "1" * 5000, "is too long"),
-        ("laboratory.wind." + "1" * 5000 + "=1", "laboratory.wind is {'111.* must be a list"),
-        ("control.position.k_p." + "1" * 5000 + "=1", "k_p is {'111.* must be a list"),
+        ("laboratory.wind." + "1" * 5000 + "=1", "laboratory.wind has no item 111.*; it is empty"),
+        (
+            "control.position.k_p." + "1" * 5000 + "=1",
+            "control.position.k_p has no item 111.*; its items are .*k_p.0 to .*k_p.2",
+        ),
         ("1" * 5000 + "=1", "is unknown; allowed are name"),
         ("vehicle." + "a." * 5000 + "b=1", "is nested too deep: a scenario may have 40 levels"),
         ("vehicle.mass=" + "[" * 5000 + "]" * 5000, "is nested too deep"),

@@ -11,6 +11,7 @@ from drake_quad.errors import InputError
 from drake_quad.scenario import Scenario, distributions_in, load_scenario, load_undesigned, save_scenario
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.scenario.loading import has_control
+from drake_quad.scenario.paths import value_at
 
 BODY = """\
   route: {kind: hover}
@@ -584,9 +585,102 @@ def test_a_vehicle_alone_has_no_control(diagrams):
         has_control(diagrams / "nothing.yaml")
 
 
-def test_an_item_of_a_list_that_is_written_nowhere_is_refused_with_a_way_out(diagrams):
-    asked = "vehicle.inertia.0=0.1"
-    words = r"vehicle.inertia is \{'0': 0.1\}, but must be a list; an item alone can be given where the"
+@pytest.mark.parametrize(
+    ("written", "asked", "path", "found"),
+    [
+        ([], ["vehicle.inertia.0=0.006"], "vehicle.inertia", (0.006, 0.007, 0.012)),
+        (
+            ["nominal.inertia=[0.008, 0.009, 0.01]"],
+            ["vehicle.inertia.0=0.006"],
+            "vehicle.inertia",
+            (0.006, 0.009, 0.01),
+        ),
+        ([], ["nominal.inertia.1=0.006", "nominal.inertia.0=0.008"], "nominal.inertia", (0.008, 0.006, 0.012)),
+        (["vehicle.inertia=[0.2, 0.2, 0.2]"], ["vehicle.inertia.0=0.1"], "vehicle.inertia", (0.1, 0.2, 0.2)),
+        (
+            [],
+            ["vehicle.thrust_factor_error.rotor_2=0.1"],
+            "vehicle.thrust_factor_error",
+            (0.0, 0.1, 0.0, 0.0),
+        ),
+        ([], [{"vehicle.inertia": {0: 0.006, 2: 0.011}}], "vehicle.inertia", (0.006, 0.007, 0.011)),
+        ([], ["route.position.2=2"], "route.position", (0.0, 0.0, 2.0)),
+    ],
+)
+def test_an_item_of_a_list_can_be_given_alone(diagrams, written, asked, path, found):
+    """Items that are not given are those of the file or, where it says nothing, of the default."""
+    assert value_at(load_scenario(diagrams / "hover.yaml", [*written, *asked]), path) == found
+
+
+@pytest.mark.parametrize(
+    ("overrides", "words"),
+    [
+        (
+            ["vehicle.inertia.3=0.006"],
+            "^override vehicle.inertia.3=0.006: vehicle.inertia has no item 3; its items are",
+        ),
+        (["vehicle.inertia.01=0.006"], "vehicle.inertia has no item 01; its items are"),
+        (["vehicle.inertia.١=0.006"], "vehicle.inertia is .*, but must be a list$"),
+        (["vehicle.mass=-1", "vehicle.inertia.0=0.006"], "^override vehicle.mass=-1: vehicle.mass is -1"),
+        (["metrics.window.0=1"], "metrics.window is unknown"),
+        (["vehicle.motors={kind: throttle, curve: {'1': 3}}"], "an item alone can be given where the others have"),
+    ],
+)
+def test_an_item_that_no_list_has_is_refused(diagrams, overrides, words):
     with pytest.raises(InputError, match=words):
-        load_scenario(diagrams / "hover.yaml", [asked])
-    assert load_scenario(diagrams / "hover.yaml", ["vehicle.inertia=[0.2, 0.2, 0.2]", asked]).vehicle.inertia[0] == 0.1
+        load_scenario(diagrams / "hover.yaml", overrides)
+
+
+NO_BODY = "I_zz, 0.03, is larger than I_xx + I_yy, 0.014 kg m²"
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("vehicle.inertia=[0.007, 0.007, 0.03]", f"vehicle.inertia is .* must be that of a rigid body: {NO_BODY}"),
+        ("nominal.inertia=[0.007, 0.007, 0.03]", f"nominal.inertia is .* must be that of a rigid body: {NO_BODY}"),
+        ("vehicle.inertia.2=0.03", f"vehicle.inertia is .*{NO_BODY}"),
+        (
+            "vehicle.inertia=[{uniform: {min: 0.003, max: 0.004}}, 0.002, {choice: [0.007, 0.008]}]",
+            "must be that of a rigid body: whatever is drawn, I_zz, 0.007, is larger than I_xx + I_yy, 0.006",
+        ),
+        (
+            "vehicle.payload={mass: 0.1, inertia: [0.001, 0.004, 0.002], time: 1, event: dropped}",
+            "vehicle.payload.inertia is .* rigid body: I_yy, 0.004, is larger than I_xx . I_zz, 0.003",
+        ),
+    ],
+)
+def test_moments_of_inertia_that_no_body_has_are_refused(diagrams, override, words):
+    with pytest.raises(InputError, match=words.replace("+", r"\+")):
+        load_scenario(diagrams / "hover.yaml", [override])
+
+
+@pytest.mark.parametrize(
+    "inertia",
+    [
+        "[0.0061, 0.0061, 0.0123]",
+        "[0.007, 0.007, {normal: {mean: 0.013, standard_deviation: 0.001, min: 0.001}}]",
+        "[{normal: {mean: 0.001, standard_deviation: 0.001, min: 0.0001}}, 0.007, 0.012]",
+    ],
+)
+def test_moments_of_inertia_that_a_body_may_have_are_taken(diagrams, inertia):
+    load_scenario(diagrams / "hover.yaml", [f"vehicle.inertia={inertia}"])
+
+
+@pytest.mark.parametrize(
+    ("field", "path"),
+    [
+        ("control: {policy: FILE}", "control.policy"),
+        ("control: {network: {learned: FILE}}", "control.network.learned"),
+        ("route: {kind: trajectory, pieces: FILE}", "route.pieces"),
+        ("space: {obstacles: {rock: {kind: hull, points: FILE}}}", "space.obstacles.rock.points"),
+    ],
+)
+def test_a_file_that_is_missing_is_missing_in_a_line_of_the_scenario(tmp_path, field, path):
+    (tmp_path / "mine.yaml").write_text(f"a:\n  {field.replace('FILE', 'gone.xyz')}\n")
+    with pytest.raises(InputError) as error:
+        load_scenario(tmp_path / "mine.yaml")
+    assert str(error.value) == f"{tmp_path / 'mine.yaml'}:2: {path} names {tmp_path / 'gone.xyz'}, which does not exist"
+    (tmp_path / "gone.xyz").mkdir()
+    with pytest.raises(InputError, match=r"mine.yaml:2: .*gone.xyz, which is not a file$"):
+        load_scenario(tmp_path / "mine.yaml")

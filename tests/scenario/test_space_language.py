@@ -123,7 +123,7 @@ def test_fields_of_obstacles_have_paths(folder):
         ("obstacles.beam.size=[1, -1, 1]", "obstacles.beam.size.1 is -1"),
         ("obstacles.rock.points=[[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]", "the 4 points of a hull are in a plane"),
         ("obstacles.rock.points=[[0, 0, 0]]", "must have at least 4 items, not 1"),
-        ("obstacles.rock.points=no.obj", "no.obj: cannot be read: no such file"),
+        ("obstacles.rock.points=no.obj", "space.obstacles.rock.points names no.obj, which does not exist"),
         ("obstacles.rock.points=rock.ply", "its name must end in .obj or .stl"),
         ("obstacles.two words={}", "the name of an obstacle must be of letters"),
         ("obstacles.kind=3", "the name of an obstacle"),
@@ -134,7 +134,9 @@ def test_fields_of_obstacles_have_paths(folder):
         ("walls=3", "space.walls is unknown"),
     ],
 )
-def test_what_is_wrong_is_said_with_its_place(folder, override, words):
+def test_what_is_wrong_is_said_with_its_place(folder, monkeypatch, override, words):
+    monkeypatch.chdir(folder)
+    (folder / "rock.ply").touch()
     with pytest.raises(InputError, match="space|obj|ply") as error:
         load_scenario(folder / "rooms.yaml:room", f"space.{override}")
     assert words in str(error.value)

@@ -530,6 +530,7 @@ def trial(num_vehicles, rmse, reason="", refused=False):
     rows = np.ones((3, len(columns_of(study()))))
     rows[:, columns_of(study()).index("rmse")] = rmse
     rows[:, 1] = np.nan
+    rows[:, columns_of(study()).index("crashed")] = 0.0
     crew = Known(Outcome([0], rows, reason, refused))
     own = UserSystems(position_controller=Draught, wind=Draught)
     run_module._check_alike(crew, Job("key", {}, study(), None, num_vehicles, own, True))

@@ -13,6 +13,7 @@ from drake_quad.identification.logs.mapping import Mapping, load_mapping, shippe
 from drake_quad.identification.logs.record import COLUMNS
 from drake_quad.identification.logs.source import LogFile
 from drake_quad.identification.logs.units import UNITS
+from drake_quad.written_numbers import float_in
 
 # Of a CSV file: its cells take ten times as much memory.
 MOST_BYTES = 50_000_000
@@ -166,7 +167,7 @@ def _numbers(log: LogFile, name: str, cells: Sequence[str], lines: Sequence[int]
     """(rows,) of a column of numbers, or (rows, width) of one of vectors; NaN where a cell is empty."""
     try:
         if width is None:
-            return np.array([float(cell) if cell else np.nan for cell in cells])
+            return np.array([float_in(cell) if cell else np.nan for cell in cells])
         return np.array([_vector(cell, width) for cell in cells])
     except ValueError:
         row = next(i for i, cell in enumerate(cells) if not _readable(cell, width))
@@ -176,7 +177,7 @@ def _numbers(log: LogFile, name: str, cells: Sequence[str], lines: Sequence[int]
 
 
 def _vector(cell: str, width: int) -> list[float]:
-    parts = [float(part) for part in cell.translate(_BRACKETS).split()]
+    parts = [float_in(part) for part in cell.translate(_BRACKETS).split()]
     if parts and len(parts) != width:
         raise ValueError
     return parts or [np.nan] * width
@@ -187,7 +188,7 @@ def _readable(cell: str, width: int | None) -> bool:
         if width is not None:
             _vector(cell, width)
         elif cell:
-            float(cell)
+            float_in(cell)
     except ValueError:
         return False
     return True

@@ -33,6 +33,7 @@ from drake_quad.scenario.models import NAME, Nominal
 from drake_quad.scenario.paths import value_at
 from drake_quad.studies.interval import Interval
 from drake_quad.vehicle.motors import ThrustCurve, thrust_of
+from drake_quad.vehicle.rigid_body import inertia_flaw, nearest_rigid
 
 # Characters of a line of comment, and of the file: what an estimate shares stands on one line.
 _COMMENT, _WIDTH = 100, 400
@@ -131,14 +132,15 @@ def _fields(
     tree: dict[str, Any] = {"nominal": {}, "vehicle": {}, "laboratory": {}, "control": {}}
     for path in dict.fromkeys(split(each)[0] for each in estimates.names):
         whole = {each: _Entry(written[each], comments[each]) for each in estimates.names if split(each)[0] == path}
-        value = _listed(path, whole, base) if KINDS[path].items else whole[path]
+        value = _rigid(path, _listed(path, whole, base)) if KINDS[path].items else whole[path]
         *steps, last = field_path(path).split(".")
         node = tree
         for step in steps:
             node = node.setdefault(step, {})
         node[last] = value
         if path in Nominal.model_fields:
-            tree["nominal"][path] = _believed(path, estimates, base)
+            believed = _believed(path, estimates, base)
+            tree["nominal"][path] = _rigid(path, believed) if isinstance(believed, list) else believed
     for assignment in given:
         _put(tree, assignment)
     _with_motors(tree, base)
@@ -295,6 +297,29 @@ def _believed(path: str, estimates: Estimates, base: Scenario) -> Any:
     own: Any = getattr(base.nominal, path)
     names = [f"{path}[{place}]" for place in range(KINDS[path].items)]
     return [_Entry(number(name) if name in estimates.names else own[place]) for place, name in enumerate(names)]
+
+
+def _rigid(path: str, items: list[_Entry]) -> list[_Entry]:
+    """Return, of moments of inertia, the nearest that a rigid body can have; other lists as they are."""
+    known = all(isinstance(item.value, float) or "normal" in item.value for item in items)
+    if path != "inertia" or not known:
+        return items
+    found = [_median(item.value) for item in items]
+    flaw = inertia_flaw(found)
+    if not flaw:
+        return items
+    why = f"the nearest that a rigid body can have: of what was found, {flaw}"
+    return [
+        _Entry(_moved(item.value, float(there - here)), "; ".join(filter(None, [item.comment, why])))
+        for item, here, there in zip(items, found, nearest_rigid(found), strict=True)
+    ]
+
+
+def _moved(value: Any, step: float) -> Any:
+    """Return a number, or a normal distribution, that is moved by a step."""
+    if isinstance(value, dict):
+        return {"normal": {**value["normal"], "mean": _significant(value["normal"]["mean"] + step)}}
+    return _significant(value + step)
 
 
 def _with_motors(tree: dict[str, Any], base: Scenario) -> None:

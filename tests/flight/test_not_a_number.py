@@ -1,0 +1,129 @@
+"""A number that is not finite ends a flight at its tick, and is named with the system, the port and the time."""
+
+import re
+import warnings
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import BasicVector, LeafSystem
+
+from drake_quad import load_scenario, read_flight, run_monte_carlo, simulate
+from drake_quad.framework import TIME, FleetSystem, fleet_system
+from drake_quad.framework.elementary import where
+from drake_quad.signals import Acceleration, Wrench
+
+# From when on a system of the user's returns what is no number, s: a tick of the control.
+SINCE = 0.3
+SIZES = {"acceleration_command": 3, "wrench": 4, "attitude_target": 7, "wind": 3}
+
+
+class Broken(LeafSystem):
+    """A system in plain Python that holds the vehicle in hover until its second number is none."""
+
+    def __init__(self, signal, value=np.nan, num_vehicles=1, weight=0.68 * 9.81):
+        super().__init__()
+        n, rows = num_vehicles, SIZES[signal]
+
+        def show(context, output):
+            values = np.zeros((rows, n))
+            values[0] = weight if signal in ("wrench", "attitude_target") else 0.0
+            values[1] = value if context.get_time() >= SINCE else 0.0
+            output.SetFromVector(values.ravel())
+
+        if signal != "wind":
+            self.DeclareVectorInputPort("measurement", BasicVector(12 * n))
+            self.DeclareVectorInputPort("reference", BasicVector(11 * n))
+        self.DeclareVectorOutputPort(signal, BasicVector(rows * n), show)
+
+
+@fleet_system(float)
+class BrokenFormula(FleetSystem):
+    """The same as a formula, which is compiled."""
+
+    def declare(self, *, wrench=False):
+        reads = self.input("measurement"), self.input("reference"), TIME
+        if wrench:
+            self.output("wrench", lambda m, r, time: Wrench(0.68 * 9.81, none_from(time), 0.0, 0.0), *reads)
+        else:
+            self.output("acceleration_command", lambda m, r, time: Acceleration(0.0, none_from(time), 0.0), *reads)
+
+
+def none_from(time):
+    return where(time >= SINCE - 1e-9, float("nan"), 0.0)
+
+
+CASES = [
+    ("hover", "position_controller", "acceleration_command", "y"),
+    ("hover", "control", "wrench", "tau_x"),
+    ("onboard", "control", "attitude_target", "roll"),
+    ("hover", "wind", "wind", "y"),
+]
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("compiled", [False, True])
+@pytest.mark.parametrize(("value", "word"), [(np.nan, "nan"), (np.inf, "infinite")])
+@pytest.mark.parametrize(("spec", "place", "signal", "row"), CASES)
+def test_a_number_of_a_user_that_is_none_is_named(spec, place, signal, row, value, word, compiled):
+    scenario = load_scenario(spec, ["route={kind: hover, position: [0, 0, 1], duration: 0.6}"])
+    flight = simulate(scenario, **{place: Broken(signal, value)}, compiled=compiled)
+    # The wind blows on a state that the monitor sees at its next tick.
+    crash_time = SINCE if signal != "wind" else SINCE + 0.02
+    assert flight.metrics.crash_time == pytest.approx(crash_time)
+    assert flight.cause == f"{place} returned {word} in {row} of `{signal}` at {crash_time:.2f} s"
+    assert f"crashed at {crash_time:.2f} s, since {flight.cause}" in repr(flight)
+    assert flight.time[-1] < crash_time
+    assert all(np.isfinite(values).all() for values in flight.signals.values())
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("wrench", [False, True])
+def test_formulas_are_named_alike(wrench):
+    scenario = load_scenario("hover", ["duration=0.6"])
+    place = "control" if wrench else "position_controller"
+    flights = [simulate(scenario, **{place: BrokenFormula(wrench=wrench)}, compiled=each) for each in (False, True)]
+    causes = {flight.cause for flight in flights}
+    assert len(causes) == 1
+    assert re.fullmatch(rf"{place} returned nan in \w+ of `\w+` at {SINCE:.2f} s", causes.pop())
+
+
+@pytest.mark.slow
+def test_what_was_no_number_is_read_back_with_the_flight(tmp_path):
+    scenario = load_scenario("hover", ["duration=0.6"])
+    flight = simulate(scenario, position_controller=Broken("acceleration_command"))
+    flight.save(tmp_path)
+    assert read_flight(tmp_path).cause == flight.cause
+    assert repr(read_flight(tmp_path)) == repr(flight)
+
+
+@pytest.mark.slow
+def test_a_vehicle_that_diverges_or_falls_has_no_such_cause():
+    """Without damping it leaves its place, with a gain of 1e9 it turns over; both are results."""
+    pushed = ["vehicle.centre_of_mass=[0.01, 0]", "duration=20"]
+    for gains in ("{k_p: [2, 2, 2], k_d: [0, 0, 0]}", "{k_p: [1e9, 1e9, 1], k_d: [1, 1, 1]}"):
+        scenario = load_scenario("hover", [*pushed, f"control.position={gains}"])
+        flight = simulate(scenario, compiled=True)
+        assert flight.metrics.crashed
+        assert flight.cause is None
+        assert np.isfinite(flight.metrics.rmse)
+
+
+def broken(num_vehicles):
+    return Broken("acceleration_command", num_vehicles=num_vehicles)
+
+
+def sound(num_vehicles):
+    return Broken("acceleration_command", 0.0, num_vehicles=num_vehicles)
+
+
+@pytest.mark.slow
+def test_a_study_says_so_and_counts_crashes():
+    scenario = load_scenario("hover", ["duration=0.6"])
+    words = r"^sample 0: position_controller returned nan in y of `acceleration_command` at 0.30 s; flights that end so"
+    with pytest.warns(UserWarning, match=words):
+        study = run_monte_carlo(scenario, 2, num_workers=1, position_controller=broken)
+    assert study.metrics.crash_time == pytest.approx([SINCE, SINCE])
+    assert np.isfinite(np.array(study.metrics)).all()
+    with warnings.catch_warnings():
+        warnings.simplefilter("error")
+        assert not run_monte_carlo(scenario, 2, num_workers=1, position_controller=sound).metrics.crashed.any()

@@ -1,0 +1,72 @@
+"""Numbers that people write are in ASCII digits; Python would also read "1_0" and the digits of other scripts."""
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+from drake_quad.command_line.main import COMMANDS, module_of
+from drake_quad.errors import InputError
+from drake_quad.files import read_table
+from drake_quad.identification.logs.reading import read_log
+from drake_quad.scenario import load_mission
+from drake_quad.scenario.mesh_file import mesh_points
+from drake_quad.written_numbers import float_in, int_in
+
+ODD = ["1_0", "١", "１", "1_0.5"]
+PACKAGE = Path(__file__).parent.parent / "drake_quad"
+
+
+@pytest.mark.parametrize("text", [*ODD, "", "one"])
+def test_slips_of_the_pen_are_no_numbers(text):
+    for read in (float_in, int_in):
+        with pytest.raises(ValueError, match=r"."):
+            read(text)
+
+
+def test_numbers_are_read_as_python_reads_them():
+    assert (float_in("-1.5e3"), float_in(" .5 "), int_in("+12")) == (-1500.0, 0.5, 12)
+    assert np.isnan(float_in("nan"))
+
+
+@pytest.mark.parametrize("cell", ODD)
+@pytest.mark.parametrize(
+    ("name", "text", "read"),
+    [
+        ("course.csv", "0,0,1\nCELL,0,1\n", load_mission),
+        ("pieces.csv", "duration,x^0,y^0,z^0\n1,0,CELL,1\n", load_mission),
+        ("log.csv", "timestamp,battery_status.voltage_v\n0,3.9\n1,CELL\n2,3.9\n", read_log),
+        ("rock.obj", "v 0 0 0\nv 1 0 0\nv 0 1 0\nv 0 0 CELL\n", mesh_points),
+        ("a.yaml", "a: {route: {kind: hover, duration: CELL}}\n", load_mission),
+    ],
+)
+def test_no_reader_takes_them(tmp_path, name, text, read, cell):
+    path = tmp_path / name
+    path.write_text(text.replace("CELL", cell), encoding="utf-8")
+    with pytest.raises(InputError, match=name):
+        read(path)
+    path.write_text(text.replace("CELL", "10"), encoding="utf-8")
+    read(path)
+
+
+def test_a_column_of_slips_is_one_of_words(tmp_path):
+    (tmp_path / "table.csv").write_text("a,b\n1_0,1\n2,2\n")
+    assert read_table(tmp_path / "table.csv")["a"].tolist() == ["1_0", "2"]
+
+
+@pytest.mark.parametrize("arguments", [["study", "--samples"], ["fly", "--rate"], ["study", "--seed"]])
+def test_options_are_numbers_in_ascii_digits(arguments, capsys):
+    command, option = arguments
+    for value in ("1_0", "١"):
+        with pytest.raises(SystemExit):
+            module_of(command).options().parse_args([option, value])
+        assert re.search(rf"argument {option}: invalid (int|float) value: '{value}'", capsys.readouterr().err)
+
+
+@pytest.mark.slow
+def test_every_command_reads_its_numbers_so():
+    for command in COMMANDS:
+        options = module_of(command).options()
+        for kind, read in ((int, int_in), (float, float_in)):
+            assert options._registry_get("type", kind, kind) is read

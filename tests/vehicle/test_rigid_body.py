@@ -1,0 +1,68 @@
+"""Moments of inertia of clouds of masses, and the nearest ones where no cloud has them."""
+
+import numpy as np
+import pytest
+import scipy
+
+from drake_quad.vehicle.rigid_body import inertia_flaw, nearest_rigid
+
+
+@pytest.fixture(scope="module")
+def clouds():
+    """(500, 3) moments of inertia of random bodies about their axes: some flat, some rods."""
+    rng = np.random.default_rng(0)
+    places = rng.normal(size=(500, 20, 3)) * rng.choice([0.0, 0.1, 1.0], size=(500, 1, 3))
+    squares = (places - places.mean(axis=1, keepdims=True)) ** 2
+    return (squares.sum(axis=(1, 2))[:, None] - squares.sum(axis=1)) * 0.05
+
+
+def test_every_body_is_rigid(clouds):
+    assert all(inertia_flaw(moments) == "" for moments in clouds.tolist())
+    # Flat bodies and rods are so up to rounding.
+    np.testing.assert_allclose(nearest_rigid(clouds.T).T, clouds, atol=1e-14)
+
+
+def test_rounding_of_data_sheets_is_allowed_and_no_more():
+    assert inertia_flaw([0.0061, 0.0061, 0.0123]) == ""
+    assert inertia_flaw([0.007, 0.007, 0.03]) == "I_zz, 0.03, is larger than I_xx + I_yy, 0.014 kg m²"
+    assert inertia_flaw([1.0, 3.0, 1.5]) == "I_yy, 3, is larger than I_xx + I_zz, 2.5 kg m²"
+    assert inertia_flaw([3.0, 1.0, 1.5]) == "I_xx, 3, is larger than I_yy + I_zz, 2.5 kg m²"
+    assert inertia_flaw([0.0, 0.0, 0.0]) == ""
+
+
+@pytest.mark.slow
+def test_the_nearest_moments_are_those_of_a_quadratic_programme():
+    """Within bounds, some of which leave a moment no room."""
+    rng = np.random.default_rng(1)
+    apart = np.array([[1.0, 1.0, -1.0], [1.0, -1.0, 1.0], [-1.0, 1.0, 1.0]])
+    for _ in range(100):
+        moments = rng.lognormal(sigma=1.5, size=3)
+        low = moments * rng.choice([1.0, 0.7, 0.0], size=3)
+        high = moments * rng.choice([1.0, 1.5, 100.0], size=3)
+        found = nearest_rigid(moments, low, high)
+        assert ((found >= low) & (found <= high)).all()
+        if (apart @ moments >= 0.0).all():
+            np.testing.assert_array_equal(found, moments)
+            continue
+        largest = np.arange(3) == np.argmax(moments)
+        if low[largest].sum() > high[~largest].sum():  # no body has moments within these bounds
+            assert (apart @ found).min() < 0.0
+            continue
+        expected = scipy.optimize.minimize(
+            lambda x, m=moments: ((x - m) ** 2).sum(),
+            0.5 * (low + np.minimum(high, moments.max())),
+            jac=lambda x, m=moments: 2.0 * (x - m),
+            bounds=list(zip(low, high, strict=True)),
+            constraints={"type": "ineq", "fun": lambda x: apart @ x, "jac": lambda x: apart},
+            method="SLSQP",
+            options={"ftol": 1e-14, "maxiter": 500},
+        ).x
+        np.testing.assert_allclose(found, expected, atol=1e-5 * moments.max())
+
+
+def test_samples_of_a_fleet_are_as_alone():
+    rng = np.random.default_rng(2)
+    moments, low, high = rng.lognormal(size=(3, 50)), np.zeros(3), np.array([2.0, 3.0, np.inf])
+    together = nearest_rigid(moments, low, high)
+    for i in range(50):
+        np.testing.assert_array_equal(together[:, i], nearest_rigid(moments[:, i], low, high))
