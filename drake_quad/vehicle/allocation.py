@@ -18,10 +18,11 @@ The share of roll and pitch torque and the yaw torque follow as above.
 """
 
 from collections.abc import Callable, Sequence
-from itertools import combinations
+from functools import partial
+from itertools import chain, combinations
 from typing import Literal, NamedTuple
 
-from drake_quad.framework.elementary import maximum, minimum, sqrt, where
+from drake_quad.framework.elementary import maximum, minimum, sqrt, where, where_needed
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.signals import RotorRate, RotorSpeed, Row, Wrench
 from drake_quad.vehicle.mixer import Mixer, mixer_of
@@ -92,19 +93,18 @@ class _Bound(NamedTuple):
 
 
 class _Kept(NamedTuple):
-    """The thrust (N) and the share of roll and pitch torque that the rotors give."""
+    """The thrust (N), the share of roll and pitch torque, and the yaw torque (N m) that the rotors give."""
 
     thrust: Row
     share: Row
+    tau_z: Row
 
 
 def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitch") -> Allocated:
     """Return the rotor speeds for a wrench, and the part of the wrench that is given up.
 
-    This is for any layout in which all rotors carry a part of the thrust in hover. The squared speed of each rotor is
-    linear in the thrust, the share of roll and pitch torque and the yaw torque, and lies between two limits. Weighted
-    sums of two or three squared speeds, with weights that cancel the yaw torque or the thrust or both, bound the other
-    unknowns; by Helly's theorem, sums of more rotors add nothing.
+    This is for any layout in which all rotors carry a part of the thrust in hover. Nothing is given up where every
+    rotor is within its limits under the whole wrench and under the thrust alone.
 
     Args:
         wrench: commanded.
@@ -112,46 +112,80 @@ def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitc
         priority: the part of the wrench that is kept first.
     """
     low, high = rotors.min_speed * rotors.min_speed, rotors.max_speed * rotors.max_speed
-    yaw_size = sum(abs(row.tau_z) for row in rotors.mixer)
     squares = [
-        _Square(row.thrust, row.tau_x * wrench.tau_x + row.tau_y * wrench.tau_y, _without_rounding(row.tau_z, yaw_size))
-        for row in rotors.mixer
+        _Square(row.thrust, row.tau_x * wrench.tau_x + row.tau_y * wrench.tau_y, row.tau_z) for row in rotors.mixer
     ]
-    kept = _KEPT[priority](squares, wrench, low, high)
-    bare = [square.thrust * kept.thrust + kept.share * square.tilt for square in squares]
-    yaw_bounds = [_between(low - part, high - part, square.yaw) for part, square in zip(bare, squares, strict=True)]
-    yaw = _nearest(wrench.tau_z, yaw_bounds)
+    lowest, highest = high, low
+    for square in squares:
+        level = square.thrust * wrench.thrust
+        whole = level + square.tilt + square.yaw * wrench.tau_z
+        lowest, highest = minimum(minimum(level, whole), lowest), maximum(maximum(level, whole), highest)
+    kept = where_needed(
+        (lowest < low) | (highest > high),
+        partial(_within_limits, priority),
+        (wrench.thrust, wrench.tau_z, low, high, *chain.from_iterable(squares)),
+        _Kept(wrench.thrust, 1.0, wrench.tau_z),
+    )
     given_up = 1.0 - kept.share
-    speeds = [
-        sqrt(minimum(maximum(part + row.tau_z * yaw, low), high)) for part, row in zip(bare, rotors.mixer, strict=True)
-    ]
+    speeds = []
+    for square in squares:
+        whole = square.thrust * kept.thrust + kept.share * square.tilt + square.yaw * kept.tau_z
+        speeds.append(sqrt(minimum(maximum(whole, low), high)))
     return Allocated(
         RotorSpeed._make(speeds),
-        Wrench(wrench.thrust - kept.thrust, given_up * wrench.tau_x, given_up * wrench.tau_y, wrench.tau_z - yaw),
+        Wrench(
+            wrench.thrust - kept.thrust, given_up * wrench.tau_x, given_up * wrench.tau_y, wrench.tau_z - kept.tau_z
+        ),
     )
 
 
-def _roll_pitch_first(squares: Sequence[_Square], wrench: Wrench, low: Row, high: Row) -> _Kept:
-    """Keep as much roll and pitch torque as any thrust allows, then the nearest thrust."""
-    share = _largest_share(_share_bounds(squares, wrench.tau_z, low, high))
+def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: Row, *rows: Row) -> _Kept:
+    """Return what the rotors give of a wrench.
+
+    The squared speed of each rotor is linear in thrust, share of roll and pitch torque, and yaw torque, and lies
+    between two limits. Weighted sums of two or three squared speeds, with weights that cancel the yaw torque or the
+    thrust or both, bound the other unknowns. By Helly's theorem, sums of more rotors add nothing.
+
+    Args:
+        priority: the part of the wrench that is kept first.
+        thrust: commanded, N.
+        tau_z: commanded yaw torque, N m.
+        low: least squared speed.
+        high: largest squared speed.
+        rows: of the `_Square` of each rotor.
+    """
+    squares = [_Square(*rows[i : i + 3]) for i in range(0, len(rows), 3)]
+    size = sum(abs(square.yaw) for square in squares)
+    squares = [square._replace(yaw=_without_rounding(square.yaw, size)) for square in squares]
+    given, share = _GIVEN[priority](squares, thrust, tau_z, low, high)
+    yaw_bounds = []
+    for square in squares:
+        bare = square.thrust * given + share * square.tilt
+        yaw_bounds.append(_between(low - bare, high - bare, square.yaw))
+    return _Kept(given, share, _nearest(tau_z, yaw_bounds))
+
+
+def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
+    """Keep as much roll and pitch torque as any thrust allows, then the nearest thrust; return thrust and share."""
+    share = _largest_share(_share_bounds(squares, tau_z, low, high))
     bounds = [
         _between(bound.least - bound.tilt * share, bound.most - bound.tilt * share, factor)
-        for factor, bound in _thrust_and_share_bounds(squares, wrench.tau_z, low, high)
+        for factor, bound in _thrust_and_share_bounds(squares, tau_z, low, high)
     ]
-    return _Kept(_nearest(wrench.thrust, bounds), share)
+    return _nearest(thrust, bounds), share
 
 
-def _thrust_first(squares: Sequence[_Square], wrench: Wrench, low: Row, high: Row) -> _Kept:
+def _thrust_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
     """Keep the nearest thrust that needs no torque, then as much roll and pitch torque as this thrust allows."""
-    thrust = _nearest(wrench.thrust, [(low / square.thrust, high / square.thrust) for square in squares])
+    given = _nearest(thrust, [(low / square.thrust, high / square.thrust) for square in squares])
     bounds = [
-        _Bound(bound.tilt, bound.least - factor * thrust, bound.most - factor * thrust)
-        for factor, bound in _thrust_and_share_bounds(squares, wrench.tau_z, low, high)
+        _Bound(bound.tilt, bound.least - factor * given, bound.most - factor * given)
+        for factor, bound in _thrust_and_share_bounds(squares, tau_z, low, high)
     ]
-    return _Kept(thrust, _largest_share(bounds))
+    return given, _largest_share(bounds)
 
 
-_KEPT: dict[Priority, Callable[[Sequence[_Square], Wrench, Row, Row], _Kept]] = {
+_GIVEN: dict[Priority, Callable[..., tuple[Row, Row]]] = {
     "roll_pitch": _roll_pitch_first,
     "thrust": _thrust_first,
 }
