@@ -345,7 +345,7 @@ TARGETED = {"lateral": _regulator(WITH_TARGETS.lateral), "vertical": _regulator(
 NEAR_GROUND = Effects(ground_effect=GroundEffect(0.11, 0.05))
 FLEET_SYSTEMS = [
     Example(Allocation, RotorModel.of(VEHICLE.parameters)),
-    Example(Allocation, RotorModel.of(VEHICLE.parameters), {"paired": True}, num_vehicles=2),
+    Example(Allocation, RotorModel.of(VEHICLE.parameters), {"paired": True, "priority": "thrust"}, num_vehicles=2),
     Example(AttitudeAutopilot, AUTOPILOT, {"noisy": True}, num_vehicles=2),
     Example(AttitudeAutopilot, AUTOPILOT, {"period": 0.005}, whole=False),
     Example(AttitudeController, ATTITUDE),

@@ -294,7 +294,7 @@ ROTORS = tuple(
     for x, y, direction in ((0.17, 0.0, -1.0), (0.0, -0.17, 1.0), (-0.17, 0.0, -1.0), (0.0, 0.17, 1.0))
 )
 DEFAULTS = {
-    Allocation: {"paired": False, "numbers": RotorModel.of(QuadrotorParameters())},
+    Allocation: {"paired": False, "priority": "roll_pitch", "numbers": RotorModel.of(QuadrotorParameters())},
     AttitudeAutopilot: {"period": 0.0025, "noisy": False},
     AttitudeController: {},
     Broadcast: {"num_rows": 1},
@@ -380,7 +380,7 @@ DEFAULTS = {
     RotorSpeedActuation: {"order": (0, 1, 2, 3)},
     Observation: {"period": 0.02, "num_ahead": 0, "clearance": None},
     Policy: {"period": 0.02},
-    ThrottleAllocation: {"paired": False},
+    ThrottleAllocation: {"paired": False, "priority": "roll_pitch"},
     ThrustAlone: {},
     ThrustVectoring: {"projects": False, "sequence": "zyx"},
     SetLearning: {

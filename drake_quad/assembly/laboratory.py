@@ -124,10 +124,13 @@ def vehicle_parameters(vehicle: Any) -> QuadrotorParameters:
 
 def _allocation(scenario: Scenario) -> Recipe:
     believed, curve = nominal_parameters(scenario), thrust_curve(scenario.nominal.motors)
-    paired = {"paired": are_paired(scenario.nominal.layout)}
+    structure = {
+        "paired": are_paired(scenario.nominal.layout),
+        "priority": scenario.laboratory.allocation.priority,
+    }
     if curve is None:
-        return Recipe(Allocation, paired, RotorModel.of(believed))
-    return Recipe(ThrottleAllocation, paired, ThrottleModel.of(believed, curve))
+        return Recipe(Allocation, structure, RotorModel.of(believed))
+    return Recipe(ThrottleAllocation, structure, ThrottleModel.of(believed, curve))
 
 
 def _vehicle(scenario: Scenario, fleet: Any, plan: Plan, duration: float) -> Recipe:

@@ -12,10 +12,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import scipy
 
-from drake_quad.assembly.effects import thrust_curve
-from drake_quad.assembly.planning import nominal_parameters
 from drake_quad.errors import InputError, listed
 from drake_quad.identification.fitting.evidence import Evidence, Uncertainty
+from drake_quad.identification.fitting.firmware import allocated_commands
 from drake_quad.identification.fitting.flown_model import DELAY, DisturbanceKind, Vehicle
 from drake_quad.identification.fitting.forecast import Forecast, forecast
 from drake_quad.identification.fitting.prediction_error import (
@@ -39,10 +38,7 @@ from drake_quad.identification.results.estimates import (
 )
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.paths import value_at
-from drake_quad.signals import Wrench
 from drake_quad.studies.interval import plus_minus
-from drake_quad.vehicle.allocation import RotorModel, allocate
-from drake_quad.vehicle.motors import ThrottleModel, allocate_throttle
 
 # Samples are taken together up to this time, and longer ones taken apart, s: a tenth of a small motor's lag.
 _SAMPLE, _STEP = 0.008, 0.005
@@ -187,15 +183,10 @@ def _commanded(record: FlightRecord, scenario: Scenario, signal: str) -> FlightR
         told = record.motor_command is not None or record.rotor_speed_command is not None
         why = f"; its motors are told {other}, so use a vehicle with vehicle.motors for them" if told else ""
         raise InputError(f"the log {record.name} lacks {signal}, or thrust_command with torque_command{why}")
-    believed, curve = nominal_parameters(scenario), thrust_curve(scenario.nominal.motors)
-    wrench = Wrench(record.thrust_command, *record.torque_command.T)  # type: ignore[arg-type]
-    if curve is None:
-        commands: Any = allocate(wrench, RotorModel.of(believed)).rotor_speed_command
-    else:
-        commands = allocate_throttle(wrench, ThrottleModel.of(believed, curve)).throttle_command
-    shape = np.broadcast_shapes(*(np.shape(row) for row in commands))
-    values: Any = {signal: np.stack([np.broadcast_to(row, shape) for row in commands], axis=1)}
-    return replace(record, **values)
+    commands: Any = allocated_commands(
+        record.thrust_command, record.torque_command, scenario, throttles=signal == "motor_command"
+    )
+    return replace(record, **{signal: commands})
 
 
 def _resampled(record: FlightRecord) -> FlightRecord:

@@ -66,6 +66,7 @@ from drake_quad.scenario.quantities import (
 from drake_quad.scenario.routes import Route
 from drake_quad.scenario.space import Space
 from drake_quad.scenario.wind import Wind
+from drake_quad.vehicle.allocation import Priority
 from drake_quad.vehicle.authority import hover_flaw, missing_direction
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
@@ -266,12 +267,23 @@ class CommandLink(Model):
     loss_rate: Probability = Field(default=0.0, description="share of the packets that are lost (1)")
 
 
+class Allocation(Model):
+    """On board: from a wrench to rotor speeds within the limits of `nominal`."""
+
+    priority: Priority = Field(
+        default="roll_pitch",
+        description="what is kept first where the rotors cannot give the whole wrench: roll_pitch keeps roll and pitch"
+        " torque first and then thrust, thrust keeps thrust first and then roll and pitch torque; yaw torque is last",
+    )
+
+
 class Laboratory(Model):
     """What stands between the controllers and the vehicle."""
 
     motion_capture: MotionCapture = MotionCapture()
     command_link: CommandLink = CommandLink()
     autopilot: Autopilot = Field(default=NoAutopilot(kind="none"), description="what runs on board")
+    allocation: Allocation = Allocation()
     wind: Annotated[tuple[Wind, ...], Field(strict=False, max_length=MOST_SOURCES)] = Field(
         default=(), description="sources; they add up"
     )

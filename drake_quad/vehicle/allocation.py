@@ -1,36 +1,51 @@
 """From a commanded wrench to rotor speeds: the inverse of eq (5) within the rotors' limits.
 
-Where the rotors cannot give all of a wrench, yaw torque is given up first, then roll and pitch torque in equal shares,
-and thrust last:
+Where the rotors cannot give the whole wrench, a `Priority` says which part of it is kept first:
 
-- thrust is what is wanted, within what all rotors can give together without any torque;
-- the share of roll and pitch torque in [0, 1] is the largest that leaves the rotors a yaw torque between none and the
-  one that is wanted;
-- the yaw torque is the one nearest to what is wanted that the rotors then have room for.
+- "roll_pitch", the default: roll and pitch torque first, thrust second, yaw torque third;
+- "thrust": thrust first, roll and pitch torque second, yaw torque third.
+
+With roll and pitch first, each part is the best that the parts before it allow:
+
+1. The share of roll and pitch torque in [0, 1] is the largest that the rotors can give at any thrust, with a yaw torque
+   between zero and the commanded one. Both torques are scaled by this share, which keeps their direction.
+2. The thrust is the one nearest to the commanded thrust: it is lowered where a rotor would exceed its largest speed,
+   and raised where a rotor would fall below idle speed.
+3. The yaw torque is the one nearest to the commanded yaw torque.
+
+With thrust first, the thrust is the one nearest to the commanded thrust that the rotors can give without any torque.
+The share of roll and pitch torque and the yaw torque follow as above.
 """
 
-from itertools import combinations
-from typing import NamedTuple
+from collections.abc import Callable, Sequence
+from functools import partial
+from itertools import chain, combinations
+from typing import Literal, NamedTuple
 
-from drake_quad.framework.elementary import maximum, minimum, sqrt, where
+from drake_quad.framework.elementary import maximum, minimum, sqrt, where, where_needed
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.signals import RotorRate, RotorSpeed, Row, Wrench
 from drake_quad.vehicle.mixer import Mixer, mixer_of
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
-# Keeps 0 / 0 away where there is neither room nor demand; no room is as small.
+Priority = Literal["roll_pitch", "thrust"]
+"""The part of a wrench that is kept first where the rotors cannot give the whole wrench."""
+
+# Keeps 0 / 0 away where there is neither room nor demand; every real room is larger.
 _TINY = 1e-100
-# Larger than any torque.
-_ENDLESS = 1e100
+# Larger than any force or torque.
+_UNBOUNDED = 1e100
+# A coefficient that is smaller than this, relative to the largest of its kind, is zero but for rounding.
+_MIN_COEFFICIENT = 1e-9
 
 
 class RotorModel(NamedTuple):
-    """What the autopilot believes of the rotors.
+    """The autopilot's model of the rotors.
 
     Attributes:
         mixer: from a wrench to squared speeds.
-        min_speed: idle.
-        max_speed: the largest.
+        min_speed: idle speed.
+        max_speed: largest speed.
     """
 
     mixer: Mixer
@@ -39,132 +54,274 @@ class RotorModel(NamedTuple):
 
     @classmethod
     def of(cls, parameters: QuadrotorParameters) -> "RotorModel":
-        """The model of a vehicle."""
+        """Return the model of a vehicle."""
         return cls(mixer_of(parameters), parameters.min_rotor_speed, parameters.max_rotor_speed)
 
 
 class Allocated(NamedTuple):
-    """What comes of a wrench.
+    """Result of an allocation.
 
     Attributes:
-        rotor_speed_command: the rotor speeds that give it, or the part of it that the rotors can give.
-        shortfall: the part that is given up, exactly zero where nothing is.
+        rotor_speed_command: the rotor speeds that give the wrench, or the part of it that the rotors can give.
+        shortfall: the commanded wrench minus the wrench of these speeds, exactly zero where nothing is given up.
     """
 
     rotor_speed_command: RotorSpeed
     shortfall: Wrench
 
 
-class _Demand(NamedTuple):
-    """Of the squared speed of one rotor, what each part of a wrench takes.
+class _Square(NamedTuple):
+    """How the squared speed of one rotor depends on the wrench.
 
     Attributes:
-        level: the thrust that is given.
-        tilt: the roll and pitch torque that are wanted.
-        yaw: the yaw torque that is wanted.
-        per_yaw: a yaw torque of 1 N m.
+        thrust: change per newton of thrust; positive.
+        tilt: change from none to all of the commanded roll and pitch torque.
+        yaw: change per newton metre of yaw torque.
+    """
+
+    thrust: Row
+    tilt: Row
+    yaw: Row
+
+
+class _Bound(NamedTuple):
+    """What the rotors' limits leave to the share of roll and pitch torque: least <= tilt * share <= most."""
+
+    tilt: Row
+    least: Row
+    most: Row
+
+
+class _Kept(NamedTuple):
+    """The thrust (N), the share of roll and pitch torque, and the yaw torque (N m) that the rotors give."""
+
+    thrust: Row
+    share: Row
+    tau_z: Row
+
+
+def allocate(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitch") -> Allocated:
+    """Return the rotor speeds for a wrench, and the part of the wrench that is given up.
+
+    This is for any layout in which all rotors carry a part of the thrust in hover. Nothing is given up where every
+    rotor is within its limits under the whole wrench and under the thrust alone.
+
+    Args:
+        wrench: commanded.
+        rotors: the autopilot's model of them.
+        priority: the part of the wrench that is kept first.
+    """
+    low, high = rotors.min_speed * rotors.min_speed, rotors.max_speed * rotors.max_speed
+    squares = [
+        _Square(row.thrust, row.tau_x * wrench.tau_x + row.tau_y * wrench.tau_y, row.tau_z) for row in rotors.mixer
+    ]
+    lowest, highest = high, low
+    for square in squares:
+        level = square.thrust * wrench.thrust
+        whole = level + square.tilt + square.yaw * wrench.tau_z
+        lowest, highest = minimum(minimum(level, whole), lowest), maximum(maximum(level, whole), highest)
+    kept = where_needed(
+        (lowest < low) | (highest > high),
+        partial(_within_limits, priority),
+        (wrench.thrust, wrench.tau_z, low, high, *chain.from_iterable(squares)),
+        _Kept(wrench.thrust, 1.0, wrench.tau_z),
+    )
+    given_up = 1.0 - kept.share
+    speeds = []
+    for square in squares:
+        whole = square.thrust * kept.thrust + kept.share * square.tilt + square.yaw * kept.tau_z
+        speeds.append(sqrt(minimum(maximum(whole, low), high)))
+    return Allocated(
+        RotorSpeed._make(speeds),
+        Wrench(
+            wrench.thrust - kept.thrust, given_up * wrench.tau_x, given_up * wrench.tau_y, wrench.tau_z - kept.tau_z
+        ),
+    )
+
+
+def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: Row, *rows: Row) -> _Kept:
+    """Return what the rotors give of a wrench.
+
+    The squared speed of each rotor is linear in thrust, share of roll and pitch torque, and yaw torque, and lies
+    between two limits. Weighted sums of two or three squared speeds, with weights that cancel the yaw torque or the
+    thrust or both, bound the other unknowns. By Helly's theorem, sums of more rotors add nothing.
+
+    Args:
+        priority: the part of the wrench that is kept first.
+        thrust: commanded, N.
+        tau_z: commanded yaw torque, N m.
+        low: least squared speed.
+        high: largest squared speed.
+        rows: of the `_Square` of each rotor.
+    """
+    squares = [_Square(*rows[i : i + 3]) for i in range(0, len(rows), 3)]
+    size = sum(abs(square.yaw) for square in squares)
+    squares = [square._replace(yaw=_without_rounding(square.yaw, size)) for square in squares]
+    given, share = _GIVEN[priority](squares, thrust, tau_z, low, high)
+    yaw_bounds = []
+    for square in squares:
+        bare = square.thrust * given + share * square.tilt
+        yaw_bounds.append(_between(low - bare, high - bare, square.yaw))
+    return _Kept(given, share, _nearest(tau_z, yaw_bounds))
+
+
+def _roll_pitch_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
+    """Keep as much roll and pitch torque as any thrust allows, then the nearest thrust; return thrust and share."""
+    share = _largest_share(_share_bounds(squares, tau_z, low, high))
+    bounds = [
+        _between(bound.least - bound.tilt * share, bound.most - bound.tilt * share, factor)
+        for factor, bound in _thrust_and_share_bounds(squares, tau_z, low, high)
+    ]
+    return _nearest(thrust, bounds), share
+
+
+def _thrust_first(squares: Sequence[_Square], thrust: Row, tau_z: Row, low: Row, high: Row) -> tuple[Row, Row]:
+    """Keep the nearest thrust that needs no torque, then as much roll and pitch torque as this thrust allows."""
+    given = _nearest(thrust, [(low / square.thrust, high / square.thrust) for square in squares])
+    bounds = [
+        _Bound(bound.tilt, bound.least - factor * given, bound.most - factor * given)
+        for factor, bound in _thrust_and_share_bounds(squares, tau_z, low, high)
+    ]
+    return given, _largest_share(bounds)
+
+
+_GIVEN: dict[Priority, Callable[..., tuple[Row, Row]]] = {
+    "roll_pitch": _roll_pitch_first,
+    "thrust": _thrust_first,
+}
+
+
+def _thrust_and_share_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, high: Row) -> list[tuple[Row, _Bound]]:
+    """Return what the limits leave to thrust and share together with some yaw torque between zero and tau_z.
+
+    Each rotor bounds them with the yaw torque that helps most, and each two rotors bound them whatever the yaw torque.
+
+    Returns:
+        Factors and bounds: least <= factor * thrust + tilt * share <= most.
+    """
+    bounds = [(square.thrust, _Bound(square.tilt, *_widened(low, high, square.yaw * tau_z))) for square in squares]
+    for one, other in combinations(squares, 2):
+        tilt = other.yaw * one.tilt - one.yaw * other.tilt
+        bounds.append((_turn(one, other, squares), _Bound(tilt, *_range((other.yaw, -one.yaw), low, high))))
+    return bounds
+
+
+def _share_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, high: Row) -> list[_Bound]:
+    """Return what the limits leave to the share with some thrust and some yaw torque between zero and tau_z.
+
+    Each two rotors bound it, whatever the thrust, with the yaw torque that helps most, and each three rotors bound it
+    whatever thrust and yaw torque.
+    """
+    bounds = []
+    for one, other in combinations(squares, 2):
+        tilt, yaw = other.thrust * one.tilt - one.thrust * other.tilt, -_turn(one, other, squares) * tau_z
+        bounds.append(_Bound(tilt, *_widened(*_range((other.thrust, -one.thrust), low, high), yaw)))
+    for one, two, three in combinations(squares, 3):
+        weights = _turn(two, three, squares), _turn(three, one, squares), _turn(one, two, squares)
+        tilt = weights[0] * one.tilt + weights[1] * two.tilt + weights[2] * three.tilt
+        bounds.append(_Bound(tilt, *_range(weights, low, high)))
+    return bounds
+
+
+def _turn(one: _Square, other: _Square, squares: Sequence[_Square]) -> Row:
+    """Return the determinant of what two rotors' squared speeds take of thrust and yaw torque."""
+    size = sum(square.thrust for square in squares) * sum(abs(square.yaw) for square in squares)
+    return _without_rounding(one.thrust * other.yaw - other.thrust * one.yaw, size)
+
+
+def _without_rounding(coefficient: Row, size: Row) -> Row:
+    """Return a coefficient, or exactly zero where it is nothing but rounding beside others of some size."""
+    return where(abs(coefficient) <= _MIN_COEFFICIENT * size, 0.0, coefficient)
+
+
+def _range(weights: Sequence[Row], low: Row, high: Row) -> tuple[Row, Row]:
+    """Return the least and the largest weighted sum of squared speeds between two limits."""
+    up, down = sum(maximum(weight, 0.0) for weight in weights), sum(minimum(weight, 0.0) for weight in weights)
+    return up * low + down * high, up * high + down * low
+
+
+def _widened(least: Row, most: Row, yaw: Row) -> tuple[Row, Row]:
+    """Return the limits of a sum without the part of it that yaw torque takes, which is between zero and `yaw`."""
+    return least - maximum(yaw, 0.0), most - minimum(yaw, 0.0)
+
+
+def _largest_share(bounds: Sequence[_Bound]) -> Row:
+    """Return the largest share in [0, 1] of roll and pitch torque."""
+    share: Row = 1.0
+    for tilt, least, most in bounds:
+        room = where(tilt > 0.0, most, -least)
+        share = minimum(_fitting(maximum(room, 0.0), abs(tilt)), share)
+    return share
+
+
+def _between(least: Row, most: Row, factor: Row) -> tuple[Row, Row]:
+    """Return the least and the largest x with least <= factor * x <= most; any x does for a factor of zero."""
+    rising, free = factor > 0.0, factor == 0.0
+    inverse = 1.0 / where(free, 1.0, factor)
+    down, up = where(rising, least, most) * inverse, where(rising, most, least) * inverse
+    return where(free, -_UNBOUNDED, down), where(free, _UNBOUNDED, up)
+
+
+def _nearest(wanted: Row, bounds: Sequence[tuple[Row, Row]]) -> Row:
+    """Return the number nearest to a wanted one between all of some bounds."""
+    least, most = -_UNBOUNDED, _UNBOUNDED
+    for down, up in bounds:
+        least, most = maximum(down, least), minimum(up, most)
+    return minimum(maximum(wanted, least), most)
+
+
+def _fitting(room: Row, demand: Row) -> Row:
+    """Return the share of a demand for which there is room, at most 1, and 1 where nothing is demanded."""
+    room = room + _TINY
+    return room / maximum(demand, room)
+
+
+class _Pairs(NamedTuple):
+    """What a wrench takes of the squared speeds of paired rotors.
+
+    Attributes:
+        level: of each rotor, for the thrust.
+        pair_13: of rotor 1, and the negative of rotor 3, for roll and pitch torque.
+        pair_24: of rotor 2, and the negative of rotor 4, for roll and pitch torque.
+        yaw: of rotors 1 and 3, and the negative of rotors 2 and 4, for yaw torque.
     """
 
     level: Row
-    tilt: Row
+    pair_13: Row
+    pair_24: Row
     yaw: Row
-    per_yaw: Row
 
 
-def allocate(wrench: Wrench, rotors: RotorModel) -> Allocated:
-    """The rotor speeds for a wrench, or for the part of it that the rotors can give, and what is given up.
+def allocate_to_pairs(wrench: Wrench, rotors: RotorModel, priority: Priority = "roll_pitch") -> Allocated:
+    """Return what `allocate` does, with fewer operations, for rotors that are alike and in opposite pairs.
 
-    For any layout whose rotors all carry a part of the thrust in hover. The share of roll and pitch is the least of
-    the bounds that rotors set, one by one with the yaw that helps most, and two by two, whatever the yaw: intervals
-    of a line have a point in common if any two of them have.
-    """
-    thrust, tau_x, tau_y, tau_z = wrench
-    mixer, min_speed, max_speed = rotors
-    low, high = min_speed * min_speed, max_speed * max_speed
-
-    least_thrust: Row = -_ENDLESS
-    most_thrust: Row = _ENDLESS
-    for row in mixer:
-        least_thrust, most_thrust = maximum(low / row.thrust, least_thrust), minimum(high / row.thrust, most_thrust)
-    given = minimum(maximum(thrust, least_thrust), most_thrust)
-    demands = [
-        _Demand(row.thrust * given, row.tau_x * tau_x + row.tau_y * tau_y, row.tau_z * tau_z, row.tau_z)
-        for row in mixer
-    ]
-    share: Row = 1.0
-    for demand in demands:
-        share = minimum(_share_of_one(demand, low, high), share)
-    for one, other in combinations(demands, 2):
-        share = minimum(_share_of_two(one, other, low, high), share)
-
-    bare = [demand.level + share * demand.tilt for demand in demands]
-    least, most = -_ENDLESS, _ENDLESS
-    for square, demand in zip(bare, demands, strict=True):
-        down, up = _yaw_between(square, demand.per_yaw, low, high)
-        least, most = maximum(down, least), minimum(up, most)
-    yaw = maximum(minimum(tau_z, most), least)
-    given_up = 1.0 - share
-    speeds = [
-        sqrt(minimum(maximum(square + demand.per_yaw * yaw, low), high))
-        for square, demand in zip(bare, demands, strict=True)
-    ]
-    return Allocated(RotorSpeed._make(speeds), Wrench(thrust - given, given_up * tau_x, given_up * tau_y, tau_z - yaw))
-
-
-def _share_of_one(demand: _Demand, low: Row, high: Row) -> Row:
-    """The largest share of roll and pitch for which a rotor has room with some yaw between none and the wanted one."""
-    above = high - demand.level - minimum(demand.yaw, 0.0)
-    below = demand.level - low + maximum(demand.yaw, 0.0)
-    return _share(maximum(where(demand.tilt > 0.0, above, below), 0.0), abs(demand.tilt))
-
-
-def _share_of_two(one: _Demand, other: _Demand, low: Row, high: Row) -> Row:
-    """The largest share of roll and pitch for which two rotors have room with the same yaw, whatever it is.
-
-    The difference of their squared speeds, each times what yaw takes of the other, does not depend on the yaw.
-    """
-    of_one, of_other = other.per_yaw, -one.per_yaw
-    level = of_one * one.level + of_other * other.level
-    tilt = of_one * one.tilt + of_other * other.tilt
-    up = maximum(of_one, 0.0) + maximum(of_other, 0.0)
-    down = minimum(of_one, 0.0) + minimum(of_other, 0.0)
-    above, below = up * high + down * low - level, level - (up * low + down * high)
-    return _share(maximum(where(tilt > 0.0, above, below), 0.0), abs(tilt))
-
-
-def _yaw_between(square: Row, per_yaw: Row, low: Row, high: Row) -> tuple[Row, Row]:
-    """The yaw torques between which a rotor has room beside a squared speed; endless if yaw takes nothing of it."""
-    rising, nothing = per_yaw > 0.0, per_yaw == 0.0
-    inverse = 1.0 / where(nothing, 1.0, per_yaw)
-    down, up = (where(rising, low, high) - square) * inverse, (where(rising, high, low) - square) * inverse
-    return where(nothing, -_ENDLESS, down), where(nothing, _ENDLESS, up)
-
-
-def allocate_to_pairs(wrench: Wrench, rotors: RotorModel) -> Allocated:
-    """The same with fewer operations, where the rotors are in pairs and all alike, as in a plus, an x and an h.
-
-    In squared rotor speeds, with the thrust's `level`, the `room` above and below it, and what roll and pitch torque
-    ask of the pairs, the rotors are at
+    A plus, an x and an h have such rotors. Their squared speeds are
 
         1, 3: level ± pair_13 + yaw        2, 4: level ± pair_24 - yaw
 
-    so roll and pitch leave yaw an interval, and their share is the largest for which that interval still holds a
-    yaw between none and the one that is wanted.
+    so that roll and pitch torque leave an interval to the yaw torque.
+
+    Args:
+        wrench: commanded.
+        rotors: the autopilot's model of them.
+        priority: the part of the wrench that is kept first.
     """
     thrust, tau_x, tau_y, tau_z = wrench
     mixer, min_speed, max_speed = rotors
     low, high = min_speed * min_speed, max_speed * max_speed
     rotor_1, rotor_2 = mixer.rotor_1, mixer.rotor_2
 
-    wanted_level, wanted_yaw = rotor_1.thrust * thrust, rotor_1.tau_z * tau_z
-    wanted_13 = rotor_1.tau_x * tau_x + rotor_1.tau_y * tau_y
-    wanted_24 = rotor_2.tau_x * tau_x + rotor_2.tau_y * tau_y
-    level = minimum(maximum(wanted_level, low), high)
-    share = _share_of_pairs(level, abs(wanted_24), abs(wanted_13), wanted_yaw, low, high)
-    pair_13, pair_24 = share * wanted_13, share * wanted_24
+    wanted = _Pairs(
+        rotor_1.thrust * thrust,
+        rotor_1.tau_x * tau_x + rotor_1.tau_y * tau_y,
+        rotor_2.tau_x * tau_x + rotor_2.tau_y * tau_y,
+        rotor_1.tau_z * tau_z,
+    )
+    level, share = _PAIRED_LEVEL_AND_SHARE[priority](wanted, low, high)
+    pair_13, pair_24 = share * wanted.pair_13, share * wanted.pair_24
     size_13, size_24, above, below = abs(pair_13), abs(pair_24), high - level, level - low
     least, most = maximum(size_13 - below, size_24 - above), minimum(above - size_13, below - size_24)
-    yaw = maximum(minimum(wanted_yaw, most), least)
+    yaw = maximum(minimum(wanted.yaw, most), least)
     given_up = 1.0 - share
     return Allocated(
         RotorSpeed(
@@ -174,37 +331,51 @@ def allocate_to_pairs(wrench: Wrench, rotors: RotorModel) -> Allocated:
             sqrt(maximum(level - pair_24 - yaw, low)),
         ),
         Wrench(
-            (wanted_level - level) * (1.0 / rotor_1.thrust),
+            (wanted.level - level) * (1.0 / rotor_1.thrust),
             given_up * tau_x,
             given_up * tau_y,
-            (wanted_yaw - yaw) * (1.0 / rotor_1.tau_z),
+            (wanted.yaw - yaw) * (1.0 / rotor_1.tau_z),
         ),
     )
 
 
-def _share_of_pairs(level: Row, size_24: Row, size_13: Row, yaw: Row, low: Row, high: Row) -> Row:
-    """The largest share, at most 1, of roll and pitch that leaves a yaw between none and the wanted one.
+def _paired_roll_pitch_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, Row]:
+    """Return the level nearest to the wanted one that leaves room for the largest share, and that share.
 
-    Args:
-        level: squared rotor speed of the thrust.
-        size_24: of what roll and pitch ask of rotors 2 and 4.
-        size_13: of what they ask of rotors 1 and 3.
-        yaw: what yaw asks of rotors 1 and 3.
-        low: least squared rotor speed.
-        high: largest.
+    Half way between the limits each pair has room for half their distance, without any yaw. What the pairs then leave
+    of that room limits the levels level + yaw and level - yaw of the pairs around the middle.
     """
+    half, middle = 0.5 * (high - low), 0.5 * (high + low)
+    size_13, size_24 = abs(wanted.pair_13), abs(wanted.pair_24)
+    share = _fitting(half, maximum(size_13, size_24))
+    room_13, room_24 = half - share * size_13, half - share * size_24
+    left, right = maximum(wanted.yaw, 0.0), minimum(wanted.yaw, 0.0)
+    both = 0.5 * (room_13 + room_24)
+    up = minimum(minimum(room_13 - right, room_24 + left), both)
+    down = minimum(minimum(room_13 + left, room_24 - right), both)
+    return minimum(maximum(wanted.level, middle - down), middle + up), share
+
+
+def _paired_thrust_first(wanted: _Pairs, low: Row, high: Row) -> tuple[Row, Row]:
+    """Return the level nearest to the wanted one, and the largest share for which it leaves room.
+
+    Room is also needed for a yaw between zero and the wanted one.
+    """
+    level = minimum(maximum(wanted.level, low), high)
+    size_13, size_24 = abs(wanted.pair_13), abs(wanted.pair_24)
     above, below, half = high - level, level - low, 0.5 * (high - low)
-    left, right = maximum(yaw, 0.0), minimum(yaw, 0.0)
+    left, right = maximum(wanted.yaw, 0.0), minimum(wanted.yaw, 0.0)
     room_13 = minimum(minimum(below + left, above - right), half)
     room_24 = minimum(minimum(above + left, below - right), half)
     room_both = 2.0 * minimum(above, below)
-    return minimum(minimum(_share(room_13, size_13), _share(room_24, size_24)), _share(room_both, size_13 + size_24))
+    share = minimum(_fitting(room_13, size_13), _fitting(room_24, size_24))
+    return level, minimum(share, _fitting(room_both, size_13 + size_24))
 
 
-def _share(room: Row, demand: Row) -> Row:
-    """The part of a demand for which there is room, at most 1; all of no demand."""
-    room = room + _TINY
-    return room / maximum(demand, room)
+_PAIRED_LEVEL_AND_SHARE: dict[Priority, Callable[[_Pairs, Row, Row], tuple[Row, Row]]] = {
+    "roll_pitch": _paired_roll_pitch_first,
+    "thrust": _paired_thrust_first,
+}
 
 
 @fleet_system(float, AutoDiffXd)
@@ -220,18 +391,25 @@ class Allocation(FleetSystem):
         - rotor_speed_command_and_shortfall
 
     The output packs the two signals of `Allocated`: `rotor_speed_command`, the inverse of eq (5) within the rotors'
-    limits, and `shortfall`, what was given up of the `wrench` for that.
+    limits, and `shortfall`, the part of the `wrench` that is given up.
 
     The only parameter of the context is `rotors`.
 
     Args:
         num_vehicles: N.
-        paired: whether the rotors are known to be in pairs and all alike, which spares operations.
-        numbers: what the autopilot believes of the rotors.
+        paired: whether the rotors are known to be alike and in opposite pairs, which saves operations.
+        priority: the part of the wrench that is kept first where the rotors cannot give the whole wrench.
+        numbers: the autopilot's model of the rotors.
     """
 
-    def declare(self, *, paired: bool = False, numbers: RotorModel = RotorModel.of(QuadrotorParameters())) -> None:
-        """Declares the system."""
+    def declare(
+        self,
+        *,
+        paired: bool = False,
+        priority: Priority = "roll_pitch",
+        numbers: RotorModel = RotorModel.of(QuadrotorParameters()),
+    ) -> None:
+        """Declare ports and parameters."""
         wrench, rotors = self.input("wrench"), self.parameter("rotors", lambda rotors: rotors)
         formula = allocate_to_pairs if paired else allocate
-        self.packed_output("rotor_speed_command_and_shortfall", Allocated, formula, wrench, rotors)
+        self.packed_output("rotor_speed_command_and_shortfall", Allocated, formula, wrench, rotors, priority)

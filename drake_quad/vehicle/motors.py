@@ -7,7 +7,7 @@ from drake_quad.axes import TINY
 from drake_quad.framework.elementary import exp, maximum, minimum, sqrt, where
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.signals import Quantity, RotorSpeed, Row, Throttle, Wrench
-from drake_quad.vehicle.allocation import Allocated, RotorModel, allocate, allocate_to_pairs
+from drake_quad.vehicle.allocation import Allocated, Priority, RotorModel, allocate, allocate_to_pairs
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
 _Force = Annotated[Row, Quantity("N")]
@@ -134,11 +134,11 @@ def told_as(speed: RotorSpeed, vehicle: ThrottleModel, believed: ThrottleModel) 
 
 
 class AllocatedThrottle(NamedTuple):
-    """What comes of a wrench.
+    """Result of an allocation.
 
     Attributes:
-        throttle_command: the throttles that give it, or the part of it that the rotors can give.
-        shortfall: the part that is given up, exactly zero where nothing is.
+        throttle_command: the throttles that give the wrench, or the part of it that the rotors can give.
+        shortfall: the part of the wrench that is given up, exactly zero where nothing is.
     """
 
     throttle_command: Throttle
@@ -146,19 +146,23 @@ class AllocatedThrottle(NamedTuple):
 
 
 def allocate_throttle(
-    wrench: Wrench, model: ThrottleModel, allocation: Callable[[Wrench, RotorModel], Allocated] = allocate
+    wrench: Wrench,
+    model: ThrottleModel,
+    priority: Priority = "roll_pitch",
+    allocation: Callable[[Wrench, RotorModel, Priority], Allocated] = allocate,
 ) -> AllocatedThrottle:
-    """The throttles for a wrench, or for the part of it that rotors can give whose throttles are from 0 to 1.
+    """Return the throttles in [0, 1] for a wrench, and the part of the wrench that is given up.
 
     Args:
-        wrench: that is wanted.
+        wrench: commanded.
         model: of the rotors.
-        allocation: `allocate`, or `allocate_to_pairs`.
+        priority: the part of the wrench that is kept first.
+        allocation: `allocate` or `allocate_to_pairs`.
     """
     rotors, b, curve = model
     slowest, fastest = speeds_of_throttles(curve, b)
     within = rotors._replace(min_speed=maximum(rotors.min_speed, slowest), max_speed=minimum(rotors.max_speed, fastest))
-    allocated = allocation(wrench, within)
+    allocated = allocation(wrench, within, priority)
     throttles = [throttle_for(b * speed * speed, curve) for speed in allocated.rotor_speed_command]
     return AllocatedThrottle(Throttle._make(throttles), allocated.shortfall)
 
@@ -182,12 +186,13 @@ class ThrottleAllocation(FleetSystem):
 
     Args:
         num_vehicles: N.
-        paired: whether the rotors are known to be in pairs and all alike, which spares operations.
-        numbers: what the autopilot believes of the rotors; its curve rises over [0, 1].
+        paired: whether the rotors are known to be alike and in opposite pairs, which saves operations.
+        priority: the part of the wrench that is kept first where the rotors cannot give the whole wrench.
+        numbers: the autopilot's model of the motors; its curve rises over [0, 1].
     """
 
-    def declare(self, *, paired: bool = False, numbers: ThrottleModel) -> None:
-        """Declares the system."""
+    def declare(self, *, paired: bool = False, priority: Priority = "roll_pitch", numbers: ThrottleModel) -> None:
+        """Declare ports and parameters."""
         wrench, model = self.input("wrench"), self.parameter("model", lambda model: model)
-        reads = wrench, model, allocate_to_pairs if paired else allocate
+        reads = wrench, model, priority, allocate_to_pairs if paired else allocate
         self.packed_output("throttle_command_and_shortfall", AllocatedThrottle, allocate_throttle, *reads)

@@ -123,7 +123,7 @@ def test_on_board_and_on_the_link_the_nominal_numbers_hold(recipes):
     ]
     np.testing.assert_allclose(rotors.mixer, expected, rtol=1e-12)
     assert (rotors.min_speed, rotors.max_speed) == (194.0, 223.0)
-    assert recipes["allocation"].structure == {"paired": True}
+    assert recipes["allocation"].structure == {"paired": True, "priority": "roll_pitch"}
     assert radio.numbers == LinkNumbers(1, 0.03, Wrench(pytest.approx(0.7 * 9.79), 0.0, 0.0, 0.0))
     assert radio.structure == {"signal": "wrench", "period": 0.02, "longest_delay": 1, "loses_packets": True}
 

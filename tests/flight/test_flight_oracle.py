@@ -1,6 +1,7 @@
 """Whole flights against an implementation of their own, in `tests/oracle`: from the equations, in plain NumPy."""
 
 import functools
+from typing import get_args
 
 import numpy as np
 import pytest
@@ -8,6 +9,7 @@ from oracle.flight import fly
 
 from drake_quad import simulate
 from drake_quad.flight import simulate_samples
+from drake_quad.vehicle.allocation import Priority
 
 ON_BOARD = [
     "control.attitude=null",
@@ -20,6 +22,7 @@ RESPONDING = [
     "vehicle.rotor_failure=null",
     "laboratory.autopilot={kind: response, natural_frequency: [6.8, 6.4, 3.1], damping: [0.5, 0.7, 1.1]}",
 ]
+PRIORITIES = get_args(Priority)
 # The two whole flights, and short ones for what they leave out.
 PD = "k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2]"
 FLIGHTS = {
@@ -64,17 +67,22 @@ FLIGHTS = {
             "control.position={kind: pd, k_p: [1.3, 1.0, 5.0], k_d: [1.5, 1.3, 3.2], feed_forward: none}",
         ],
     ),
-    "rotors that are too weak for all parts of the wrench": (
-        "pid",
-        [
-            "duration=6",
-            "nominal.min_rotor_speed=200",
-            "nominal.max_rotor_speed=217",
-            "vehicle.min_rotor_speed=201",
-            "vehicle.max_rotor_speed=216",
-            "metrics.end=null",
-        ],
-    ),
+    **{
+        f"rotors that are too weak for all parts of the wrench, {priority} first": (
+            "pid",
+            [
+                "duration=6",
+                "nominal.min_rotor_speed=200",
+                "nominal.max_rotor_speed=217",
+                "vehicle.min_rotor_speed=201",
+                "vehicle.max_rotor_speed=216",
+                "laboratory.motion_capture.attitude_noise=0.01",
+                f"laboratory.allocation.priority={priority}",
+                "metrics.end=null",
+            ],
+        )
+        for priority in PRIORITIES
+    },
     "an x of measured distances that turns the other way round": (
         "pid",
         [
@@ -101,6 +109,7 @@ FLIGHTS = {
             "nominal.max_rotor_speed=225",
             "vehicle.min_rotor_speed=190",
             "vehicle.max_rotor_speed=225",
+            "laboratory.motion_capture.attitude_noise=0.012",
             "metrics.end=null",
         ],
     ),
@@ -333,10 +342,18 @@ def test_the_whole_flights_go_both_ways_on_all_axes_and_meet_their_limits(flown,
             assert sets.scale * flight[signal].max() > sets.centres[-1]
 
 
-def test_rotors_that_are_too_weak_give_up_all_parts_of_the_wrench_and_meet_both_their_limits(flown):
-    flight = flown("rotors that are too weak for all parts of the wrench")
-    given_up, command, vehicle = flight["shortfall"] != 0.0, flight["rotor_speed_command"], flight.scenario.vehicle
+@pytest.mark.slow
+@pytest.mark.parametrize("name", [name for name in FLIGHTS if "too weak" in name])
+def test_rotors_that_are_too_weak_give_up_all_parts_of_the_wrench(flown, name):
+    given_up = flown(name)["shortfall"] != 0.0
     assert given_up.any(axis=0).all()
     assert not given_up.all(axis=0).any()
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("priority", PRIORITIES)
+def test_rotors_that_are_too_weak_meet_both_their_limits(flown, priority):
+    flight = flown(f"rotors that are too weak for all parts of the wrench, {priority} first")
+    command, vehicle = flight["rotor_speed_command"], flight.scenario.vehicle
     assert (command.min(axis=0) < vehicle.min_rotor_speed).all()
     assert (command.max(axis=0) > vehicle.max_rotor_speed).all()

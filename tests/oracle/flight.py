@@ -53,7 +53,7 @@ def fly(scenario, trajectory, leg_times=()):
     weight = scenario.nominal.mass * scenario.nominal.gravity
     hover = [weight, 0.0, 0.0, 0.0] if autopilot == "none" else [weight, 0.0, 0.0, state[5], 0.0, 0.0, 0.0]
     link = Link(laboratory.command_link, np.array(hover), seed, sample)
-    command, shortfall = allocate(board.wrench(link.out), scenario.nominal)
+    command, shortfall = allocate(board.wrench(link.out), scenario.nominal, laboratory.allocation.priority)
     cameras = Cameras(laboratory.motion_capture, seed, sample, state)
     wind = Wind(laboratory.wind, h, seed, sample)
     air = wind.sample(0, state[0:3])
@@ -80,7 +80,7 @@ def fly(scenario, trajectory, leg_times=()):
         if board.steps and k % board.steps == 0:
             board.act(k // board.steps, state, heard)
         if k % steps_a_tick == 0 or board.steps:
-            command, shortfall = allocate(board.wrench(link.out), scenario.nominal)
+            command, shortfall = allocate(board.wrench(link.out), scenario.nominal, laboratory.allocation.priority)
         if k > 0:
             air = wind.sample(k, state[0:3])
         # The frame at the beginning is taken once more, and only the drift in it is another.

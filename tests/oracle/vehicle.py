@@ -1,6 +1,7 @@
 """The aircraft: eqs (1) to (5), rotors that lag and fail, and the allocation on board."""
 
 import math
+from itertools import combinations
 
 import numpy as np
 
@@ -153,15 +154,18 @@ class Vehicle:
         return state + h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4), rotors(h)
 
 
-def allocate(wrench, believed):
-    """Rotor speeds for a wrench, and what of it is given up for the rotors' limits.
+def allocate(wrench, believed, priority):
+    """Return the rotor speeds for a wrench, and the part of the wrench that is given up for the rotors' limits.
 
-    Yaw is given up first, then roll and pitch in equal shares, and thrust last.
+    The unknowns are thrust, share of roll and pitch torque, and yaw torque. Whichever part is kept first, the solution
+    is a corner between the planes of the limits, so all corners are tried.
 
     Args:
         wrench: F_z and three torques.
         believed: the scenario's nominal numbers, with the centre of mass in the middle of the layout.
+        priority: "roll_pitch" or "thrust", the part of the wrench that is kept first.
     """
+    wrench = np.array(wrench)
     low, high = believed.min_rotor_speed**2, believed.max_rotor_speed**2
     rotors = Rotors(believed)
     # (5), and the other way round: of thrust, roll, pitch and yaw, what each rotor has in squared speeds.
@@ -169,31 +173,45 @@ def allocate(wrench, believed):
         [rotors.b, rotors.places[:, 1] * rotors.b, -rotors.places[:, 0] * rotors.b, rotors.reaction * rotors.d]
     )
     parts = np.linalg.inv(forward)
-    thrust = min(max(wrench[0], np.max(low / parts[:, 0])), np.min(high / parts[:, 0]))
-    wanted = wrench[3]
+    squares = parts @ wrench
+    if np.all((low <= squares) & (squares <= high)):
+        return np.sqrt(squares), np.zeros(4)
 
-    def yaws(share):
-        """Between which the rotors leave the yaw torque, for a share of roll and pitch."""
-        bare = parts[:, :3] @ [thrust, share * wrench[1], share * wrench[2]]
-        ends = np.sort([(low - bare) / parts[:, 3], (high - bare) / parts[:, 3]], axis=0)
-        return max(ends[0]), min(ends[1])
+    thrust = wrench[0]
+    if priority == "thrust":
+        thrust = min(max(thrust, np.max(low / parts[:, 0])), np.min(high / parts[:, 0]))
+    # Everything is scaled to about one: thrust by the weight, squared speeds by the distance of their limits.
+    weight = believed.mass * believed.gravity
+    scale = np.array([weight, 1.0, np.max((high - low) / np.abs(parts[:, 3]))])
+    rows = np.column_stack([parts[:, 0], parts[:, 1:3] @ wrench[1:3], parts[:, 3]]) * scale / (high - low)
+    yaw = wrench[3] / scale[2]
+    normals = np.concatenate([rows, rows, np.eye(3)[[0, 1, 1, 2, 2]]])
+    places = np.concatenate(
+        [np.full(4, low / (high - low)), np.full(4, high / (high - low)), [thrust / weight, 0.0, 1.0, 0.0, yaw]]
+    )
+    corners = _corners(normals, places)
+    squares = corners @ rows.T
+    inside = np.all((squares >= places[:4] - 1e-12) & (squares <= places[4:8] + 1e-12), axis=1)
+    inside &= (corners[:, 1] >= 0.0) & (corners[:, 1] <= 1.0)
+    inside &= (corners[:, 2] >= min(yaw, 0.0)) & (corners[:, 2] <= max(yaw, 0.0))
+    missing = np.abs(corners[inside] - [thrust / weight, 1.0, yaw])
+    first = [0, 1, 2] if priority == "thrust" else [1, 0, 2]
+    kept, share, turned = corners[inside][_least(missing[:, first])] * scale
+    given = np.array([kept, share * wrench[1], share * wrench[2], turned])
+    return np.sqrt(np.clip(parts @ given, low, high)), wrench - given
 
-    def fits(share):
-        """Whether they leave a yaw between none and what is wanted."""
-        least, most = yaws(share)
-        return max(least, min(wanted, 0.0)) <= min(most, max(wanted, 0.0))
 
-    share = 1.0 if fits(1.0) else _largest(fits)
-    least, most = yaws(share)
-    yaw = max(min(wanted, most), least)
-    given = np.array([thrust, share * wrench[1], share * wrench[2], yaw])
-    return np.sqrt(np.clip(parts @ given, low, high)), np.array(wrench) - given
+def _corners(normals, places):
+    """The points in which three of some planes normal · x = place meet."""
+    threes = np.array(list(combinations(range(len(places)), 3)))
+    matrices = normals[threes]
+    meet = np.abs(np.linalg.det(matrices)) > 1e-12
+    return np.linalg.solve(matrices[meet], places[threes[meet]][..., None])[..., 0]
 
 
-def _largest(fits):
-    """The largest number below 1 for which something still holds, as it does for 0."""
-    low, high = 0.0, 1.0
-    while high - low > 2.0**-53:
-        middle = 0.5 * (low + high)
-        low, high = (middle, high) if fits(middle) else (low, middle)
-    return low
+def _least(rows):
+    """The number of the row whose first entry is the least; of several such rows, that with the least second, ..."""
+    left = np.arange(len(rows))
+    for column in rows.T:
+        left = left[column[left] <= column[left].min() + 1e-12]
+    return left[0]

@@ -1,13 +1,15 @@
+from typing import get_args
+
 import numpy as np
 import pytest
 import scipy
-from hypothesis import example, given, settings
+from hypothesis import given
 from hypothesis import strategies as st
 from pydrake.systems.framework import DiagramBuilder
 
 from drake_quad.framework.wiring import split_output
 from drake_quad.signals import RotorSpeed, Wrench
-from drake_quad.vehicle.allocation import Allocation, RotorModel, allocate, allocate_to_pairs
+from drake_quad.vehicle.allocation import Allocation, Priority, RotorModel, allocate, allocate_to_pairs
 from drake_quad.vehicle.authority import hover_flaw, missing_direction
 from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -22,10 +24,11 @@ wrenches = st.builds(Wrench, st.floats(-20.0, 40.0), st.floats(-3.0, 3.0), st.fl
 rotor_speeds = st.builds(RotorSpeed, *[st.floats(60.0, 300.0)] * 4)
 
 
-both_ways = pytest.mark.parametrize("allocate", [allocate, allocate_to_pairs])
+both_forms = pytest.mark.parametrize("allocate", [allocate, allocate_to_pairs])
+both_orders = pytest.mark.parametrize("priority", get_args(Priority))
 
 
-@both_ways
+@both_forms
 @given(rotor_speed=rotor_speeds)
 def test_inverts_eq_5_within_the_limits(allocate, rotor_speed):
     speeds, shortfall = allocate(rotor_action(rotor_speed, TABLE_I).wrench, ROTORS)
@@ -34,42 +37,14 @@ def test_inverts_eq_5_within_the_limits(allocate, rotor_speed):
     np.testing.assert_allclose(shortfall, 0.0, atol=1e-9)
 
 
-@both_ways
+@both_forms
+@both_orders
 @given(wrench=wrenches)
-def test_speeds_are_within_the_limits_and_shortfall_is_what_is_missing(allocate, wrench):
-    speeds, shortfall = allocate(wrench, ROTORS)
+def test_speeds_are_within_the_limits_and_shortfall_is_what_is_missing(allocate, priority, wrench):
+    speeds, shortfall = allocate(wrench, ROTORS, priority)
     assert np.all(np.array(speeds) >= 60.0 * (1.0 - 1e-12))
     assert np.all(np.array(speeds) <= 300.0 * (1.0 + 1e-12))
     np.testing.assert_allclose(np.subtract(wrench, shortfall), rotor_action(speeds, TABLE_I).wrench, atol=1e-9)
-
-
-@pytest.mark.slow
-@both_ways
-@given(wrench=wrenches)
-# Room for so much yaw that roll or pitch, at 40 % and at 60 % of the way up, could go further than both its rotors.
-@example(wrench=Wrench(0.6 * BOTTOM_THRUST + 0.4 * TOP_THRUST, 0.0, 2.0, 0.5))
-@example(wrench=Wrench(0.4 * BOTTOM_THRUST + 0.6 * TOP_THRUST, 0.0, -2.0, -0.5))
-@example(wrench=Wrench(0.6 * BOTTOM_THRUST + 0.4 * TOP_THRUST, -2.0, 0.0, -0.5))
-@example(wrench=Wrench(0.4 * BOTTOM_THRUST + 0.6 * TOP_THRUST, 2.0, 0.0, 0.5))
-@settings(max_examples=200, deadline=None)
-def test_gives_up_yaw_first_then_roll_and_pitch_and_thrust_last(allocate, wrench):
-    """Against a linear program for each priority in turn: thrust, then the share of roll and pitch, then yaw."""
-    _, shortfall = allocate(wrench, ROTORS)
-    b, d, lever = 4.13e-5, 8.5e-7, 2.0 * 0.17 * 4.13e-5
-    thrust = np.clip(wrench.thrust, BOTTOM_THRUST, TOP_THRUST)
-    assert wrench.thrust - shortfall.thrust == pytest.approx(thrust, abs=1e-9)
-    level, roll, pitch, yaw = thrust / (4.0 * b), wrench.tau_x / lever, wrench.tau_y / lever, wrench.tau_z / (4.0 * d)
-    # Squared rotor speeds, in units of the largest, are level + rows @ (share of roll and pitch, share of yaw).
-    unit = 300.0**2
-    rows = np.array([[-pitch, yaw], [-roll, -yaw], [pitch, yaw], [roll, -yaw]]) / unit
-    limits = np.concatenate([np.full(4, unit - level), np.full(4, level - 60.0**2)]) / unit
-    both = np.vstack([rows, -rows])
-    share = scipy.optimize.linprog([-1.0, 0.0], A_ub=both, b_ub=limits, bounds=[(0, 1), (0, 1)]).x[0]
-    kept = scipy.optimize.linprog(
-        [0.0, -1.0], A_ub=both, b_ub=limits + 1e-9, bounds=[(max(share - 1e-9, 0.0), share), (0, 1)]
-    ).x[1]
-    expected = Wrench(thrust, share * wrench.tau_x, share * wrench.tau_y, kept * wrench.tau_z)
-    np.testing.assert_allclose(np.subtract(wrench, shortfall), expected, atol=1e-6)
 
 
 def random_layout(rng):
@@ -90,39 +65,118 @@ def random_layout(rng):
             return rotors
 
 
+def best_wrench(wrench, rotors, priority):
+    """Return the best wrench of rotors between 60 and 300 rad/s, and which of share, thrust and yaw torque are cut.
+
+    There is one linear programme for each part of the wrench, in the order of the priority. Unknowns are the share of
+    roll and pitch torque, the thrust, the share of yaw torque, and the distance of the thrust from the commanded one.
+    """
+    x, y, _, turns, b, d = np.array(rotors).T
+    inverse = np.linalg.inv([b, y * b, -x * b, -turns * d]) / 300.0**2
+    tilt, yaw = inverse @ [0.0, wrench.tau_x, wrench.tau_y, 0.0], inverse[:, 3] * wrench.tau_z
+    squares = np.column_stack([tilt, inverse[:, 0], yaw, np.zeros(4)])
+    rows = np.vstack([squares, -squares, [0.0, 1.0, 0.0, -1.0], [0.0, -1.0, 0.0, -1.0]])
+    limits = np.array([*[1.0] * 4, *[-((60.0 / 300.0) ** 2)] * 4, wrench.thrust, -wrench.thrust])
+    bounds = [(0.0, 1.0), (None, None), (0.0, 1.0), (0.0, None)]
+    rounding = 1e-9  # of what an earlier programme has fixed, as exact as the solver is
+
+    def best(objective, bounds):
+        options = {"primal_feasibility_tolerance": 1e-10, "dual_feasibility_tolerance": 1e-10}
+        found = scipy.optimize.linprog(objective, rows, limits + rounding, bounds=bounds, options=options)
+        assert found.status == 0, found.message
+        return found.x
+
+    most_share, nearest, most_yaw = [-1.0, 0.0, 0.0, 0.0], [0.0, 0.0, 0.0, 1.0], [0.0, 0.0, -1.0, 0.0]
+    if priority == "roll_pitch":
+        bounds[0] = best(most_share, bounds)[0] - rounding, 1.0
+        bounds[3] = 0.0, best(nearest, bounds)[3] + rounding
+    else:
+        without_torque = [(0.0, 0.0), (None, None), (0.0, 0.0), (0.0, None)]
+        thrust = best(nearest, without_torque)[1]
+        bounds[1] = thrust - rounding, thrust + rounding
+        bounds[0] = best(most_share, bounds)[0] - rounding, 1.0
+    share, thrust, yaw_share, distance = best(most_yaw, bounds)
+    given = Wrench(thrust, share * wrench.tau_x, share * wrench.tau_y, yaw_share * wrench.tau_z)
+    return given, np.array([share < 1.0 - 1e-9, distance > 1e-9, yaw_share < 1.0 - 1e-9])
+
+
+def demand_on(rotors, rng):
+    """Return a wrench that the rotors can give, or one that is a little or much beyond that."""
+    x, y, _, turns, b, d = np.array(rotors).T
+    given = np.array([b, y * b, -x * b, -turns * d]) @ rng.uniform(60.0**2, 300.0**2, 4)
+    spread = rng.choice([0.0, 0.5, 5.0])
+    return Wrench(*(given * (1.0 + spread * rng.uniform(-1.0, 1.0, 4))).tolist())
+
+
 @pytest.mark.slow
-def test_priorities_of_any_layout_against_linear_programs():
-    """Thrust without torque first, then the share of roll and pitch, then yaw; eq (5) written anew as a matrix."""
-    rng = np.random.default_rng(5)
-    cut = np.zeros(3)
-    for _ in range(400):
-        rotors = random_layout(rng)
-        x, y, _, turns, b, d = np.array(rotors).T
-        forward = np.array([b, y * b, -x * b, -turns * d])
-        # Any wrench within the limits, and then too much of it.
-        middle = forward @ rng.uniform(60.0**2, 300.0**2, 4)
-        wrench = Wrench(*(middle * np.array([1.0, *rng.uniform(0.0, 6.0, 2), rng.uniform(0.0, 6.0)])).tolist())
-        found, shortfall = allocate(wrench, RotorModel.of(QuadrotorParameters(rotors=rotors)))
-        # Squared speeds, in units of the largest, are inverse @ wrench; everything is linear in the three unknowns.
-        inverse = np.linalg.inv(forward) / 300.0**2
-        low, high = (60.0 / 300.0) ** 2, 1.0
-        tilt, yaw = inverse @ [0.0, wrench.tau_x, wrench.tau_y, 0.0], inverse[:, 3] * wrench.tau_z
-        least = max(low / inverse[:, 0])
-        most = min(high / inverse[:, 0])
-        thrust = np.clip(wrench.thrust, least, most)
-        level = inverse[:, 0] * thrust
-        rows = np.column_stack([tilt, yaw])
-        both, limits = np.vstack([rows, -rows]), np.concatenate([high - level, level - low])
-        share = scipy.optimize.linprog([-1.0, 0.0], A_ub=both, b_ub=limits, bounds=[(0, 1), (0, 1)]).x[0]
-        slack = limits + 1e-9
-        kept = scipy.optimize.linprog(
-            [0.0, -1.0], A_ub=both, b_ub=slack, bounds=[(max(share - 1e-9, 0.0), share), (0, 1)]
-        ).x[1]
-        expected = Wrench(thrust, share * wrench.tau_x, share * wrench.tau_y, kept * wrench.tau_z)
-        np.testing.assert_allclose(np.subtract(wrench, shortfall), expected, atol=2e-6)
-        np.testing.assert_allclose(forward @ np.square(found), np.subtract(wrench, shortfall), atol=1e-9)
-        cut += [thrust != wrench.thrust, share < 1.0, kept < 1.0]
-    assert (cut > 20).all(), "something of each kind must be given up for this to mean anything"
+@both_orders
+@pytest.mark.parametrize("shape", [Rotors.plus, Rotors.x, random_layout])
+def test_each_part_of_a_wrench_is_the_best_that_the_parts_before_it_allow(shape, priority):
+    """Against linear programmes, for a plus, an x or h of any length and width, and any four rotors."""
+    rng, paired, cut = np.random.default_rng(5), shape is not random_layout, np.zeros(3)
+    for _ in range(120):
+        length, width = rng.uniform(0.1, 0.6, 2)
+        rotors = shape(length=length, width=width) if paired else random_layout(rng)
+        wrench = demand_on(rotors, rng)
+        expected, parts = best_wrench(wrench, rotors, priority)
+        for form in (allocate, allocate_to_pairs) if paired else (allocate,):
+            speeds, shortfall = form(wrench, RotorModel.of(QuadrotorParameters(rotors=rotors)), priority)
+            given_up = np.subtract(wrench, shortfall)
+            np.testing.assert_allclose(given_up, expected, rtol=0.0, atol=1e-6)
+            action = rotor_action(speeds, QuadrotorParameters(rotors=rotors)).wrench
+            np.testing.assert_allclose(action, given_up, rtol=0.0, atol=1e-9)
+        cut += parts
+    assert (cut > 10).all(), "something of each kind must be given up for this to mean anything"
+
+
+@pytest.mark.slow
+@both_forms
+@both_orders
+@pytest.mark.parametrize(
+    "wrench",
+    # Room for so much yaw that roll or pitch, at 40 % and at 60 % of the way up, could go further than both its rotors.
+    [
+        Wrench(0.6 * BOTTOM_THRUST + 0.4 * TOP_THRUST, 0.0, 2.0, 0.5),
+        Wrench(0.4 * BOTTOM_THRUST + 0.6 * TOP_THRUST, 0.0, -2.0, -0.5),
+        Wrench(0.6 * BOTTOM_THRUST + 0.4 * TOP_THRUST, -2.0, 0.0, -0.5),
+        Wrench(0.4 * BOTTOM_THRUST + 0.6 * TOP_THRUST, 2.0, 0.0, 0.5),
+    ],
+)
+def test_yaw_torque_makes_room_for_roll_and_pitch_torque(allocate, priority, wrench):
+    _, shortfall = allocate(wrench, ROTORS, priority)
+    expected, _ = best_wrench(wrench, Rotors.plus(), priority)
+    np.testing.assert_allclose(np.subtract(wrench, shortfall), expected, rtol=0.0, atol=1e-6)
+
+
+@both_forms
+@given(rotor_speed=st.builds(RotorSpeed, *[st.floats(61.0, 299.0)] * 4))
+def test_the_priority_changes_no_bit_of_a_wrench_that_fits(allocate, rotor_speed):
+    wrench = rotor_action(rotor_speed, TABLE_I).wrench
+    by_priority = [allocate(wrench, ROTORS, priority) for priority in get_args(Priority)]
+    assert by_priority[0] == by_priority[1]
+    assert by_priority[0].shortfall == (0.0, 0.0, 0.0, 0.0)
+
+
+@both_forms
+@pytest.mark.parametrize("thrust", [0.0, BOTTOM_THRUST, TOP_THRUST, 2.0 * TOP_THRUST])
+def test_a_large_roll_torque_takes_the_thrust_half_way_between_the_limits(allocate, thrust):
+    """Thrust is raised from idle and lowered from full thrust."""
+    speeds, shortfall = allocate(Wrench(thrust, 9.0, 0.0, 0.0), ROTORS)
+    middle = 0.5 * (60.0**2 + 300.0**2)
+    np.testing.assert_allclose(np.square(speeds), [middle, 60.0**2, middle, 300.0**2], rtol=1e-12)
+    assert shortfall.tau_x == pytest.approx(9.0 - 4.13e-5 * 0.17 * (300.0**2 - 60.0**2))
+    assert thrust - shortfall.thrust == pytest.approx(4.0 * 4.13e-5 * middle)
+
+
+@both_forms
+@pytest.mark.parametrize(("thrust", "share"), [(0.0, 0.0), (2.0 * TOP_THRUST, 1.0)])
+def test_yaw_torque_serves_the_thrust_where_roll_torque_takes_all_of_two_rotors(allocate, thrust, share):
+    """The other two rotors are free to give thrust, and yaw torque with it, if that is in the commanded direction."""
+    commanded = 4.0 * 8.5e-7 * 1000.0  # 1000 rad²/s² of each rotor
+    speeds, shortfall = allocate(Wrench(thrust, 9.0, 0.0, commanded), ROTORS)
+    level = 0.5 * (60.0**2 + 300.0**2) + share * 2000.0
+    np.testing.assert_allclose(np.square(speeds), [level, 60.0**2, level, 300.0**2], rtol=1e-12)
+    assert shortfall.tau_z == pytest.approx((1.0 - share) * commanded, abs=1e-12)
 
 
 @given(
@@ -131,11 +185,13 @@ def test_priorities_of_any_layout_against_linear_programs():
     length=st.floats(0.05, 1.0),
     width=st.floats(0.05, 1.0),
     direction=st.sampled_from([-1.0, 1.0]),
+    priority=st.sampled_from(get_args(Priority)),
 )
-def test_pairs_are_allocated_as_any_rotors_are(wrench, shape, length, width, direction):
+def test_pairs_are_allocated_as_any_rotors_are(wrench, shape, length, width, direction, priority):
     rotors = shape(length=length, width=width, rotor_1_direction=direction)
     model = RotorModel.of(QuadrotorParameters(rotors=rotors))
-    (speeds, shortfall), (other_speeds, other_shortfall) = allocate(wrench, model), allocate_to_pairs(wrench, model)
+    speeds, shortfall = allocate(wrench, model, priority)
+    other_speeds, other_shortfall = allocate_to_pairs(wrench, model, priority)
     np.testing.assert_allclose(np.square(speeds), np.square(other_speeds), rtol=0.0, atol=1e-6)
     np.testing.assert_allclose(shortfall, other_shortfall, rtol=0.0, atol=1e-9)
 
@@ -157,10 +213,10 @@ def test_a_rotor_without_room_leaves_alone_what_asks_nothing_of_it():
     weak, *others = Rotors.plus()
     rotors = Rotors(weak._replace(thrust_factor=0.8 * 4.13e-5, drag_factor=0.8 * 8.5e-7), *others)
     model = RotorModel.of(QuadrotorParameters(rotors=rotors))
-    speeds, shortfall = allocate(Wrench(20.0, 0.2, 0.0, 0.0), model)
+    speeds, shortfall = allocate(Wrench(20.0, 0.2, 0.0, 0.0), model, "thrust")
     assert shortfall == pytest.approx((20.0 - 4.0 * 0.8 * 4.13e-5 * 300.0**2, 0.0, 0.0, 0.0), abs=1e-12)
     assert speeds.rotor_1 == pytest.approx(300.0)
-    _, shortfall = allocate(Wrench(20.0, 0.0, -0.1, 0.0), model)
+    _, shortfall = allocate(Wrench(20.0, 0.0, -0.1, 0.0), model, "thrust")
     assert shortfall.tau_y == pytest.approx(-0.1)
 
 
@@ -204,23 +260,32 @@ def test_what_little_room_is_left_is_given_whole():
     np.testing.assert_allclose(shortfall, 0.0, atol=1e-12)
 
 
-@both_ways
+@both_forms
 @pytest.mark.parametrize("sign", [1.0, -1.0])
 def test_a_demand_that_is_small_is_held_to_what_little_room_there_is(allocate, sign):
     """A tenth of a squared rad/s below the top; of half of one, which roll asks for, a fifth fits."""
     level, roll = 300.0**2 - 0.1, sign * 0.5
     tau_x = 2.0 * 4.13e-5 * 0.17 * roll
-    speeds, shortfall = allocate(Wrench(4.0 * 4.13e-5 * level, tau_x, 0.0, 0.0), ROTORS)
+    speeds, shortfall = allocate(Wrench(4.0 * 4.13e-5 * level, tau_x, 0.0, 0.0), ROTORS, "thrust")
     assert shortfall.tau_x == pytest.approx(0.8 * tau_x, rel=1e-6)
     np.testing.assert_allclose(np.square(speeds), level + np.array([0.0, -0.2, 0.0, 0.2]) * roll, atol=1e-6)
 
 
 @pytest.mark.slow
-@both_ways
-def test_no_rounding_takes_a_rotor_below_its_limit(allocate):
+@both_forms
+@both_orders
+def test_no_rounding_takes_a_rotor_below_its_limit(allocate, priority):
     """Nor the square of a speed below zero, where the root is not a number."""
     for low in (0.0, 60.0):
         rotors, rng = RotorModel.of(TABLE_I._replace(min_rotor_speed=low)), np.random.default_rng(3)
-        for _ in range(3000):
-            speeds, _ = allocate(Wrench(*rng.normal(size=4) * [10.0, 3.0, 3.0, 0.3]), rotors)
+        for _ in range(1500):
+            speeds, _ = allocate(Wrench(*rng.normal(size=4) * [10.0, 3.0, 3.0, 0.3]), rotors, priority)
             assert min(speeds) >= low
+
+
+def test_no_rounding_takes_any_rotor_above_its_limit():
+    """Of rotors anywhere, whose coefficients are less exact than those of pairs."""
+    rng = np.random.default_rng(3)
+    for _ in range(300):
+        speeds, _ = allocate(Wrench(*rng.normal(size=4) * [10.0, 3.0, 3.0, 0.3]), ROTORS)
+        assert max(speeds) <= 300.0

@@ -17,23 +17,22 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.assembly.effects import thrust_curve, vehicle_effects
+from drake_quad.assembly.effects import vehicle_effects
 from drake_quad.assembly.laboratory import steady_wind, vehicle_parameters
-from drake_quad.assembly.planning import nominal_parameters
 from drake_quad.errors import InputError, shown
 from drake_quad.framework.formulas import kernel
 from drake_quad.framework.records import layout_of
+from drake_quad.identification.fitting.firmware import allocated_commands
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import scenario_path
 from drake_quad.kinematics import small_rotation
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.autopilots import AttitudeResponse as ResponseOfScenario
 from drake_quad.scenario.paths import replaced
-from drake_quad.signals import Attitude, AttitudeTarget, RotorSpeed, Row, State, Throttle, Wind, Wrench
-from drake_quad.vehicle.allocation import RotorModel, allocate
+from drake_quad.signals import Attitude, AttitudeTarget, RotorSpeed, Row, State, Throttle, Wind
 from drake_quad.vehicle.dynamics import rigid_kinematics
 from drake_quad.vehicle.effects import Effects
-from drake_quad.vehicle.motors import ThrottleModel, allocate_throttle, decays, lagging
+from drake_quad.vehicle.motors import decays, lagging
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.responding import (
     AttitudeResponse,
@@ -158,7 +157,8 @@ def commands_of(record: FlightRecord, vehicle: Scenario, believed: Scenario) -> 
         return Commands(record.motor_command, True, attitude)
     if throttles and responds and record.thrust_share is not None and record.hover_share is not None:
         thrust = thrust_by_share(record, believed.nominal.mass * believed.nominal.gravity)
-        return Commands(_allocated(thrust, np.zeros((len(thrust), 3)), believed, throttles), True, attitude)
+        commands = allocated_commands(thrust, np.zeros((len(thrust), 3)), believed, throttles=True)
+        return Commands(commands, True, attitude)
     if throttles and responds and record.thrust_share is not None:
         return Commands(np.repeat(record.thrust_share[:, None], 4, axis=1), True, attitude)
     if not throttles and record.rotor_speed_command is not None:
@@ -167,7 +167,8 @@ def commands_of(record: FlightRecord, vehicle: Scenario, believed: Scenario) -> 
         torque = np.zeros((len(record.time), 3)) if record.torque_command is None else record.torque_command
         if responds:
             torque = np.zeros_like(torque)
-        return Commands(_allocated(record.thrust_command, torque, believed, throttles), throttles, attitude)
+        commands = allocated_commands(record.thrust_command, torque, believed, throttles=throttles)
+        return Commands(commands, throttles, attitude)
     wanted = "motor_command" if throttles else "rotor_speed_command"
     also = (
         " (a vehicle that takes motor commands has motors: {kind: throttle})"
@@ -194,21 +195,6 @@ def thrust_by_share(record: FlightRecord, weight: float) -> np.ndarray:
     if np.any(hover <= 0.0):
         raise InputError(f"the log {shown(record.name)} has a hover_share of zero or less")
     return np.asarray(weight * record.of("thrust_share") / hover)
-
-
-def _allocated(thrust: np.ndarray, torque: np.ndarray, believed: Scenario, throttles: bool) -> np.ndarray:
-    """(n, 4) rotor speeds (rad/s) or throttles for (n,) thrust (N) and (n, 3) torque (N m)."""
-    rows_of_wrench: Any = thrust, *torque.T
-    wrench = Wrench(*rows_of_wrench)
-    parameters = nominal_parameters(believed)
-    if not throttles:
-        rows: Any = allocate(wrench, RotorModel.of(parameters)).rotor_speed_command
-    else:
-        curve = thrust_curve(believed.nominal.motors)
-        if curve is None:
-            raise InputError(f"{believed.name} has no nominal.motors, which make throttles of thrusts")
-        rows = allocate_throttle(wrench, ThrottleModel.of(parameters, curve)).throttle_command
-    return np.stack([np.broadcast_to(row, thrust.shape) for row in rows], axis=1)
 
 
 def level_vehicle(vehicle: Scenario) -> Scenario:

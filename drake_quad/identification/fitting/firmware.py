@@ -1,0 +1,40 @@
+"""The allocation on board of a vehicle whose log has thrust and torque in place of rotor commands."""
+
+import numpy as np
+
+from drake_quad.assembly.effects import thrust_curve
+from drake_quad.assembly.planning import nominal_parameters
+from drake_quad.errors import InputError
+from drake_quad.scenario import Scenario
+from drake_quad.signals import Wrench
+from drake_quad.vehicle.allocation import RotorModel, allocate
+from drake_quad.vehicle.motors import ThrottleModel, allocate_throttle
+
+
+def allocated_commands(thrust: np.ndarray, torque: np.ndarray, believed: Scenario, *, throttles: bool) -> np.ndarray:
+    """Return the rotor commands that the firmware makes of a logged wrench.
+
+    Args:
+        thrust: (n,) commanded, N.
+        torque: (n, 3) commanded, N m.
+        believed: a scenario with the `nominal` vehicle and the priority of the firmware's allocation.
+        throttles: whether the motors take throttles; else they take rotor speeds.
+
+    Returns:
+        (n, 4) throttles, or rotor speeds in rad/s.
+
+    Raises:
+        InputError: the motors take throttles, and `believed` has no thrust curve.
+    """
+    wrench = Wrench(thrust, *torque.T)  # type: ignore[arg-type]
+    parameters, priority = nominal_parameters(believed), believed.laboratory.allocation.priority
+    rows: tuple[np.ndarray, ...]
+    if not throttles:
+        rows = allocate(wrench, RotorModel.of(parameters), priority).rotor_speed_command  # type: ignore[assignment]
+    else:
+        curve = thrust_curve(believed.nominal.motors)
+        if curve is None:
+            raise InputError(f"{believed.name} has no nominal.motors, which make throttles of thrusts")
+        model = ThrottleModel.of(parameters, curve)
+        rows = allocate_throttle(wrench, model, priority).throttle_command  # type: ignore[assignment]
+    return np.stack([np.broadcast_to(row, thrust.shape) for row in rows], axis=1)
