@@ -73,6 +73,10 @@ class Interval(NamedTuple):
         is_unbounded = math.isfinite(self.value) and math.isinf(self.low) and math.isinf(self.high)
         return f"{shown} [{low}, {high}]" if is_bounded or is_unbounded else shown
 
+    def alone(self) -> "Interval":
+        """The estimate without its interval."""
+        return Interval(self.value, math.nan, math.nan)
+
     def percent(self) -> str:
         """Return a share as it is printed in per cent; see `text`."""
         return self.text(unit="%", size=0.01)

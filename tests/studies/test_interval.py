@@ -18,6 +18,7 @@ def test_arithmetic_turns_and_moves_the_ends_with_the_value():
     assert SOME.plus(-1.0) == pytest.approx((-0.8, -0.9, -0.6))
     # By what share something shrinks to a ratio.
     assert -SOME.plus(-1.0) == pytest.approx((0.8, 0.6, 0.9))
+    assert SOME.alone().percent() == "20.0 %"
 
 
 @pytest.mark.parametrize(("level", "expected"), [(0.05, True), (0.1, None), (0.3, None), (0.4, None), (0.5, False)])
