@@ -122,7 +122,7 @@ def _best(found: Evaluation) -> str:
         words = f"- {place}: {WORDS[best]}, {mean.text(unit='cm', size=0.01)}"
         if "pd" in found.flights[place] and best != "pd":
             share = beside(found.flights[place]["pd"], found.flights[place][best]).share
-            words += f"; the tuned PD {share.text()} times that"
+            words += f"; the tuned PD {share.ratio()} times that"
         if equals:
             words += f"; not told apart from {', '.join(WORDS[name] for name in equals)}"
         lines.append(words)
