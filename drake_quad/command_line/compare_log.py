@@ -4,7 +4,6 @@ A vehicle without a control predicts the flight on open loop, from the logged co
 """
 
 import argparse
-import math
 from pathlib import Path
 
 from drake_quad import load_scenario
@@ -159,5 +158,5 @@ def _rows(comparison: Comparison) -> list[tuple[str, ...]]:
 def _predicted(comparison: Comparison, figure: str, axis: int, *, unit: str = "") -> str:
     """The median of a figure of the predictions in cm, with its interval unless no two flights differ."""
     median, low, high = (float(end[axis]) for end in comparison.interval(figure))
-    found = Interval(median, low, high) if comparison.varies else Interval(median, math.nan, math.nan)
-    return found.text(unit=unit, size=0.01, infinite="crash")
+    found = Interval(median, low, high)
+    return (found if comparison.varies else found.alone()).text(unit=unit, size=0.01, infinite="crash")

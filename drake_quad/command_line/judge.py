@@ -9,8 +9,6 @@ import time
 from collections.abc import Sequence
 from pathlib import Path
 
-import numpy as np
-
 from drake_quad import InputError
 from drake_quad.command_line.options import bare_parser, check_ranges
 from drake_quad.command_line.output import print_columns, print_files, remark
@@ -39,7 +37,7 @@ from drake_quad.files import output_folder, write_text
 from drake_quad.laboratory.metrics import Metrics
 from drake_quad.scenario.shipped import shipped_folder
 from drake_quad.studies.report import report_html
-from drake_quad.studies.statistics import of_survivors
+from drake_quad.studies.statistics import crash_probability, mean_interval, of_survivors
 from drake_quad.visualization.in_print import save_small
 
 _RANGES = {"samples": (2, 10_000), "rounds": (1, 1000)}
@@ -187,5 +185,5 @@ def error_in(metrics: Metrics | None) -> str:
     """The mean error, in words."""
     if metrics is None:
         return "–"
-    errors, crashed = of_survivors(metrics, "rmse"), float(np.mean(metrics.crashed))
-    return (f"{100.0 * errors.mean():.2f}" if len(errors) else "–") + (f" {100.0 * crashed:.1f} %" if crashed else "")
+    error = mean_interval(of_survivors(metrics, "rmse")).alone().text(size=0.01)
+    return f"{error} {crash_probability(metrics).alone().percent()}" if metrics.crashed.any() else error

@@ -80,7 +80,7 @@ def beside(metrics: Metrics, baseline: Metrics) -> Comparison:
 
 
 def cut(compared: Comparison) -> Interval:
-    """The share by which the error is smaller."""
+    """The share by which the mean error is smaller."""
     return -compared.share.plus(-1.0)
 
 

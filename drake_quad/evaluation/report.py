@@ -23,8 +23,8 @@ FIGURES = {
     " the marks. Hollow: more than 5 % of the vehicles crash, and the mean is that of the others.",
     "margins": "RMSE in high wind against the peak sensitivity and against the delay that is flown without a crash,"
     " beyond the laboratory's own; lines join designs of one controller with other limits.",
-    "networks": "By how much a network makes the RMSE smaller, paired by sample, with 95 % intervals; left of zero it"
-    " harms.",
+    "networks": "By how much a network makes the mean RMSE smaller over the same samples, with 95 % intervals; left of"
+    " zero it harms.",
     "laps": "RMSE in the last of so many laps of high wind, with 95 % intervals: with a network over the position, and"
     " without.",
 }
@@ -122,7 +122,7 @@ def _best(found: Evaluation) -> str:
         words = f"- {place}: {WORDS[best]}, {mean.text(unit='cm', size=0.01)}"
         if "pd" in found.flights[place] and best != "pd":
             share = beside(found.flights[place]["pd"], found.flights[place][best]).share
-            words += f"; the tuned PD {share.text()} times that"
+            words += f"; the tuned PD {share.ratio()} times that"
         if equals:
             words += f"; not told apart from {', '.join(WORDS[name] for name in equals)}"
         lines.append(words)

@@ -233,13 +233,13 @@ def least_effort(found: Experiment) -> Claim:
     low, high = _ends(shares.values())
     printed = [share for shares in printed_effort_ratios().values() for share in shares if np.isfinite(share)]
     text = "; ".join(
-        f"{WINDS[wind]}, {CONTROLLERS[name]} on {axis.upper()} {each.text()}"
+        f"{WINDS[wind]}, {CONTROLLERS[name]} on {axis.upper()} {each.ratio()}"
         for (wind, name, axis), each in shares.items()
     )
     return Claim(
         "the PD costs the least effort",
         f"Table II: the networks {_span(printed, 1.0, '.1f')} times as much",
-        f"{low.text()} to {high.text()} times the PD's effort",
+        f"{low.ratio()} to {high.ratio()} times the PD's effort",
         judge([each.is_above(1.0) for each in shares.values()]),
         "holds if all are above 1, in part if some are",
         text,
@@ -283,7 +283,7 @@ def straight_against_curved(found: Experiment) -> Claim:
         "an aggressive PD tuned on straight lines is worse on curves, one tuned on curves oscillates on straight lines",
         "words, no numbers",
         f"best on straight lines are {gains[0]}, on curves {gains[1]}; on other samples the first are {worse.percent()}"
-        f" worse on curves, and on straight lines the command of the second moves {livelier.text()} times as much",
+        f" worse on curves, and on straight lines the command of the second moves {livelier.ratio()} times as much",
         judge([worse.is_above(0.0), livelier.is_above(1.0)]),
         "holds if the first are worse on curves and the second move more on straight lines, in part if one of the two",
     )
@@ -300,7 +300,7 @@ def circle_of_gains(found: Experiment) -> Claim:
         "words, no numbers",
         f"on average over samples, within 20 % of the best error are {pd.percent()} of the gains that stabilise the PD,"
         f" and {network.percent()} of those that stabilise it with the network; half of these gains have more than"
-        f" {typical[0].text()} times the best error, and {typical[1].text()} times with the network; the best errors"
+        f" {typical[0].ratio()} times the best error, and {typical[1].ratio()} times with the network; the best errors"
         f" are {best[0].metres()} and {best[1].metres()}",
         judge([more.is_above(0.0), network.is_above(0.5)]),
         "holds if the share grows and is more than half, in part if one of the two",

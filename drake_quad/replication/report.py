@@ -155,8 +155,8 @@ def _of_fair(found: Experiment, entries: Sequence[FairEntry]) -> dict[str, str]:
             WINDS[entry.cell.wind],
             COMPARED[entry.cell.controller],
             *(mean.text() for mean in (entry.rmse, entry.peak_error, entry.effort_x, entry.effort_y)),
-            "1" if entry.cell.controller == "pd" else entry.over_pd.text(),
-            "1" if entry.cell.controller == "pd_t2fnn" else entry.over_network.text(),
+            "1" if entry.cell.controller == "pd" else entry.over_pd.ratio(),
+            "1" if entry.cell.controller == "pd_t2fnn" else entry.over_network.ratio(),
         )
         for entry in entries
     ]
@@ -192,7 +192,7 @@ def _of_effort(matches: Sequence[EffortMatch]) -> dict[str, str]:
     rows = [("*printed*", f"{x:.2f}", f"{y:.2f}", "")]
     for match in matches:
         words = EFFORTS[match.name].words + (" (ours)" if match.name == OUR_EFFORT else "")
-        rows.append((words, f"{match.ratio_x:.2f}", f"{match.ratio_y:.2f}", match.distance.text()))
+        rows.append((words, f"{match.ratio_x:.2f}", f"{match.ratio_y:.2f}", match.distance.ratio()))
     return {
         "effort": table(("definition", "ratio on X", "ratio on Y", "off by a factor of"), rows),
         "scatter": f"{printed_scatter():.2f}",

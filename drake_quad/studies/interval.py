@@ -1,11 +1,12 @@
 """Estimates with their confidence intervals: their arithmetic, and how they are written.
 
 Every estimate with an interval that the package prints goes through `Interval.text` or `plus_minus`. The digits follow
-the interval: half of its width has two significant digits, and more where an end would otherwise look like the
-estimate. Ends are rounded outwards, so that the printed interval contains the interval.
+the interval: half of its width has two significant digits, and more where an end would otherwise look like the estimate
+or like a level, as zero. Ends are rounded outwards, so that the printed interval contains the interval.
 """
 
 import math
+from collections.abc import Sequence
 from decimal import ROUND_CEILING, ROUND_FLOOR, ROUND_HALF_EVEN, Decimal
 from typing import NamedTuple
 
@@ -14,7 +15,7 @@ CONFIDENCE = 0.95
 
 _WIDTH_DIGITS = 2  # significant digits of half of an interval's width
 _LONE_DIGITS = 3  # significant digits of a number without an interval
-_MAX_ZERO_DIGITS = 3  # further digits for an end near zero, so that it is not written as zero
+_MAX_LEVEL_DIGITS = 3  # further digits for an end near a level, so that it is not written as if it were the level
 _EXACT_DIGITS = 12  # significant digits in which rounding errors do not show
 # Numbers that differ by less than this share of the largest number of an interval differ by rounding errors only.
 _ROUNDING = 1e-9
@@ -50,7 +51,15 @@ class Interval(NamedTuple):
         """Is the number above a level? None if the interval leaves that open."""
         return True if self.low > level else False if self.high < level else None
 
-    def text(self, *, unit: str = "", size: float = 1.0, signed: bool = False, infinite: str = "∞") -> str:
+    def text(
+        self,
+        *,
+        unit: str = "",
+        size: float = 1.0,
+        signed: bool = False,
+        infinite: str = "∞",
+        levels: Sequence[float] = (0.0,),
+    ) -> str:
         """Return the estimate as it is printed, as in `0.123 m [0.120, 0.126]`, with digits that follow the interval.
 
         An end that differs from the estimate by rounding errors only is written as the estimate is, and a number that
@@ -62,20 +71,29 @@ class Interval(NamedTuple):
             size: of the unit in SI units.
             signed: whether positive numbers have a sign.
             infinite: what stands for a number that is infinite.
+            levels: numbers that an end is compared with; one that is not quite there has further digits, which show it.
         """
         if math.isnan(self.value):
             return "–"
         scaled = Interval(*(number / size for number in self))
-        decimals, exponent = _digits(scaled)
+        decimals, exponent = _digits(scaled, [level / size for level in levels])
         value, low, high = _written(scaled, decimals, exponent, signed=signed, infinite=infinite)
         shown = f"{value} {unit}".rstrip()
         is_bounded = math.isfinite(self.low) or math.isfinite(self.high)
         is_unbounded = math.isfinite(self.value) and math.isinf(self.low) and math.isinf(self.high)
         return f"{shown} [{low}, {high}]" if is_bounded or is_unbounded else shown
 
+    def alone(self) -> "Interval":
+        """The estimate without its interval."""
+        return Interval(self.value, math.nan, math.nan)
+
     def percent(self) -> str:
-        """Return a share as it is printed in per cent; see `text`."""
-        return self.text(unit="%", size=0.01)
+        """Return a share as it is printed in per cent, with 0 and 100 % as levels; see `text`."""
+        return self.text(unit="%", size=0.01, levels=(0.0, 1.0))
+
+    def ratio(self) -> str:
+        """Return a ratio as it is printed, with 0 and 1 as levels; see `text`."""
+        return self.text(levels=(0.0, 1.0))
 
     def metres(self) -> str:
         """Return a length as it is printed in m; see `text`."""
@@ -103,10 +121,10 @@ def spread_alone(spread: float) -> str:
     return f"± {_number(spread, *_digits(Interval(0.0, -spread, spread)), ROUND_CEILING)}"
 
 
-def _digits(interval: Interval) -> tuple[int, int]:
-    """The fewest decimals that tell the ends of an interval from the estimate, and the power of ten of its numbers.
+def _digits(interval: Interval, levels: Sequence[float] = (0.0,)) -> tuple[int, int]:
+    """The fewest decimals that tell the ends of an interval from the estimate and from levels, and a power of ten.
 
-    The power of ten is 0 if the numbers are written without an exponent.
+    The power of ten, by which the numbers are divided, is 0 if they are written without an exponent.
     """
     value, *ends = interval
     largest = max((abs(number) for number in interval if math.isfinite(number) and number), default=1.0)
@@ -119,8 +137,8 @@ def _digits(interval: Interval) -> tuple[int, int]:
     for further in range(_EXACT_DIGITS):
         written, low, high = _written(interval, decimals + further, exponent)
         shown = [float(low if end == interval.low else high) for end in bounds]
-        is_zero = any(not number and end for number, end in zip(shown, bounds, strict=True))
-        if float(written) not in shown and not (is_zero and further < _MAX_ZERO_DIGITS):
+        is_moved = any(number in levels and end not in levels for number, end in zip(shown, bounds, strict=True))
+        if float(written) not in shown and not (is_moved and further < _MAX_LEVEL_DIGITS):
             break
     return decimals + further, exponent
 

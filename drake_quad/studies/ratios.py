@@ -15,10 +15,10 @@ from drake_quad.studies.interval import CONFIDENCE, Interval
 def ratio_of_means(values: np.ndarray, baseline: np.ndarray, confidence: float = CONFIDENCE) -> Interval:
     """Return the ratio of the means of two metrics, with Fieller's interval.
 
-    The interval holds each ratio R for which Student's interval of the mean of a - R b holds zero (E. C. Fieller, "Some
-    problems in interval estimation", Journal of the Royal Statistical Society B, 1954). If the mean of b is not
+    The interval contains each ratio R for which Student's interval of the mean of a - R b contains zero (E. C. Fieller,
+    "Some problems in interval estimation", Journal of the Royal Statistical Society B, 1954). If the mean of b is not
     distinguishable from zero, Fieller's set is unbounded: then the upper end is infinite, and the lower end is the
-    least ratio from zero on that the set holds.
+    least ratio from zero on in the set.
 
     Args:
         values: (n,) of one metric a, not negative.

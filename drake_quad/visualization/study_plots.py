@@ -82,7 +82,7 @@ def draw_distribution(axes: Axes, studies: Mapping[str, Study], name: str) -> No
         reach = np.sqrt(np.log(2.0 / 0.05) / (2.0 * n))
         label = controller
         if study.metrics.crashed.any():
-            label += f" ({100.0 * crash_probability(study.metrics).value:.2g} % crashed)"
+            label += f" ({crash_probability(study.metrics).alone().percent()} crashed)"
         axes.step(finite, share, where="post", color=color, linestyle=style, label=label)
         axes.fill_between(
             finite,

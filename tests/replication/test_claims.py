@@ -98,7 +98,7 @@ def per_cent(estimate):
 
 
 def plain(estimate):
-    return Interval(*estimate).text()
+    return Interval(*estimate).ratio()
 
 
 def metres(estimate):
@@ -444,7 +444,7 @@ def test_table_ii_beside_the_print(found, tmp_path):
     runs = ", ".join(f"{run:.3f}" for run in entry.printed.runs)
     assert lines[6] == (
         f"| low wind | PD | {runs} | {entry.printed.mean:.3f} | {first:.3f}, –, {third:.3f} | –"
-        f" | {plain(entry.mean)} | {100.0 * entry.off:+.1f} % |"
+        f" | {entry.mean.text()} | {100.0 * entry.off:+.1f} % |"
     )
 
 

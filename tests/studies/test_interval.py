@@ -18,6 +18,7 @@ def test_arithmetic_turns_and_moves_the_ends_with_the_value():
     assert SOME.plus(-1.0) == pytest.approx((-0.8, -0.9, -0.6))
     # By what share something shrinks to a ratio.
     assert -SOME.plus(-1.0) == pytest.approx((0.8, 0.6, 0.9))
+    assert SOME.alone().percent() == "20.0 %"
 
 
 @pytest.mark.parametrize(("level", "expected"), [(0.05, True), (0.1, None), (0.3, None), (0.4, None), (0.5, False)])
@@ -44,6 +45,10 @@ def test_nothing_is_above_or_below_what_is_not_bounded():
         (Interval(1e-5, 2.53e-7, 5.57e-5).percent(), "0.00100 % [0.00002, 0.00557]"),
         (Interval(1.0, 0.9999631, 1.0).percent(), "100.0000 % [99.9963, 100.0000]"),
         (Interval(0.97, 0.93, 0.99).percent(), "97.0 % [93.0, 99.0]"),
+        # Three crashes of four, and an error that is surely less than another: neither end is 100 %.
+        (Interval(0.75, 0.19412, 0.99369).percent(), "75.0 % [19.4, 99.4]"),
+        (Interval(0.96, 0.923, 0.9981).percent(), "96.0 % [92.3, 99.9]"),
+        (Interval(1.06, 1.0003, 1.13).ratio(), "1.0600 [1.0003, 1.1300]"),
         (Interval(-0.9516, -0.9533, -0.95002).text(), "-0.9516 [-0.9533, -0.9500]"),
         (Interval(3.47131e-5, 3.469e-5, 3.4733e-5).text(unit="N s²"), "3.4713e-05 N s² [3.4690e-05, 3.4733e-05]"),
         (Interval(1.002e9, 0.99e9, 1.1e9).text(), "1.002e+09 [0.990e+09, 1.100e+09]"),
