@@ -2,7 +2,7 @@
 
 import difflib
 import re
-from collections.abc import Callable, Iterator, Mapping, Sequence, Set
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence, Set
 from functools import partial, reduce
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, get_args
@@ -204,7 +204,7 @@ def validated(model: type[_Valid], tree: Tree) -> _Valid:
 
 def _trees_of(overrides: Overrides, library: Library) -> Iterator[Tree]:
     """A document for each field that is given another value."""
-    if isinstance(overrides, str | Override | Mapping):
+    if isinstance(overrides, str | Override | Mapping) or not isinstance(overrides, Iterable):
         overrides = [overrides]
     for override in overrides:
         if isinstance(override, Mapping):
