@@ -75,7 +75,7 @@ class QuadrotorEnv(gymnasium.Env[np.ndarray, np.ndarray]):
         """Flies for a tick; the (rows,) action and the results are those of Gymnasium.
 
         Raises:
-            InputError: the action has another shape or is not finite, or there was no reset before.
+            InputError: as for a `QuadrotorVectorEnv`.
         """
         observation, rewards, terminations, truncations, infos = self._vector.step([action])
         info = {}

@@ -8,6 +8,7 @@ from pydrake.systems.framework import Context, LeafSystem
 
 from drake_quad.assembly.policy import policy_rows
 from drake_quad.errors import InputError, shown, whole_number
+from drake_quad.gym.real_numbers import MAX_ACTION, real_numbers, single_precision
 from drake_quad.scenario import Scenario
 
 
@@ -24,8 +25,8 @@ class FunctionPolicy(LeafSystem):
         num_vehicles: N.
 
     Raises:
-        InputError: the scenario has no place for a policy, or, as it flies, the actions have another shape or are not
-            finite.
+        InputError: the scenario has no place for a policy, or, as it flies, the actions have another shape, are no real
+            numbers, or are not finite or larger than 1,000,000 in size.
     """
 
     def __init__(self, scenario: Scenario, function: Callable[[np.ndarray], Any], num_vehicles: int = 1) -> None:
@@ -40,13 +41,11 @@ class FunctionPolicy(LeafSystem):
 
     def _act(self, context: Context, output: Any) -> None:
         observation = self.get_input_port().Eval(context).reshape(-1, self._n).T
-        found = self._function(observation.astype(np.float32))
-        try:
-            actions = np.asarray(found, dtype=float)
-        except (TypeError, ValueError):
-            actions = np.empty(0)
-        if actions.shape != (self._n, self._rows) or not np.isfinite(actions).all():
+        found = self._function(single_precision(observation))
+        actions = real_numbers(found)
+        if actions is None or actions.shape != (self._n, self._rows) or not (np.abs(actions) <= MAX_ACTION).all():
             raise InputError(
-                f"the policy must return ({self._n}, {self._rows}) finite numbers, but returned {shown(found)}"
+                f"the policy must return ({self._n}, {self._rows}) finite numbers of at most {MAX_ACTION:,.0f} in size,"
+                f" but returned {shown(found)}"
             )
         output.SetFromVector(actions.T.ravel())

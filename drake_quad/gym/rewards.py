@@ -40,7 +40,8 @@ class Transition(NamedTuple):
         """(N,) the Euclidean one, m."""
         state, reference = self.state, self.reference
         x, y, z = reference.x - state.x, reference.y - state.y, reference.z - state.z
-        error: np.ndarray = np.sqrt(x * x + y * y + z * z)
+        with np.errstate(over="ignore", invalid="ignore"):  # a vehicle that is lost may be anywhere
+            error: np.ndarray = np.sqrt(x * x + y * y + z * z)
         return error
 
 

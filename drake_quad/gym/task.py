@@ -4,7 +4,7 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, shown
 from drake_quad.scenario import Scenario, load_scenario, middle_of
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.loading import Overrides, with_fields
@@ -48,8 +48,10 @@ def task_of(
     }
     if hasattr(control, "thrust_vectoring"):
         fields["thrust_vectoring"] = control.thrust_vectoring
-    kind = fields["action"].get("kind")
-    if scenario.laboratory.autopilot.kind == "none" and kind != "rotor_speeds" and not fields["action"].get("k_rate"):
+    if not isinstance(fields["action"], Mapping):
+        raise InputError(f"action is {shown(action)}, but must be the name of a kind of action, or a mapping of fields")
+    kind, k_rate = (fields["action"].get(name) for name in ("kind", "k_rate"))
+    if scenario.laboratory.autopilot.kind == "none" and kind != "rotor_speeds" and not k_rate:
         fields["attitude"] = getattr(control, "attitude", None) or _designed_attitude(scenario)
     return with_fields(scenario, {"control": fields})
 

@@ -1,6 +1,6 @@
 """Many vehicles at once as a vector environment of Gymnasium."""
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -16,6 +16,7 @@ from drake_quad.compilation.clocked_fleet import ClockedFleet
 from drake_quad.errors import InputError, listed, shortened, shown, whole_number
 from drake_quad.flight import Flight
 from drake_quad.gym.episodes import Episode, Episodes
+from drake_quad.gym.real_numbers import MAX_ACTION, real_numbers, single_precision
 from drake_quad.gym.rewards import Reward, Termination, TrackingReward, Transition, has_crashed
 from drake_quad.gym.rollout import Tape, fly_again
 from drake_quad.gym.task import task_of
@@ -105,6 +106,8 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             raise InputError(
                 f"render_mode is {render_mode!r}, but must be None or one of {self.metadata['render_modes']}"
             )
+        if isinstance(signals, str) or not isinstance(signals, Iterable):
+            raise InputError(f"signals is {shown(signals)}, but must be a list of names")
         self.scenario = task_of(scenario, overrides, action=action, observation=observation)
         self.plan = plan or plan_route(self.scenario)
         self._tick = self.scenario.laboratory.command_link.period
@@ -171,23 +174,30 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         self._episodes.seed(np.array(given, dtype=int), np.array([seeds[i] for i in given], dtype=np.int64))
         self.has_begun = True
         self._begin(vehicles)
-        return self._fleet.shown("observation", np.float32), {}
+        return self._observation(), {}
 
     def step(self, actions: np.ndarray | Sequence[Any]) -> Stepped:
         """Flies all vehicles for a tick; the (N, rows) actions and the results are those of Gymnasium.
 
+        An action beyond the action space, such as a sample of a normal distribution, flies as on its bounds. What sees
+        the action, a reward or the observation, sees it as it was given.
+
         Raises:
-            InputError: the actions have another shape or are not finite, or there was no reset before.
+            InputError: the actions have another shape, are no real numbers, or are not finite or larger than 1,000,000
+                in size; or there was no reset before.
         """
-        try:
-            actions = np.array(actions, dtype=float)
-        except (TypeError, ValueError):
-            raise InputError(f"actions are {shown(actions)}, but must be numbers of one shape") from None
+        given, actions = actions, real_numbers(actions)
+        if actions is None:
+            raise InputError(f"actions are {shown(given)}, but must be real numbers of one shape")
         if actions.shape != self._last_action.shape:
             raise InputError(f"actions have the shape {actions.shape}, but must have {self._last_action.shape}")
-        if not np.isfinite(actions).all():
-            vehicle, *_ = np.flatnonzero(~np.isfinite(actions).all(axis=1)).tolist()
-            raise InputError(f"actions must be finite, but that of vehicle {vehicle} is {actions[vehicle].tolist()}")
+        wrong = ~(np.abs(actions) <= MAX_ACTION).all(axis=1)
+        if wrong.any():
+            vehicle, *_ = np.flatnonzero(wrong).tolist()
+            raise InputError(
+                f"actions must be finite and at most {MAX_ACTION:,.0f} in size, but that of vehicle {vehicle} is"
+                f" {shown(actions[vehicle].tolist())}"
+            )
         if not self.has_begun:
             raise InputError("the environment must be reset before its first step")
         fleet = self._fleet
@@ -283,25 +293,26 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         # Whoever was shown these keeps what was shown.
         self._last_action = self._last_action.copy()
         self._last_action[vehicles] = self._hovering
-        return begun.shown[:, self._fleet.columns("observation")].astype(np.float32)
+        return single_precision(begun.shown[:, self._fleet.columns("observation")])
+
+    def _observation(self) -> np.ndarray:
+        """(N, rows) what policies see."""
+        return single_precision(self._fleet.shown("observation"))
 
     def _judged(self, found: Any, name: str, kind: type) -> np.ndarray:
         """What a function of a transition has returned, as the environment's own."""
-        try:
-            values: np.ndarray = np.array(found, dtype=kind)
-        except (TypeError, ValueError):
-            values = np.empty(0)
-        if values.shape != (self.num_envs,) or found is None:
+        values = real_numbers(found)
+        if values is None or values.shape != (self.num_envs,):
             raise InputError(f"{name} must return {self.num_envs} numbers, but returned {shortened(repr(found), 80)}")
         if not np.isfinite(values).all():
             vehicle, *_ = np.flatnonzero(~np.isfinite(values)).tolist()
             raise InputError(f"{name} must return finite numbers, but returned {values[vehicle]} of vehicle {vehicle}")
-        return values
+        return values.astype(kind)
 
     def _transition(self, actions: np.ndarray) -> Transition:
         fleet = self._fleet
         return Transition(
-            fleet.shown("observation", np.float32),
+            self._observation(),
             actions,
             self._last_action,
             fleet.record("state"),

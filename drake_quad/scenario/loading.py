@@ -2,7 +2,7 @@
 
 import difflib
 import re
-from collections.abc import Iterator, Mapping, Sequence, Set
+from collections.abc import Iterable, Iterator, Mapping, Sequence, Set
 from functools import reduce
 from pathlib import Path
 from typing import Any, NamedTuple, TypeVar, get_args
@@ -231,7 +231,7 @@ def _gives_items(problem: Any) -> bool:
 
 def _trees_of(overrides: Overrides, library: Library) -> Iterator[Tree]:
     """A document for each field that is given another value."""
-    if isinstance(overrides, str | Override | Mapping):
+    if isinstance(overrides, str | Override | Mapping) or not isinstance(overrides, Iterable):
         overrides = [overrides]
     for override in overrides:
         if isinstance(override, Mapping):

@@ -1,5 +1,6 @@
 """The workers of a Dask cluster."""
 
+import gc
 import logging
 import time
 from collections.abc import Callable, Iterator
@@ -7,6 +8,7 @@ from contextlib import contextmanager, suppress
 from typing import Any
 
 from drake_quad.errors import InputError
+from drake_quad.process_settings import ProcessSetting
 from drake_quad.studies.crew import Crew, Outcome, attempt, failed
 from drake_quad.studies.provenance import difference, provenance
 
@@ -16,7 +18,6 @@ _HANDSHAKE, _PATIENCE = 10.0, 30.0
 _BETWEEN_LOOKS, _BETWEEN_QUESTIONS = 0.05, 2.0
 # A cluster that grows and shrinks by itself may be without workers for a while, s.
 _LONGEST_WITHOUT_WORKERS = 60.0
-_GONE = ("cancelled", "lost")
 
 
 class DaskCrew(Crew):
@@ -76,7 +77,9 @@ class DaskCrew(Crew):
         return ConnectionError(f"the Dask scheduler at {self._address} {how}")
 
     def _check_connection(self) -> None:
-        if self._client.status != "running" or any(future.status in _GONE for future in self._under_way):
+        # A client that has lost its scheduler cancels its futures, also if it has found another one since. The status
+        # "lost" is something else: a worker has died with the result, and the scheduler has it computed again.
+        if self._client.status != "running" or any(future.status == "cancelled" for future in self._under_way):
             raise self._lost("is gone")
 
     def _check_scheduler(self) -> None:
@@ -110,12 +113,8 @@ def dask_crew(address: str, num_workers: int | None = None) -> Iterator[DaskCrew
         from distributed import Client
     except ImportError:
         raise InputError("Dask is not installed; pip install 'drake_quad[cluster]' has it") from None
-    with _silent("distributed", "tornado"):  # Tornado runs the client's loop, and logs what Ctrl-C breaks off there
-        try:
-            client = Client(address, timeout=_HANDSHAKE, set_as_default=False)
-        except (OSError, ValueError, TypeError) as error:
-            reason = str(error).splitlines()[0] if str(error) else type(error).__name__
-            raise InputError(f"no Dask scheduler can be reached at {address}: {reason}") from None
+    with _silently():
+        client = _connected(Client, address)
         try:
             try:
                 client.wait_for_workers(1, timeout=_LONGEST_WITHOUT_WORKERS)
@@ -126,6 +125,22 @@ def dask_crew(address: str, num_workers: int | None = None) -> Iterator[DaskCrew
             yield DaskCrew(client, address, threads if num_workers is None else num_workers)
         finally:
             _close(client)
+
+
+def _connected(client: Callable[..., Any], address: str) -> Any:
+    """Return a client of the scheduler at an address.
+
+    Raises:
+        InputError: no scheduler can be reached there.
+    """
+    try:
+        return client(address, timeout=_HANDSHAKE, set_as_default=False)
+    except (OSError, ValueError, TypeError) as error:
+        reason = str(error).splitlines()[0] if str(error) else type(error).__name__
+    # Dask leaves a half-made client, which closes itself once it is collected. At the end of the process that would
+    # take 20 s, and end in a traceback.
+    gc.collect()
+    raise InputError(f"no Dask scheduler can be reached at {address}: {reason}")
 
 
 def _check_code(client: Any) -> None:
@@ -157,3 +172,7 @@ def _silent(*packages: str) -> Iterator[None]:
     finally:
         for name, level in before.items():
             logging.getLogger(name).setLevel(level)
+
+
+# Tornado runs the client's loop, and logs what Ctrl-C breaks off there.
+_silently = ProcessSetting(lambda: _silent("distributed", "tornado"))

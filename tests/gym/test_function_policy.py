@@ -41,12 +41,17 @@ def test_a_function_flies_alone_and_in_studies_as_the_environment_does():
 
 @pytest.mark.parametrize(
     "found",
-    [np.zeros((1, 4)), np.zeros(3), [["a", 0.0, 0.0]], np.full((1, 3), np.nan)],
-    ids=["rows", "flat", "a", "nan"],
+    [
+        *(np.zeros((1, 4)), np.zeros(3), [["a", 0.0, 0.0]], np.full((1, 3), np.nan)),
+        *(np.full((1, 3), 1j), np.full((1, 3), "0.1"), np.full((1, 3), 2e6)),
+    ],
+    ids=["rows", "flat", "a", "nan", "complex", "text", "huge"],
 )
 def test_what_is_no_action_is_refused(found):
     scenario = task()
-    with pytest.raises(InputError, match=r"the policy must return \(1, 3\) finite numbers, but returned"):
+    with pytest.raises(
+        InputError, match=r"the policy must return \(1, 3\) finite numbers of at most 1,000,000 in size, but returned"
+    ):
         simulate(scenario, policy=FunctionPolicy(scenario, lambda _: found))
     with pytest.raises(InputError, match="hover has no place for a policy"):
         FunctionPolicy(load_scenario("hover"), act)

@@ -14,10 +14,14 @@ import sys
 import time
 from contextlib import suppress
 from pathlib import Path
+from types import SimpleNamespace
 
 import pytest
 
 from drake_quad import load_scenario, read_study, run_monte_carlo
+from drake_quad.studies import cluster as cluster_module
+from drake_quad.studies.cluster import DaskCrew
+from drake_quad.studies.crew import Outcome
 
 # Found and not imported: that takes a second in every process of pytest.
 pytestmark = pytest.mark.skipif(
@@ -87,7 +91,7 @@ def unreachable(tmp_path_factory):
     folder = tmp_path_factory.mktemp("unreachable") / "study"
     with socket.socket() as free:
         free.bind(("127.0.0.1", 0))
-        addresses = [f"tcp://127.0.0.1:{free.getsockname()[1]}", "nonsense://x"]
+        addresses = [f"tcp://127.0.0.1:{free.getsockname()[1]}", "nonsense://x", "x"]
         runs = {address: monte_carlo(address, folder) for address in addresses}
         yield folder, runs
     for process in runs.values():
@@ -190,8 +194,70 @@ def test_a_cluster_that_is_not_there_is_named(unreachable):
     for address, process in runs.items():
         _, stderr = process.communicate()
         assert process.returncode == 2
-        assert f"error: no Dask scheduler can be reached at {address}" in stderr
+        (line,) = stderr.splitlines()
+        assert line.startswith(f"error: no Dask scheduler can be reached at {address}: ")
     assert not folder.exists()
+
+
+class Future:
+    """A future of Dask's that has one status after another, each for a look of the crew."""
+
+    def __init__(self, *statuses):
+        self.statuses = [*statuses]
+
+    @property
+    def status(self):
+        return self.statuses[0]
+
+    def done(self):
+        if len(self.statuses) > 1:
+            self.statuses.pop(0)
+        return self.status == "finished"
+
+    def result(self, timeout):
+        return Outcome(None, "rows")
+
+
+class Client:
+    """A client of Dask's whose scheduler answers."""
+
+    status, scheduler = "running", SimpleNamespace(ncores=None)
+
+    def __init__(self, future, workers):
+        self.future, self.workers = future, workers
+
+    def submit(self, function, *arguments, pure):
+        return self.future
+
+    def sync(self, function, callback_timeout):
+        return self.workers
+
+
+def crew_with(future, workers):
+    crew = DaskCrew(Client(future, workers), "tcp://somewhere:1", 1)
+    crew.begin(len, "given")
+    return crew
+
+
+def test_a_result_that_died_with_its_worker_is_waited_for():
+    crew = crew_with(Future("pending", "lost", "lost", "pending", "finished"), {"worker": 1})
+    (outcome,) = crew.finished()
+    assert outcome.result == "rows"
+
+
+def test_when_all_workers_are_gone_the_scheduler_is_not(monkeypatch):
+    for name in ("_BETWEEN_QUESTIONS", "_LONGEST_WITHOUT_WORKERS"):
+        monkeypatch.setattr(cluster_module, name, 0.0)
+    crew = crew_with(Future("pending", "lost"), {})
+    with pytest.raises(
+        ConnectionError, match="^the Dask scheduler at tcp://somewhere:1 has had no workers for a minute$"
+    ):
+        crew.finished()
+
+
+def test_a_client_that_cancels_its_futures_has_lost_its_scheduler():
+    with pytest.raises(ConnectionError, match="^the Dask scheduler at tcp://somewhere:1 is gone$"):
+        crew_with(Future("pending", "cancelled"), {"worker": 1}).finished()
 
 
 @pytest.mark.slow
