@@ -1,0 +1,44 @@
+"""A vehicle whose rotors cannot give the thrust that is asked for."""
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario, simulate
+
+
+def overloaded(priority):
+    """Return the flight of a vehicle that weighs more than twice what is believed, its load 0.5 mm off the middle.
+
+    To stay where it is, its controller asks for the largest thrust that it may ask for, more than the rotors can give.
+    """
+    overrides = {
+        "vehicle.mass": 1.5,
+        "vehicle.centre_of_mass": [0.0, 0.0005],
+        "control.thrust_vectoring.max_thrust": 2.3,
+        "laboratory.allocation.priority": priority,
+        "crash": {"position_error": 1000.0, "height": -1000.0},
+        "duration": 3.0,
+    }
+    return simulate(load_scenario("hover", overrides), compiled=True)
+
+
+@pytest.mark.slow
+def test_an_overloaded_vehicle_sinks_level_where_roll_and_pitch_are_first():
+    """In the end the rotors' torque is that of the load: the thrust, which is off the centre of mass."""
+    flight = overloaded("roll_pitch")
+    assert not flight.metrics.crashed
+    state, shortfall = flight.record("state"), flight.record("shortfall")
+    assert np.max(np.abs([state.roll, state.pitch])) < np.radians(10.0)
+    assert state.z[-1] < state.z[0] - 1.0
+    assert shortfall.thrust[-1] > 0.0
+    np.testing.assert_array_equal(shortfall.tau_x, 0.0)
+    given = np.subtract(flight["wrench"], flight["shortfall"])[-1]
+    assert given[1] == pytest.approx(given[0] * 0.0005, rel=0.05)
+
+
+@pytest.mark.slow
+def test_an_overloaded_vehicle_tips_over_where_thrust_is_first():
+    """All rotors turn at their top speed, which leaves no torque against that of the load."""
+    flight = overloaded("thrust")
+    assert flight.metrics.crashed
+    assert np.max(np.abs(flight.record("state").roll)) > np.radians(60.0)
