@@ -66,6 +66,7 @@ def find_trim(
     wind: Sequence[float] = (0.0, 0.0, 0.0),
     position: Sequence[float] = (0.0, 0.0, 0.0),
     yaw: float = 0.0,
+    kinematics: Kinematics = "exact",
     effects: Effects = NO_EFFECTS,
 ) -> Trim:
     """Finds roll, pitch and rotor speeds that keep velocity and attitude as they are.
@@ -78,6 +79,7 @@ def find_trim(
         wind: in W, m/s.
         position: in W, m.
         yaw: rad.
+        kinematics: as for `Quadrotor`. A vehicle that does not turn has the same operating point with both.
         effects: on the vehicle.
 
     Raises:
