@@ -66,9 +66,7 @@ def rod_of(swing: Swing) -> Rod:
     around, inward = cos_pitch * roll_rate, sin_pitch * pitch_rate
     return Rod(
         Vector(-sin_pitch, sin_roll * cos_pitch, -cos_roll * cos_pitch),
-        Vector(
-            -cos_pitch * pitch_rate, cos_roll * around - sin_roll * inward, sin_roll * around + cos_roll * inward
-        ),
+        Vector(-cos_pitch * pitch_rate, cos_roll * around - sin_roll * inward, sin_roll * around + cos_roll * inward),
     )
 
 

@@ -134,9 +134,7 @@ def step_of_flight(
         motion = at.motion
         rates = attitude.rates(at.attitude, BodyRates(motion.p, motion.q, motion.r))
         axes = attitude.axes(at.attitude)
-        return Moving(
-            rates, *accelerations(axes, motion, at.rod, height, rotors, wind, parameters, effects, held_at)
-        )
+        return Moving(rates, *accelerations(axes, motion, at.rod, height, rotors, wind, parameters, effects, held_at))
 
     moving_1 = Moving(attitude.start, Motion.of(body), None if before.swing is None else rod_of(before.swing))
     slope_1 = slope(moving_1, body.z, rotors_1)
