@@ -21,9 +21,9 @@ from drake_quad.laboratory.delay_line import carried, declare_delay_line, newest
 from drake_quad.quaternion import Quaternion
 from drake_quad.signals import Angle, Attitude, BodyRates, Number, PositionW, Quantity, Row, State
 
-# Largest step of an angle over two frames that eq (2) is used for, rad. At 100 Hz it is that of 10 rad/s, and eq (2)
-# errs by less than 1 %.
-_LARGEST_STEP = 0.2
+# Largest step of an angle over two frames that eq (2) is used for, rad. At 100 Hz it is that of 2.5 rad/s. The error of
+# eq (2) is of second order in the steps where they are uneven, as next to a pitch of 90°, and of third order elsewhere.
+_LARGEST_STEP = 0.05
 
 
 class RotationMatrix(NamedTuple):
