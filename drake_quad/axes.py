@@ -2,11 +2,14 @@
 
 from typing import NamedTuple
 
-from drake_quad.framework.elementary import sin_cos, sqrt
-from drake_quad.signals import Angle, Row
+from drake_quad.framework.elementary import arctan2, sin_cos, sqrt
+from drake_quad.signals import Angle, Attitude, Row
 
 # A vector of no length must not make the derivative of the square root infinite; 1e-200 changes no float above 1e-92.
 TINY = 1e-200
+# Keeps the yaw 0, and 0 / 0 away from derivatives, where the nose points straight up or down. It changes no cosine of a
+# pitch above 1e-14.
+_LEAST_COSINE = 1e-30
 
 
 class Vector(NamedTuple):
@@ -15,6 +18,30 @@ class Vector(NamedTuple):
     x: Row
     y: Row
     z: Row
+
+
+class Tilt(NamedTuple):
+    """Sine and cosine of roll φ and pitch θ."""
+
+    sin_roll: Row
+    cos_roll: Row
+    sin_pitch: Row
+    cos_pitch: Row
+
+    @classmethod
+    def of(cls, roll: Angle, pitch: Angle) -> "Tilt":
+        """Return the tilt of a body with this roll and pitch."""
+        return cls(*sin_cos(roll), *sin_cos(pitch))
+
+    def in_heading(self, vector: Vector) -> Vector:
+        """Return Ry(θ) Rx(φ) v, a vector along the axes of B, along those of the heading: of W turned by the yaw."""
+        x, y, z = vector
+        upright = self.sin_roll * y + self.cos_roll * z
+        return Vector(
+            self.cos_pitch * x + self.sin_pitch * upright,
+            self.cos_roll * y - self.sin_roll * z,
+            self.cos_pitch * upright - self.sin_pitch * x,
+        )
 
 
 class BodyAxes(NamedTuple):
@@ -37,6 +64,19 @@ class BodyAxes(NamedTuple):
             Vector(
                 sin_yaw * sin_roll + cos_yaw * forward, sin_yaw * forward - cos_yaw * sin_roll, cos_pitch * cos_roll
             ),
+        )
+
+    def angles(self) -> Attitude:
+        """Return roll, pitch and yaw: the pitch between -π/2 and π/2, roll and yaw between -π and π.
+
+        At a pitch of ±π/2 the axes determine only the sum or the difference of roll and yaw. The yaw is then arbitrary,
+        and the roll follows from the axes and that yaw, so that the three angles give the axes back to rounding.
+        """
+        ahead, left = self.x.x + _LEAST_COSINE, self.x.y
+        return Attitude(
+            arctan2(left * self.z.x - ahead * self.z.y, ahead * self.y.y - left * self.y.x),
+            arctan2(0.0 - self.x.z, sqrt(ahead * ahead + left * left + TINY)),
+            arctan2(left, ahead),
         )
 
     def in_body(self, vector: Vector) -> Vector:

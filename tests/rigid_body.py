@@ -1,10 +1,13 @@
 """The rigid body alone, whose derivatives others are compared with."""
 
-from drake_quad.signals import State
+from drake_quad.axes import BodyAxes
+from drake_quad.signals import Attitude, BodyRates, State
 from drake_quad.vehicle.dynamics import Motion, equations_of_motion
 
 
 def rigid_body_derivative(state, rotors, wind, parameters, kinematics):
-    """Eq (3): the time derivative of the state; arguments as for `equations_of_motion`."""
-    rates = equations_of_motion(Motion.of(state), rotors, wind, parameters, kinematics)
-    return State(state.v_x, state.v_y, state.v_z, *rates)
+    """Return the time derivative of the state, eqs (2) and (3); kinematics are `AttitudeKinematics`."""
+    attitude = Attitude(state.roll, state.pitch, state.yaw)
+    turning = kinematics.angle_rates(BodyRates(state.p, state.q, state.r), attitude)
+    accelerations = equations_of_motion(BodyAxes.of(*attitude), Motion.of(state), rotors, wind, parameters)
+    return State(state.v_x, state.v_y, state.v_z, *turning, *accelerations)

@@ -15,6 +15,7 @@ from drake_quad.assembly.effects import vehicle_effects
 from drake_quad.assembly.laboratory import laboratory_recipes, vehicle_parameters
 from drake_quad.assembly.planning import flight_duration, nominal_parameters, plan_demand
 from drake_quad.assembly.recipe import FleetScenario
+from drake_quad.axes import BodyAxes
 from drake_quad.laboratory.wind.wind import build_wind
 from drake_quad.randomness.noise import Samples, connect_noise, random_streams
 from drake_quad.randomness.streams import Kind
@@ -23,8 +24,7 @@ from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.scenario import Batch
 from drake_quad.signals import RotorSpeed, Wind
 from drake_quad.vehicle.dynamics import Motion
-from drake_quad.vehicle.motion import Moving, rates_of_motion, turning
-from drake_quad.vehicle.quadrotor import KINEMATICS
+from drake_quad.vehicle.motion import accelerations, turning
 
 # Wind and drag change within tenths of a second.
 _STEP = 0.02
@@ -73,21 +73,21 @@ def disturbances_along(batch: Batch, plan: Plan) -> Disturbed:
     wind = _wind_along(batch, plan, times, position, velocity)
     demand = plan_demand(plan, nominal_parameters(scenario), times)
     # Rows of (times, 1), so that numbers of the vehicles, of (N,), make them (times, N).
-    columns: list[Any] = [np.asarray(row)[:, np.newaxis] for row in (*demand.attitude, *velocity, *demand.body_rates)]
+    columns: list[Any] = [np.asarray(row)[:, np.newaxis] for row in (*velocity, *demand.body_rates)]
+    angles: list[Any] = [np.asarray(angle)[:, np.newaxis] for angle in demand.attitude]
     speeds: list[Any] = [np.asarray(row)[:, np.newaxis] for row in demand.rotor_speed]
     rotors = RotorSpeed(*speeds)
     parameters = vehicle_parameters(fleet.vehicle)
     # What stands before the rotors' speeds, and what swings, is no disturbance of the path.
     effects = vehicle_effects(fleet.vehicle)._replace(thrust_curve=None, battery=None, slung_load=None)
-    kinematics = KINEMATICS[scenario.vehicle.attitude_kinematics]
     spinning = turning(rotors, rotors, parameters, effects)
     height = position[2][:, np.newaxis]
-    moving = Moving(Motion(*columns))
-    rates = rates_of_motion(moving, height, spinning, Wind(*wind), parameters, kinematics, effects).motion
+    axes, motion = BodyAxes.of(*angles), Motion(*columns)
+    rates = accelerations(axes, motion, None, height, spinning, Wind(*wind), parameters, effects).motion
     believed = nominal_parameters(scenario)
-    planned = rates_of_motion(
-        moving, height, turning(rotors, rotors, believed, effects), Wind(0.0, 0.0, 0.0), believed, kinematics, effects
-    ).motion
+    still = Wind(0.0, 0.0, 0.0)
+    as_believed = turning(rotors, rotors, believed, effects)
+    planned = accelerations(axes, motion, None, height, as_believed, still, believed, effects).motion
     shape = 1, len(times), len(batch)
     pushed = [row - a[:, np.newaxis] for row, a in zip((rates.v_x, rates.v_y, rates.v_z), acceleration, strict=True)]
     turned = [rates.p - planned.p, rates.q - planned.q]

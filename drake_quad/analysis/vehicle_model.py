@@ -20,14 +20,15 @@ from pydrake.systems.primitives import (
 )
 
 from drake_quad.analysis.context_vector import port_rows, undotted
+from drake_quad.axes import BodyAxes
 from drake_quad.errors import InputError
 from drake_quad.signals import RotorSpeed, State, Wind
 from drake_quad.vehicle.dynamics import Motion, hover_rotor_speeds
 from drake_quad.vehicle.effects import NO_EFFECTS, Effects, as_in_hover
-from drake_quad.vehicle.motion import Moving, rates_of_motion, turning
+from drake_quad.vehicle.motion import accelerations, turning
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import KINEMATICS, Kinematics, Quadrotor, QuadrotorNumbers
-from drake_quad.vehicle.slung_load import HANGING
+from drake_quad.vehicle.quadrotor import Kinematics, Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.slung_load import HANGING, rod_of
 
 if TYPE_CHECKING:
     import control
@@ -78,7 +79,7 @@ def find_trim(
         wind: in W, m/s.
         position: in W, m.
         yaw: rad.
-        kinematics: as for `Quadrotor`.
+        kinematics: as for `Quadrotor`. A vehicle that does not turn has the same operating point with both.
         effects: on the vehicle.
 
     Raises:
@@ -88,20 +89,19 @@ def find_trim(
     hover = np.array([float(speed) for speed in hover_rotor_speeds(as_in_hover(parameters, effects, position[2]))])
     scale = np.concatenate([[0.1, 0.1], np.maximum(hover, 1.0)])
 
-    def accelerations(scaled: np.ndarray) -> np.ndarray:
-        """Linear and angular acceleration (6,) for roll, pitch and rotor speeds in units of `scale`."""
+    def unbalanced(scaled: np.ndarray) -> np.ndarray:
+        """Return linear and angular acceleration (6,) for roll, pitch and rotor speeds in units of `scale`."""
         roll, pitch, *speeds = scaled * scale
         v_x, v_y, v_z = velocity
-        motion = Motion(roll, pitch, yaw, v_x, v_y, v_z, 0.0, 0.0, 0.0)
+        axes, motion = BodyAxes.of(roll, pitch, yaw), Motion(v_x, v_y, v_z, 0.0, 0.0, 0.0)
         rotors = turning(RotorSpeed(*speeds), RotorSpeed(*speeds), parameters, effects)
-        moving = Moving(motion, None if effects.slung_load is None else HANGING)
-        slope = rates_of_motion(moving, position[2], rotors, Wind(*wind), parameters, KINEMATICS[kinematics], effects)
-        _, _, _, *rates = slope.motion
-        return np.array(rates)
+        rod = None if effects.slung_load is None else rod_of(HANGING)
+        found = accelerations(axes, motion, rod, position[2], rotors, Wind(*wind), parameters, effects)
+        return np.array(found.motion)
 
     program = MathematicalProgram()
     x = program.NewContinuousVariables(6)
-    program.AddConstraint(accelerations, np.zeros(6), np.zeros(6), vars=x)
+    program.AddConstraint(unbalanced, np.zeros(6), np.zeros(6), vars=x)
     slowest, fastest = float(parameters.min_rotor_speed), float(parameters.max_rotor_speed)
     low, high = [-_LARGEST_TILT] * 2 + [slowest] * 4, [_LARGEST_TILT] * 2 + [fastest] * 4
     program.AddBoundingBoxConstraint(low / scale, high / scale, x)
@@ -109,9 +109,9 @@ def find_trim(
     found = result.GetSolution(x)
     if result.is_success():
         for _ in range(_STEPS):
-            values = accelerations(InitializeAutoDiff(found).ravel())
+            values = unbalanced(InitializeAutoDiff(found).ravel())
             found = found - np.linalg.solve(ExtractGradient(values), ExtractValue(values).ravel())
-    left = np.abs(accelerations(found)).max()
+    left = np.abs(unbalanced(found)).max()
     if not left < _STILL:
         raise InputError(
             f"there is no steady flight at {_vector(velocity)} m/s in a wind of {_vector(wind)} m/s with rotors between"

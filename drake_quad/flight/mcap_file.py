@@ -29,8 +29,8 @@ from ruamel.yaml import YAML
 from drake_quad.errors import InputError
 from drake_quad.extras import needed
 from drake_quad.files import write_whole
-from drake_quad.flight.attitude import Quaternion
 from drake_quad.flight.flight import Flight
+from drake_quad.quaternion import Quaternion
 from drake_quad.scenario.layouts import rotors_of
 from drake_quad.signals import SIGNALS, Reference, State, quantities, row_names
 
@@ -125,7 +125,7 @@ def messages_of(name: str, flight: Flight, number: int = 0) -> Iterator[Message]
     """
     times = [round(_NANOSECONDS * time) for time in flight.time.tolist()]
     state, reference = flight.record("state"), flight.record("reference")
-    level = np.zeros(len(times))
+    level: Any = np.zeros(len(times))
     poses = np.column_stack([state.x, state.y, state.z, *Quaternion.of(state.roll, state.pitch, state.yaw)]).tolist()
     wanted = [reference.x, reference.y, reference.z, *Quaternion.of(level, level, reference.yaw)]
     wanted_poses = np.column_stack(wanted).tolist()

@@ -21,12 +21,13 @@ What a flight has not, the table has not.
 
 import math
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from drake_quad.files import write_table
-from drake_quad.flight.attitude import Quaternion
 from drake_quad.flight.flight import Flight
+from drake_quad.quaternion import Quaternion
 
 # By which the rows of a vector are multiplied that is turned by half a turn about x.
 _HALF_TURN = (1.0, -1.0, -1.0)
@@ -92,7 +93,7 @@ def _turned(pattern: str, rows: str | tuple[str, ...], *vector: np.ndarray) -> _
     return {pattern.format(row): sign * part for row, sign, part in zip(rows, _HALF_TURN, vector, strict=True)}
 
 
-def _attitude(name: str, roll: np.ndarray, pitch: np.ndarray, yaw: np.ndarray) -> _Columns:
-    """The columns of a quaternion from FRD to NED."""
-    turn = Quaternion.of(roll, pitch, yaw)
+def _attitude(name: str, *angles: Any) -> _Columns:
+    """Return the columns of a quaternion from FRD to NED, for roll, pitch and yaw."""
+    turn: Any = Quaternion.of(*angles)
     return {f"{name}[{i}]": part for i, part in enumerate((turn.w, turn.x, -turn.y, -turn.z))}

@@ -88,7 +88,8 @@ def simulate(
         time = simulator.get_context().get_time()
         raise InputError(
             f"vehicle.time_step is 0, but from {time:.3g} s on something moves too fast for the integration of a"
-            f" continuous state, in less than {_MIN_STEP:g} s; give it a step"
+            f" continuous state, in less than {_MIN_STEP:g} s, such as roll and yaw at a pitch of 90 degrees; give it a"
+            " step"
         ) from None
     return _flights(batch, plan, simulation, own)[0]
 

@@ -31,6 +31,7 @@ _LATENCY = {
     "multiply_add": 4,
     "divide": 13,
     "square_root": 20,
+    **dict.fromkeys(("less", "less_or_equal", "greater", "greater_or_equal", "equal", "unequal", "negative"), 5),
     "bits_of": 0,
     "number_of": 0,
 }

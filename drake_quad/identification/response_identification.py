@@ -32,7 +32,14 @@ from drake_quad.identification.fitting.open_loop import (
 )
 from drake_quad.identification.fitting.random_effects import Variation, of_the_mean, variation_of
 from drake_quad.identification.fitting.whitening import Noise, Shape, noise_of, still, straying
-from drake_quad.identification.fitting.windows import airborne, common_period, held_out, pieces
+from drake_quad.identification.fitting.windows import (
+    airborne,
+    common_period,
+    held_out,
+    pieces,
+    steep_remarks,
+    within_half_a_turn,
+)
 from drake_quad.identification.identified import Fitted, Identification, Spread
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, kind_of, quantile
@@ -317,6 +324,7 @@ def _remarks(windows: _Windows, names: Sequence[str]) -> tuple[str, ...]:
     found = [
         f"{known} windows of {length:.2g} s were fitted and {unseen} held out, of {logs} log{'s' if logs > 1 else ''}"
     ]
+    found += steep_remarks(windows.records)
     if "rotor_aerodynamics.climb" in names:
         found.append("climb has what drag along z of the body does, too: a flight does not tell them apart")
     if "body_drag.centre_of_pressure[2]" in names:
@@ -503,6 +511,13 @@ class _Model(NamedTuple):
         """(W, o, T)."""
         return np.stack([windows.measured(output.signal, output.column) for output in self.outputs], axis=1)
 
+    def errors(self, predicted: np.ndarray, measured: np.ndarray) -> np.ndarray:
+        """Return (..., W, o, T) predicted minus measured, angles within half a turn."""
+        errors = predicted - measured
+        angles = [o for o, output in enumerate(self.outputs) if output.signal == "attitude"]
+        errors[..., angles, :] = within_half_a_turn(errors[..., angles, :])
+        return errors
+
     def first_states(self, windows: _Windows) -> np.ndarray:
         """(W, 12) by straight lines through the first samples."""
         states = np.zeros((len(windows.starts), 12))
@@ -523,7 +538,7 @@ class _Model(NamedTuple):
         measured = self.measured(windows)
 
         def residuals(parameters: np.ndarray, states: np.ndarray) -> np.ndarray:
-            off = self.predictions(windows, names, parameters, states) - measured
+            off = self.errors(self.predictions(windows, names, parameters, states), measured)
             # As one matrix: of a stack of rows that lie apart each would be multiplied by itself.
             sets, count, _, samples = off.shape
             weighted = [off[:, :, o].reshape(-1, samples) @ whitener for o, whitener in enumerate(whiteners)]
@@ -559,7 +574,8 @@ def _told(
         parameters, states = fitted.parameters, fitted.states
         rounds += 1
         if not settled:
-            off = model.predictions(windows, names, parameters[None], states[None])[0] - model.measured(windows)
+            predicted = model.predictions(windows, names, parameters[None], states[None])[0]
+            off = model.errors(predicted, model.measured(windows))
             before = noises
             noises = [
                 noise_of(off[:, o], shape if output.strays else still(shape)) for o, output in enumerate(model.outputs)

@@ -26,7 +26,7 @@ from drake_quad.identification.fitting.prediction_error import (
 )
 from drake_quad.identification.fitting.predictor import FORCE, Noise, Output, Predictor
 from drake_quad.identification.fitting.random_effects import of_the_mean, variation_of
-from drake_quad.identification.fitting.windows import Cut, airborne, coarser, cut, held_out
+from drake_quad.identification.fitting.windows import Cut, airborne, coarser, cut, held_out, steep_remarks
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import (
     CONFIDENCE,
@@ -381,7 +381,7 @@ def _identified(
         sources=source,
         explained={} if shown is None else _explained([names[i] for i in own], shown),
         not_seen=_not_seen(vehicle, names, signals) | swamped,
-        remarks=_remarks(predictor, fitted, names),
+        remarks=(*_remarks(predictor, fitted, names), *steep_remarks(records)),
         variation=variation,
     )
     delay = None

@@ -13,11 +13,17 @@ from typing import Annotated, Any, NamedTuple
 import numpy as np
 from pydrake.common import RandomDistribution
 
-from drake_quad.framework.elementary import arcsin, arctan2, exp, sin_cos, sqrt, where
+from drake_quad.axes import BodyAxes, Tilt, Vector
+from drake_quad.framework.elementary import exp, sqrt, where, where_needed
 from drake_quad.framework.fleet_system import AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.kinematics import small_rotation
 from drake_quad.laboratory.delay_line import carried, declare_delay_line, newest
-from drake_quad.signals import Angle, Attitude, Number, PositionW, Quantity, Row, State
+from drake_quad.quaternion import Quaternion
+from drake_quad.signals import Angle, Attitude, BodyRates, Number, PositionW, Quantity, Row, State
+
+# Largest step of an angle over two frames that eq (2) is used for, rad. At 100 Hz it is that of 2.5 rad/s. The error of
+# eq (2) is of second order in the steps where they are uneven, as next to a pitch of 90°, and of third order elsewhere.
+_LARGEST_STEP = 0.05
 
 
 class RotationMatrix(NamedTuple):
@@ -47,6 +53,12 @@ class RotationMatrix(NamedTuple):
             -s_p,
             c_p * s_r,
             c_p * c_r,
+        )
+
+    def axes(self) -> BodyAxes:
+        """Return the axes of M in B."""
+        return BodyAxes(
+            Vector(self.xx, self.yx, self.zx), Vector(self.xy, self.yy, self.zy), Vector(self.xz, self.yz, self.zz)
         )
 
 
@@ -144,17 +156,10 @@ class Dropout(NamedTuple):
 
 
 def attitude_of_markers(attitude: Attitude, R_BM: RotationMatrix) -> Attitude:
-    """Roll, pitch and yaw of R_WB R_BM, given those of B in W and the orientation of the markers' frame in B."""
-    xx, xy, xz, yx, yy, yz, zx, zy, zz = R_BM
-    s_r, c_r = sin_cos(attitude.roll)
-    s_p, c_p = sin_cos(attitude.pitch)
-    # Of Ry(θ) Rx(φ) R_BM, the product without the yaw: the first column and the last row.
-    rolled_x, rolled_y, rolled_z = s_r * yx + c_r * zx, s_r * yy + c_r * zy, s_r * yz + c_r * zz
-    return Attitude(
-        arctan2(c_p * rolled_y - s_p * xy, c_p * rolled_z - s_p * xz),
-        arcsin(s_p * xx - c_p * rolled_x),
-        attitude.yaw + arctan2(c_r * yx - s_r * zx, c_p * xx + s_p * rolled_x),
-    )
+    """Return roll, pitch and yaw of R_WB R_BM, given those of B in W and the orientation of the markers' frame in B."""
+    tilt = Tilt.of(attitude.roll, attitude.pitch)
+    angles = BodyAxes._make(tilt.in_heading(axis) for axis in R_BM.axes()).angles()
+    return angles._replace(yaw=attitude.yaw + angles.yaw)
 
 
 def seen_pose(state: State, noise: Pose | None, cameras: Cameras, misaligned: bool) -> Pose:
@@ -277,8 +282,7 @@ def _filtered(
     pose: Pose, last: State, before: Pose, bandwidth: Row, factors: VelocityError | None, period: float
 ) -> State:
     """A frame whose velocity and body rates are filtered differences; see `MotionCapture`."""
-    steps = Attitude(pose.roll - before.roll, pose.pitch - before.pitch, pose.yaw - before.yaw)
-    p, q, r = small_rotation(steps, Attitude(last.roll, last.pitch, last.yaw))
+    p, q, r = _rotation(before, Attitude(last.roll, last.pitch, last.yaw), pose)
     decay = exp(-bandwidth * period)
     gain = (1.0 - decay) / (2.0 * period)
     x, y, z = (gain, gain, gain) if factors is None else (gain * factor for factor in factors)
@@ -291,6 +295,24 @@ def _filtered(
         decay * last.q + gain * q,
         decay * last.r + gain * r,
     )
+
+
+def _rotation(before: Pose, middle: Attitude, after: Pose) -> BodyRates:
+    """Return the rotation from one pose to another, which is two frames later, along the axes of B (rad).
+
+    Eq (2) at the frame between them gives it for small steps of the angles. Near a pitch of 90° and at a roll of 180°
+    small rotations are large steps of the angles: there it is the vector of the rotation itself.
+    """
+    steps = Attitude(after.roll - before.roll, after.pitch - before.pitch, after.yaw - before.yaw)
+    large = (abs(steps.roll) > _LARGEST_STEP) | (abs(steps.pitch) > _LARGEST_STEP) | (abs(steps.yaw) > _LARGEST_STEP)
+    angles = before.roll, before.pitch, before.yaw, after.roll, after.pitch, after.yaw
+    return where_needed(large, _rotation_vector, angles, small_rotation(steps, middle))
+
+
+def _rotation_vector(roll: Row, pitch: Row, yaw: Row, roll_after: Row, pitch_after: Row, yaw_after: Row) -> BodyRates:
+    """Return the rotation from one attitude to another as a vector along the axes of B, rad."""
+    before, after = Quaternion.of(roll, pitch, yaw), Quaternion.of(roll_after, pitch_after, yaw_after)
+    return BodyRates(*before.rotation_to(after))
 
 
 def _nothing(_: CameraNumbers) -> State:
@@ -321,8 +343,9 @@ class MotionCapture(FleetSystem):
     where x⁻, x, x⁺ follow each other, so that white noise of standard deviation σ in x is one of σ (1 - a) / (√2 h) in
     v. Differences over a single frame would have their most noise where control that reads every second frame folds it
     down to standstill, and make a vehicle wander; these have none there, for half a frame more of delay. Body rates are
-    those of eq (2): it turns the differences of roll, pitch and yaw at the attitude in their middle. Without a filter
-    velocity and body rates are seen exactly. A frame can be read `latency_frames` periods after it was taken.
+    those of the rotation over two frames. Where roll, pitch and yaw change little, eq (2) gives them from the
+    differences of these angles at the attitude in their middle. Without a filter velocity and body rates are seen
+    exactly. A frame can be read `latency_frames` periods after it was taken.
 
     Estimators on board of a vehicle, which make velocity with an accelerometer, may see it too large by a share, as
     those of the Crazyflie do in some flights; `velocity_error` is this share on each axis of W. What else they

@@ -4,7 +4,7 @@ World frame W: Z up. Body frame B: origin at the centre of mass, x forward, y to
 from the middle of the layout and turns in the direction sᵢ, 1 for anticlockwise seen from above and -1 for clockwise.
 
     (1) R_WB = Rz(ψ) Ry(θ) Rx(φ)
-    (2) (p, q, r)ᵀ = [1 0 -sθ; 0 cφ sφcθ; 0 -sφ cφcθ] (φ̇, θ̇, ψ̇)ᵀ
+    (2) (p, q, r)ᵀ = [1 0 -sθ; 0 cφ sφcθ; 0 -sφ cφcθ] (φ̇, θ̇, ψ̇)ᵀ, in `drake_quad.vehicle.attitude_kinematics`
     (3) translation: m v̇ = R_WB (0, 0, F_z)ᵀ - (0, 0, m g)ᵀ + D
     (4) ω_r = Σ sᵢ ωᵢ
     (5) F_z = Σ bᵢ ωᵢ², τ_x = Σ (yᵢ - c_y) bᵢ ωᵢ², τ_y = -Σ (xᵢ - c_x) bᵢ ωᵢ², τ_z = -Σ sᵢ dᵢ ωᵢ²
@@ -21,12 +21,12 @@ The rotors' spin enters as the gyroscopic torque of the total angular momentum J
 rate of change is left out, as in the paper, unless it is switched on (`drake_quad.vehicle.effects`).
 """
 
-from collections.abc import Callable, Sequence
+from collections.abc import Sequence
 from typing import NamedTuple
 
-from drake_quad.axes import TINY, Vector
-from drake_quad.framework.elementary import maximum, minimum, sin_cos, sqrt
-from drake_quad.signals import Angle, AngleRate, BodyRateB, BodyRates, RotorSpeed, Row, State, VelocityW, Wind, Wrench
+from drake_quad.axes import TINY, BodyAxes, Vector
+from drake_quad.framework.elementary import maximum, minimum, sqrt
+from drake_quad.signals import AngleRate, BodyRateB, RotorSpeed, Row, State, VelocityW, Wind, Wrench
 from drake_quad.vehicle.faults import SpeedFactors
 from drake_quad.vehicle.mixer import mixer_of
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -34,11 +34,8 @@ from drake_quad.vehicle.rotors import Rotors
 
 
 class Motion(NamedTuple):
-    """What of the vehicle's state its rates depend on: all but the position. Or those rates, per second."""
+    """Velocity and body rates of the vehicle; or its accelerations, per second."""
 
-    roll: Angle
-    pitch: Angle
-    yaw: Angle
     v_x: VelocityW
     v_y: VelocityW
     v_z: VelocityW
@@ -48,8 +45,8 @@ class Motion(NamedTuple):
 
     @classmethod
     def of(cls, state: State) -> "Motion":
-        """The motion of a state."""
-        _, _, _, *motion = state
+        """Return the motion of a state."""
+        _, _, _, _, _, _, *motion = state
         return cls(*motion)
 
 
@@ -63,18 +60,6 @@ class RotorAction(NamedTuple):
 
     wrench: Wrench
     residual: AngleRate
-
-
-class Tilt(NamedTuple):
-    """Sine and cosine of roll φ and pitch θ."""
-
-    sin_roll: Row
-    cos_roll: Row
-    sin_pitch: Row
-    cos_pitch: Row
-
-
-AttitudeKinematics = Callable[[BodyRates, Tilt], tuple[Row, Row, Row]]
 
 
 def rotor_action(speed: RotorSpeed, parameters: QuadrotorParameters) -> RotorAction:
@@ -125,56 +110,36 @@ def drag(airspeed: Wind, linear: Row, quadratic: Row) -> tuple[Row, Row, Row]:
     return factor * x, factor * y, factor * z
 
 
-def rigid_kinematics(rates: BodyRates, tilt: Tilt) -> tuple[Row, Row, Row]:
-    """Eq (2) inverted: rates of roll, pitch and yaw (rad/s) from p, q, r. Singular at a pitch of 90°."""
-    p, q, r = rates
-    yaw_rate = (q * tilt.sin_roll + r * tilt.cos_roll) / tilt.cos_pitch
-    return p + tilt.sin_pitch * yaw_rate, q * tilt.cos_roll - r * tilt.sin_roll, yaw_rate
-
-
-def small_angle_kinematics(rates: BodyRates, tilt: Tilt) -> tuple[Row, Row, Row]:
-    """What eq (3) takes for (2): p, q, r are the rates of roll, pitch and yaw (rad/s)."""
-    return rates
-
-
 def equations_of_motion(
+    axes: BodyAxes,
     motion: Motion,
     rotors: RotorAction,
     wind: Wind,
     parameters: QuadrotorParameters,
-    kinematics: AttitudeKinematics,
     force: Vector | None = None,
 ) -> Motion:
-    """Eq (3) without its first three lines: the rates of the motion.
+    """Return the accelerations of the vehicle: eq (3) without its kinematics.
 
     Args:
+        axes: of B in W.
         motion: of the vehicle.
-        rotors: what they do to it.
+        rotors: their action on the body.
         wind: velocity of the air.
         parameters: of the vehicle.
-        kinematics: `rigid_kinematics` or `small_angle_kinematics`.
         force: on the centre of mass in W beside thrust, drag and weight, N; None if there is none.
     """
-    roll, pitch, yaw, v_x, v_y, v_z, p, q, r = motion
+    v_x, v_y, v_z, p, q, r = motion
     thrust, tau_x, tau_y, tau_z = rotors.wrench
     (i_xx, i_yy, i_zz), per_mass = parameters.inertia, 1.0 / parameters.mass
-    sin_roll, cos_roll = sin_cos(roll)
-    sin_pitch, cos_pitch = sin_cos(pitch)
-    sin_yaw, cos_yaw = sin_cos(yaw)
-    forward = sin_pitch * cos_roll
     airspeed = Wind(wind.x - v_x, wind.y - v_y, wind.z - v_z)
     drag_x, drag_y, drag_z = drag(airspeed, parameters.linear_drag, parameters.quadratic_drag)
     if force is not None:
         drag_x, drag_y, drag_z = drag_x + force.x, drag_y + force.y, drag_z + force.z
     spin = parameters.rotor_inertia * rotors.residual
-    roll_rate, pitch_rate, yaw_rate = kinematics(BodyRates(p, q, r), Tilt(sin_roll, cos_roll, sin_pitch, cos_pitch))
     return Motion(
-        roll_rate,
-        pitch_rate,
-        yaw_rate,
-        ((sin_yaw * sin_roll + cos_yaw * forward) * thrust + drag_x) * per_mass,
-        ((sin_yaw * forward - cos_yaw * sin_roll) * thrust + drag_y) * per_mass,
-        (cos_pitch * cos_roll * thrust + drag_z) * per_mass - parameters.gravity,
+        (axes.z.x * thrust + drag_x) * per_mass,
+        (axes.z.y * thrust + drag_y) * per_mass,
+        (axes.z.z * thrust + drag_z) * per_mass - parameters.gravity,
         (q * ((i_yy - i_zz) * r - spin) + tau_x) * (1.0 / i_xx),
         (p * ((i_zz - i_xx) * r + spin) + tau_y) * (1.0 / i_yy),
         ((i_xx - i_yy) * p * q + tau_z) * (1.0 / i_zz),

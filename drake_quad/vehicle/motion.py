@@ -3,10 +3,9 @@
 from typing import NamedTuple
 
 from drake_quad.axes import BodyAxes, Vector, length, plus, times
-from drake_quad.signals import PositionW, RotorSpeed, Row, Swing, Wind, Wrench
+from drake_quad.signals import PositionW, RotorSpeed, Row, Wind, Wrench
 from drake_quad.vehicle.aerodynamics import body_drag, ground_effect, rotor_loads, sum_of_loads
 from drake_quad.vehicle.dynamics import (
-    AttitudeKinematics,
     Motion,
     RotorAction,
     drag,
@@ -19,14 +18,19 @@ from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.motors import acceleration
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.payload import Whole, whole, whole_accelerations
-from drake_quad.vehicle.slung_load import pull, swing_rates
+from drake_quad.vehicle.slung_load import Rod, pull, rod_rates
 
 
-class Moving(NamedTuple):
-    """What moves under the equations of motion: the body, and a slung load if there is one; or the rates."""
+class Accelerations(NamedTuple):
+    """Accelerations of the vehicle, and the rates of the rod of a slung load, per second.
+
+    Attributes:
+        motion: of the vehicle.
+        rod: None if there is no slung load.
+    """
 
     motion: Motion
-    swing: Swing | None = None
+    rod: Rod | None = None
 
 
 class Turning(NamedTuple):
@@ -52,48 +56,47 @@ def turning(speed: RotorSpeed, target: RotorSpeed, parameters: QuadrotorParamete
     return Turning(speed, action)
 
 
-def rates_of_motion(
-    moving: Moving,
+def accelerations(
+    axes: BodyAxes,
+    motion: Motion,
+    rod: Rod | None,
     height: PositionW,
     rotors: Turning,
     wind: Wind,
     parameters: QuadrotorParameters,
-    kinematics: AttitudeKinematics,
     effects: Effects,
     time: Row = 0.0,
-) -> Moving:
-    """The rates of what moves.
+) -> Accelerations:
+    """Return the accelerations of the vehicle and of a slung load.
 
     Args:
-        moving: body and slung load.
-        height: of the body in W, which only the effect of the ground asks for.
+        axes: of B in W.
+        motion: of the vehicle.
+        rod: that carries a slung load; None if there is none.
+        height: of the vehicle in W, which only the effect of the ground asks for.
         rotors: at this instant.
         wind: velocity of the air.
         parameters: of the vehicle.
-        kinematics: `rigid_kinematics` or `small_angle_kinematics`.
         effects: on the vehicle.
         time: which only a payload asks for, s.
     """
-    motion, swing = moving
     action, force = rotors.action, None
     if effects.ground_effect is not None:
         action = _near_ground(action, ground_effect(height, effects.ground_effect))
     if not effects.load_the_body:
-        return Moving(equations_of_motion(motion, action, wind, parameters, kinematics))
-    axes = BodyAxes.of(motion.roll, motion.pitch, motion.yaw)
+        return Accelerations(equations_of_motion(axes, motion, action, wind, parameters))
     if effects.body_drag is not None or effects.rotor_aerodynamics is not None:
         action, force = _in_air(axes, motion, rotors.speed, action, wind, parameters, effects)
-    if effects.slung_load is not None and swing is not None:
+    if effects.slung_load is not None and rod is not None:
         free = _on_centre(axes, motion, action, wind, parameters, force)
-        rope = pull(free, swing, parameters.mass, effects.slung_load)
-        force = rope if force is None else plus(force, rope)
-        swing = swing_rates(free, swing, parameters.mass, effects.slung_load)
-    rates = equations_of_motion(motion, action, wind, parameters, kinematics, force)
-    if effects.payload is not None:
-        total = _on_centre(axes, motion, action, wind, parameters, force)
-        body = whole(parameters.mass, parameters.inertia, effects.payload, time)
-        rates = _with_payload(rates, motion, axes, total, action, body, parameters)
-    return Moving(rates, swing)
+        tension = pull(free, rod, parameters.mass, effects.slung_load)
+        force = tension if force is None else plus(force, tension)
+        rod = rod_rates(free, rod, parameters.mass, effects.slung_load)
+    if effects.payload is None:
+        return Accelerations(equations_of_motion(axes, motion, action, wind, parameters, force), rod)
+    total = _on_centre(axes, motion, action, wind, parameters, force)
+    body = whole(parameters.mass, parameters.inertia, effects.payload, time)
+    return Accelerations(_with_payload(motion, axes, total, action, body, parameters), rod)
 
 
 def _near_ground(action: RotorAction, ratio: Row) -> RotorAction:
@@ -144,7 +147,6 @@ def _on_centre(
 
 
 def _with_payload(
-    rates: Motion,
     motion: Motion,
     axes: BodyAxes,
     force: Vector,
@@ -152,18 +154,11 @@ def _with_payload(
     body: Whole,
     parameters: QuadrotorParameters,
 ) -> Motion:
-    """The rates of a vehicle that carries a payload, made of those that it had without."""
+    """Return the accelerations of a vehicle that carries a payload, under a force in W without weight (N)."""
     _, *torque = action.wrench
     spin = parameters.rotor_inertia * action.residual
     moved, turned = whole_accelerations(
         axes.in_body(force), Vector(*torque), Vector(motion.p, motion.q, motion.r), spin, body
     )
     in_world = axes.in_world(moved)
-    return rates._replace(
-        v_x=in_world.x,
-        v_y=in_world.y,
-        v_z=in_world.z - parameters.gravity,
-        p=turned.x,
-        q=turned.y,
-        r=turned.z,
-    )
+    return Motion(in_world.x, in_world.y, in_world.z - parameters.gravity, *turned)

@@ -6,8 +6,9 @@ from pydrake.systems.framework import Context
 
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, Expression, FleetSystem, fleet_system
 from drake_quad.signals import Angle, Charge, PositionW, RotorSpeed, State, Swing, Wind
+from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS, SMALL_ANGLE_KINEMATICS
 from drake_quad.vehicle.battery import FULL
-from drake_quad.vehicle.dynamics import hover_rotor_speeds, rigid_kinematics, small_angle_kinematics
+from drake_quad.vehicle.dynamics import hover_rotor_speeds
 from drake_quad.vehicle.effects import NO_EFFECTS, Effects, as_in_hover
 from drake_quad.vehicle.faults import RotorFaults
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -15,7 +16,7 @@ from drake_quad.vehicle.slung_load import HANGING
 from drake_quad.vehicle.stepping import VehicleState, quadrotor_slope, quadrotor_step
 
 Kinematics = Literal["exact", "small_angle"]
-KINEMATICS = {"exact": rigid_kinematics, "small_angle": small_angle_kinematics}
+KINEMATICS = {"exact": RIGID_KINEMATICS, "small_angle": SMALL_ANGLE_KINEMATICS}
 
 
 class Place(NamedTuple):

@@ -11,6 +11,7 @@ taken, and translation follows the same equations as for a `Quadrotor`.
 from collections.abc import Callable
 from typing import Any, NamedTuple
 
+from drake_quad.axes import BodyAxes
 from drake_quad.framework.elementary import where, wrapped
 from drake_quad.framework.fleet_system import TIME, AutoDiffXd, FleetSystem, fleet_system
 from drake_quad.kinematics import small_rotation
@@ -34,10 +35,10 @@ from drake_quad.signals import (
 from drake_quad.vehicle.dynamics import Motion
 from drake_quad.vehicle.effects import NO_EFFECTS, Effects
 from drake_quad.vehicle.faults import RotorFaults
-from drake_quad.vehicle.motion import Moving, Turning, rates_of_motion, turning
+from drake_quad.vehicle.motion import Turning, accelerations, turning
 from drake_quad.vehicle.motors import acceleration, decays, lagging
 from drake_quad.vehicle.parameters import QuadrotorParameters
-from drake_quad.vehicle.quadrotor import KINEMATICS, Kinematics, QuadrotorNumbers, hover
+from drake_quad.vehicle.quadrotor import Kinematics, QuadrotorNumbers, hover
 from drake_quad.vehicle.stepping import VehicleState, rotor_target
 
 # Effects on the motors and of the air: what else turns a vehicle is part of its attitude's response.
@@ -144,9 +145,8 @@ def body_slope(
     parameters: QuadrotorParameters,
     response: AttitudeResponse,
     effects: Effects,
-    kinematics: Kinematics,
 ) -> RespondingBody:
-    """The time derivative of the body.
+    """Return the time derivative of the body.
 
     Args:
         body: of the vehicle.
@@ -156,10 +156,11 @@ def body_slope(
         parameters: of the vehicle.
         response: of its attitude.
         effects: on the vehicle.
-        kinematics: "exact" or "small_angle".
     """
-    motion = Moving(Motion.of(shown_state(body, _BODY_RATES[kinematics])))
-    moving, _ = rates_of_motion(motion, body.z, rotors, wind, parameters, KINEMATICS[kinematics], effects)
+    # Body rates count for the angular acceleration alone, which the response stands in for.
+    motion = Motion(body.v_x, body.v_y, body.v_z, 0.0, 0.0, 0.0)
+    axes = BodyAxes.of(body.roll, body.pitch, body.yaw)
+    moving, _ = accelerations(axes, motion, None, body.z, rotors, wind, parameters, effects)
     frequency, damping = response
     return RespondingBody(
         body.v_x,
@@ -218,7 +219,7 @@ def responding_step(
     begun, halfway, done = (turning(speed, goal, parameters, effects) for speed in (rotors, middle, end))
 
     def slope(at: RespondingBody, turned: Turning) -> RespondingBody:
-        return body_slope(at, turned, target, wind, parameters, response, effects, kinematics)
+        return body_slope(at, turned, target, wind, parameters, response, effects)
 
     slope_1 = slope(body, begun)
     slope_2 = slope(_moved(body, slope_1, 0.5 * time_step), halfway)
@@ -253,7 +254,7 @@ def responding_slope(
     goal = rotor_target(now, command, parameters, faults, effects, time)
     rotors = turning(state.rotors, goal, parameters, effects)
     slope = RespondingState(
-        body_slope(state.body, rotors, target, wind, parameters, response, effects, kinematics),
+        body_slope(state.body, rotors, target, wind, parameters, response, effects),
         acceleration(state.rotors, goal, parameters, effects.spin_down),
     )
     if crashed is None:

@@ -10,19 +10,21 @@ the rod's,
 
 (Sreenath, Michael and Kumar, "Trajectory generation and control of a quadrotor with a cable-suspended load", ICRA
 2013).
-The rod turns from the vertical by its pitch β about Y and then by its roll α about X of W:
+A step integrates q and q̇ along the axes of W. Ports and states hold how the rod turns from the vertical, by its pitch β
+about Y and then by its roll α about X of W, and the rates of these:
 
     q = Rx(α) Ry(β) (0, 0, -1)ᵀ = (-sβ, sα cβ, -cα cβ)ᵀ
-    l (β̈ + sβ cβ α̇²) = -F · (-cβ, -sα sβ, cα sβ) / m
-    l (cβ α̈ - 2 sβ α̇ β̇) = -F · (0, cα, sα) / m
+    q̇ = β̇ e_β + cβ α̇ e_α,    e_β = (-cβ, -sα sβ, cα sβ)ᵀ,    e_α = (0, cα, sα)ᵀ
+    q̈ · e_β = β̈ + sβ cβ α̇²,    q̈ · e_α = cβ α̈ - 2 sβ α̇ β̇
 
-which is singular where the rod is horizontal along X.
+α̇ is infinite where the rod is horizontal along X. A step is exact there, and a continuous state is singular. After a
+step β is between -90° and 90°, and α between -180° and 180°.
 """
 
 from typing import Annotated, NamedTuple
 
-from drake_quad.axes import Vector, dot, times
-from drake_quad.framework.elementary import sin_cos
+from drake_quad.axes import TINY, Vector, dot, times
+from drake_quad.framework.elementary import arctan2, sin_cos, sqrt
 from drake_quad.signals import Quantity, Row, Swing
 
 
@@ -40,41 +42,86 @@ class SlungLoad(NamedTuple):
 
 HANGING = Swing(0.0, 0.0, 0.0, 0.0)
 
-
-def direction(swing: Swing) -> Vector:
-    """q, from the vehicle to the load, in W."""
-    sin_roll, cos_roll = sin_cos(swing.roll)
-    sin_pitch, cos_pitch = sin_cos(swing.pitch)
-    return Vector(-sin_pitch, sin_roll * cos_pitch, -cos_roll * cos_pitch)
+# Added to -q · z, it keeps 0 / 0 away where the rod is horizontal along X. It changes no component above 1e-14.
+_LEAST_COMPONENT = 1e-30
 
 
-def pull(force: Vector, swing: Swing, mass: Row, load: SlungLoad) -> Vector:
-    """T q, the force of the rod on the vehicle in W, N.
+class Rod(NamedTuple):
+    """Direction of the rod and its rate; or the rates of these, per second.
+
+    Attributes:
+        direction: q, in W.
+        rate: q̇, in W, 1/s.
+    """
+
+    direction: Vector
+    rate: Vector
+
+
+def rod_of(swing: Swing) -> Rod:
+    """Return direction and rate of a rod that swings."""
+    roll, pitch, roll_rate, pitch_rate = swing
+    sin_roll, cos_roll = sin_cos(roll)
+    sin_pitch, cos_pitch = sin_cos(pitch)
+    around, inward = cos_pitch * roll_rate, sin_pitch * pitch_rate
+    return Rod(
+        Vector(-sin_pitch, sin_roll * cos_pitch, -cos_roll * cos_pitch),
+        Vector(-cos_pitch * pitch_rate, cos_roll * around - sin_roll * inward, sin_roll * around + cos_roll * inward),
+    )
+
+
+def swing_of(rod: Rod) -> Swing:
+    """Return how a rod swings; the direction may be of any length but 0, and the rate is taken across it."""
+    (x, y, z), rate = rod
+    down = _LEAST_COMPONENT - z
+    across = sqrt(y * y + down * down + TINY)
+    size = sqrt(x * x + across * across)
+    sin_roll, cos_roll, sin_pitch, cos_pitch = y / across, down / across, -x / size, across / size
+    return Swing(
+        arctan2(y, down),
+        arctan2(-x, across),
+        (cos_roll * rate.y + sin_roll * rate.z) / (size * cos_pitch),
+        (sin_pitch * (cos_roll * rate.z - sin_roll * rate.y) - cos_pitch * rate.x) / size,
+    )
+
+
+def pull(force: Vector, rod: Rod, mass: Row, load: SlungLoad) -> Vector:
+    """Return T q, the force of the rod on the vehicle in W, N.
 
     Args:
         force: F in W, N.
-        swing: of the load.
+        rod: that carries the load.
         mass: m of the vehicle, kg.
         load: its numbers.
     """
-    q = direction(swing)
-    _, cos_pitch = sin_cos(swing.pitch)
-    around = cos_pitch * swing.roll_rate
-    squared_rate = around * around + swing.pitch_rate * swing.pitch_rate
-    tension = load.mass * (mass * load.length * squared_rate - dot(force, q)) / (mass + load.mass)
-    return times(tension, q)
+    squared_rate = dot(rod.rate, rod.rate)
+    tension = load.mass * (mass * load.length * squared_rate - dot(force, rod.direction)) / (mass + load.mass)
+    return times(tension, rod.direction)
 
 
-def swing_rates(force: Vector, swing: Swing, mass: Row, load: SlungLoad) -> Swing:
-    """The rates of the swing, per second; arguments as for `pull`."""
+def rod_rates(force: Vector, rod: Rod, mass: Row, load: SlungLoad) -> Rod:
+    """Return q̇ and q̈, 1/s and 1/s²; arguments as for `pull`."""
+    q = rod.direction
+    inverse = -1.0 / (mass * load.length)
+    along = dot(force, q) * inverse + dot(rod.rate, rod.rate)
+    return Rod(rod.rate, Vector._make(inverse * f - along * part for f, part in zip(force, q, strict=True)))
+
+
+def swing_rates(swing: Swing, acceleration: Vector) -> Swing:
+    """Return the rates of a swing, per second.
+
+    Args:
+        swing: of the load.
+        acceleration: q̈, in W, 1/s².
+    """
     sin_roll, cos_roll = sin_cos(swing.roll)
     sin_pitch, cos_pitch = sin_cos(swing.pitch)
-    inverse = -1.0 / (mass * load.length)
-    along_pitch = dot(force, Vector(-cos_pitch, -sin_roll * sin_pitch, cos_roll * sin_pitch))
-    along_roll = force.y * cos_roll + force.z * sin_roll
+    x, y, z = acceleration
+    along_roll = cos_roll * y + sin_roll * z
+    along_pitch = sin_pitch * (cos_roll * z - sin_roll * y) - cos_pitch * x
     return Swing(
         swing.roll_rate,
         swing.pitch_rate,
-        (inverse * along_roll + 2.0 * sin_pitch * swing.roll_rate * swing.pitch_rate) / cos_pitch,
-        inverse * along_pitch - sin_pitch * cos_pitch * swing.roll_rate * swing.roll_rate,
+        (along_roll + 2.0 * sin_pitch * swing.roll_rate * swing.pitch_rate) / cos_pitch,
+        along_pitch - sin_pitch * cos_pitch * swing.roll_rate * swing.roll_rate,
     )

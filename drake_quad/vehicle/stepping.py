@@ -2,21 +2,39 @@
 
 The rotors do not feel the rigid body, and their lag behind a held command has a closed form. So the step takes the
 rotors exactly, at the beginning, the middle and the end of the interval, and integrates the rigid body, with a slung
-load if there is one, under their wrench by the classical fourth-order Runge–Kutta method. A battery is taken as it is
-at the beginning of the step.
+load if there is one, under their wrench by the classical fourth-order Runge–Kutta method. The attitude is integrated as
+a quaternion (`drake_quad.vehicle.attitude_kinematics`) and the rod of a slung load as a direction in W
+(`drake_quad.vehicle.slung_load`), so that a step has no singularity. A battery is taken as it is at the beginning of
+the step.
 """
 
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
+from drake_quad.axes import BodyAxes
 from drake_quad.framework.elementary import where
-from drake_quad.signals import Charge, Crashed, PositionW, RotorSpeed, Row, State, Swing, Throttle, VelocityW, Wind
+from drake_quad.signals import (
+    Attitude,
+    BodyRates,
+    Charge,
+    Crashed,
+    PositionW,
+    RotorSpeed,
+    Row,
+    State,
+    Swing,
+    Throttle,
+    VelocityW,
+    Wind,
+)
+from drake_quad.vehicle.attitude_kinematics import AttitudeKinematics
 from drake_quad.vehicle.battery import Battery, drawn_per_second, rotor_power, terminals
-from drake_quad.vehicle.dynamics import AttitudeKinematics, Motion, held_rotor_speed
+from drake_quad.vehicle.dynamics import Motion, held_rotor_speed
 from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors, speed_factors
-from drake_quad.vehicle.motion import Moving, rates_of_motion, turning
+from drake_quad.vehicle.motion import Turning, accelerations, turning
 from drake_quad.vehicle.motors import acceleration, decays, lagging, told_by_throttle
 from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.slung_load import Rod, rod_of, swing_of, swing_rates
 
 
 class VehicleState(NamedTuple):
@@ -65,7 +83,7 @@ def quadrotor_step(
         effects: on the vehicle; a payload is there or not as it is at the middle of the step.
         time: at the end of the step, s.
         time_step: h, s.
-        kinematics: `rigid_kinematics` or `small_angle_kinematics`.
+        kinematics: `RIGID_KINEMATICS` or `SMALL_ANGLE_KINEMATICS`.
     """
     before = VehicleState(body, rotors, swing, charge)
     target = rotor_target(before, command, parameters, faults, effects, time - 0.5 * time_step)
@@ -102,24 +120,30 @@ def step_of_flight(
     time_step: float,
     kinematics: AttitudeKinematics,
 ) -> VehicleState:
-    """The same for a vehicle that has not crashed and whose rotors are on their way to a target."""
+    """Return the vehicle at the end of a step, for one that has not crashed and whose rotors go to a target."""
     body, half = before.body, 0.5 * time_step
     decay = decays(before.rotors, target, half, parameters, effects.spin_down)
     middle = lagging(before.rotors, target, decay)
     end = lagging(middle, target, decay)
     speeds = before.rotors, middle, end
     rotors_1, rotors_2, rotors_3 = (turning(speed, target, parameters, effects) for speed in speeds)
-
+    attitude = kinematics.integrated(Attitude(body.roll, body.pitch, body.yaw))
     held_at = 0.0 if effects.payload is None else time - half
-    rest = wind, parameters, kinematics, effects, held_at
-    moving_1 = Moving(Motion.of(body), before.swing)
-    slope_1 = rates_of_motion(moving_1, body.z, rotors_1, *rest)
+
+    def slope(at: Moving, height: PositionW, rotors: Turning) -> Moving:
+        motion = at.motion
+        rates = attitude.rates(at.attitude, BodyRates(motion.p, motion.q, motion.r))
+        axes = attitude.axes(at.attitude)
+        return Moving(rates, *accelerations(axes, motion, at.rod, height, rotors, wind, parameters, effects, held_at))
+
+    moving_1 = Moving(attitude.start, Motion.of(body), None if before.swing is None else rod_of(before.swing))
+    slope_1 = slope(moving_1, body.z, rotors_1)
     moving_2 = moved(moving_1, slope_1, half)
-    slope_2 = rates_of_motion(moving_2, _height(body, moving_1.motion.v_z, half, effects), rotors_2, *rest)
+    slope_2 = slope(moving_2, _height(body, moving_1.motion.v_z, half, effects), rotors_2)
     moving_3 = moved(moving_1, slope_2, half)
-    slope_3 = rates_of_motion(moving_3, _height(body, moving_2.motion.v_z, half, effects), rotors_2, *rest)
+    slope_3 = slope(moving_3, _height(body, moving_2.motion.v_z, half, effects), rotors_2)
     moving_4 = moved(moving_1, slope_3, time_step)
-    slope_4 = rates_of_motion(moving_4, _height(body, moving_3.motion.v_z, time_step, effects), rotors_3, *rest)
+    slope_4 = slope(moving_4, _height(body, moving_3.motion.v_z, time_step, effects), rotors_3)
 
     sixth, third = time_step / 6.0, time_step / 3.0
     moving = moved(moved(moved(moved(moving_1, slope_1, sixth), slope_2, third), slope_3, third), slope_4, sixth)
@@ -128,16 +152,33 @@ def step_of_flight(
     x = body.x + sixth * (motion_1.v_x + 2.0 * (motion_2.v_x + motion_3.v_x) + motion_4.v_x)
     y = body.y + sixth * (motion_1.v_y + 2.0 * (motion_2.v_y + motion_3.v_y) + motion_4.v_y)
     z = body.z + sixth * (motion_1.v_z + 2.0 * (motion_2.v_z + motion_3.v_z) + motion_4.v_z)
-    charge = _charge_after(before.charge, speeds, parameters, effects, sixth)
-    return VehicleState(State(x, y, z, *moving.motion), end, moving.swing, charge)
+    state = State(x, y, z, *attitude.attitude(moving.attitude), *moving.motion)
+    swing = None if moving.rod is None else swing_of(moving.rod)
+    return VehicleState(state, end, swing, _charge_after(before.charge, speeds, parameters, effects, sixth))
 
 
-def moved(moving: Moving, slope: Moving, time: Row) -> Moving:
-    """What moves, after a time (s) with a slope."""
-    motion = Motion._make(row + time * rate for row, rate in zip(moving.motion, slope.motion, strict=True))
-    if moving.swing is None or slope.swing is None:
-        return Moving(motion)
-    return Moving(motion, Swing._make(row + time * rate for row, rate in zip(moving.swing, slope.swing, strict=True)))
+class Moving(NamedTuple):
+    """What a step integrates but the position; or the rates, per second.
+
+    Attributes:
+        attitude: coordinates of an `IntegratedAttitude`.
+        motion: velocity and body rates.
+        rod: of a slung load; None if there is none.
+    """
+
+    attitude: Any
+    motion: Motion
+    rod: Rod | None
+
+
+def moved(moving: Any, slope: Any, time: Row) -> Any:
+    """Return a row, or a record of rows, after a time (s) with a slope; a part that is None stays None."""
+    if moving is None:
+        return None
+    if not isinstance(moving, tuple):
+        return moving + time * slope
+    record: Any = type(moving)
+    return record._make(moved(part, rate, time) for part, rate in zip(moving, slope, strict=True))
 
 
 def _height(body: State, climb: VelocityW, time: Row, effects: Effects) -> PositionW:
@@ -179,15 +220,19 @@ def quadrotor_slope(
     body = state.body
     target = rotor_target(state, command, parameters, faults, effects, time)
     rotors = turning(state.rotors, target, parameters, effects)
-    moving = Moving(Motion.of(body), state.swing)
-    rates = rates_of_motion(moving, body.z, rotors, wind, parameters, kinematics, effects, time)
+    attitude, motion = Attitude(body.roll, body.pitch, body.yaw), Motion.of(body)
+    rod = None if state.swing is None else rod_of(state.swing)
+    axes = BodyAxes.of(*attitude)
+    faster = accelerations(axes, motion, rod, body.z, rotors, wind, parameters, effects, time)
+    turning_rates = kinematics.angle_rates(BodyRates(motion.p, motion.q, motion.r), attitude)
+    swing = None if state.swing is None or faster.rod is None else swing_rates(state.swing, faster.rod.rate)
     charge = state.charge
     if effects.battery is not None and charge is not None:
         charge = _drawing(charge, state.rotors, parameters, effects.battery)
     slope = VehicleState(
-        State(body.v_x, body.v_y, body.v_z, *rates.motion),
+        State(body.v_x, body.v_y, body.v_z, *turning_rates, *faster.motion),
         acceleration(state.rotors, target, parameters, effects.spin_down),
-        rates.swing,
+        swing,
         charge,
     )
     if crashed is None:

@@ -3,7 +3,16 @@
 import numpy as np
 import pytest
 
-from drake_quad.identification.fitting.windows import Cut, Window, airborne, coarser, cut, held_out, pieces
+from drake_quad.identification.fitting.windows import (
+    Cut,
+    Window,
+    airborne,
+    coarser,
+    cut,
+    held_out,
+    pieces,
+    steep_remarks,
+)
 from drake_quad.identification.logs.record import FlightRecord
 
 PERIOD = 0.01
@@ -65,6 +74,29 @@ def test_the_last_third_of_the_flight_is_held_out() -> None:
     flying = np.zeros(1000, dtype=bool)
     flying[100:700] = True
     assert np.flatnonzero(held_out(flying, 1.0 / 3.0)).tolist() == list(range(500, 700))
+
+
+def test_angles_that_wrap_do_so_in_a_coarser_record() -> None:
+    """A vehicle that turns steadily: between 180° and -180° there is no mean of 0°."""
+    yaw = 0.7 * PERIOD * np.arange(2000.0)
+    angles = np.column_stack([np.zeros(2000), np.zeros(2000), np.arctan2(np.sin(yaw), np.cos(yaw))])
+    few = coarser(record(attitude=angles), 4)
+    assert few.attitude is not None
+    turn = np.exp(1j * (few.attitude[:, 2] - 0.7 * few.time))
+    np.testing.assert_allclose(turn, 1.0, atol=1e-9)
+    assert np.abs(few.attitude).max() <= np.pi
+
+
+def test_a_second_around_a_steep_pitch_is_left_out_and_said() -> None:
+    """Roll and yaw next to 90° of pitch are noise."""
+    angles = np.zeros((2000, 3))
+    angles[1000:1020, 1] = np.radians(-80.0)
+    steep = record(attitude=angles)
+    flying = airborne(steep)
+    assert not flying[900:1120].any()
+    assert flying[[899, 1120]].all()
+    (sentence,) = steep_remarks([record(), steep])
+    assert sentence.startswith("the log 'hover' pitches beyond 75 degrees for 0.2 s, which are left out")
 
 
 def test_a_coarser_record_has_commands_until_the_next_sample_and_measurements_around_it() -> None:

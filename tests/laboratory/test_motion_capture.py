@@ -134,6 +134,41 @@ def test_steps_of_the_attitude_are_turned_at_the_frame_in_their_middle():
         np.testing.assert_allclose(frames[9:12, 0, tick], expected, atol=1e-12)
 
 
+@pytest.mark.parametrize("misaligned", [False, True])
+@pytest.mark.parametrize(
+    "turning", [(0.0, 6.0, 0.0), (0.0, 6.0, 0.05), (1.0, -5.0, 0.4), (8.0, 0.0, 0.0), (3.0, 4.0, 7.0)]
+)
+def test_body_rates_of_a_body_that_turns_over(turning, misaligned):
+    """Constant rates, through pitches of ±90° and rolls of ±180°, whose angles jump; markers turn with the body."""
+    times = H * np.arange(210)
+    begun = scipy.spatial.transform.Rotation.from_euler("ZYX", [0.4, 0.0, 0.0])
+    turned = begun * scipy.spatial.transform.Rotation.from_rotvec(np.outer(times, turning))
+    state = np.zeros((12, len(times)))
+    state[3:6] = turned.as_euler("ZYX")[:, ::-1].T
+    assert np.abs(np.diff(state[3:6], axis=1)).max() > 3.0
+    off = Attitude(0.1, -0.05, 0.2)
+    numbers = CameraNumbers(bandwidth=1e4, misalignment=off if misaligned else Attitude(0.0, 0.0, 0.0))
+    held = PiecewisePolynomial.ZeroOrderHold(times, state)
+    _, frames = seen(held, MotionCapture(filtered=True, misaligned=misaligned, numbers=numbers), duration=2.0)
+    expected = np.array(turning)
+    if misaligned:
+        expected = scipy.spatial.transform.Rotation.from_euler("ZYX", off[::-1]).inv().apply(expected)
+    np.testing.assert_allclose(frames[9:12, 0, 4:], np.tile(expected[:, None], frames.shape[2] - 4), atol=0.02)
+
+
+def test_a_frame_of_markers_that_point_straight_up_is_a_number():
+    """Rounding makes the sine of their pitch a little larger than 1."""
+    rng = np.random.default_rng(7)
+    for _ in range(200):
+        misalignment = Attitude(*rng.uniform(-0.3, 0.3, 3))
+        up = scipy.spatial.transform.Rotation.from_euler("ZYX", [rng.uniform(-3.0, 3.0), 0.5 * np.pi, 0.0])
+        body = up * scipy.spatial.transform.Rotation.from_euler("ZYX", misalignment[::-1]).inv()
+        attitude = Attitude(*body.as_euler("ZYX")[::-1].tolist())
+        found = attitude_of_markers(attitude, RotationMatrix.of(*misalignment))
+        matrix = scipy.spatial.transform.Rotation.from_euler("ZYX", found[::-1]).as_matrix()
+        np.testing.assert_allclose(matrix, up.as_matrix(), atol=1e-7)
+
+
 def test_without_errors_a_frame_is_the_state_whatever_errors_there_could_be():
     """Ideal cameras, to the bit: also with ports for noise and dropouts, and room for latency and misalignment."""
     rng = np.random.default_rng(0)

@@ -5,7 +5,7 @@ import math
 import numpy as np
 
 from oracle.randomness import NOISE, Stream
-from oracle.vehicle import Vehicle, euler_to_body
+from oracle.vehicle import Vehicle, WithSmallAngles, euler_to_body, rotation
 
 
 class Nothing:
@@ -62,7 +62,7 @@ class ThrustAlone(Nothing):
 ON_BOARD = {"none": Nothing, "attitude": Loops, "response": ThrustAlone}
 
 
-class Responding(Vehicle):
+class Responding(WithSmallAngles):
     """Its attitude follows the target, whatever the rotors' torques are; the state has the rates of the angles.
 
     Args:
@@ -76,7 +76,7 @@ class Responding(Vehicle):
 
     def slope(self, attitude, velocity, rates, speeds, wind):
         """How attitude, velocity and the rates of the angles change."""
-        acceleration = super().slope(attitude, velocity, np.zeros(3), speeds, wind)[3:6]
+        acceleration = self.accelerations(rotation(*attitude), velocity, np.zeros(3), speeds, wind)[0:3]
         omega, zeta = np.array(self.response.natural_frequency), np.array(self.response.damping)
         error = self.target[1:4] - attitude
         error[2] = math.remainder(error[2], math.tau)
@@ -93,4 +93,5 @@ def vehicle_of(scenario, duration):
     """The vehicle of a scenario."""
     if scenario.laboratory.autopilot.kind == "response":
         return Responding(scenario, duration)
-    return Vehicle(scenario.vehicle, duration)
+    kind = WithSmallAngles if scenario.vehicle.attitude_kinematics == "small_angle" else Vehicle
+    return kind(scenario.vehicle, duration)

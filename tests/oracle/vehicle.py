@@ -62,6 +62,13 @@ def euler_to_body(roll, pitch):
     )
 
 
+def turned_by(quaternion):
+    """The rotation by a unit quaternion, 3 x 3: Euler's and Rodrigues' formula."""
+    w, (x, y, z) = quaternion[0], quaternion[1:]
+    S = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    return np.eye(3) + 2.0 * w * S + 2.0 * S @ S
+
+
 class Vehicle:
     """The vehicle as it is, under its battery and its faults.
 
@@ -97,25 +104,36 @@ class Vehicle:
         weight = self.numbers.mass * self.numbers.gravity
         return np.sqrt(np.linalg.solve(np.array(columns).T, [weight, 0.0, 0.0, 0.0]))
 
-    def slope(self, attitude, velocity, rates, speeds, wind):
-        """(3): how attitude, velocity and body rates change."""
+    def accelerations(self, R, velocity, rates, speeds, wind):
+        """(3): how velocity and body rates change."""
         numbers = self.numbers
         thrust, torque = self.wrench(speeds)
         airspeed = wind - velocity
         size = math.sqrt(airspeed @ airspeed)
         drag = (numbers.linear_drag + numbers.quadratic_drag * size) * airspeed
-        acceleration = (rotation(*attitude) @ (thrust * Z) + drag) / numbers.mass - numbers.gravity * Z
+        acceleration = (R @ (thrust * Z) + drag) / numbers.mass - numbers.gravity * Z
         # (4), and the rotors' angular momentum.
         spin = -numbers.rotor_inertia * self.rotors.reaction @ speeds
         momentum = self.inertia @ rates + spin * Z
-        p, q, r = rates
-        turned = np.array([[0.0, -r, q], [r, 0.0, -p], [-q, p, 0.0]]) @ momentum
-        angular_acceleration = self.inverse_inertia @ (torque - turned)
-        if numbers.attitude_kinematics == "small_angle":
-            turning = rates
-        else:
-            turning = np.linalg.solve(euler_to_body(attitude[0], attitude[1]), rates)
-        return np.concatenate([turning, acceleration, angular_acceleration])
+        return np.concatenate([acceleration, self.inverse_inertia @ (torque - np.cross(rates, momentum))])
+
+    def slope(self, turn, velocity, rates, speeds, wind):
+        """How the attitude, which is that at the beginning of a step and a quaternion, velocity and rates change."""
+        w, v = turn[0], turn[1:]
+        turning = 0.5 * np.append(-v @ rates, w * rates + np.cross(v, rates))
+        accelerations = self.accelerations(self.begun @ turned_by(turn), velocity, rates, speeds, wind)
+        return np.concatenate([turning, accelerations])
+
+    def begin(self, angles):
+        """Begins a step at an attitude; returns what is integrated of it."""
+        self.begun = rotation(*angles)
+        return np.array([1.0, 0.0, 0.0, 0.0])
+
+    def angles(self, turn, yaw):
+        """Roll, pitch and yaw, which goes on from what it was."""
+        R = self.begun @ turned_by(turn)
+        change = math.remainder(math.atan2(R[1, 0], R[0, 0]) - yaw, math.tau)
+        return np.array([math.atan2(R[2, 1], R[2, 2]), -math.asin(R[2, 0]), yaw + change])
 
     # What the link lets out while a step is taken; only a vehicle that responds looks at it.
     target = None
@@ -144,14 +162,33 @@ class Vehicle:
             return target + (speeds - target) * math.exp(-later / self.numbers.rotor_time_constant)
 
         def slope(x, later):
-            motion = self.slope(x[3:6], x[6:9], x[9:12], rotors(later), wind)
-            return np.concatenate([x[6:9], motion])
+            _, velocity, rates, attitude = np.split(x, [3, 6, 9])
+            turning, accelerations = np.split(self.slope(attitude, velocity, rates, rotors(later), wind), [-6])
+            return np.concatenate([velocity, accelerations, turning])
 
-        k_1 = slope(state, 0.0)
-        k_2 = slope(state + 0.5 * h * k_1, 0.5 * h)
-        k_3 = slope(state + 0.5 * h * k_2, 0.5 * h)
-        k_4 = slope(state + h * k_3, h)
-        return state + h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4), rotors(h)
+        begun = np.concatenate([state[0:3], state[6:12], self.begin(state[3:6])])
+        k_1 = slope(begun, 0.0)
+        k_2 = slope(begun + 0.5 * h * k_1, 0.5 * h)
+        k_3 = slope(begun + 0.5 * h * k_2, 0.5 * h)
+        k_4 = slope(begun + h * k_3, h)
+        done = begun + h / 6.0 * (k_1 + 2.0 * k_2 + 2.0 * k_3 + k_4)
+        return np.concatenate([done[0:3], self.angles(done[9:], state[5]), done[3:9]]), rotors(h)
+
+
+class WithSmallAngles(Vehicle):
+    """Its body rates are the rates of its angles, as in (3)."""
+
+    def slope(self, angles, velocity, rates, speeds, wind):
+        """How angles, velocity and rates change."""
+        return np.concatenate([rates, self.accelerations(rotation(*angles), velocity, rates, speeds, wind)])
+
+    def begin(self, angles):
+        """The angles are integrated."""
+        return angles
+
+    def angles(self, angles, yaw):
+        """They are what was integrated."""
+        return angles
 
 
 def allocate(wrench, believed, priority):

@@ -11,14 +11,13 @@ from pydrake.systems.framework import DiagramBuilder
 from rigid_body import rigid_body_derivative
 
 from drake_quad.signals import RotorSpeed, State, Wind, Wrench
+from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS, SMALL_ANGLE_KINEMATICS
 from drake_quad.vehicle.dynamics import (
     RotorAction,
     drag,
     held_rotor_speed,
     hover_rotor_speeds,
-    rigid_kinematics,
     rotor_action,
-    small_angle_kinematics,
 )
 from drake_quad.vehicle.effects import NO_EFFECTS
 from drake_quad.vehicle.faults import SpeedFactors
@@ -40,7 +39,7 @@ def random_states(count, seed):
     )
 
 
-def body_derivative(state, parameters, wind=STILL, kinematics=rigid_kinematics):
+def body_derivative(state, parameters, wind=STILL, kinematics=RIGID_KINEMATICS):
     rotors = rotor_action(RotorSpeed(*state[12:]), parameters)
     return np.array(rigid_body_derivative(State(*state[:12]), rotors, wind, parameters, kinematics))
 
@@ -168,7 +167,7 @@ def test_spinning_rotors_keep_the_total_angular_momentum(uneven):
 
     def derivative(state):
         rotors = RotorAction(NO_WRENCH, residual)
-        return np.array(rigid_body_derivative(State(*state), rotors, STILL, parameters, rigid_kinematics))
+        return np.array(rigid_body_derivative(State(*state), rotors, STILL, parameters, RIGID_KINEMATICS))
 
     start = momentum(state)
     step = 1e-4
@@ -188,7 +187,7 @@ def test_gyroscopic_signs_are_those_of_the_paper(asymmetric_vehicle):
     (i_xx, i_yy, i_zz), spin = parameters.inertia, parameters.rotor_inertia
     state = State(*[0.0] * 9, p=2.0, q=3.0, r=0.0)
     rotors = RotorAction(NO_WRENCH, 50.0)
-    slope = rigid_body_derivative(state, rotors, STILL, parameters, small_angle_kinematics)
+    slope = rigid_body_derivative(state, rotors, STILL, parameters, SMALL_ANGLE_KINEMATICS)
     assert slope.p == pytest.approx(-spin * 3.0 * 50.0 / i_xx)
     assert slope.q == pytest.approx(spin * 2.0 * 50.0 / i_yy)
     assert slope.r == pytest.approx((i_xx - i_yy) * 2.0 * 3.0 / i_zz)
@@ -201,7 +200,7 @@ def test_small_angles_agree_with_the_exact_form_to_second_order(asymmetric_vehic
     def gap(size):
         state = size * direction
         state[12:] += 200.0
-        kinematics = rigid_kinematics, small_angle_kinematics
+        kinematics = RIGID_KINEMATICS, SMALL_ANGLE_KINEMATICS
         exact, small = (body_derivative(state, asymmetric_vehicle, STILL, each) for each in kinematics)
         return np.abs(exact - small).max()
 
@@ -213,7 +212,7 @@ def test_hover():
     speeds = hover_rotor_speeds(TABLE_I)
     assert speeds == pytest.approx([200.9] * 4, abs=0.05)
     state = VehicleState(State(*[0.0] * 12), speeds)
-    body, rotors, *_ = quadrotor_slope(state, speeds, STILL, None, TABLE_I, None, NO_EFFECTS, 0.0, rigid_kinematics)
+    body, rotors, *_ = quadrotor_slope(state, speeds, STILL, None, TABLE_I, None, NO_EFFECTS, 0.0, RIGID_KINEMATICS)
     np.testing.assert_allclose([*body, *rotors], 0.0, atol=1e-14)
 
 

@@ -5,7 +5,8 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from drake_quad.signals import RotorSpeed, State, Wind
-from drake_quad.vehicle.dynamics import hover_rotor_speeds, rigid_kinematics, rotor_action
+from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS
+from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
 from drake_quad.vehicle.effects import NO_EFFECTS
 from drake_quad.vehicle.faults import RotorFaults, SpeedFactors, speed_factors
 from drake_quad.vehicle.parameters import CentreOfMass, QuadrotorParameters
@@ -28,7 +29,7 @@ def faulty(faults, **structure):
 def level_slope(speeds, parameters):
     """The time derivative of the state of a level vehicle at rest whose rotors turn at their commanded speeds."""
     state, still = VehicleState(State(*[0.0] * 12), speeds), Wind(0.0, 0.0, 0.0)
-    slope = quadrotor_slope(state, speeds, still, None, parameters, None, NO_EFFECTS, 0.0, rigid_kinematics)
+    slope = quadrotor_slope(state, speeds, still, None, parameters, None, NO_EFFECTS, 0.0, RIGID_KINEMATICS)
     return slope.body, slope.rotors
 
 

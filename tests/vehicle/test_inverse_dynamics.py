@@ -5,7 +5,8 @@ from rigid_body import rigid_body_derivative
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.signals import Jerk, Reference, Snap, State, Wind, Wrench
-from drake_quad.vehicle.dynamics import hover_rotor_speeds, rigid_kinematics, rotor_action
+from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS
+from drake_quad.vehicle.dynamics import hover_rotor_speeds, rotor_action
 from drake_quad.vehicle.inverse_dynamics import rotor_demand
 from drake_quad.vehicle.parameters import QuadrotorParameters
 
@@ -27,7 +28,7 @@ def test_the_equations_of_motion_under_the_demanded_speeds_give_the_trajectory_b
     state = State(*np.broadcast_arrays(*position, *demand.attitude, *velocity, *demand.body_rates))
     rotors = rotor_action(demand.rotor_speed, parameters)
     np.testing.assert_allclose(rotors.wrench, demand.wrench, atol=1e-12)
-    slope = rigid_body_derivative(state, rotors, Wind(0.0, 0.0, 0.0), parameters, rigid_kinematics)
+    slope = rigid_body_derivative(state, rotors, Wind(0.0, 0.0, 0.0), parameters, RIGID_KINEMATICS)
     np.testing.assert_allclose([slope.v_x, slope.v_y, slope.v_z], acceleration, atol=1e-12)
     numeric = State(*np.gradient(np.array(state), times[1], axis=1)[:, 2:-2])
     assert np.ptp(numeric.roll) > 1.0, "the attitude must move for this to mean anything"

@@ -26,9 +26,10 @@ from drake_quad.identification.fitting.windows import Cut, Window
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.scenario.paths import replaced
 from drake_quad.signals import BodyAccelerationB, Quantity, RotorSpeed, Row, State, Throttle, Time, Wind
-from drake_quad.vehicle.dynamics import Motion, rigid_kinematics
+from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS
+from drake_quad.vehicle.dynamics import Motion
 from drake_quad.vehicle.effects import Effects
-from drake_quad.vehicle.motion import Moving, rates_of_motion, turning
+from drake_quad.vehicle.motion import accelerations, turning
 from drake_quad.vehicle.motors import decays, lagging
 from drake_quad.vehicle.parameters import QuadrotorParameters
 from drake_quad.vehicle.stepping import VehicleState, rotor_target, step_of_flight
@@ -102,7 +103,7 @@ def step(
     parameters, effects = numbers
     target = _target(rotors, command, numbers)
     before = VehicleState(body, rotors)
-    after = step_of_flight(before, target, _STILL, parameters, effects, 0.0, h, rigid_kinematics)
+    after = step_of_flight(before, target, _STILL, parameters, effects, 0.0, h, RIGID_KINEMATICS)
     push = Vector(disturbance.x, disturbance.y, disturbance.z)
     if kind == "body":
         push = BodyAxes.of(body.roll, body.pitch, body.yaw).in_world(push)
@@ -145,9 +146,8 @@ def felt(
     """What an accelerometer at the centre of mass feels."""
     parameters, effects = numbers
     turned = turning(rotors, _target(rotors, command, numbers), parameters, effects)
-    moving = Moving(Motion.of(body))
-    rates = rates_of_motion(moving, body.z, turned, _STILL, parameters, rigid_kinematics, effects).motion
     axes = BodyAxes.of(body.roll, body.pitch, body.yaw)
+    rates = accelerations(axes, Motion.of(body), None, body.z, turned, _STILL, parameters, effects).motion
     push, own = (
         Vector(disturbance.x, disturbance.y, disturbance.z),
         Vector(rates.v_x, rates.v_y, rates.v_z + parameters.gravity),

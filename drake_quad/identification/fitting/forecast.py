@@ -12,6 +12,7 @@ import numpy as np
 
 from drake_quad.identification.fitting.flown_model import ROWS
 from drake_quad.identification.fitting.predictor import FORCE, Noise, Predictor
+from drake_quad.identification.fitting.windows import within_half_a_turn
 
 _AXES = ("x", "y", "z"), ("roll", "pitch", "yaw"), ("p", "q", "r")
 _ROWS_OF_RATES = {"position": 6, "attitude": 9}
@@ -52,6 +53,8 @@ def forecast(predictor: Predictor, parameters: np.ndarray, noise: Noise) -> Fore
         start = state[ROWS[signal] + column, 0]
         rate = state[_ROWS_OF_RATES[signal] + column, 0] if signal in _ROWS_OF_RATES else 0.0 * start
         off[:, i] = measured[:, i] - start - time[:, None] * rate
+        if signal == "attitude":
+            off[:, i] = within_half_a_turn(off[:, i])
     missed = np.sum((measured - predicted) ** 2, axis=(0, 2))
     names = tuple(named(signal, column) for signal, column in predictor.outputs)
     return Forecast(names, time, measured, predicted, 1.0 - missed / np.sum(off**2, axis=(0, 2)))

@@ -30,7 +30,7 @@ from drake_quad.scenario import Scenario
 from drake_quad.scenario.autopilots import AttitudeResponse as ResponseOfScenario
 from drake_quad.scenario.paths import replaced
 from drake_quad.signals import Attitude, AttitudeTarget, RotorSpeed, Row, State, Throttle, Wind
-from drake_quad.vehicle.dynamics import rigid_kinematics
+from drake_quad.vehicle.attitude_kinematics import RIGID_KINEMATICS
 from drake_quad.vehicle.effects import Effects
 from drake_quad.vehicle.motors import decays, lagging
 from drake_quad.vehicle.parameters import QuadrotorParameters
@@ -101,7 +101,7 @@ def _rigid_step(
 ) -> _Step:
     """The vehicle at the end of a step."""
     before, target = VehicleState(body, rotors), _target(command, numbers)
-    after = step_of_flight(before, target, wind, numbers.parameters, numbers.effects, 0.0, span.time, rigid_kinematics)
+    after = step_of_flight(before, target, wind, numbers.parameters, numbers.effects, 0.0, span.time, RIGID_KINEMATICS)
     return _Step(after.body, after.rotors)
 
 

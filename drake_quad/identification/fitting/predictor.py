@@ -20,10 +20,12 @@ from typing import NamedTuple
 import numpy as np
 
 from drake_quad.identification.fitting.flown_model import BODY, PUSH, ROWS, Flown, Inputs, Vehicle
-from drake_quad.identification.fitting.windows import Cut, Window
+from drake_quad.identification.fitting.windows import Cut, Window, within_half_a_turn
 from drake_quad.identification.logs.record import FlightRecord
 
 FORCE = "specific_force"
+# Rows of the state.
+_ATTITUDE = slice(ROWS["attitude"], ROWS["attitude"] + 3)
 # Steps of the differences that linearise the filter, in the unit of each row of the state.
 _STEPS = np.repeat([1e-4, 1e-5, 1e-4, 1e-4, 1e-3, 1e-2], 3)
 # What is not known at the beginning of a window of a row that is not measured: position (m), attitude (rad), velocity
@@ -216,10 +218,16 @@ class Predictor:
             [state[ROWS[signal] + column] if signal != FORCE else force[column] for signal, column in self.outputs]
         )
 
+    def _apart(self, predicted: np.ndarray) -> np.ndarray:
+        """Return (m, K - 1, W) how far (m, K, W) outputs are from the first of K."""
+        apart = predicted[:, 1:] - predicted[:, :1]
+        apart[self._angles] = within_half_a_turn(apart[self._angles])
+        return apart
+
     def _errors(self, j: int, predicted: np.ndarray) -> np.ndarray:
         """(m, K, W) what was not foreseen at a measurement."""
         errors = self.measured[j][:, None, :] - predicted
-        errors[self._angles] = (errors[self._angles] + np.pi) % (2.0 * np.pi) - np.pi
+        errors[self._angles] = within_half_a_turn(errors[self._angles])
         return errors
 
     def _fades(self, noise: Noise) -> np.ndarray:
@@ -246,7 +254,7 @@ class Predictor:
             state[:, 1:] = state[:, :1]
             state[free, 1 + np.arange(n)] += steps[:, None]
             predicted = self._predicted(flown, state)
-            output = ((predicted[:, 1:] - predicted[:, :1]) / steps[:, None]).transpose(2, 0, 1)
+            output = (self._apart(predicted) / steps[:, None]).transpose(2, 0, 1)
             errors = self._errors(j, predicted[:, :1])[:, 0]
             update = _updated(covariance, output, variances)
             gain = update.gain.transpose(1, 2, 0)
@@ -254,7 +262,9 @@ class Predictor:
             for _ in range(self.split):
                 flown.step(state)
             state[BODY:] *= fades[:, None, None]
-            transition = ((state[free, 1:] - state[free, :1]) / steps[:, None]).transpose(2, 0, 1)
+            apart = state[:, 1:] - state[:, :1]
+            apart[_ATTITUDE] = within_half_a_turn(apart[_ATTITUDE])
+            transition = (apart[free] / steps[:, None]).transpose(2, 0, 1)
             covariance = transition @ update.covariance @ transition.transpose(0, 2, 1) + pushes
             expected = np.where(free[:, None] >= BODY, state[free, 0], 0.0)
             kept.append((gain, update.whitening, transition, output, errors, expected))

@@ -15,6 +15,7 @@ import numpy as np
 
 from drake_quad.errors import InputError, shown
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.logs.units import QUANTITIES
 
 # Steps of the clock beyond so many medians are gaps.
 _GAP = 3.0
@@ -24,6 +25,8 @@ _COLLISION = 2.0 * 9.81
 # What is left out before a collision and after a gap that ends a landing, s: a vehicle on its way into a crash, and
 # rotors in the wash of the ground.
 _MARGIN = 1.0
+# Pitch near 90° at which roll and yaw are mostly noise, rad: 75° quadruples it.
+_STEEP = np.radians(75.0)
 # Of the median command of the flight, below which rotors do not carry.
 _IDLE = 0.5
 # Of the median period, by which that of a log of the same rate is another at most.
@@ -79,10 +82,11 @@ def pieces(record: FlightRecord) -> np.ndarray:
 
 
 def airborne(record: FlightRecord) -> np.ndarray:
-    """(n,) True where the vehicle is in the air, as far as the record tells.
+    """Return (n,) True where the vehicle is in the air and its roll and yaw mean something, as far as the record tells.
 
     In the air commands are, in the mean over a second, at least half of their median; the second after they begin to be
-    and the one before they cease to be are left out, and so are those around a collision.
+    and the one before they cease to be are left out, and so are those around a collision, and around a pitch of more
+    than 75°, where roll and yaw are mostly noise.
     """
     command = _effort(record)
     flying = np.ones(len(record.time), dtype=bool)
@@ -93,7 +97,17 @@ def airborne(record: FlightRecord) -> np.ndarray:
         flying &= ~_near(mean < _IDLE * np.median(command[working]) if working.any() else ~working, around)
     if record.specific_force is not None:
         flying &= ~_near(np.abs(record.specific_force).max(axis=1) > _COLLISION, around)
-    return flying
+    return flying & ~_near(_steep(record), around)
+
+
+def steep_remarks(records: Sequence[FlightRecord]) -> list[str]:
+    """Return a sentence on each record whose nose points nearly straight up or down."""
+    return [
+        f"the log {shown(record.name)} pitches beyond 75 degrees for {np.sum(_steep(record)) * record.period:.2g} s,"
+        f" which are left out with {_MARGIN:g} s around them: roll and yaw are mostly noise there"
+        for record in records
+        if _steep(record).any()
+    ]
 
 
 def coarser(record: FlightRecord, step: int) -> FlightRecord:
@@ -112,7 +126,9 @@ def coarser(record: FlightRecord, step: int) -> FlightRecord:
     reach = len(around) // 2
     values = {}
     for name, signal in record.signals():
-        columns = signal.reshape(len(signal), -1)
+        columns, angles = signal.reshape(len(signal), -1), QUANTITIES[name].unit == "rad"
+        if angles:
+            columns = np.unwrap(columns, axis=0)
         offsets = (
             (np.arange(step), np.full(step, 1.0 / step))
             if "command" in name
@@ -122,6 +138,8 @@ def coarser(record: FlightRecord, step: int) -> FlightRecord:
             )
         )
         mean = sum(weight * columns[first + offset] for offset, weight in zip(*offsets, strict=True))
+        if angles:
+            mean = np.arctan2(np.sin(mean), np.cos(mean))
         values[name] = mean.reshape(count, *signal.shape[1:])
     return replace(record, time=record.time[first], **values)
 
@@ -133,6 +151,13 @@ def _effort(record: FlightRecord) -> np.ndarray | None:
     if record.rotor_speed_command is not None:
         return np.asarray((record.rotor_speed_command**2).mean(axis=1))
     return record.thrust_command if record.thrust_command is not None else record.thrust_share
+
+
+def _steep(record: FlightRecord) -> np.ndarray:
+    """Return (n,) True where the pitch is near 90°."""
+    if record.attitude is None:
+        return np.zeros(len(record.time), dtype=bool)
+    return np.asarray(np.abs(record.attitude[:, 1]) > _STEEP)
 
 
 def _near(found: np.ndarray, samples: int) -> np.ndarray:
@@ -167,6 +192,11 @@ def cut(records: Sequence[FlightRecord], flying: Sequence[np.ndarray], sizes: Cu
                 bad = np.flatnonzero(~usable[first : last + 1] | (piece[first : last + 1] != piece[last]))
                 start = first + int(bad[-1]) + 1 + sizes.settle
     return found
+
+
+def within_half_a_turn(angles: np.ndarray) -> np.ndarray:
+    """Return the same angles between -π and π, rad."""
+    return np.asarray(angles - 2.0 * np.pi * np.rint(angles / (2.0 * np.pi)))
 
 
 def held_out(flying: np.ndarray, share: float) -> np.ndarray:

@@ -27,7 +27,7 @@ from drake_quad.identification.fitting.open_loop import (
     level_vehicle,
     with_level_commands,
 )
-from drake_quad.identification.fitting.windows import airborne, held_out, pieces
+from drake_quad.identification.fitting.windows import airborne, held_out, pieces, within_half_a_turn
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.estimates import quantile
 from drake_quad.scenario import Scenario
@@ -213,7 +213,10 @@ def _begun(
 
         def residuals(_: np.ndarray, states: np.ndarray) -> np.ndarray:
             flown = np.moveaxis(loop.shown(loop.fly(before, states)), 0, 2)
-            off = [(flown[..., _ROWS[name] : _ROWS[name] + 3] - values[name]) / deviations[name] for name in measured]
+            off = [
+                _difference(name, flown[..., _ROWS[name] : _ROWS[name] + 3], values[name]) / deviations[name]
+                for name in measured
+            ]
             shapes = [each.reshape(*each.shape[:2], -1) for each in off]
             return np.concatenate([*shapes, (states - first) / beliefs], axis=2)
 
@@ -224,6 +227,11 @@ def _begun(
         for i, name in enumerate(measured):
             deviations[name] *= max(float(np.sqrt(np.mean(left[:, i] ** 2))), 0.05)
     return np.asarray(loop.fly(before, states[None])[-1, 0])
+
+
+def _difference(name: str, predicted: np.ndarray, values: np.ndarray) -> np.ndarray:
+    """Return predicted minus measured values, angles within half a turn."""
+    return within_half_a_turn(predicted - values) if name == "attitude" else predicted - values
 
 
 def _continuous(record: FlightRecord, name: str) -> np.ndarray:

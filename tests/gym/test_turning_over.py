@@ -1,0 +1,86 @@
+"""Environments whose vehicles may turn over."""
+
+import numpy as np
+import pytest
+from tumbling import degrees_apart, rotations
+
+from drake_quad import simulate
+from drake_quad.gym import QuadrotorVectorEnv
+from drake_quad.gym.rollout import action_source
+
+pytestmark = pytest.mark.slow
+
+# One vehicle flips in a plane, the others pass nearer and less near to a pitch of 90°.
+YAW_RATES = np.array([0.0, 1e-9, 1e-3, 0.02, 0.05, 0.1, 0.3, 1.0])
+FLIP, TICKS = 6.0, 40
+TASK = {
+    "crash": {"tilt": None, "position_error": 1000.0, "height": -1000.0},
+    "laboratory.motion_capture.derivative_bandwidth": 400.0,
+    "duration": 0.02 * TICKS,
+}
+
+
+def actions():
+    """6 rad/s of pitch for 0.6 s, and none after."""
+    found = np.zeros((TICKS, len(YAW_RATES), 4))
+    found[:30, :, 2], found[:30, :, 3] = FLIP / 10.0, YAW_RATES / 10.0
+    return found
+
+
+def flipped(time_step):
+    """The environment, what it returned as observations, and its transitions, of which `state` is a record."""
+    steps = []
+    envs = QuadrotorVectorEnv(
+        "figure_eight",
+        {**TASK, "vehicle.time_step": time_step},
+        num_envs=len(YAW_RATES),
+        action={"kind": "rates", "max_rates": (10.0, 10.0, 10.0)},
+        observation={"signals": ["rotation", "body_rates", "attitude"]},
+        signals=["measurement"],
+        reward=lambda step: steps.append(step) or step.time,
+    )
+    envs.reset(seed=0)
+    seen = [envs.step(action)[0] for action in actions()]
+    return envs, np.array(seen), steps
+
+
+def states(steps, name="state"):
+    """(ticks, N, 12)."""
+    return np.array([np.array(step.state if name == "state" else step.signals[name]).T for step in steps])
+
+
+@pytest.fixture(scope="module")
+def flips():
+    return flipped(0.01)
+
+
+def test_a_flip_at_the_default_step_is_that_at_an_eighth_of_it(flips):
+    _, _, steps = flips
+    _, _, finer = flipped(0.00125)
+    coarse, fine = states(steps), states(finer)
+    assert np.cos(coarse[-1, :, 3]).max() < -0.5, "all must have turned over"
+    for one, other in zip(coarse, fine, strict=True):
+        assert degrees_apart(one[:, 3:6], rotations(other[:, 3:6])).max() < 1e-3
+
+
+def test_what_is_seen_of_a_flip_is_the_rotation_and_its_rates(flips):
+    """Through a filter that is fast, within a few hundredths of a rad/s while the rates hardly change."""
+    _, seen, steps = flips
+    truth, measured = states(steps), states(steps, "measurement")
+    frame = states(steps, "measurement")[:, :, 3:6]
+    matrices = rotations(frame.reshape(-1, 3)).as_matrix().reshape(TICKS, -1, 9)
+    np.testing.assert_allclose(seen[:, :, :9], matrices, atol=1e-6)
+    np.testing.assert_allclose(seen[:, :, 9:12], measured[:, :, 9:12], atol=1e-6)
+    steady = slice(22, 30)
+    assert np.abs(truth[steady, :, 10]).min() > 5.7
+    assert np.abs(truth[steady, :, 4]).max() > np.radians(85.0)
+    np.testing.assert_allclose(measured[steady, :, 9:12], truth[steady, :, 9:12], atol=0.12)
+
+
+def test_the_same_flip_in_the_diagram_as_it_is_wired(flips):
+    envs, _, steps = flips
+    for vehicle in (0, 4):
+        source = action_source(actions()[:, vehicle], 0.02)
+        flight = simulate(envs.scenario, seed=vehicle, sample=0, policy=source, plan=envs.plan)
+        found = states(steps)[: len(flight.time) - 1, vehicle]
+        np.testing.assert_allclose(found, flight["state"][1:], rtol=0.0, atol=1e-9)

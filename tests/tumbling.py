@@ -1,0 +1,121 @@
+"""Vehicles that tumble, integrated independently: Newton's and Euler's equations with quaternions, by SciPy."""
+
+from typing import NamedTuple
+
+import numpy as np
+from scipy.integrate import solve_ivp
+from scipy.spatial.transform import Rotation
+
+
+class Tumbles(NamedTuple):
+    """N vehicles at the beginning of a tumble, and what is held over it.
+
+    Attributes:
+        states: (N, 12) in the order of `State`.
+        speeds: (N, 4) of the rotors.
+        commands: (N, 4) of the rotors.
+        winds: (N, 3).
+    """
+
+    states: np.ndarray
+    speeds: np.ndarray
+    commands: np.ndarray
+    winds: np.ndarray
+
+    @property
+    def count(self):
+        """N."""
+        return len(self.states)
+
+
+def random_tumbles(count, seed, *, rates=(2.0, 10.0)):
+    """Tumbles of any attitude: a fifth of them begin at a pitch of ±90° to the bit, a fifth within 1e-9 rad of it."""
+    rng = np.random.default_rng(seed)
+    roll, pitch, yaw = rng.uniform(-3.0, 3.0, count), rng.uniform(-1.5, 1.5, count), rng.uniform(-9.0, 9.0, count)
+    straight = 0.5 * np.pi * rng.choice([-1.0, 1.0], count)
+    pitch[::5] = straight[::5]
+    pitch[1::5] = straight[1::5] * (1.0 - 1e-9 * rng.uniform(size=len(pitch[1::5])))
+    turning = rng.normal(size=(count, 3))
+    turning *= rng.uniform(*rates, (count, 1)) / np.linalg.norm(turning, axis=1, keepdims=True)
+    linear = rng.normal(size=(count, 6))
+    states = np.column_stack([linear[:, :3], roll, pitch, yaw, linear[:, 3:], turning])
+    return Tumbles(
+        states,
+        rng.uniform(120.0, 260.0, (count, 4)),
+        rng.uniform(195.0, 205.0, (count, 4)),
+        rng.normal(size=(count, 3)),
+    )
+
+
+def rotations(angles):
+    """Rotations from B to W of (..., 3) roll, pitch and yaw: Rz Ry Rx."""
+    return Rotation.from_euler("ZYX", np.asarray(angles)[..., ::-1])
+
+
+def degrees_apart(angles, rotation):
+    """(N,) angles between attitudes, (N, 3) roll, pitch and yaw, and rotations."""
+    return np.degrees((rotations(angles).inv() * rotation).magnitude())
+
+
+def flown(parameters, tumbles, duration, load=None, swings=None):
+    """Positions, rotations, velocities and body rates of the vehicles at the end, and load positions and velocities.
+
+    Args:
+        parameters: one `QuadrotorParameters` for all.
+        tumbles: N of them.
+        duration: s.
+        load: a `SlungLoad` if there is one, which hangs on a rod from the centre of mass.
+        swings: (N, 3) direction of the rod and (N, 3) its rate at the beginning.
+    """
+    N, inertia = tumbles.count, np.array(parameters.inertia)
+    places = np.array([rotor[:3] for rotor in parameters.rotors]) - [*parameters.centre_of_mass, 0.0]
+    directions, thrust_factors, drag_factors = (np.array([rotor[i] for rotor in parameters.rotors]) for i in (3, 4, 5))
+    weight = np.array([0.0, 0.0, -parameters.gravity])
+
+    def slope(time, y):
+        position, velocity, rates, load_position, load_velocity = y[: 15 * N].reshape(5, N, 3)
+        quaternion = y[15 * N :].reshape(N, 4)
+        decay = np.exp(-time / parameters.rotor_time_constant)
+        speeds = tumbles.commands + (tumbles.speeds - tumbles.commands) * decay
+        thrusts = thrust_factors * speeds**2
+        torque = np.column_stack(
+            [thrusts @ places[:, 1], -thrusts @ places[:, 0], -(drag_factors * directions * speeds**2).sum(axis=1)]
+        )
+        air = tumbles.winds - velocity
+        size = np.linalg.norm(air, axis=1, keepdims=True)
+        along = Rotation.from_quat(quaternion).apply([[0.0, 0.0, 1.0]] * N)
+        force = (
+            thrusts.sum(axis=1, keepdims=True) * along
+            + (parameters.linear_drag + parameters.quadratic_drag * size) * air
+        )
+        load_acceleration = np.zeros((N, 3))
+        if load is not None:
+            rod, rod_rate = load_position - position, load_velocity - velocity
+            # The rod keeps its length: rod · (difference of accelerations) = -|rod_rate|².
+            inverse_masses = 1.0 / parameters.mass + 1.0 / load.mass
+            per_length = ((rod_rate**2).sum(axis=1) - (force * rod).sum(axis=1) / parameters.mass) / (
+                inverse_masses * (rod**2).sum(axis=1)
+            )
+            tension = per_length[:, None] * rod
+            force = force + tension
+            load_acceleration = weight - tension / load.mass
+        spin = parameters.rotor_inertia * (directions * speeds).sum(axis=1)
+        momentum = inertia * rates + spin[:, None] * np.array([0.0, 0.0, 1.0])
+        turning = (torque - np.cross(rates, momentum)) / inertia
+        v, w = quaternion[:, :3], quaternion[:, 3:]
+        quaternion_rate = 0.5 * np.column_stack(
+            [w * rates + np.cross(v, rates), -(v * rates).sum(axis=1, keepdims=True)]
+        )
+        parts = velocity, force / parameters.mass + weight, turning, load_velocity, load_acceleration, quaternion_rate
+        return np.concatenate([part.ravel() for part in parts])
+
+    states = tumbles.states
+    rod, rod_rate = (np.zeros((N, 3)), np.zeros((N, 3))) if swings is None else swings
+    length = 0.0 if load is None else load.length
+    begin = [states[:, :3], states[:, 6:9], states[:, 9:12]]
+    begin += [states[:, :3] + length * rod, states[:, 6:9] + length * rod_rate, rotations(states[:, 3:6]).as_quat()]
+    start = np.concatenate([part.ravel() for part in begin])
+    end = solve_ivp(slope, (0.0, duration), start, method="DOP853", rtol=1e-11, atol=1e-12).y[:, -1]
+    position, velocity, rates, load_position, load_velocity = end[: 15 * N].reshape(5, N, 3)
+    rotation = Rotation.from_quat(end[15 * N :].reshape(N, 4))
+    return position, rotation, velocity, rates, load_position, load_velocity

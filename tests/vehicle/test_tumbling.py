@@ -1,0 +1,304 @@
+"""Vehicles that turn over, through a pitch of 90° and past it, against integrations without its singularity."""
+
+import itertools
+import math
+
+import numpy as np
+import pytest
+from pydrake.autodiffutils import AutoDiffXd, ExtractGradient, InitializeAutoDiff
+from pydrake.systems.analysis import ResetIntegratorFromFlags, Simulator, Simulator_
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource
+from tumbling import degrees_apart, flown, random_tumbles, rotations
+
+from drake_quad.axes import BodyAxes, Vector
+from drake_quad.compilation import compile_diagram, compiled_part
+from drake_quad.signals import AttitudeTarget
+from drake_quad.vehicle.effects import Effects
+from drake_quad.vehicle.parameters import QuadrotorParameters
+from drake_quad.vehicle.quadrotor import Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.responding import (
+    AttitudeResponse,
+    DampingRatios,
+    NaturalFrequencies,
+    RespondingNumbers,
+    RespondingQuadrotor,
+)
+from drake_quad.vehicle.slung_load import SlungLoad, rod_of, swing_of
+
+STEPS = (0.01, 0.005, 0.0025, 0.00125)
+
+
+def stepped(parameters, tumbles, time_step, duration, load=None, swings=None):
+    """(N, 12) states and (N, 4) swings of a fleet at the end of its tumbles."""
+    effects = Effects(slung_load=load)
+    vehicle = Quadrotor(
+        num_vehicles=tumbles.count,
+        time_step=time_step,
+        effects=effects.names,
+        numbers=QuadrotorNumbers(parameters, effects=effects),
+    )
+    context = vehicle.CreateDefaultContext()
+    context.SetDiscreteState(0, tumbles.states.T.ravel())
+    context.SetDiscreteState(1, tumbles.speeds.T.ravel())
+    if swings is not None:
+        context.SetDiscreteState(2, swings.T.ravel())
+    vehicle.GetInputPort("rotor_speed_command").FixValue(context, tumbles.commands.T.ravel())
+    vehicle.GetInputPort("wind").FixValue(context, tumbles.winds.T.ravel())
+    simulator = Simulator(vehicle, context)
+    simulator.AdvanceTo(duration)
+    simulator.AdvancePendingEvents()
+    state = vehicle.GetOutputPort("state").Eval(context).reshape(12, -1).T
+    swing = None if load is None else vehicle.GetOutputPort("swing").Eval(context).reshape(4, -1).T
+    return state, swing
+
+
+@pytest.mark.slow
+def test_random_tumbles_are_integrated_with_fourth_order(asymmetric_vehicle):
+    """Two seconds at up to 10 rad/s, from and through pitches of ±90°: far below 0.1° at the default step."""
+    tumbles = random_tumbles(40, seed=0)
+    position, rotation, velocity, rates, *_ = flown(asymmetric_vehicle, tumbles, 2.0)
+    errors = []
+    for step in STEPS:
+        states, _ = stepped(asymmetric_vehicle, tumbles, step, 2.0)
+        errors.append(degrees_apart(states[:, 3:6], rotation).max())
+        assert np.abs(states[:, 4]).max() <= 0.5 * np.pi
+        assert np.abs(states[:, 3]).max() <= np.pi
+    assert errors[0] < 2e-3
+    np.testing.assert_allclose(np.divide(errors[:-1], errors[1:]), 16.0, rtol=0.15)
+    np.testing.assert_allclose(states[:, :3], position, atol=1e-8)
+    np.testing.assert_allclose(states[:, 6:9], velocity, atol=1e-8)
+    np.testing.assert_allclose(states[:, 9:12], rates, atol=1e-7)
+
+
+@pytest.mark.parametrize("yaw_rate", [0.0, 1e-12, 1e-9, 1e-6, 1e-4, 0.01, 0.02, 0.05, 0.1, 0.3])
+def test_a_flip_is_the_same_rotation_however_near_it_passes_to_90_degrees(yaw_rate):
+    """6 rad/s of pitch for 0.6 s, whose angles of roll and yaw jump by 180° on the way."""
+    parameters = QuadrotorParameters(rotor_inertia=0.0)
+    tumbles = random_tumbles(1, seed=0)
+    states = np.zeros((1, 12))
+    states[0, 10:] = 6.0, yaw_rate
+    hover = np.full((1, 4), 200.0)
+    flip = tumbles._replace(states=states, speeds=hover, commands=hover, winds=np.zeros((1, 3)))
+    end, _ = stepped(parameters, flip, 0.01, 0.6)
+    _, rotation, *_ = flown(parameters, flip, 0.6)
+    assert degrees_apart(end[:, 3:6], rotation) < 1e-5
+    assert np.cos(end[0, 3]) < -0.9, "it must have turned over for this to mean anything"
+
+
+@pytest.mark.slow
+def test_torque_free_tumbles_keep_energy_and_angular_momentum(asymmetric_vehicle):
+    """Rotors that stand still: both are kept to fourth order."""
+    parameters = asymmetric_vehicle._replace(min_rotor_speed=0.0, linear_drag=0.0, quadratic_drag=0.0)
+    tumbles = random_tumbles(20, seed=1, rates=(5.0, 10.0))
+    tumbles = tumbles._replace(speeds=np.zeros((20, 4)), commands=np.zeros((20, 4)))
+    inertia = np.array(parameters.inertia)
+
+    def kept(states):
+        momentum = rotations(states[:, 3:6]).apply(inertia * states[:, 9:12])
+        return 0.5 * (states[:, 9:12] * inertia * states[:, 9:12]).sum(axis=1), momentum
+
+    energy, momentum = kept(tumbles.states)
+    errors = []
+    for step in STEPS[:3]:
+        energy_after, momentum_after = kept(stepped(parameters, tumbles, step, 2.0)[0])
+        lost = np.linalg.norm(momentum_after - momentum, axis=1) / np.linalg.norm(momentum, axis=1)
+        errors.append(lost.max())
+        assert np.abs(energy_after / energy - 1.0).max() < 1e-6
+    assert errors[0] < 1e-5
+    assert errors[0] / errors[1] > 12.0
+    assert errors[1] / errors[2] > 12.0
+
+
+def test_angles_give_back_any_rotation():
+    """To rounding, from a pitch of nothing to ±90° to the last bit, and exactly there."""
+    rng = np.random.default_rng(2)
+    for distance in [0.0, *10.0 ** np.arange(-17.0, 0.0)]:
+        for sign in (-1.0, 1.0):
+            roll, yaw = rng.uniform(-math.pi, math.pi, 2)
+            matrix = rotations([roll, sign * (0.5 * math.pi - distance), yaw]).as_matrix()
+            found = BodyAxes(*(Vector(*column) for column in matrix.T.tolist())).angles()
+            np.testing.assert_allclose(rotations(found).as_matrix(), matrix, rtol=0.0, atol=2e-15)
+    straight_up = BodyAxes(Vector(0.0, 0.0, 1.0), Vector(-1.0, 0.0, 0.0), Vector(0.0, -1.0, 0.0))
+    assert straight_up.angles() == (0.5 * math.pi, -0.5 * math.pi, 0.0)
+
+
+def test_yaw_counts_whole_turns_and_does_not_drift():
+    """Eight turns at 4 rad/s; and a vehicle that leans and does not turn keeps roll and yaw to the bit."""
+    parameters = QuadrotorParameters(rotor_inertia=0.0, min_rotor_speed=0.0)
+    tumbles = random_tumbles(2, seed=0)
+    still = np.zeros((2, 4))
+    states = np.zeros((2, 12))
+    states[0, 11] = 4.0
+    states[1, 4:6] = 0.4, 0.7
+    turning = tumbles._replace(states=states, speeds=still, commands=still, winds=np.zeros((2, 3)))
+    end, _ = stepped(parameters, turning, 0.01, 4.0 * math.pi)
+    assert end[0, 5] == pytest.approx(16.0 * math.pi, abs=0.05)
+    assert (end[1, 3], end[1, 5]) == (0.0, 0.7)
+    assert end[1, 4] == pytest.approx(0.4, abs=1e-13)
+
+
+def test_the_linear_model_of_a_step_in_hover_is_that_of_the_method(asymmetric_vehicle):
+    """I + hA + (hA)²/2 + (hA)³/6 + (hA)⁴/24, as of any coordinates of the attitude: the rotors' block apart."""
+    numbers = QuadrotorNumbers(asymmetric_vehicle)
+    continuous, stepping = Quadrotor(time_step=0.0, numbers=numbers), Quadrotor(numbers=numbers)
+    A = jacobian(continuous, lambda system, context: system.EvalTimeDerivatives(context).CopyToVector())[:12, :12]
+
+    def after_a_step(system, context):
+        simulator = Simulator_[AutoDiffXd](system, context)
+        simulator.AdvanceTo(0.01)
+        simulator.AdvancePendingEvents()
+        return system.GetOutputPort("state").Eval(context)
+
+    found = jacobian(stepping, after_a_step)[:12, :12]
+    hA = 0.01 * A
+    expected = sum(np.linalg.matrix_power(hA, k) / math.factorial(k) for k in range(5))
+    np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-15)
+
+
+def jacobian(vehicle, function):
+    """The derivative of a function of a vehicle in hover by its state, by AutoDiffXd."""
+    hover = vehicle.CreateDefaultContext()
+    values = [vehicle.GetOutputPort(name).Eval(hover) for name in ("state", "rotor_speed")]
+    state = InitializeAutoDiff(np.concatenate(values))[:, 0]
+    converted = vehicle.ToAutoDiffXd()
+    context = converted.CreateDefaultContext()
+    converted.GetInputPort("rotor_speed_command").FixValue(context, values[1])
+    if vehicle.time_step == 0.0:
+        context.SetContinuousState(state)
+    else:
+        context.SetDiscreteState(0, state[:12])
+        context.SetDiscreteState(1, state[12:])
+    return ExtractGradient(function(converted, context))
+
+
+def test_derivatives_are_numbers_where_the_nose_points_straight_up():
+    """Those of roll and yaw are not defined there; all else is."""
+    angles = InitializeAutoDiff(np.array([0.3, -0.5 * math.pi, 0.7]))[:, 0]
+    gradient = ExtractGradient(np.array(BodyAxes.of(*angles).angles()))
+    assert np.isfinite(gradient).all()
+    assert gradient[0].any()
+
+
+@pytest.mark.parametrize("integrator", ["default", "as flights have it"])
+@pytest.mark.parametrize("yaw_rate", [0.0, 1e-9, 1e-6, 1e-3, 0.1])
+def test_a_continuous_state_turns_over_rightly_or_its_integrator_refuses(integrator, yaw_rate):
+    """With error control, roll and yaw that swing by half a turn take as many steps as they need, or none."""
+    parameters = QuadrotorParameters(rotor_inertia=0.0)
+    tumbles = random_tumbles(1, seed=0)
+    states = np.zeros((1, 12))
+    states[0, 10:] = 6.0, yaw_rate
+    hover = np.full((1, 4), 200.0)
+    flip = tumbles._replace(states=states, speeds=hover, commands=hover, winds=np.zeros((1, 3)))
+    vehicle = Quadrotor(time_step=0.0, numbers=QuadrotorNumbers(parameters))
+    simulator = Simulator(vehicle)
+    context = simulator.get_mutable_context()
+    context.SetContinuousState(np.concatenate([states[0], hover[0]]))
+    vehicle.GetInputPort("rotor_speed_command").FixValue(context, hover[0])
+    if integrator != "default":
+        ResetIntegratorFromFlags(simulator, "runge_kutta5", 0.1).set_target_accuracy(1e-8)
+        simulator.get_mutable_integrator().set_requested_minimum_step_size(1e-5)
+    try:
+        simulator.AdvanceTo(0.6)
+    except RuntimeError as error:
+        assert integrator != "default"
+        assert 1e-9 < yaw_rate < 0.1
+        assert "smaller than minimum allowed" in str(error)
+        return
+    end = vehicle.GetOutputPort("state").Eval(context)[None, :]
+    _, rotation, *_ = flown(parameters, flip, 0.6)
+    assert degrees_apart(end[:, 3:6], rotation) < 1e-3
+
+
+def test_a_compiled_vehicle_tumbles_as_one_that_is_wired(asymmetric_vehicle):
+    """To the bit, alone and in a fleet, also where the angles of a lane jump and those of others do not."""
+    tumbles = random_tumbles(11, seed=3)
+    wired, _ = stepped(asymmetric_vehicle, tumbles, 0.01, 1.0)
+    builder = DiagramBuilder()
+    vehicle = builder.AddNamedSystem(
+        "vehicle", Quadrotor(num_vehicles=11, numbers=QuadrotorNumbers(asymmetric_vehicle))
+    )
+    for name, rows in (("rotor_speed_command", tumbles.commands), ("wind", tumbles.winds)):
+        source = builder.AddNamedSystem(name, ConstantVectorSource(rows.T.ravel()))
+        builder.Connect(source.get_output_port(), vehicle.GetInputPort(name))
+    builder.ExportOutput(vehicle.GetOutputPort("state"), "state")
+    diagram = builder.Build()
+    begun = diagram.CreateDefaultContext()
+    own = vehicle.GetMyMutableContextFromRoot(begun)
+    own.SetDiscreteState(0, tumbles.states.T.ravel())
+    own.SetDiscreteState(1, tumbles.speeds.T.ravel())
+    simulator = Simulator(compile_diagram(diagram))
+    part = compiled_part(simulator.get_system())
+    part.read(part.GetMyMutableContextFromRoot(simulator.get_mutable_context()), begun)
+    simulator.AdvanceTo(1.0)
+    simulator.AdvancePendingEvents()
+    found = simulator.get_system().GetOutputPort("state").Eval(simulator.get_context()).reshape(12, -1).T
+    np.testing.assert_array_equal(found, wired)
+    for i in range(3):
+        alone, _ = stepped(asymmetric_vehicle, type(tumbles)(*(rows[i : i + 1] for rows in tumbles)), 0.01, 1.0)
+        np.testing.assert_array_equal(alone[0], wired[i])
+
+
+def test_a_vehicle_that_responds_turns_as_its_body_rates_say():
+    """Its lags take the pitch past 90°: the rates by eq (2), integrated as a rotation, lead to the same attitude."""
+    response = AttitudeResponse(NaturalFrequencies(6.8, 6.1, 3.0), DampingRatios(0.45, 1.0, 1.4))
+    vehicle = RespondingQuadrotor(
+        time_step=1e-3, numbers=RespondingNumbers(QuadrotorNumbers(QuadrotorParameters()), response)
+    )
+    simulator = Simulator(vehicle)
+    context = simulator.get_mutable_context()
+    vehicle.GetInputPort("rotor_speed_command").FixValue(context, [200.0] * 4)
+    target = AttitudeTarget(0.0, 0.5, 2.8, -1.0, 0.0, 0.0, 0.0)
+    vehicle.GetInputPort("attitude_target").FixValue(context, list(target))
+    states = []
+    for tick in range(1001):
+        simulator.AdvanceTo(1e-3 * tick)
+        simulator.AdvancePendingEvents()
+        states.append(vehicle.GetOutputPort("state").Eval(context).copy())
+    states = np.array(states)
+    assert states[-1, 4] > 2.5
+    rotation = rotations(states[0, 3:6])
+    for before, after in itertools.pairwise(states):
+        rotation = rotation * type(rotation).from_rotvec(0.5e-3 * (before[9:12] + after[9:12]))
+    assert degrees_apart(states[-1:, 3:6], rotation) < 1e-3
+
+
+LOAD = SlungLoad(mass=0.17, length=0.8)
+
+
+@pytest.mark.slow
+def test_a_load_swings_all_around_a_tumbling_vehicle_with_fourth_order(asymmetric_vehicle):
+    """Two masses and a rod of constant length in W; a rod horizontal along X, where α̇ is infinite, and one near it."""
+    tumbles = random_tumbles(20, seed=4, rates=(2.0, 6.0))
+    rng = np.random.default_rng(5)
+    swings = np.column_stack([rng.uniform(-3.0, 3.0, (20, 2)), rng.uniform(-4.0, 4.0, (20, 2))])
+    swings[:3, 1], swings[:3, 2] = 0.5 * np.pi, 0.0
+    swings[3:6, 1] = 0.5 * np.pi - 1e-4
+    rods = [rod_of(swing) for swing in swings]
+    begun = np.array([rod.direction for rod in rods]), np.array([rod.rate for rod in rods])
+    position, rotation, velocity, _, load_position, load_velocity = flown(asymmetric_vehicle, tumbles, 1.0, LOAD, begun)
+    directions, rates = (load_position - position) / LOAD.length, (load_velocity - velocity) / LOAD.length
+    assert np.abs(directions[:, 0]).max() > 0.9
+    errors = []
+    for step in STEPS[:3]:
+        states, swings_after = stepped(asymmetric_vehicle, tumbles, step, 1.0, LOAD, swings)
+        found = [rod_of(swing) for swing in swings_after]
+        errors.append(np.abs(np.array([rod.direction for rod in found]) - directions).max())
+        assert degrees_apart(states[:, 3:6], rotation).max() < 1e-3
+        np.testing.assert_allclose([rod.rate for rod in found], rates, atol=1e3 * step**3)
+        np.testing.assert_allclose(states[:, :3], position, atol=1e2 * step**3)
+    assert errors[0] < 1e-4
+    assert errors[0] / errors[1] > 12.0
+    assert errors[1] / errors[2] > 12.0
+
+
+def test_a_swing_gives_back_any_rod():
+    """Direction and rate to rounding of the largest, also next to horizontal along X."""
+    rng = np.random.default_rng(6)
+    for distance in 10.0 ** np.arange(-8.0, 1.0):
+        direction = np.array([rng.choice([-1.0, 1.0]), *(distance * rng.normal(size=2))])
+        direction /= np.linalg.norm(direction)
+        rate = np.cross(rng.normal(size=3), direction)
+        rod = rod_of(swing_of(type(rod_of((0.0,) * 4))(Vector(*direction), Vector(*rate))))
+        np.testing.assert_allclose(rod.direction, direction, atol=1e-15)
+        np.testing.assert_allclose(rod.rate, rate, atol=1e-15 / min(distance, 1.0) + 1e-15)
