@@ -16,6 +16,7 @@ import argparse
 import csv
 import difflib
 import hashlib
+import importlib.util
 import json
 import os
 import random
@@ -36,7 +37,9 @@ MIN_SCORE = 0.95
 # Modules that belong to no package, such as drake_quad/axes.py, are reported under this name.
 MODULES = "(modules)"
 # Files whose code runs in other processes, where a mutant has no effect.
-LEFT_OUT = {"studies/cluster.py"}
+LEFT_OUT = ("studies/cluster.py",)
+# Folders whose code and tests need an optional library. They are left out where it is not installed.
+OPTIONAL = {"gym/stable_baselines3/": "stable_baselines3"}
 # Tests whose code runs in other processes, and tests of the pages of the documentation.
 WITHOUT = tuple(f"tests/{name}" for name in ("test_docs.py", "studies/test_cluster.py", "mutants/"))
 
@@ -106,9 +109,12 @@ def drawn(number: str, seed: int, only: list[str]) -> list[tuple[str, Mutant]]:
     """
     generator = random.Random(seed)
     by_line: dict[str, dict[tuple[str, int], list[tuple[str, Mutant]]]] = defaultdict(lambda: defaultdict(list))
+    missing = [folder for folder, library in OPTIONAL.items() if importlib.util.find_spec(library) is None]
+    for folder in missing:
+        print(f"left out because {OPTIONAL[folder]} is not installed: drake_quad/{folder}", file=sys.stderr)
     for path in sorted(Path("drake_quad").rglob("*.py")):
         inside = str(path.relative_to("drake_quad"))
-        if inside.startswith(tuple(only)) and inside not in LEFT_OUT:
+        if inside.startswith(tuple(only)) and not inside.startswith((*LEFT_OUT, *missing)):
             for mutant in mutants_of(path.read_text()):
                 by_line[package_of(str(path))][str(path), mutant.line].append((str(path), mutant))
     chosen = []
