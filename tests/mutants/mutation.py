@@ -21,8 +21,9 @@ class Mutant(NamedTuple):
 
     Attributes:
         line: where the change begins, from 1 on.
-        lines: of the statement around it, without what is indented below.
-        declared: whether this runs when the module is imported.
+        lines: lines of the statement around it, without the block below it. A default value of a parameter acts in the
+            whole function, so it has the lines of the function.
+        declared: True if the change acts when the module is imported.
         kind: what is done.
         before: the lines that change, in one.
         after: the same, changed.
@@ -105,7 +106,7 @@ def _in_one_line(text: bytes) -> str:
 
 
 def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool]]:
-    """Each node that may change, what it is in, the lines of the statement around it, and if an import runs it."""
+    """Yield each node that may change, its parent, the lines where it acts, and True if it acts at import."""
     pending: list[tuple[ast.AST, ast.AST, range, bool]] = [(node, module, range(0), True) for node in module.body]
     while pending:
         node, parent, lines, declared = pending.pop()
@@ -113,6 +114,8 @@ def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool
             body = [case.pattern for case in node.cases] if isinstance(node, ast.Match) else getattr(node, "body", None)
             lines = range(node.lineno, body[0].lineno if body else node.end_lineno + 1)
             lines = lines or range(node.lineno, node.lineno + 1)
+        if isinstance(node, ast.arguments) and isinstance(parent, ast.FunctionDef):
+            lines, declared = range(parent.lineno, parent.end_lineno + 1), False
         if _is_declaration_of_names(node):
             continue
         yield node, parent, lines, declared

@@ -72,12 +72,20 @@ def test_what_no_test_can_notice_stays(line):
     assert changes(line) == set()
 
 
+def test_a_default_value_acts_in_the_whole_function():
+    text = "LIMIT = 3\n\n\ndef f(x, y=2):\n    if x:\n        return y\n    return x\n"
+    found = {mutant.after: (mutant.lines, mutant.declared) for mutant in mutants_of(text)}
+    assert found["LIMIT = 4"] == (range(1, 2), True)
+    assert found["def f(x, y=3):"] == (range(4, 8), False)
+    assert found["if not x:"] == (range(5, 6), False)
+
+
 def test_one_place_changes_and_the_text_stays_python():
     text = (
         "@cached(1)\ndef f(x: Annotated[int, 2], y=3):\n    'Doc.'  # ω\n    while x:\n        x = (x - 'ä'.find(y))\n"
     )
     mutants = mutants_of(text)
-    assert {(mutant.line, mutant.declared) for mutant in mutants} == {(2, True), (4, False), (5, False)}
+    assert {(mutant.line, mutant.declared) for mutant in mutants} == {(2, False), (4, False), (5, False)}
     for mutant in mutants:
         ast.parse(mutant.applied(text))
         changed = [line for line, old in zip(mutant.applied(text).splitlines(), text.splitlines()) if line != old]
