@@ -50,6 +50,7 @@ def changes(line, before=""):
         ("x = y.reshape(3, -1)", {"x = y.reshape(4, -1)", "x = y.reshape(3, 1)"}),
         ("x = y[-1]", {"x = y[1]", "x = y[-2]"}),
         ("flag: bool = True", {"flag: bool = False"}),
+        ("axes.plot(x, y, linewidth=2.0 * size, color=a)", {"axes.plot(y, x, linewidth=2.0 * size, color=a)", "pass"}),
     ],
 )
 def test_what_a_line_may_change_into(line, expected):
@@ -66,6 +67,8 @@ def test_what_a_line_may_change_into(line, expected):
         "_ROUNDS = 10",
         "names, rows = [], []",
         "a, b = np.empty_like(x), np.empty_like(x)",
+        "axes.grid(visible=False)",
+        "figure = new_figure(9.0, 2.6 + size)",
     ],
 )
 def test_what_no_test_can_notice_stays(line):
