@@ -58,7 +58,7 @@ def main() -> int:
         "--tests", nargs="+", default=[""], help="run only tests whose path in tests/ begins with one of these"
     )
     parser.add_argument(
-        "--seconds", type=float, default=20.0, help="CPU time that the tests of one mutant may take together, s"
+        "--seconds", type=float, default=40.0, help="CPU time that the tests of one mutant may take together, s"
     )
     arguments = parser.parse_args()
     if sys.version_info < (3, 12):
