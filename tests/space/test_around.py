@@ -180,23 +180,38 @@ def test_a_gate_whose_room_is_hardly_any_is_said_to_have_hardly_any():
         plan_around(space_of(*balls), BOUNDS, PathProblem([BEGIN, gate, END]), Heuristic())
 
 
+class Watched(Regions):
+    """Keeps all that are made, and around which points each is grown although a region holds them already."""
+
+    made = []  # noqa: RUF012
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.grown, self.again = [], []
+        self.made.append(self)
+
+    def grow(self, seed):
+        if self.holding(seed[None]).any():
+            self.again.append(seed)
+        self.grown.append(seed)
+        return super().grow(seed)
+
+
 @pytest.mark.slow
 def test_a_passage_is_chosen_among_regions_that_cover_what_is_free(monkeypatch):
-    kept = []
-
-    class Kept(Regions):
-        def __init__(self, *arguments):
-            super().__init__(*arguments)
-            kept.append(self)
-
-    monkeypatch.setattr(around, "Regions", Kept)
+    """And of the waypoints, those are the seed of a region that none holds."""
+    monkeypatch.setattr(around, "Regions", Watched)
     room = random_room(1)
-    problem = PathProblem([Box.point(place) for place in room.places], limits=LIMITS)
+    beside = room.places[1] + [-0.02, 0.0, 0.0]
+    problem = PathProblem([Box.point(place) for place in (*room.places, beside)], limits=LIMITS)
     plan_around(room.space, room.bounds, problem, Heuristic())
+    (regions,) = Watched.made
     low, high = room.bounds.low, room.bounds.high
     points = np.random.default_rng(0).uniform(low, high, (5000, 3))
     free = points[room.space.nearest(points)[0] >= room.space.clearance + 1e-3]
-    assert kept[0].holding(free).any(axis=0).mean() > 0.9
+    assert regions.holding(free).any(axis=0).mean() > 0.9
+    np.testing.assert_array_equal(regions.grown[:2], room.places)
+    assert not any((seed == place).all() for seed in regions.again for place in (*room.places, beside))
 
 
 def test_snap_grows_with_the_seventh_power_of_the_speed():

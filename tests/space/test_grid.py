@@ -178,6 +178,22 @@ def test_a_way_begins_and_ends_at_the_places_that_make_it_shortest():
     assert (hops <= 1.8 * grid.spacing + 1e-9).all()
 
 
+def test_a_way_ends_over_the_point_that_makes_it_shortest():
+    """The last point is as far from the first place, and from the end together, as none of those near the end."""
+    room = random_room(6)
+    grid = Grid.of(room.space, room.bounds, most=20_000, finest=0.08)
+    begin = room.places[:1]
+    lengths, before = grid.lengths_from(begin, room.space.clearance)
+    reached = grid.points[np.isfinite(lengths)]
+    for end in reached[:: len(reached) // 25] + 0.3 * grid.spacing:
+        way = grid.way(lengths, before, begin, end[None])
+        away = np.linalg.norm(grid.points - end, axis=1)
+        near = away <= 1.8 * grid.spacing
+        (last,) = np.flatnonzero((grid.points == way[-2]).all(axis=1))
+        assert near[last]
+        assert lengths[last] + away[last] == pytest.approx(np.min(lengths[near] + away[near]))
+
+
 def test_a_place_leads_only_to_points_that_are_free_and_near():
     space = wall_at(0.5, 0.3, radius=0.1)
     grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), most=10_000, finest=0.1)
