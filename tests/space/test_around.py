@@ -15,6 +15,7 @@ from drake_quad.reference.polynomial_path import evaluate
 from drake_quad.reference.regions import Box, Polytope, Sphere
 from drake_quad.space import around
 from drake_quad.space.around import WayAround, check_places, plan_around, straight_on, with_corridors, within
+from drake_quad.space.grid import is_near
 from drake_quad.space.regions import Regions
 from drake_quad.space.shapes import Ball, Cuboid
 from drake_quad.space.space import Obstacle, Space
@@ -212,6 +213,29 @@ def test_a_passage_is_chosen_among_regions_that_cover_what_is_free(monkeypatch):
     assert regions.holding(free).any(axis=0).mean() > 0.9
     np.testing.assert_array_equal(regions.grown[:2], room.places)
     assert not any((seed == place).all() for seed in regions.again for place in (*room.places, beside))
+
+
+def test_ways_of_a_leg_keep_to_its_corridor_and_those_of_others_do_not(monkeypatch):
+    """From both of its ends; without a corridor the ways from a place are measured once for both of its legs."""
+    asked = []
+
+    def lengths_from(grid, places, clearance, inside=None):
+        asked.append((places[0].tolist(), inside))
+        if len(asked) == 5:
+            raise StopIteration
+        return np.zeros(len(grid.points)), np.full(len(grid.points), -1)
+
+    monkeypatch.setattr(around.Grid, "lengths_from", lengths_from)
+    places = [Box.point([x, 1.0, 1.0]) for x in (0.5, 1.5, 2.5, 3.5)]
+    corridor = Box([2.0, 0.8, 0.8], [4.0, 1.2, 1.2])
+    problem = PathProblem(places, corridors=[None, None, corridor], limits=LIMITS)
+    with pytest.raises(StopIteration):
+        plan_around(space_of(), BOUNDS, problem, Heuristic())
+    assert [place[0] for place, _ in asked] == [0.5, 1.5, 2.5, 2.5, 3.5]
+    assert [inside is None for _, inside in asked] == [True, True, True, False, False]
+    grid = around.Grid.of(space_of(), BOUNDS, most=30_000, finest=0.05)
+    for _, inside in asked[3:]:
+        np.testing.assert_array_equal(inside, is_near(corridor, grid.points))
 
 
 def test_snap_grows_with_the_seventh_power_of_the_speed():

@@ -178,20 +178,26 @@ def test_a_way_begins_and_ends_at_the_places_that_make_it_shortest():
     assert (hops <= 1.8 * grid.spacing + 1e-9).all()
 
 
-def test_a_way_ends_over_the_point_that_makes_it_shortest():
-    """The last point is as far from the first place, and from the end together, as none of those near the end."""
+def test_a_way_ends_over_the_point_that_makes_it_shortest_and_begins_at_the_nearest_place():
+    """Its last point is as near to the first places, and the end to it, as no other near the end together."""
     room = random_room(6)
     grid = Grid.of(room.space, room.bounds, most=20_000, finest=0.08)
-    begin = room.places[:1]
-    lengths, before = grid.lengths_from(begin, room.space.clearance)
-    reached = grid.points[np.isfinite(lengths)]
+    reached = grid.points[np.isfinite(grid.lengths_from(room.places[:1], room.space.clearance)[0])]
+    begins = reached[[0, len(reached) // 2, len(reached) - 1]]
+    lengths, before = grid.lengths_from(begins, room.space.clearance)
+    used = set()
     for end in reached[:: len(reached) // 25] + 0.3 * grid.spacing:
-        way = grid.way(lengths, before, begin, end[None])
+        way = grid.way(lengths, before, begins, end[None])
         away = np.linalg.norm(grid.points - end, axis=1)
         near = away <= 1.8 * grid.spacing
         (last,) = np.flatnonzero((grid.points == way[-2]).all(axis=1))
         assert near[last]
         assert lengths[last] + away[last] == pytest.approx(np.min(lengths[near] + away[near]))
+        first = np.linalg.norm(begins - way[1], axis=1)
+        np.testing.assert_array_equal(way[0], begins[first.argmin()])
+        assert first.min() <= 1.8 * grid.spacing
+        used.add(int(first.argmin()))
+    assert used == {0, 1, 2}
 
 
 def test_a_place_leads_only_to_points_that_are_free_and_near():
