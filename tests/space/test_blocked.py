@@ -34,6 +34,10 @@ WALLS = {
         "without a, b and c, there would be one",
     ),
     "either half": ({"a": wall(1.0, high=0.5), "b": wall(1.0, low=0.5)}, "without a, or without b, there would be one"),
+    "two walls and one of two halves": (
+        {"a": wall(0.5), "b": wall(0.9), "c": wall(1.3, high=0.45), "d": wall(1.3, low=0.55)},
+        "without a, b and d, there would be one",
+    ),
     "a wall and either half of another": (
         {"a": wall(0.7), "b": wall(1.3, high=0.45), "c": wall(1.3, low=0.55)},
         "without a and b, or without a and c, there would be one",
@@ -43,6 +47,7 @@ WALLS = {
 
 @pytest.mark.parametrize(("walls", "expected"), WALLS.values(), ids=WALLS)
 def test_the_smallest_sets_of_obstacles_that_close_the_way_are_named(walls, expected):
+    """All sets of one or of two; of larger sets, one."""
     said = explained(walls)
     assert said.startswith("there is no way from waypoint 0 to waypoint 1 at 0.1 m from obstacles (radius 0.07 + ")
     assert expected in said
