@@ -143,6 +143,13 @@ def test_episodes_without_a_seed_begin_with_one_of_chance():
     seeds = [envs.episode(i).seed for i in range(3)]
     assert seeds[1] == 5
     assert len(set(seeds)) == 3
+    # Chance is as wide as that one seldom meets the same seed twice.
+    chances = set()
+    for _ in range(12):
+        envs.has_begun = False
+        envs.reset()
+        chances.add(envs.episode(0).seed)
+    assert len(chances) == 12
     # A generator that was seeded before gives the same chance.
     again = envs_of(3)
     again.np_random = np.random.default_rng(3)
@@ -218,6 +225,33 @@ def test_a_flight_is_cut_off_at_its_end_and_goes_no_further():
     ends = [envs.step(np.zeros((2, 3)))[2:4] for _ in range(7)]
     assert [bool(cut.all()) for _, cut in ends] == [False] * 4 + [True] * 3
     assert not any(crashed.any() for crashed, _ in ends)
+
+
+@pytest.mark.parametrize("mode", AutoresetMode)
+def test_a_flight_that_ends_in_its_last_tick_has_ended_and_is_not_cut_off(mode):
+    """A truncation is an end for a reason outside of the task, so a step is never both."""
+
+    def high(step):
+        return (step.time > 0.09) & (np.arange(3) == 1)
+
+    envs = QuadrotorVectorEnv("hover", {"duration": 0.1}, num_envs=3, terminates=high, autoreset_mode=mode)
+    envs.reset(seed=0)
+    ends = [envs.step(np.zeros((3, 3)))[2:4] for _ in range(5)]
+    assert not np.any(ends[:-1])
+    terminations, truncations = ends[-1]
+    assert terminations.tolist() == [False, True, False]
+    assert truncations.tolist() == [True, False, True]
+
+
+def test_attitude_control_and_the_limits_of_thrust_vectoring_stay():
+    tilted = {"control.thrust_vectoring.max_tilt": 0.3, "control.attitude.k_p": [5.0, 6.0, 7.0]}
+    scenario = load_scenario("figure_eight", tilted)
+    control = QuadrotorVectorEnv(scenario).scenario.control
+    assert control.thrust_vectoring == scenario.control.thrust_vectoring
+    assert control.attitude == scenario.control.attitude
+    assert control.action.kind == "acceleration"
+    # Rotor speeds leave nothing to control.
+    assert QuadrotorVectorEnv(scenario, action="rotor_speeds").scenario.control.attitude is None
 
 
 def test_gymnasium_s_own_checks_pass():

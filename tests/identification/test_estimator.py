@@ -5,7 +5,7 @@ import pytest
 from scipy.signal import lfilter
 
 from drake_quad.errors import InputError
-from drake_quad.identification.flown_again.estimator import velocity_estimate
+from drake_quad.identification.flown_again.estimator import _share, velocity_estimate
 from drake_quad.identification.force_identification import linear_drag
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.scenario import load_undesigned
@@ -59,3 +59,63 @@ def test_a_log_that_does_not_tell_is_refused(record, words):
         velocity_estimate(record)
     with pytest.raises(InputError, match=words):
         linear_drag(record, base)
+
+
+def swinging(amplitude, rate, *, flown=(0.5, 0.4, 0.0), share=(0.1, -0.05, 0.2), seconds=40.0, period=0.01):
+    """A flight on two axes whose velocity is seen too large by a share, and swings beside by an amplitude, m/s."""
+    time = 3.0 + period * np.arange(round(seconds / period))
+    speed = np.stack([size * np.cos(each * time) for size, each in zip(flown, (2.0, 3.1, 1.0), strict=True)], axis=1)
+    place = np.stack(
+        [size / each * np.sin(each * time) for size, each in zip(flown, (2.0, 3.1, 1.0), strict=True)], axis=1
+    )
+    swing = np.outer(np.sin(rate * time), amplitude)
+    return FlightRecord("swings", time, position=place, velocity=(1.0 + np.array(share)) * speed + swing)
+
+
+def test_a_rest_that_swings_has_its_size_and_its_time():
+    """Its mean over 0.1 s is sin(0.05 ω) / (0.05 ω) of it. Its autocorrelation is 1/e after arccos(1/e) / ω."""
+    rate, amplitude = 7.0, np.array([0.03, 0.05, 0.02])
+    found = velocity_estimate(swinging(amplitude, rate))
+    np.testing.assert_allclose([share.value for share in found.share], [0.1, -0.05, 0.0], atol=2e-3)
+    seen = amplitude / np.sqrt(2.0) * np.sin(0.05 * rate) / (0.05 * rate)
+    np.testing.assert_allclose(found.drift, seen, rtol=0.02)
+    assert found.time == pytest.approx(np.arccos(1.0 / np.e) / rate, abs=0.011)
+    # An axis that was not flown has no share, and is as unsure of that as the others are.
+    flown = [share.deviation for share in found.share[:2]]
+    assert found.share[2].deviation == pytest.approx(np.mean(flown))
+    # Without anything beside, shares are sure.
+    exact = velocity_estimate(swinging(np.zeros(3), rate))
+    np.testing.assert_allclose([share.value for share in exact.share], [0.1, -0.05, 0.0], atol=2e-3)
+    assert exact.drift.max() < 1e-3
+
+
+def test_the_deviation_of_a_share_is_that_by_which_blocks_of_half_a_second_scatter():
+    random = np.random.default_rng(8)
+    true, off = random.normal(size=(2, 300))
+    blocks = np.repeat(np.arange(60), 5)
+    share = _share(true, off, blocks)
+    slope = np.linalg.lstsq(true[:, None], off, rcond=None)[0][0]
+    assert share.value == pytest.approx(slope)
+    left = (true * (off - slope * true)).reshape(60, 5).sum(axis=1)
+    assert share.deviation == pytest.approx(np.sqrt(60.0 / 59.0 * np.sum(left**2)) / np.sum(true**2))
+
+
+def test_white_noise_of_a_position_is_told_from_what_drifts():
+    """In means over 0.1 s, a position with noise of 1 mm has 14 mm/s, of which the drift is free."""
+    random = np.random.default_rng(9)
+    record = swinging(np.array([0.03, 0.03, 0.03]), 7.0)
+    noisy = FlightRecord(
+        "noisy", record.time, position=record.position + 1e-3 * random.normal(size=(4000, 3)), velocity=record.velocity
+    )
+    quiet, loud = (velocity_estimate(each).drift for each in (record, noisy))
+    np.testing.assert_allclose(loud, quiet, rtol=0.06)
+
+
+def test_the_beginning_of_a_log_is_left_out():
+    """An estimator may still settle for half a second."""
+    record = swinging(np.array([0.03, 0.03, 0.03]), 7.0)
+    velocity = record.velocity + np.where(record.time < 3.4, 0.5, 0.0)[:, None]
+    settled = velocity_estimate(FlightRecord("settles", record.time, position=record.position, velocity=velocity))
+    whole = velocity_estimate(record)
+    np.testing.assert_allclose(settled.drift, whole.drift, rtol=0.01)
+    np.testing.assert_allclose([s.value for s in settled.share], [s.value for s in whole.share], rtol=1e-9)

@@ -4,12 +4,14 @@ import math
 
 import numpy as np
 import pytest
+from pydrake.math import RollPitchYaw
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.identification.flown_again.prediction import Predictions, joined, predict
+from drake_quad.identification.flown_again.prediction import Predictions, _angle_between, _errors, joined, predict
 from drake_quad.identification.identify import identify
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.results.estimates import quantile
 from drake_quad.identification.results.vehicle_numbers import with_numbers, with_throttles
 from drake_quad.scenario import load_undesigned
 
@@ -88,6 +90,79 @@ def test_intervals_are_those_of_blocks():
         ("one",), (0.5,), np.array(["a"] * 2), np.array([0.0, 0.1]), {"position": errors[None, None, :2]}
     )
     assert single.rmse("position", "one", 0.5).high == math.inf
+
+
+def test_predictions_of_logs_are_joined_in_what_all_of_them_have():
+    def part(name, count, *quantities):
+        numbers = np.arange(2.0 * 3.0 * count).reshape(2, 3, count)
+        return Predictions(
+            ("one", "other"),
+            (0.1, 0.5, 1.0),
+            np.array([name] * count),
+            np.arange(1.0 * count),
+            dict.fromkeys(quantities, numbers),
+        )
+
+    both = joined([part("a", 4, "position", "attitude", "velocity"), part("b", 2, "velocity", "position")])
+    assert set(both.errors) == {"position", "velocity"}
+    assert both.errors["position"].shape == (2, 3, 6)
+    np.testing.assert_array_equal(both.errors["position"][..., 4:], np.arange(12.0).reshape(2, 3, 2))
+    assert both.log.tolist() == ["a"] * 4 + ["b"] * 2
+    assert both.time.tolist() == [0.0, 1.0, 2.0, 3.0, 0.0, 1.0]
+    assert (both.vehicles, both.horizons) == (("one", "other"), (0.1, 0.5, 1.0))
+
+
+def test_blocks_are_as_long_as_the_horizon_and_of_one_log():
+    """Of errors that are the same within two seconds of a log, an interval is that of as many blocks."""
+    sizes = np.array([1.0, 2.0, 1.5, 0.5, 1.0, 3.0])
+    time = np.concatenate([np.arange(0.0, 8.0, 0.1), np.arange(0.0, 4.0, 0.1)])
+    log = np.array(["a"] * 80 + ["b"] * 40)
+    errors = np.repeat(sizes, 20)[None, None]
+    found = Predictions(("one",), (2.0,), log, time, {"position": errors}).rmse("position", "one", 2.0)
+    squares = sizes**2
+    reach = quantile(5) * np.std(squares, ddof=1) / math.sqrt(6) / (2.0 * np.mean(squares))
+    assert found.high / found.value == pytest.approx(math.exp(reach), rel=1e-6)
+    assert found.low / found.value == pytest.approx(math.exp(-reach), rel=1e-6)
+    empty = Predictions(("one",), (2.0,), log, time, {"position": np.full((1, 1, 120), np.nan)})
+    assert np.isnan(empty.rmse("position", "one", 2.0)).all()
+    assert np.isnan(empty.better("position", "one", "one", 2.0)).all()
+
+
+def test_a_vehicle_is_better_by_the_same_starts():
+    """The interval is of the differences of squares over their means, start by start."""
+    random = np.random.default_rng(4)
+    own, others = random.uniform(1.0, 2.0, (2, 12))
+    given = Predictions(
+        ("one", "other"), (0.5,), np.array(["a"] * 12), np.arange(12.0), {"position": np.stack([own, others])[:, None]}
+    )
+    better = given.better("position", "one", "other", 0.5)
+    ratio = math.sqrt(np.mean(own**2) / np.mean(others**2))
+    differences = own**2 / np.mean(own**2) - others**2 / np.mean(others**2)
+    reach = 0.5 * quantile(11) * math.sqrt(12.0 / 11.0 * np.sum(differences**2)) / 12.0
+    assert better == pytest.approx((1.0 - ratio, 1.0 - ratio * math.exp(reach), 1.0 - ratio * math.exp(-reach)))
+
+
+def test_errors_are_distances_and_the_angle_between_attitudes():
+    """Of a vehicle that stays where it is and is turned, beside one that is elsewhere."""
+    one, other = np.array([[0.3, -0.2, 3.0]]), np.array([[0.1, 0.4, -3.0]])
+    first, second = (RollPitchYaw(*each[0]).ToRotationMatrix() for each in (one, other))
+    expected = (first.inverse() @ second).ToAngleAxis().angle()
+    np.testing.assert_allclose(_angle_between(one, other), abs(expected))
+    flown = np.zeros((11, 1, 12))
+    flown[10, 0, :3], flown[10, 0, 3:6], flown[10, 0, 6:9] = [1.0, 2.0, 2.0], one[0], [0.0, 3.0, 4.0]
+    count = 30
+    log = FlightRecord(
+        "log",
+        0.01 * np.arange(count),
+        position=np.zeros((count, 3)),
+        attitude=np.tile(other, (count, 1)),
+        velocity=np.zeros((count, 3)),
+    )
+    names = ["position", "velocity", "attitude"]
+    found = _errors(log, names, flown, np.array([5]), [10], False)
+    np.testing.assert_allclose([found[name][0, 0] for name in names], [3.0, 5.0, abs(expected)])
+    level = _errors(log, ["position", "velocity"], flown, np.array([5]), [10], True)
+    assert {name: float(values[0, 0]) for name, values in level.items()} == {"height": 2.0, "climb": 4.0}
 
 
 def test_starts_are_after_gaps_and_before_the_end(record, scenario):

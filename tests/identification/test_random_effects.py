@@ -2,6 +2,7 @@
 
 import numpy as np
 import pytest
+from scipy.stats import chi2, f
 
 from drake_quad.identification.fitting.evidence import Evidence, Uncertainty, jackknife, of_blocks
 from drake_quad.identification.fitting.random_effects import (
@@ -52,6 +53,83 @@ def test_a_stretch_is_fitted_by_itself() -> None:
     kept = np.arange(20) // 2 != 4
     by_hand = np.linalg.lstsq(rows[kept].reshape(-1, 2), values[kept].ravel(), rcond=None)[0]
     np.testing.assert_allclose(found - rest.move(), by_hand, rtol=1e-9)
+
+
+@pytest.mark.parametrize("windows", [20, 23, 37])
+@pytest.mark.parametrize("noise", [0.2, 3.0])
+def test_errors_are_as_large_as_windows_of_one_stretch_differ(windows, noise) -> None:
+    """Of one number that each window tells alike, scores of a stretch differ by their sample variance.
+
+    If model and noise are right, that is the information of a window, and the error of a stretch of n windows has the
+    variance 1 / (n h). Where scores differ by more, on average over all windows, it is as many times larger.
+    """
+    rng = np.random.default_rng(11)
+    scores, h = noise * rng.normal(size=(windows, 1)), 1.7
+    stretches = Stretches.of(
+        Evidence(("drag",), np.zeros(1), np.full(1, 1e6), np.full((windows, 1, 1), h), scores, 5.0)
+    )
+    blocks = [scores[np.arange(windows) * STRETCHES // windows == b] for b in range(STRETCHES)]
+    sizes = np.array([len(block) for block in blocks])
+    assert len(set(sizes)) == (1 if windows == 20 else 2)
+    differ = sum(len(block) * np.var(block, ddof=1) for block in blocks) / windows
+    np.testing.assert_allclose(stretches.variances[:, 0], max(1.0, differ / h) / (sizes * h), rtol=1e-9)
+    assert (differ > h) == (noise > 1.0)
+    assert stretches.degrees_of_freedom == windows - STRETCHES
+    assert stretches.seconds == pytest.approx(0.5)
+
+
+def test_with_one_window_in_a_stretch_the_model_s_errors_are_believed() -> None:
+    own = evidence(np.random.default_rng(12), deviation=3.0, windows=STRETCHES, samples=40)
+    stretches = Stretches.of(own._replace(scales=np.full(2, 0.3)))
+    believed = np.linalg.inv(own.information + np.eye(2) / 0.09)
+    np.testing.assert_allclose(stretches.variances, np.diagonal(believed, axis1=1, axis2=2), rtol=1e-9)
+    assert stretches.degrees_of_freedom == np.inf
+
+
+def test_a_number_varies_if_chance_would_make_it_so_in_less_than_one_of_ten_cases() -> None:
+    """By χ² where errors are known, and by F where they are estimated, from as few degrees of freedom as these."""
+    unit = np.array([-1.5, 1.5, -1.0, 1.0, -0.5, 0.5, -2.0, 2.0, -0.2, 0.2])
+    unit *= np.sqrt(9.0 / np.sum(unit**2))
+    for freedom, critical in ((np.inf, chi2.isf(0.1, 9) / 9.0), (10.0, f.isf(0.1, 9, 10)), (50.0, f.isf(0.1, 9, 50))):
+        for factor, varies in ((0.99, False), (1.01, True)):
+            own = stretches_of(np.sqrt(factor * critical) * unit, np.ones(10))._replace(degrees_of_freedom=freedom)
+            assert (own.between()[0] > 0.0) == varies
+            if varies:
+                assert own.between()[0] == pytest.approx(factor * critical - 1.0)
+
+
+def test_numbers_that_vary_together_are_correlated() -> None:
+    """Two numbers of which one is the other twice, and one that has nothing to do with them."""
+    rng = np.random.default_rng(13)
+    one, other = rng.normal(size=(2, 400))
+    estimates = 5.0 + np.stack([one, -2.0 * one, other], axis=1)
+    variances = np.full((400, 3), 1e-6)
+    own = Stretches(np.zeros((400, 3, 3)), np.zeros((400, 3)), estimates, variances, 50.0, 1.0)
+    found = own.correlation(np.array([1.0, 4.0, 1.0]))
+    np.testing.assert_allclose(found[:2, :2], [[1.0, -1.0], [-1.0, 1.0]])
+    assert found[0, 2] == pytest.approx(np.corrcoef(one, other)[0, 1], rel=1e-3)
+    # Stretches that are told badly count less: here only the first ten count.
+    variances[10:] = 1e9
+    assert own.correlation(np.ones(3))[0, 2] == pytest.approx(np.corrcoef(one[:10], other[:10])[0, 1], rel=1e-3)
+    # The variation has these correlations and the standard deviations of its numbers.
+    evidences = evidence(rng, deviation=2.0)
+    varied = variation_of(evidences)
+    stretches = Stretches.of(evidences)
+    sizes = np.sqrt(np.diag(varied.covariance))
+    np.testing.assert_allclose(sizes**2, stretches.between())
+    np.testing.assert_allclose(varied.covariance, stretches.correlation(sizes**2) * np.outer(sizes, sizes))
+    assert varied.degrees_of_freedom == STRETCHES - 1
+    assert varied.seconds == 8.0
+
+
+def test_parts_of_a_variation() -> None:
+    whole = Variation(np.arange(9.0).reshape(3, 3), 9.0, 8.0)
+    part = whole.part([2, 0])
+    np.testing.assert_array_equal(part.covariance, [[8.0, 6.0], [2.0, 0.0]])
+    beside = part.beside(2)
+    np.testing.assert_array_equal(beside.covariance[:2, :2], part.covariance)
+    assert np.isnan(np.diag(beside.covariance)[2:]).all()
+    assert not beside.covariance[:2, 2:].any()
 
 
 def test_variance_between_stretches_alike_is_what_errors_leave_of_it() -> None:

@@ -1,13 +1,18 @@
 """The mutants of a Python text: each is the text with one small change that a test should notice.
 
-They are made for formulas: beside the usual ones, an addend or a factor is left out, a clamp is taken away, a sine
-stands for a cosine, and neighbours change places (arguments, elements of a tuple, names that one is unpacked into).
+They are made for formulas. Beside the usual changes, an addend or a factor is left out, a clamp is removed, a sine is
+replaced by a cosine, and neighbours are exchanged (arguments, elements of a tuple, names that a value is unpacked
+into).
 
-Left out is what a test cannot notice or cannot but notice: texts, messages, annotations, decorators, imports, lists of
-names; `<` for `<=` between numbers that are not whole; arguments by keyword that are left out, as most must be given;
-`strict` of zip; the order of names that begin as the same; whether SciPy looks at its input first, or works in place;
-one more sample of linspace, or one more where a constant of the module says how often something is tried, or how much
-is done at once.
+No mutants are made of what a test cannot notice, or cannot fail to notice:
+
+- texts, messages, annotations, decorators, imports and lists of names
+- `<` for `<=` between numbers that are not whole
+- leaving out an argument that is given by keyword, since most of these must be given
+- `strict` of zip, SciPy's checks of its input and its work in place
+- the order of names that are assigned equal values
+- one more sample of linspace, or one more in a private constant that counts rounds or sizes
+- sizes, distances, widths and transparency in figures, which only a person can judge
 """
 
 import ast
@@ -21,8 +26,9 @@ class Mutant(NamedTuple):
 
     Attributes:
         line: where the change begins, from 1 on.
-        lines: of the statement around it, without what is indented below.
-        declared: whether this runs when the module is imported.
+        lines: lines of the statement around it, without the block below it. A default value of a parameter acts in the
+            whole function, so it has the lines of the function.
+        declared: True if the change acts when the module is imported.
         kind: what is done.
         before: the lines that change, in one.
         after: the same, changed.
@@ -71,6 +77,17 @@ _MAKERS = {"zeros", "zeros_like", "ones", "ones_like", "empty", "empty_like", "f
 
 # Arguments that say how carefully zip or SciPy works, not what comes out.
 _GUARDS = {"strict", "check_finite", "overwrite_b"}
+# Arguments of Matplotlib that say how something looks, not what it shows.
+_APPEARANCE = {
+    "alpha", "annotation_clip", "bbox_to_anchor", "borderaxespad", "capsize", "clip_on", "columnspacing", "dpi",
+    "edgecolor", "facecolor", "figsize", "fontsize", "fraction", "height_ratios", "labelpad", "linewidth", "linewidths",
+    "lw", "markeredgewidth", "markersize", "ncols", "pad", "rasterized", "shrink", "w_pad",
+    "width_ratios", "xytext", "zoom", "zorder",
+}  # fmt: skip
+# Functions of figures that change nothing but the look.
+_STYLING = {
+    "align_ylabels", "grid", "new_figure", "set_axisbelow", "set_solid_capstyle", "tick_params",
+}  # fmt: skip
 
 _SKIPPED_FIELDS = {"annotation", "returns", "decorator_list", "bases", "type_params", "type"}
 _SKIPPED = (ast.Import, ast.ImportFrom, ast.JoinedStr, ast.Raise, ast.Assert)
@@ -105,7 +122,7 @@ def _in_one_line(text: bytes) -> str:
 
 
 def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool]]:
-    """Each node that may change, what it is in, the lines of the statement around it, and if an import runs it."""
+    """Yield each node that may change, its parent, the lines where it acts, and True if it acts at import."""
     pending: list[tuple[ast.AST, ast.AST, range, bool]] = [(node, module, range(0), True) for node in module.body]
     while pending:
         node, parent, lines, declared = pending.pop()
@@ -113,10 +130,12 @@ def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool
             body = [case.pattern for case in node.cases] if isinstance(node, ast.Match) else getattr(node, "body", None)
             lines = range(node.lineno, body[0].lineno if body else node.end_lineno + 1)
             lines = lines or range(node.lineno, node.lineno + 1)
-        if _is_declaration_of_names(node):
+        if isinstance(node, ast.arguments) and isinstance(parent, ast.FunctionDef):
+            lines, declared = range(parent.lineno, parent.end_lineno + 1), False
+        if _is_declaration_of_names(node) or (isinstance(node, ast.Expr) and _is_styling(node.value)):
             continue
         yield node, parent, lines, declared
-        if isinstance(node, _SKIPPED):
+        if isinstance(node, _SKIPPED) or _is_styling(node):
             continue
         for field, value in ast.iter_fields(node):
             if field in _SKIPPED_FIELDS or (isinstance(node, ast.ClassDef) and field == "keywords"):
@@ -127,6 +146,18 @@ def _visited(module: ast.Module) -> Iterator[tuple[ast.AST, ast.AST, range, bool
             for child in value if isinstance(value, list) else [value]:
                 if isinstance(child, ast.AST):
                     pending.append((child, node, lines, inside))
+
+
+def _is_styling(node: ast.AST) -> bool:
+    """Return True if a node only says how a figure looks."""
+    if isinstance(node, ast.keyword):
+        return node.arg in _APPEARANCE
+    return isinstance(node, ast.Call) and isinstance(node.func, ast.Attribute | ast.Name) and _name(node) in _STYLING
+
+
+def _name(call: ast.Call) -> str:
+    """Return the name of the function that is called."""
+    return call.func.id if isinstance(call.func, ast.Name) else getattr(call.func, "attr", "")
 
 
 def _is_the_rest_of_a_shape(node: ast.AST, parent: ast.AST) -> bool:
@@ -195,7 +226,9 @@ def _changes(node: ast.AST, parent: ast.AST) -> Iterator[tuple[str, ast.AST]]:
 def _changes_of_call(
     node: ast.Call, function: ast.expr, arguments: list[ast.expr], keywords: list[ast.keyword]
 ) -> Iterator[tuple[str, ast.AST]]:
-    name = function.id if isinstance(function, ast.Name) else getattr(function, "attr", "")
+    name = _name(node)
+    if name in _STYLING:
+        return
     if name in _COUNTERPARTS:
         other = _COUNTERPARTS[name]
         new = ast.Name(other) if isinstance(function, ast.Name) else ast.Attribute(function.value, other)
@@ -210,8 +243,8 @@ def _changes_of_call(
         return
     for swapped in _swapped(arguments):
         yield "order", ast.Call(function, swapped, keywords)
-    telling = [keyword for keyword in keywords if keyword.arg not in _GUARDS]
-    others = [keyword for keyword in keywords if keyword.arg in _GUARDS]
+    telling = [keyword for keyword in keywords if keyword.arg not in _GUARDS | _APPEARANCE]
+    others = [keyword for keyword in keywords if keyword.arg in _GUARDS | _APPEARANCE]
     for values in _swapped([keyword.value for keyword in telling]):
         exchanged = [ast.keyword(keyword.arg, value) for keyword, value in zip(telling, values, strict=True)]
         yield "order", ast.Call(function, arguments, exchanged + others)

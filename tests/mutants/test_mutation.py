@@ -50,6 +50,7 @@ def changes(line, before=""):
         ("x = y.reshape(3, -1)", {"x = y.reshape(4, -1)", "x = y.reshape(3, 1)"}),
         ("x = y[-1]", {"x = y[1]", "x = y[-2]"}),
         ("flag: bool = True", {"flag: bool = False"}),
+        ("axes.plot(x, y, linewidth=2.0 * size, color=a)", {"axes.plot(y, x, linewidth=2.0 * size, color=a)", "pass"}),
     ],
 )
 def test_what_a_line_may_change_into(line, expected):
@@ -66,10 +67,20 @@ def test_what_a_line_may_change_into(line, expected):
         "_ROUNDS = 10",
         "names, rows = [], []",
         "a, b = np.empty_like(x), np.empty_like(x)",
+        "axes.grid(visible=False)",
+        "figure = new_figure(9.0, 2.6 + size)",
     ],
 )
 def test_what_no_test_can_notice_stays(line):
     assert changes(line) == set()
+
+
+def test_a_default_value_acts_in_the_whole_function():
+    text = "LIMIT = 3\n\n\ndef f(x, y=2):\n    if x:\n        return y\n    return x\n"
+    found = {mutant.after: (mutant.lines, mutant.declared) for mutant in mutants_of(text)}
+    assert found["LIMIT = 4"] == (range(1, 2), True)
+    assert found["def f(x, y=3):"] == (range(4, 8), False)
+    assert found["if not x:"] == (range(5, 6), False)
 
 
 def test_one_place_changes_and_the_text_stays_python():
@@ -77,7 +88,7 @@ def test_one_place_changes_and_the_text_stays_python():
         "@cached(1)\ndef f(x: Annotated[int, 2], y=3):\n    'Doc.'  # ω\n    while x:\n        x = (x - 'ä'.find(y))\n"
     )
     mutants = mutants_of(text)
-    assert {(mutant.line, mutant.declared) for mutant in mutants} == {(2, True), (4, False), (5, False)}
+    assert {(mutant.line, mutant.declared) for mutant in mutants} == {(2, False), (4, False), (5, False)}
     for mutant in mutants:
         ast.parse(mutant.applied(text))
         changed = [line for line, old in zip(mutant.applied(text).splitlines(), text.splitlines()) if line != old]

@@ -1,9 +1,10 @@
 import numpy as np
 import pytest
+from scipy.spatial import KDTree
 
 from drake_quad.reference.minimum_snap import minimum_snap
 from drake_quad.reference.polynomial_path import evaluate
-from drake_quad.space.distance import nearest_approach
+from drake_quad.space.distance import Approach, nearest_approach
 from drake_quad.space.shapes import Ball, Cuboid, Cylinder
 from drake_quad.space.space import Obstacle, Space
 
@@ -31,3 +32,49 @@ def test_nothing_between_samples_is_nearer(seed):
 def test_without_obstacles_there_is_no_approach():
     path = minimum_snap(np.array([[0.0, 0.0, 0.0], [1.0, 0.0, 0.0]]), np.array([0.0, 1.0]))
     assert nearest_approach(path, Space((), radius=0.1)) is None
+
+
+def rest_to_rest(length, duration):
+    """A straight path along X that begins and ends at rest; it is fastest half way."""
+    return minimum_snap(np.array([[0.0, 0.0, 0.0], [length, 0.0, 0.0]]), np.array([3.0, 3.0 + duration]))
+
+
+@pytest.mark.parametrize("share", [0.1, 0.3, 0.5, 0.7, 0.9])
+def test_an_obstacle_at_the_end_of_a_piece_is_not_missed(share):
+    """Where a path is fastest, a point at the end of a piece is farthest from the piece's middle.
+
+    The path is first cut into pieces between multiples of 1/32 of its duration, and its middle is the end of two of
+    them. A small ball stands there. Another ball stands beside another piece, and is nearer to the middle of that piece
+    than the first ball is to the middle of any.
+    """
+    path = rest_to_rest(8.0, 4.0)
+    speed = evaluate(path, [5.0], 1)[0, 0]
+    half = speed * path.durations[0] / 64.0
+    beside = evaluate(path, [3.0 + 4.0 * 20.5 / 32.0])[:, 0]
+    first = Obstacle("first", Ball((4.0, 0.01, 0.0), radius=0.001))
+    decoy = Obstacle("decoy", Ball((beside[0], share * half + 0.001, 0.0), radius=0.001))
+    found = nearest_approach(path, Space((decoy, first), radius=0.1))
+    assert found.obstacle == "first"
+    assert found.distance == pytest.approx(0.009, abs=1e-5)
+    assert found.time == pytest.approx(5.0, abs=1e-2)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_of_many_small_obstacles_the_nearest_is_found(seed):
+    """The nearest of 60 balls at random places around a path of random corners, each of random duration."""
+    random = np.random.default_rng([3, seed])
+    path = minimum_snap(random.uniform(-5.0, 5.0, (4, 3)), np.cumsum([0.0, *random.uniform(0.3, 2.0, 3)]))
+    places = evaluate(path, random.uniform(path.times[0], path.times[-1], 60)).T + random.normal(size=(60, 3)) * 0.3
+    balls = [Obstacle(str(i), Ball(tuple(place), radius=0.01)) for i, place in enumerate(places.tolist())]
+    found = nearest_approach(path, Space(tuple(balls), radius=0.1))
+    samples = evaluate(path, np.linspace(path.times[0], path.times[-1], 20_001)).T
+    assert found.distance <= KDTree(places).query(samples)[0].min() - 0.01 + 1e-5
+    distance, number = KDTree(places).query(found.position)
+    assert found.distance == pytest.approx(distance - 0.01)
+    assert found.obstacle == str(number)
+
+
+def test_an_approach_is_told_in_a_line():
+    approach = Approach(-0.2, 1.234, np.array([0.5, -1.25, 2.0]), "pillar")
+    assert str(approach) == "0 m from pillar at 1.23 s, (0.5, -1.25, 2) m"
+    assert str(approach._replace(distance=0.1234)).startswith("0.123 m from pillar")

@@ -1,14 +1,19 @@
 """Pictures of an identification show what it holds."""
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy import signal
 
 from drake_quad import load_scenario
+from drake_quad.identification.flown_again.comparison import Comparison
 from drake_quad.identification.flown_again.prediction import Predictions
 from drake_quad.identification.identified import Fitted, Identification
 from drake_quad.identification.results.estimates import Estimates, Source
 from drake_quad.identification.results.vehicle_numbers import with_estimates
 from drake_quad.visualization import identification_plots as plots
+from drake_quad.visualization.log_comparison_plots import plot_log_comparison
 
 RNG = np.random.default_rng(5)
 NAMES = ("motors.curve[0]", "motors.curve[1]", "motors.curve[2]", "inertia[0]")
@@ -96,3 +101,168 @@ def test_predictions_are_drawn_in_units_for_the_eye():
     drawn = [container.lines[0].get_ydata() for container in axes.containers]
     expected = 100.0 * np.sqrt(np.nanmean(errors**2, axis=2))
     np.testing.assert_allclose(drawn, expected)
+
+
+def test_windows_around_those_that_are_held_out_are_drawn(identification):
+    """Five before and five from where they begin on, of the first log alone."""
+    output = identification.outputs[0]
+    log = np.array(["a"] * 10 + ["b"] * 2)
+    two = output._replace(log=log, held_out=np.arange(12) >= 9)
+    fitted = Identification(identification.estimates, identification.vehicle, (two,))
+    left, right = plots.plot_fit(fitted).axes
+    windows = [4, 5, 6, 7, 8, 9]
+    measured, predicted = left.lines[0::2], left.lines[1::2]
+    for place, window in enumerate(windows):
+        np.testing.assert_allclose(measured[place].get_xydata().T, [two.time[window], 100.0 * two.measured[window]])
+        np.testing.assert_allclose(predicted[place].get_xydata().T, [two.time[window], 100.0 * two.predicted[window]])
+        np.testing.assert_allclose(right.lines[place].get_ydata(), 100.0 * two.residual[window])
+    assert len(measured) == len(predicted) == len(windows)
+    assert [line.get_label() for line in left.lines[:2]] == ["measured", "predicted"]
+    assert left.get_xlabel() == "time (s) in a"
+    # If none is held out, the last ones.
+    none = Identification(
+        identification.estimates, identification.vehicle, (two._replace(held_out=np.zeros(12, bool)),)
+    )
+    left, right = plots.plot_fit(none).axes
+    assert [line.get_xdata()[0] for line in left.lines[0::2]] == [5.0, 6.0, 7.0, 8.0, 9.0]
+    assert not left.patches
+
+
+@pytest.mark.parametrize(
+    ("share", "fitted", "words"),
+    [(0.5, 0.9, "explained 50.0 %"), (np.nan, 0.9, "explained 90.0 %"), (-3.0, 0.9, "nothing explained")],
+)
+def test_the_share_that_is_explained_is_that_of_windows_that_were_held_out(identification, share, fitted, words):
+    output = identification.outputs[0]._replace(share=share, share_fitted=fitted)
+    _, right = plots.plot_fit(Identification(identification.estimates, identification.vehicle, (output,))).axes
+    assert right.get_title(loc="right") == words
+
+
+def test_residuals_have_the_autocorrelation_and_the_spectrum_that_numpy_and_scipy_find(identification):
+    output = identification.outputs[0]
+    coloured = np.cumsum(output.residual, axis=1)
+    figure = plots.plot_residuals(
+        Identification(
+            identification.estimates, identification.vehicle, (output._replace(predicted=output.measured - coloured),)
+        )
+    )
+    left, right = figure.axes
+    lags, correlation = left.lines[0].get_xydata().T
+    assert len(lags) == 13
+    np.testing.assert_allclose(lags, output.time[0, :13] - output.time[0, 0])
+    centred = coloured - coloured.mean()
+    for lag, value in enumerate(correlation):
+        sums = np.mean([np.correlate(row[lag:], row[: len(row) - lag])[0] / (len(row) - lag) for row in centred])
+        assert value == pytest.approx(sums / np.mean(centred**2))
+    frequency, density = right.lines[0].get_xydata().T
+    expected = signal.periodogram(
+        coloured, 1.0 / 0.04, window=np.hanning(26), detrend=False, scaling="density", return_onesided=True
+    )
+    np.testing.assert_allclose(frequency, expected[0][1:])
+    # The last frequency is there once only.
+    np.testing.assert_allclose(density[:-1], expected[1].mean(axis=0)[1:-1] / np.mean(coloured**2))
+    span = left.patches[0].get_y(), left.patches[0].get_y() + left.patches[0].get_height()
+    assert span == pytest.approx((-1.96 / np.sqrt(coloured.size), 1.96 / np.sqrt(coloured.size)))
+
+
+def test_a_fit_without_any_error_has_no_spectrum(identification):
+    output = identification.outputs[0]
+    exact = output._replace(predicted=output.measured)
+    left, right = plots.plot_residuals(Identification(identification.estimates, identification.vehicle, (exact,))).axes
+    np.testing.assert_array_equal(left.lines[0].get_ydata(), 0.0)
+    np.testing.assert_array_equal(right.lines[0].get_ydata(), 0.0)
+
+
+def test_many_outputs_are_told_apart_by_colour_and_style(identification):
+    outputs = tuple(identification.outputs[0]._replace(name=str(i)) for i in range(14))
+    left, _ = plots.plot_residuals(Identification(identification.estimates, identification.vehicle, outputs)).axes
+    looks = [(line.get_color(), line.get_linestyle()) for line in left.lines]
+    assert len(set(looks)) == 14
+
+
+def test_the_thrust_shows_hover_and_what_was_flown(identification):
+    commands = np.concatenate([np.linspace(0.3, 0.6, 100), [0.99]])
+    (axes,) = plots.plot_thrust(identification, commands).axes
+    vehicle = identification.vehicle.vehicle
+    (hover,) = [line for line in axes.lines if line.get_label() == "hover"]
+    assert hover.get_ydata()[0] == pytest.approx(0.25 * float(vehicle.mass) * float(vehicle.gravity))
+    (flown,) = axes.patches
+    ends = np.quantile(commands, [0.01, 0.99])
+    assert (flown.get_x(), flown.get_width()) == pytest.approx((ends[0], ends[1] - ends[0]))
+    assert axes.get_xlim() == (0.0, 1.0)
+    assert axes.get_ylim()[0] == 0.0
+    assert not plots.plot_thrust(identification).axes[0].patches
+
+
+def test_correlations_are_shaded_in_their_places(identification):
+    covariance = identification.estimates.covariance.copy()
+    covariance[0, 3] = covariance[3, 0] = 0.5 * 0.05 * 0.002
+    covariance[1, 2] = covariance[2, 1] = 0.04 * 0.2 * 0.2
+    estimates = Estimates(NAMES, identification.estimates.values, covariance, 20.0, Source("m", "a"))
+    axes = plots.plot_correlations(estimates).axes[0]
+    np.testing.assert_allclose(axes.images[0].get_array(), estimates.correlation)
+    assert axes.images[0].get_clim() == (-1.0, 1.0)
+    # What is less than 5 % is not written.
+    assert {(text.get_position(), text.get_text()) for text in axes.texts} == {((3, 0), "0.5"), ((0, 3), "0.5")}
+    assert {text.get_color() for text in axes.texts} == {"black"}
+    assert [label.get_text() for label in axes.get_yticklabels()] == [
+        label.get_text() for label in axes.get_xticklabels()
+    ]
+
+
+def test_errors_of_predictions_have_their_intervals_and_stand_beside_each_other():
+    errors = RNG.uniform(0.01, 0.02, size=(2, 2, 20))
+    given = Predictions(
+        ("one", "other"), (0.1, 0.5), np.array(["a"] * 20), np.arange(20.0), {"attitude": errors, "velocity": errors}
+    )
+    first, second = plots.plot_predictions(given, ("attitude", "velocity")).axes
+    for axes, quantity, factor in ((first, "attitude", np.degrees(1.0)), (second, "velocity", 1.0)):
+        for i, (vehicle, container) in enumerate(zip(("one", "other"), axes.containers, strict=True)):
+            found = [given.rmse(quantity, vehicle, horizon) for horizon in (0.1, 0.5)]
+            x, y = container.lines[0].get_xydata().T
+            np.testing.assert_allclose(x, np.array([0.1, 0.5]) * (1.0 + 0.03 * (i - 0.5)))
+            np.testing.assert_allclose(y, [factor * each.value for each in found])
+            for each, segment in zip(found, container.lines[2][0].get_segments(), strict=True):
+                np.testing.assert_allclose(segment[:, 1], [factor * each.low, factor * each.high])
+    assert first.get_ylabel() == "RMS error of attitude (°)"
+    assert second.get_ylabel() == "RMS error of velocity (m/s)"
+    # Without position and attitude, the first two of what there is.
+    (only,) = plots.plot_predictions(replace(given, errors={"velocity": errors})).axes
+    assert only.get_ylabel() == "RMS error of velocity (m/s)"
+
+
+@pytest.fixture(scope="module")
+def compared():
+    """A second of a log with a gap, and twenty predictions of which one crashes half way."""
+    time = np.concatenate([np.arange(40) * 0.01, 0.9 + np.arange(40) * 0.01])
+    target = np.stack([time, 2.0 * time, 1.0 + 0.0 * time], axis=1)
+    flown = 0.02 * np.stack([np.sin(9.0 * time), np.cos(9.0 * time), time], axis=1)
+    predicted = flown + 0.01 * RNG.normal(size=(20, 80, 3))
+    predicted[4, 40:] = np.nan
+    return Comparison(None, None, None, None, time, target, flown, predicted)
+
+
+def test_a_log_is_drawn_beside_the_band_of_its_predictions(compared):
+    grid = np.array(plot_log_comparison(compared).axes).reshape(3, 2)
+    for i, (place, error) in enumerate(grid):
+        reference, middle, flown = (line.get_xydata().T for line in place.lines)
+        # Where the log has a gap, lines are broken.
+        assert np.flatnonzero(np.isnan(flown[0])).tolist() == [40]
+        kept = np.arange(81) != 40
+        np.testing.assert_array_equal(reference[:, kept], [compared.time, compared.target[:, i]])
+        np.testing.assert_allclose(flown[1][kept], compared.target[:, i] - compared.flown[:, i])
+        median = np.nanmedian(compared.predicted[:, :, i], axis=0)
+        np.testing.assert_allclose(middle[1][kept], compared.target[:, i] - median)
+        np.testing.assert_allclose(error.lines[0].get_ydata()[kept], 100.0 * median)
+        np.testing.assert_allclose(error.lines[1].get_ydata()[kept], 100.0 * compared.flown[:, i])
+        low, high = np.nanquantile(compared.predicted[:, :, i], (0.025, 0.975), axis=0)
+        edges = np.vstack([path.vertices for path in error.collections[0].get_paths()])
+        for tick in (0, 17, 60):
+            heights = np.unique(edges[np.isclose(edges[:, 0], compared.time[tick]), 1])
+            np.testing.assert_allclose(heights[[0, -1]], [100.0 * low[tick], 100.0 * high[tick]])
+        edges = np.vstack([path.vertices for path in place.collections[0].get_paths()])
+        heights = np.unique(edges[np.isclose(edges[:, 0], compared.time[17]), 1])
+        np.testing.assert_allclose(heights[[0, -1]], compared.target[17, i] - [high[17], low[17]])
+        assert (place.get_ylabel(), error.get_ylabel()) == (f"{'xyz'[i]} (m)", f"error on {'XYZ'[i]} (cm)")
+    crashed = replace(compared, predicted=np.full((2, 80, 3), np.nan))
+    assert np.isnan(plot_log_comparison(crashed).axes[1].lines[0].get_ydata()).all()

@@ -1,0 +1,287 @@
+"""The search for gains, on errors that are known in closed form instead of flown."""
+
+import itertools
+
+import numpy as np
+import pytest
+
+from drake_quad import load_scenario
+from drake_quad.evaluation import tuning
+from drake_quad.evaluation.tuning import Budget, Knob, delay_stood, tune
+from drake_quad.laboratory.metrics import Metrics
+
+K_P = Knob(("control.position.k_p.0", "control.position.k_p.1"), 0.5, 12.0)
+K_D = Knob(("control.position.k_d.0", "control.position.k_d.1"), 0.5, 8.0)
+HEIGHT = Knob(("control.position.k_p.2",), 1.0, 20.0)
+LATENCY = "laboratory.motion_capture.latency_frames"
+DURATION = 4.0
+
+
+@pytest.fixture(scope="module")
+def laboratory(diagrams):
+    return load_scenario(diagrams / "laboratory.yaml:low_wind")
+
+
+@pytest.fixture
+def flown(monkeypatch):
+    """Installs an error and a time of a crash, functions of a candidate's numbers and the sample, in place of flights.
+
+    Returns what is flown: for each fleet its scenario and how many vehicles it has, and the samples of each flight.
+    """
+    kept = {"fleets": [], "samples": [], "varying": []}
+
+    def install(error, crash=lambda numbers, sample, scenario: np.inf):
+        class Fleet:
+            def __init__(self, scenario, count, **_):
+                self.scenario, self.duration = scenario, DURATION
+                kept["fleets"].append((scenario, count))
+
+            def fly_batch(self, batch):
+                kept["samples"].append(batch.samples)
+                kept["varying"].append(batch.varying)
+                rows = [{path: column[i] for path, column in batch.varying.items()} for i in range(len(batch.samples))]
+                flights = list(zip(rows, batch.samples, strict=True))
+                times = np.array([float(crash(row, sample, self.scenario)) for row, sample in flights])
+                rmse = np.array([float(error(row, sample, self.scenario)) for row, sample in flights])
+                return Metrics(rmse, *[rmse] * 11, times)
+
+            def fly(self, samples):
+                times = np.array([float(crash({}, sample, self.scenario)) for sample in samples])
+                return Metrics(*[times] * 12, times)
+
+        monkeypatch.setattr(tuning, "StudyFleet", Fleet)
+        return kept
+
+    return install
+
+
+def logs(numbers):
+    """Logarithms of k_P and k_D of a candidate, over those that are best without a limit: 4 and 2."""
+    return np.log(numbers["control.position.k_p.0"] / 4.0), np.log(numbers["control.position.k_d.0"] / 2.0)
+
+
+def bowl(numbers, *_):
+    """An error of which the least is 0.1 m; both numbers matter together."""
+    p, d = logs(numbers)
+    return 0.1 * np.exp(p * p + d * d - p * d)
+
+
+BUDGET = Budget(rounds=6, candidates=32, samples=1, checks=4, steps=60)
+
+
+def test_the_least_error_is_found(laboratory, flown):
+    flown(bowl)
+    found = tune([laboratory], [K_P, K_D], None, budget=BUDGET)
+    assert found.numbers == pytest.approx((4.0, 2.0), rel=0.01)
+    assert found.error == pytest.approx(0.1, rel=1e-4)
+    assert found.share == np.inf
+
+
+def test_the_least_error_within_a_limit_is_found(laboratory, flown):
+    """With k_P at its limit of 2, the best k_D is 2 √(2 / 4): on a line through the bowl."""
+    flown(bowl)
+    found = tune([laboratory], [K_P, K_D], lambda s: np.array([2.0 / s.control.position.k_p[0], 9.0]), budget=BUDGET)
+    assert found.numbers == pytest.approx((2.0, np.sqrt(2.0)), rel=0.02)
+    assert 1.0 <= found.share < 1.02
+
+
+def test_a_limit_that_jumps_is_kept(laboratory, flown):
+    """An unstable loop has one share of the limit, none, whatever the stable ones have."""
+    flown(bowl)
+
+    def shares(scenario):
+        gain = scenario.control.position.k_p[0]
+        return np.zeros(1) if gain > 3.0 else np.array([2.5 / gain, 0.9 + 1.0 / scenario.control.position.k_d[0]])
+
+    found = tune([laboratory], [K_P, K_D], shares, budget=BUDGET)
+    assert found.share >= 1.0
+    assert found.numbers == pytest.approx((2.5, 2.0 * np.sqrt(2.5 / 4.0)), rel=0.03)
+
+
+def test_the_lowest_of_many_valleys_is_found(laboratory, flown):
+    """A search from one point would end in the valley around it: there are five along each axis."""
+
+    def valleys(numbers, *_):
+        p, d = logs(numbers)
+        return 0.1 + 0.05 * (p * p + d * d) + 0.02 * (2.0 - np.cos(10.0 * p) - np.cos(10.0 * d))
+
+    flown(valleys)
+    found = tune([laboratory], [K_P, K_D], None, budget=Budget(rounds=8, candidates=64, samples=1))
+    assert found.numbers == pytest.approx((4.0, 2.0), rel=0.02)
+
+
+def test_rounds_draw_nearer_to_the_best_and_never_out_of_range(laboratory, flown):
+    """The mean of the candidates moves to the best numbers, and their spread falls, round after round."""
+    kept = flown(bowl)
+    budget = Budget(rounds=6, candidates=64, samples=1, steps=1)
+    tune([laboratory], [K_P, K_D], None, budget=budget)
+    rounds = [each for each in kept["varying"] if len(each[K_P.paths[0]]) == 64]
+    assert len(rounds) == 6
+    points = np.array([[each[K_P.paths[0]], each[K_D.paths[0]]] for each in rounds])
+    assert (points[:, 0] >= 0.5 * (1 - 1e-12)).all()
+    assert (points[:, 0] <= 12.0 * (1 + 1e-12)).all()
+    np.testing.assert_array_equal([each[K_P.paths[1]] for each in rounds], points[:, 0])
+    # The first candidates fill the box evenly.
+    first = np.log(points[0] / [[0.5], [0.5]]) / np.log([[12.0 / 0.5], [8.0 / 0.5]])
+    assert np.histogram2d(*first, bins=4, range=[[0, 1], [0, 1]])[0].min() == 4
+    away = np.abs(np.log(points.mean(axis=2) / [4.0, 2.0])).max(axis=1)
+    spread = np.log(points).std(axis=2).max(axis=1)
+    assert away[-1] < 0.05
+    assert (np.diff(spread[:5]) < 0.0).all()
+    assert 0.005 < spread[-1] < 0.2 * spread[0]
+
+
+def test_candidates_fly_every_training_sample_in_every_laboratory(laboratory, flown):
+    """Errors are means over samples and laboratories, of which each flies its share."""
+    other = laboratory.model_copy(update={"name": "other"})
+
+    def error(numbers, sample, scenario):
+        return 0.1 * (1 + sample) * (3.0 if scenario.name == "other" else 1.0)
+
+    kept = flown(error)
+    found = tune([laboratory, other], [K_P], None, budget=Budget(1, 8, 6, 1, 1), first_sample=5)
+    # Samples 5 to 7 in each of two laboratories.
+    assert set(kept["samples"]) == {(5, 6, 7) * 8, (5, 6, 7)}
+    assert found.error == pytest.approx(np.mean([0.6, 0.7, 0.8]) * 2.0)
+    assert {count for _, count in kept["fleets"]} == {24, 3}
+    flown(error)
+    kept["samples"].clear()
+    tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 1, 1, 1))
+    assert set(kept["samples"]) == {(0,) * 4, (0,)}
+
+
+def test_a_crash_is_charged_with_one_to_two_metres(laboratory, flown):
+    """Of four samples two crash, after 1 s and 3 s of 4 s. Their errors until then do not count."""
+
+    def crash(numbers, sample, scenario):
+        return {0: 1.0, 2: 3.0}.get(sample, np.inf)
+
+    flown(lambda numbers, sample, scenario: 0.1 * sample, crash)
+    found = tune([laboratory], [K_P], None, budget=Budget(1, 4, 4, 1, 1))
+    assert found.error == pytest.approx((1.75 + 0.1 + 1.25 + 0.3) / 4.0)
+
+
+def test_flights_with_late_frames_count_by_their_crashes_alone(laboratory, flown):
+    """Frames that come 30 ms later are 3 frames of 10 ms. Late flights of a second laboratory crash, too."""
+    own = laboratory.laboratory.motion_capture.latency_frames
+    other = laboratory.model_copy(update={"name": "other"})
+
+    def crash(numbers, sample, scenario):
+        late = scenario.laboratory.motion_capture.latency_frames == own + 3.0
+        assert late or scenario.laboratory.motion_capture.latency_frames == own
+        return 2.0 if late and scenario.name == "other" else np.inf
+
+    flown(lambda *_: 0.2, crash)
+    found = tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 2, 1, 1), later=0.03)
+    assert found.error == pytest.approx(0.2 + 1.5 / 2.0)
+    assert tune([laboratory, other], [K_P], None, budget=Budget(1, 4, 2, 1, 1)).error == pytest.approx(0.2)
+
+
+def test_the_vertical_number_waits_in_the_middle_of_its_range(laboratory, flown):
+    kept = flown(lambda numbers, *_: bowl(numbers) if K_P.paths[0] in numbers else 1.0)
+    scenarios = []
+    budget = Budget(rounds=9, candidates=16, samples=1, steps=1)
+    tune(
+        [laboratory],
+        [K_P, HEIGHT, K_D],
+        lambda scenario: scenarios.append(scenario.control.position.k_p) or np.array([9.0]),
+        budget=budget,
+    )
+    assert scenarios[0][2] == pytest.approx(np.sqrt(20.0))
+    assert scenarios[0][0] == scenarios[0][1]
+    rounds = [set(each) for each in kept["varying"] if len(next(iter(each.values()))) == 16]
+    # Two thirds of the rounds are for the two lateral numbers.
+    assert rounds == [{*K_P.paths, *K_D.paths}] * 6 + [{*HEIGHT.paths}] * 3
+
+
+def test_the_limit_is_looked_at_for_the_best_of_each_round(laboratory, flown):
+    """Four times as often in the first round; then at every step of the three local searches."""
+    kept, looked = flown(bowl), []
+    done = []
+    budget = Budget(rounds=3, candidates=32, samples=1, checks=4, steps=5)
+
+    def shares(scenario):
+        looked.append((len(kept["varying"]), scenario.control.position.k_p[0]))
+        return np.array([9.0])
+
+    tune([laboratory], [K_P, K_D], shares, budget=budget, progress=lambda: done.append(len(looked)))
+    assert done[:3] == [16, 20, 24]
+    assert len(done) == 3 + 3
+    assert all(1 <= step <= 6 for step in np.diff(done[2:]))
+    # In the first round, the best without a limit: those of least error.
+    first = kept["varying"][0]
+    columns = {path: first[path] for path in (K_P.paths[0], K_D.paths[0])}
+    errors = bowl(columns)
+    best = np.sort(columns[K_P.paths[0]][np.argsort(errors)[:16]])
+    np.testing.assert_allclose(np.sort([gain for _, gain in looked[:16]]), best)
+
+
+def test_numbers_of_before_are_a_candidate(laboratory, flown):
+    """Where the search looks nowhere near them; those out of range are brought to its ends."""
+    flown(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P.paths[0]] / 6.789)) < 1e-6 else 1.0)
+    budget = Budget(1, 4, 1, 1, 1)
+    assert tune([laboratory], [K_P, K_D], None, budget=budget).error == 1.0
+    found = tune([laboratory], [K_P, K_D], None, budget=budget, before=(6.789, 2.0))
+    assert found.error == pytest.approx(0.1)
+    assert found.numbers == pytest.approx((6.789, 2.0))
+    flown(lambda numbers, *_: 1.0 / numbers[K_P.paths[0]])
+    found = tune([laboratory], [K_P], None, budget=budget, before=(99.0,))
+    assert found.numbers == pytest.approx((12.0,))
+    # What breaks the limit is not preferred for its error.
+    flown(lambda numbers, *_: 0.1 if abs(np.log(numbers[K_P.paths[0]] / 6.789)) < 1e-6 else 1.0)
+    found = tune(
+        [laboratory], [K_P], lambda s: np.array([5.0 / s.control.position.k_p[0]]), budget=budget, before=(6.789,)
+    )
+    assert found.error == 1.0
+
+
+def test_of_what_keeps_the_limit_the_least_error_is_better_and_else_what_meets_more_of_it():
+    tuned = [
+        tuning.Tuned((), error, share)
+        for error, share in ((0.3, 1.0), (0.2, 7.0), (0.1, 0.9), (0.05, 0.5), (0.06, 0.5))
+    ]
+    order = [1, 0, 2, 3, 4]
+    for first, second in itertools.combinations(order, 2):
+        assert tuning._better(tuned[first], tuned[second]) is tuned[first]
+        assert tuning._better(tuned[second], tuned[first]) is tuned[first]
+
+
+def test_what_is_told_to_break_the_limit_is_penalised():
+    """Shares whose logarithms are linear are told exactly, so that penalties are known in closed form."""
+    random = np.random.default_rng(5)
+    slope = np.array([0.4, -0.3])
+    known = tuning._Known(2)
+    points = random.uniform(size=(12, 2))
+    for number, point in enumerate(points):
+        if number == 3:
+            # Three points do not make a plane and one more.
+            assert not known.penalties(points, 0.0).any()
+        known.add(point, np.exp(np.array([slope @ point - 0.05, 0.1])))
+    asked = random.uniform(size=(40, 2))
+    told = np.minimum(asked @ slope - 0.05, 0.1)
+    away = np.linalg.norm(asked[:, None] - points, axis=2).min(axis=1)
+    for doubt in (0.0, 0.3):
+        expected = 4.0 * np.maximum(0.002 - told - doubt * away, 0.0)
+        np.testing.assert_allclose(known.penalties(asked, doubt), expected, atol=2e-3)
+        assert (expected > 0.01).sum() > 5
+    # Far from the limit shares need not be known: from a fifth to one and a half of it.
+    np.testing.assert_allclose(tuning._near_limit(np.array([0.01, 0.5, 9.0]), 3), np.log([0.2, 0.5, 1.5]))
+    np.testing.assert_allclose(tuning._near_limit(np.zeros(1), 3), np.log([0.2] * 3))
+
+
+def test_the_delay_that_is_stood_is_the_longest_without_a_crash(laboratory, flown):
+    """Flights crash from 40 ms on in one of two laboratories, in one of the four training samples of each."""
+    own = laboratory.laboratory.motion_capture.latency_frames
+    other = laboratory.model_copy(update={"name": "other"})
+
+    def crash(numbers, sample, scenario):
+        late = scenario.laboratory.motion_capture.latency_frames - own
+        return 1.0 if late >= 4.0 and scenario.name == "other" and sample == 13 else np.inf
+
+    flown(None, crash)
+    budget = Budget(samples=8)
+    assert delay_stood([laboratory, other], 0.1, budget=budget, first_sample=10) == pytest.approx(0.03)
+    assert delay_stood([laboratory, other], 0.02, budget=budget, first_sample=10) == pytest.approx(0.02)
+    assert delay_stood([laboratory, other], 0.1, budget=budget, first_sample=14) == pytest.approx(0.1)
+    flown(None, lambda *_: 1.0)
+    assert delay_stood([laboratory], 0.1, budget=budget) == 0.0

@@ -1,0 +1,245 @@
+"""From obstacles to corridors: which ways are planned, and which of them is taken."""
+
+import math
+
+import numpy as np
+import pytest
+from rooms import random_room
+from test_passage import Boxes
+
+from drake_quad.errors import InputError
+from drake_quad.reference.minimum_snap import snap_cost
+from drake_quad.reference.path_problem import Limits, PathProblem
+from drake_quad.reference.planner import GivenTimes, Heuristic, LeastSnap, Shortest, plan_path
+from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.reference.regions import Box, Polytope, Sphere
+from drake_quad.space import around
+from drake_quad.space.around import WayAround, check_places, plan_around, straight_on, with_corridors, within
+from drake_quad.space.grid import is_near
+from drake_quad.space.regions import Regions
+from drake_quad.space.shapes import Ball, Cuboid
+from drake_quad.space.space import Obstacle, Space
+
+LIMITS = Limits(speed=2.0, acceleration=2.0)
+BEGIN, END = Box.point([0.5, 1.0, 1.0]), Box.point([3.5, 1.0, 1.0])
+BOUNDS = Box([0.0, 0.0, 0.0], [4.0, 2.0, 2.0])
+
+
+def space_of(*shapes, radius=0.2):
+    return Space(tuple(Obstacle(f"solid_{i}", shape) for i, shape in enumerate(shapes)), radius=radius)
+
+
+def test_bounds_hold_in_every_corridor_and_change_nothing_else():
+    corridor = Box([-1.0, 0.5, 0.0], [5.0, 1.5, 3.0])
+    derivatives = np.zeros((3, 3, 3))
+    problem = PathProblem([BEGIN, END, BEGIN], derivatives=derivatives, corridors=[None, corridor], limits=LIMITS)
+    found = within(problem, BOUNDS)
+    assert found.corridors[0].equals(BOUNDS)
+    assert found.corridors[1].equals(Box([0.0, 0.5, 0.0], [4.0, 1.5, 2.0]))
+    assert found.places == problem.places
+    assert found.limits == LIMITS
+    np.testing.assert_array_equal(found.derivatives, derivatives)
+    assert within(problem, None) is problem
+    assert straight_on(problem).waypoints.tolist() == [0, 1, 2]
+
+
+def test_what_lies_outside_the_bounds_is_refused():
+    outside = Box([0.0, 2.5, 0.0], [4.0, 3.0, 2.0])
+    beside = Box.point([3.5, 2.6, 1.0])
+    with pytest.raises(InputError, match="corridor of segment 1 lies outside the bounds of the space, the box from"):
+        within(PathProblem([BEGIN, Box([0, 0, 0], [4, 3, 2]), beside], corridors=[None, outside]), BOUNDS)
+    with pytest.raises(InputError, match=r"waypoint 1, \(3.5, 2.6, 1\) m, lies outside the bounds of the space"):
+        within(PathProblem([BEGIN, beside]), BOUNDS)
+
+
+def test_a_waypoint_must_keep_the_clearance():
+    space = space_of(Ball((3.5, 1.0, 1.5), radius=0.3), Ball((0.0, 0.0, 9.0)), radius=0.19)
+    check_places(space, PathProblem([BEGIN, END]))
+    # Places that are not points are passed where they are free.
+    check_places(space, PathProblem([BEGIN, Box([3.4, 1.0, 1.3], [3.6, 1.0, 1.7])]))
+    near = space_of(Ball((0.0, 0.0, 9.0)), Ball((3.5, 1.0, 1.5), radius=0.3), radius=0.21)
+    with pytest.raises(
+        InputError, match=r"waypoint 1, \(3.5, 1, 1\) m, is 0.2 m from solid_1, but the clearance is 0.21 m"
+    ):
+        check_places(near, PathProblem([BEGIN, END]))
+
+
+def test_a_passage_becomes_corridors_and_the_given_waypoints_keep_what_they_ask_for():
+    regions = Boxes(([0, 0, 0], [2, 1, 1]), ([1.5, 0, 0], [4, 1, 1]), ([3, 0, 0], [4, 3, 1]))
+    first, middle, last = Box.point([0.2, 0.5, 0.5]), Box.point([3.2, 0.5, 0.5]), Box.point([3.5, 2.5, 0.5])
+    derivatives = np.full((3, 3, 3), np.nan)
+    derivatives[:, 0] = [[0.0, 0.0, 0.0], [1.0, 0.5, 0.0], [0.1, 0.2, 0.3]]
+    corridor = Box([2.5, 0, 0], [4, 3, 0.8])
+    problem = PathProblem([first, middle, last], derivatives=derivatives, corridors=[None, corridor], limits=LIMITS)
+    way = with_corridors(problem, regions, ((0, 1), (1, 2)))
+    assert way.waypoints.tolist() == [0, 2, 4]
+    assert [way.problem.places[i] for i in way.waypoints] == [first, middle, last]
+    np.testing.assert_array_equal(way.problem.derivatives[way.waypoints], derivatives)
+    assert np.isnan(way.problem.derivatives[[1, 3]]).all()
+    assert way.problem.limits == LIMITS
+    # Corners of each corridor and of each handover.
+    boxes = ([0, 0, 0], [2, 1, 1]), ([1.5, 0, 0], [4, 1, 1]), ([2.5, 0, 0], [4, 1, 0.8]), ([3, 0, 0], [4, 3, 0.8])
+    handovers = ([1.5, 0, 0], [2, 1, 1]), ([3, 0, 0], [4, 1, 0.8])
+    for found, (low, high) in zip(
+        (*way.problem.corridors, *way.problem.places[1::2]), (*boxes, *handovers), strict=True
+    ):
+        axes = np.eye(3)
+        np.testing.assert_allclose([-found.reach(-axis) for axis in axes], low, atol=1e-9)
+        np.testing.assert_allclose([found.reach(axis) for axis in axes], high, atol=1e-9)
+
+
+def detour(*corners):
+    """A way over some points between the first and the last waypoint."""
+    places = [BEGIN, *map(Box.point, corners), END]
+    return WayAround(PathProblem(places, limits=LIMITS), np.array([0, len(places) - 1]))
+
+
+# Straight on takes the shortest time and needs the least snap; the others lead farther and farther aside.
+DETOURS = [detour([2.0, 1.0 + aside, 1.0]) for aside in (0.5, 1.0, 0.4, 0.6, 0.9)] + [detour()]
+TIMINGS = {
+    "heuristic": (Heuristic(), LIMITS),
+    "shortest": (Shortest(), LIMITS),
+    "least snap": (LeastSnap(4.0), LIMITS),
+    "least snap without limits": (LeastSnap(4.0), Limits()),
+    "given times": (GivenTimes((0.0, 4.0)), LIMITS),
+    "given times without limits": (GivenTimes((0.0, 4.0)), Limits()),
+}
+
+
+@pytest.mark.parametrize(("timing", "limits"), TIMINGS.values(), ids=TIMINGS)
+def test_the_best_of_all_ways_is_taken(monkeypatch, timing, limits):
+    ways = [WayAround(PathProblem(way.problem.places, limits=limits), way.waypoints) for way in DETOURS]
+    monkeypatch.setattr(around, "_ways_around", lambda *_: ways)
+    path, way = plan_around(space_of(), BOUNDS, PathProblem([BEGIN, END], limits=limits), timing)
+    assert way is ways[-1]
+    assert path.duration == plan_path(way.problem, timing).duration
+    # Without the best, the next one is taken, wherever it stands.
+    for order in ([3, 1, 2, 4, 0], [2, 0, 1, 4], [1, 4, 2], [0, 2]):
+        some = [ways[i] for i in order]
+        monkeypatch.setattr(around, "_ways_around", lambda *_, some=some: some)
+        assert plan_around(space_of(), BOUNDS, PathProblem([BEGIN, END], limits=limits), timing)[1] is ways[2]
+
+
+def test_ways_that_cannot_be_planned_are_passed_over(monkeypatch):
+    """Three metres in four seconds take more than 0.1 m/s²."""
+    straight, aside = DETOURS[-1], DETOURS[0]
+    slow = WayAround(PathProblem([BEGIN, END], limits=Limits(acceleration=0.1)), np.array([0, 1]))
+    monkeypatch.setattr(around, "_ways_around", lambda *_: [slow, aside, straight])
+    assert plan_around(space_of(), BOUNDS, straight.problem, LeastSnap(4.0))[1] is straight
+    monkeypatch.setattr(around, "_ways_around", lambda *_: [slow])
+    with pytest.raises(InputError, match="acceleration"):
+        plan_around(space_of(), BOUNDS, straight.problem, LeastSnap(4.0))
+
+
+def test_between_given_times_the_rest_is_passed_by_length():
+    """As if a polyline were flown at one speed, each piece of which counts a millimetre more."""
+    corners = [[0.5, 1.0, 1.0], [1.0, 1.0, 1.0], [1.0, 1.5, 1.0], [3.0, 1.5, 1.0], [3.5, 1.5, 1.0], [3.5, 1.0, 1.0]]
+    way = WayAround(PathProblem([Box.point(corner) for corner in corners]), np.array([0, 2, 5]))
+    found = around._timing_of(way, GivenTimes((1.0, 3.0, 6.0)))
+    np.testing.assert_allclose(found.times, [1.0, 2.0, 3.0, 3.0 + 3.0 * 2.001 / 3.003, 6.0 - 3.0 * 0.501 / 3.003, 6.0])
+    # Two waypoints on one point are passed one after the other.
+    twice = WayAround(PathProblem([BEGIN, END, END]), np.array([0, 2]))
+    times = around._timing_of(twice, GivenTimes((0.0, 1.0))).times
+    assert times[1] < times[2] == 1.0
+
+
+GATES = {
+    "box": Box([2.0, 0.2, 0.3], [2.0, 1.8, 1.7]),
+    "sphere": Sphere([2.0, 1.4, 1.0], 0.29),
+    "polytope": Polytope.from_box(Box([1.9, 0.2, 0.3], [2.1, 1.8, 1.7])),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("gate", GATES.values(), ids=GATES)
+def test_a_gate_is_passed_where_it_is_free(gate):
+    """A wall closes all of it but 20 cm for the centre of mass, on the left."""
+    space = space_of(Cuboid((2.0, 0.65, 1.0), size=(0.2, 1.4, 3.0)))
+    problem = PathProblem([BEGIN, gate, END], limits=LIMITS)
+    path, way = plan_around(space, BOUNDS, problem, Heuristic())
+    passed = evaluate(path, [path.times[way.waypoints[1]]])[:, 0]
+    np.testing.assert_allclose(passed, gate.nearest(passed) if not isinstance(gate, Polytope) else passed, atol=1e-6)
+    assert not isinstance(gate, Polytope) or gate.contains(passed)
+    points = evaluate(path, np.linspace(path.times[0], path.times[-1], 5000)).T
+    assert space.nearest(points)[0].min() >= 0.2
+
+
+@pytest.mark.parametrize("gate", GATES.values(), ids=GATES)
+def test_a_gate_without_room_is_refused(gate):
+    wall = Cuboid((2.0, 1.0, 1.0), size=(0.3, 4.0, 3.0))
+    with pytest.raises(InputError, match=r"waypoint 1, .* leaves no room at 0.2 m .*: solid_1 is too near"):
+        plan_around(
+            space_of(Ball((0.1, 0.1, 0.1), radius=0.01), wall), BOUNDS, PathProblem([BEGIN, gate, END]), Heuristic()
+        )
+
+
+def test_a_gate_whose_room_is_hardly_any_is_said_to_have_hardly_any():
+    """Between two spheres, 2 mm are free, and 21 points along 1 m are 5 cm apart."""
+    gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
+    balls = [Ball((2.0, 1.025 + side * (0.201 + 2.0), 1.0), radius=2.0) for side in (-1.0, 1.0)]
+    with pytest.raises(InputError, match="leaves next to no room at 0.2 m"):
+        plan_around(space_of(*balls), BOUNDS, PathProblem([BEGIN, gate, END]), Heuristic())
+
+
+class Watched(Regions):
+    """Keeps all that are made, and around which points each is grown although a region holds them already."""
+
+    made = []  # noqa: RUF012
+
+    def __init__(self, *arguments):
+        super().__init__(*arguments)
+        self.grown, self.again = [], []
+        self.made.append(self)
+
+    def grow(self, seed):
+        if self.holding(seed[None]).any():
+            self.again.append(seed)
+        self.grown.append(seed)
+        return super().grow(seed)
+
+
+@pytest.mark.slow
+def test_a_passage_is_chosen_among_regions_that_cover_what_is_free(monkeypatch):
+    """And of the waypoints, those are the seed of a region that none holds."""
+    monkeypatch.setattr(around, "Regions", Watched)
+    room = random_room(1)
+    beside = room.places[1] + [-0.02, 0.0, 0.0]
+    problem = PathProblem([Box.point(place) for place in (*room.places, beside)], limits=LIMITS)
+    plan_around(room.space, room.bounds, problem, Heuristic())
+    (regions,) = Watched.made
+    low, high = room.bounds.low, room.bounds.high
+    points = np.random.default_rng(0).uniform(low, high, (5000, 3))
+    free = points[room.space.nearest(points)[0] >= room.space.clearance + 1e-3]
+    assert regions.holding(free).any(axis=0).mean() > 0.9
+    np.testing.assert_array_equal(regions.grown[:2], room.places)
+    assert not any((seed == place).all() for seed in regions.again for place in (*room.places, beside))
+
+
+def test_ways_of_a_leg_keep_to_its_corridor_and_those_of_others_do_not(monkeypatch):
+    """From both of its ends; without a corridor the ways from a place are measured once for both of its legs."""
+    asked = []
+
+    def lengths_from(grid, places, clearance, inside=None):
+        asked.append((places[0].tolist(), inside))
+        if len(asked) == 5:
+            raise StopIteration
+        return np.zeros(len(grid.points)), np.full(len(grid.points), -1)
+
+    monkeypatch.setattr(around.Grid, "lengths_from", lengths_from)
+    places = [Box.point([x, 1.0, 1.0]) for x in (0.5, 1.5, 2.5, 3.5)]
+    corridor = Box([2.0, 0.8, 0.8], [4.0, 1.2, 1.2])
+    problem = PathProblem(places, corridors=[None, None, corridor], limits=LIMITS)
+    with pytest.raises(StopIteration):
+        plan_around(space_of(), BOUNDS, problem, Heuristic())
+    assert [place[0] for place, _ in asked] == [0.5, 1.5, 2.5, 2.5, 3.5]
+    assert [inside is None for _, inside in asked] == [True, True, True, False, False]
+    grid = around.Grid.of(space_of(), BOUNDS, most=30_000, finest=0.05)
+    for _, inside in asked[3:]:
+        np.testing.assert_array_equal(inside, is_near(corridor, grid.points))
+
+
+def test_snap_grows_with_the_seventh_power_of_the_speed():
+    """Hence ways are compared by their snap at one duration."""
+    path = plan_path(PathProblem([BEGIN, END], limits=LIMITS), Heuristic())
+    slower = plan_path(PathProblem([BEGIN, END]), GivenTimes((0.0, 2.0 * path.duration)))
+    assert math.isclose(snap_cost(path).sum(), 2.0**7 * snap_cost(slower).sum(), rel_tol=1e-6)

@@ -1,0 +1,255 @@
+"""Grids: their points, the ways over them and the rooms that they tell apart."""
+
+import itertools
+
+import numpy as np
+import pytest
+from pydrake.geometry.optimization import HPolyhedron
+from rooms import least_distances, random_room
+from scipy.sparse import coo_matrix
+from scipy.sparse.csgraph import connected_components
+
+from drake_quad.reference.regions import Box, Polytope, Sphere
+from drake_quad.space.grid import Grid, is_near
+from drake_quad.space.shapes import Cuboid
+from drake_quad.space.space import Obstacle, Space
+
+EMPTY = Space((), radius=0.1)
+# A grid whose steps differ from axis to axis.
+UNEVEN = Box([0.3, -1.0, 2.0], [1.31, 0.02, 2.73])
+
+
+def wall_at(x, thickness, **clearance):
+    """A wall across the unit cube, normal to X and centred at x."""
+    wall = Cuboid((x, 0.5, 0.5), size=(thickness, 3.0, 3.0))
+    return Space((Obstacle("wall", wall),), **clearance)
+
+
+def indices(grid):
+    """(n, 3) position of each point of a grid in its rows."""
+    return np.stack(np.unravel_index(np.arange(len(grid.points)), grid.shape), axis=-1)
+
+
+@pytest.mark.parametrize("most", [60, 2000, 100_000])
+def test_a_grid_spans_its_bounds_with_as_many_points_as_allowed(most):
+    grid = Grid.of(EMPTY, UNEVEN, most=most, finest=0.05)
+    assert len(grid.points) == np.prod(grid.shape) <= most
+    expected = UNEVEN.low + indices(grid) * (UNEVEN.high - UNEVEN.low) / (np.array(grid.shape) - 1)
+    np.testing.assert_allclose(grid.points, expected, atol=1e-12)
+    np.testing.assert_allclose(grid.steps, (UNEVEN.high - UNEVEN.low) / (np.array(grid.shape) - 1))
+    assert grid.spacing == max(grid.steps)
+    # A grid is either as fine as allowed or uses most of its points.
+    finest = tuple(np.ceil((UNEVEN.high - UNEVEN.low) / 0.05).astype(int) + 1)
+    assert grid.shape == finest or len(grid.points) > 0.5 * most
+    assert grid.spacing <= 0.05 or grid.shape != finest
+
+
+def test_a_grid_of_a_flat_space_has_one_layer():
+    grid = Grid.of(EMPTY, Box([0.0, 0.0, 1.0], [1.0, 0.5, 1.0]), most=1000, finest=0.1)
+    assert grid.shape == (11, 6, 1)
+    np.testing.assert_allclose(grid.steps, [0.1, 0.1, 0.0])
+    np.testing.assert_array_equal(grid.points[:, 2], 1.0)
+
+
+def test_distances_of_a_grid_are_those_to_its_obstacles():
+    room = random_room(2)
+    grid = Grid.of(room.space, room.bounds, most=3000, finest=0.05)
+    outside = grid.nearest > 0.0
+    np.testing.assert_allclose(grid.nearest[outside], least_distances(room.space, grid.points)[outside], atol=1e-9)
+    assert grid.distances.shape == (len(grid.points), len(room.space.obstacles))
+    np.testing.assert_array_equal(grid.distances.min(axis=1), grid.nearest)
+    empty = Grid.of(EMPTY, room.bounds, most=3000, finest=0.05)
+    assert (empty.nearest == np.inf).all()
+    assert empty.distances.shape == (len(empty.points), 0)
+
+
+def test_each_pair_of_neighbours_is_found_once():
+    grid = Grid.of(EMPTY, Box([0.0, 0.0, 0.0], [0.3, 0.2, 0.4]), most=1000, finest=0.1)
+    found = [frozenset(pair) for one, other in grid.neighbours() for pair in zip(one.tolist(), other.tolist())]
+    at = indices(grid)
+    expected = {
+        frozenset((i, j)) for i, j in itertools.combinations(range(len(at)), 2) if np.abs(at[i] - at[j]).max() == 1
+    }
+    assert len(found) == len(expected)
+    assert set(found) == expected
+
+
+def over_steps(grid, start):
+    """(n,) length of the shortest way from one point to each, over the steps in 26 directions.
+
+    It takes as many steps as possible over three axes, then over two, then along one.
+    """
+    counts = np.abs(indices(grid) - indices(grid)[start])
+    order = np.argsort(-counts, axis=1)
+    first, second, third = np.take_along_axis(counts, order, axis=1).T
+    steps = grid.steps[order]
+    one, two, three = (np.linalg.norm(steps[:, :axes], axis=1) for axes in (1, 2, 3))
+    return (first - second) * one + (second - third) * two + third * three
+
+
+@pytest.mark.parametrize("most", [400, 3000])
+def test_without_obstacles_a_way_has_the_length_of_its_steps(most):
+    """A place leads to every point within 1.8 spacings, and each of these leads on over steps."""
+    grid = Grid.of(EMPTY, UNEVEN, most=most, finest=0.02)
+    place = grid.points[len(grid.points) // 3] + 0.3 * grid.steps
+    lengths, before = grid.lengths_from(place[None], 0.1)
+    away = np.linalg.norm(grid.points - place, axis=1)
+    near = np.flatnonzero(away <= 1.8 * grid.spacing)
+    expected = np.min([away[point] + over_steps(grid, point) for point in near], axis=0)
+    np.testing.assert_allclose(lengths, expected)
+    direct = before == -1
+    np.testing.assert_array_equal(np.flatnonzero(direct), near)
+    steps = np.abs(indices(grid)[~direct] - indices(grid)[before[~direct]])
+    assert (steps.max(axis=1) == 1).all()
+
+
+def tunnel(room):
+    """A grid along a straight tunnel with a square section, whose middle row has so much room (m), and this row."""
+    clearance, spacing = 0.2, 0.1
+    aside = clearance + room + 0.5
+    solids = [Cuboid((0.5, sign * aside, 0.0), size=(3.0, 1.0, 3.0)) for sign in (-1.0, 1.0)]
+    solids += [Cuboid((0.5, 0.0, sign * aside), size=(3.0, 3.0, 1.0)) for sign in (-1.0, 1.0)]
+    space = Space(tuple(Obstacle(f"side {i}", solid) for i, solid in enumerate(solids)), radius=clearance)
+    grid = Grid.of(space, Box([0.0, -0.2, -0.2], [1.0, 0.2, 0.2]), most=10_000, finest=spacing)
+    middle = np.flatnonzero(np.abs(grid.points[:, 1:]).max(axis=1) < 1e-9)
+    return grid, middle[np.argsort(grid.points[middle, 0])]
+
+
+@pytest.mark.parametrize(("room", "factor"), [(1e-9, 2.0), (0.025, 1.8), (0.05, 1.0 + 0.1 / 0.15)])
+def test_a_way_without_room_counts_twice_and_less_the_more_room_there_is(room, factor):
+    """Only the middle row is free, so that every step of the way has the same room."""
+    grid, row = tunnel(room)
+    clearance = grid.space.clearance
+    assert (grid.nearest >= clearance).sum() == len(row) == 11
+    lengths, _ = grid.lengths_from(grid.points[row[:1]], clearance)
+    # The first point, and the one after it, are reached from the place itself.
+    np.testing.assert_allclose(lengths[row[1]], 0.1)
+    np.testing.assert_allclose(np.diff(lengths[row[1:]]), 0.1 * factor, rtol=1e-6)
+
+
+def test_of_the_two_ends_of_a_step_the_one_with_less_room_counts():
+    """The way leads straight away from a wall, so that its steps have more and more room."""
+    space = wall_at(-0.31, 0.2, radius=0.2)
+    grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 0.0, 0.0]), most=100, finest=0.1)
+    expected = 0.1 * (1.0 + 0.1 / (0.1 + 0.01 + 0.1 * np.arange(10)))
+    away, _ = grid.lengths_from(grid.points[:1], 0.2)
+    np.testing.assert_allclose(np.diff(away[1:]), expected[1:])
+    towards, _ = grid.lengths_from(grid.points[-1:], 0.2)
+    np.testing.assert_allclose(-np.diff(towards[:-1]), expected[:-1])
+
+
+@pytest.mark.parametrize("offset", np.linspace(0.0, 0.05, 11))
+def test_no_way_leads_through_a_thin_wall_wherever_it_stands_between_the_points(offset):
+    """The wall is 1 cm thick, the points are 5 cm apart, and points on both sides keep the clearance."""
+    space = wall_at(0.45 + offset, 0.01, radius=0.02)
+    grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), most=10_000, finest=0.05)
+    places = np.array([[[0.1, 0.5, 0.5]], [[0.9, 0.5, 0.5]]])
+    lengths, before = grid.lengths_from(places[0], space.clearance)
+    ahead = grid.points[:, 0] < 0.45 + offset
+    free = grid.nearest >= space.clearance
+    assert np.isfinite(lengths[free & ahead]).all()
+    assert (lengths[~ahead] == np.inf).all()
+    assert grid.way(lengths, before, *places) is None
+
+
+def test_where_the_clearance_is_small_a_step_past_an_edge_is_still_free():
+    """A step whose ends are near a solid is free if its middle is: here past the edge of a thin wall."""
+    space = Space((Obstacle("wall", Cuboid((0.5, 0.175, 0.5), size=(0.01, 0.55, 3.0))),), radius=0.02)
+    grid = Grid.of(space, Box([0.0, 0.0, 0.5], [1.0, 1.0, 0.5]), most=10_000, finest=0.05)
+    places = np.array([[[0.1, 0.1, 0.5]], [[0.9, 0.1, 0.5]]])
+    lengths, before = grid.lengths_from(places[0], space.clearance)
+    way = grid.way(lengths, before, *places)
+    assert 0.45 < way[:, 1].max() < 0.6
+    fine = np.concatenate([np.linspace(a, b, 40) for a, b in itertools.pairwise(way)])
+    assert least_distances(space, fine).min() >= space.clearance - 1e-9
+
+
+def test_a_way_begins_and_ends_at_the_places_that_make_it_shortest():
+    grid = Grid.of(EMPTY, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), most=10_000, finest=0.1)
+    begins = np.array([[0.0, 0.0, 0.0], [0.33, 0.5, 0.5], [0.0, 1.0, 1.0]])
+    ends = np.array([[1.0, 1.0, 0.0], [0.72, 0.5, 0.5], [1.0, 0.0, 1.0]])
+    lengths, before = grid.lengths_from(begins, 0.1)
+    way = grid.way(lengths, before, begins, ends)
+    np.testing.assert_array_equal(way[[0, -1]], [begins[1], ends[1]])
+    length = np.linalg.norm(np.diff(way, axis=0), axis=1).sum()
+    assert 0.39 - 1e-9 <= length < 0.42
+    # Neither end leads farther than to a point next to it.
+    hops = np.linalg.norm(np.diff(way, axis=0), axis=1)
+    assert (hops <= 1.8 * grid.spacing + 1e-9).all()
+
+
+def test_a_way_ends_over_the_point_that_makes_it_shortest_and_begins_at_the_nearest_place():
+    """Its last point is as near to the first places, and the end to it, as no other near the end together."""
+    room = random_room(6)
+    grid = Grid.of(room.space, room.bounds, most=20_000, finest=0.08)
+    reached = grid.points[np.isfinite(grid.lengths_from(room.places[:1], room.space.clearance)[0])]
+    begins = reached[[0, len(reached) // 2, len(reached) - 1]]
+    lengths, before = grid.lengths_from(begins, room.space.clearance)
+    used = set()
+    for end in reached[:: len(reached) // 25] + 0.3 * grid.spacing:
+        way = grid.way(lengths, before, begins, end[None])
+        away = np.linalg.norm(grid.points - end, axis=1)
+        near = away <= 1.8 * grid.spacing
+        (last,) = np.flatnonzero((grid.points == way[-2]).all(axis=1))
+        assert near[last]
+        assert lengths[last] + away[last] == pytest.approx(np.min(lengths[near] + away[near]))
+        first = np.linalg.norm(begins - way[1], axis=1)
+        np.testing.assert_array_equal(way[0], begins[first.argmin()])
+        assert first.min() <= 1.8 * grid.spacing
+        used.add(int(first.argmin()))
+    assert used == {0, 1, 2}
+
+
+def test_a_place_leads_only_to_points_that_are_free_and_near():
+    space = wall_at(0.5, 0.3, radius=0.1)
+    grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), most=10_000, finest=0.1)
+    inside, beside = np.array([[0.5, 0.5, 0.5]]), np.array([[0.1, 0.5, 0.5]])
+    lengths, _ = grid.lengths_from(inside, space.clearance)
+    assert (lengths == np.inf).all()
+    lengths, before = grid.lengths_from(beside, space.clearance)
+    assert grid.way(lengths, before, beside, inside) is None
+
+
+def test_rooms_are_what_is_connected():
+    random = np.random.default_rng(3)
+    grid = Grid.of(EMPTY, Box([0.0, 0.0, 0.0], [0.7, 0.5, 0.6]), most=1000, finest=0.1)
+    free = random.uniform(size=len(grid.points)) < 0.12
+    pairs = np.concatenate([np.stack(pair) for pair in grid.neighbours()], axis=1)
+    pairs = pairs[:, free[pairs].all(axis=0)]
+    size = len(grid.points)
+    expected = connected_components(coo_matrix((np.ones(pairs.shape[1]), tuple(pairs)), (size, size)), directed=False)[
+        1
+    ]
+    rooms = grid.rooms(free)
+    assert (rooms[~free] == 0).all()
+    assert (rooms[free] > 0).all()
+    assert len(set(rooms[free])) > 3
+    same = rooms[free][:, None] == rooms[free]
+    np.testing.assert_array_equal(same, expected[free][:, None] == expected[free])
+
+
+BOX = Box([0.1, 0.2, 0.3], [0.6, 0.5, 0.4])
+PLACES = {
+    "box": BOX,
+    "point": Box.point([0.4, 0.3, 0.2]),
+    "sphere": Sphere([0.4, 0.3, 0.2], 0.25),
+    "polytope": Polytope.from_box(BOX),
+    "tetrahedron": Polytope([[-1.0, 0.0, 0.0], [0.0, -1.0, 0.0], [0.0, 0.0, -1.0], [2.0, 2.0, 2.0]], [0, 0, 0, 1.2]),
+}
+
+
+@pytest.mark.parametrize("place", PLACES.values(), ids=PLACES)
+@pytest.mark.parametrize("distance", [0.0, 0.17])
+def test_points_near_a_place_are_those_within_a_distance(place, distance):
+    points = np.random.default_rng(4).uniform(-0.4, 1.0, (3000, 3))
+    if isinstance(place, Polytope):
+        # Next to the edges, where planes that are moved outward meet, some more points count.
+        region = HPolyhedron(place.normals, place.offsets)
+        away = np.array([0.0 if region.PointInSet(p) else np.nan for p in points])
+        beyond = (points @ place.normals.T - place.offsets).max(axis=1)
+        away = np.where(np.isnan(away), beyond, away)
+    else:
+        away = np.linalg.norm(points - [place.nearest(point) for point in points], axis=1)
+    np.testing.assert_array_equal(is_near(place, points, distance), away <= distance)
+    if distance == 0.0:
+        np.testing.assert_array_equal(is_near(place, points), away <= 0.0)

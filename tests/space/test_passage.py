@@ -1,0 +1,227 @@
+"""Chains of regions and passages through them, beside all that there are in small mazes of boxes."""
+
+import itertools
+
+import numpy as np
+import pytest
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+
+from drake_quad.reference.regions import Box, Polytope, Sphere
+from drake_quad.space.passage import chain, find_passage, other_passages, worth_a_look
+from drake_quad.space.regions import Regions
+from drake_quad.space.space import Space
+
+# What one handover from region to region costs, m.
+HANDOVER = 0.1
+
+
+class Boxes(Regions):
+    """Given boxes instead of regions that are grown; only a box around a seed is ever added."""
+
+    def __init__(self, *boxes):
+        super().__init__(Space((), radius=0.1), Box([-99.0] * 3, [99.0] * 3))
+        self._found = [Polytope.from_box(Box(*box)) for box in boxes]
+
+    def grow(self, seed):
+        self._found.append(Polytope.from_box(Box(seed - 0.3, seed + 0.3)))
+        return len(self) - 1
+
+
+def shortest_polyline(regions, legs, places, corridors):
+    """The length of the shortest polyline with a straight piece in each region of each leg, m, or None."""
+    program = MathematicalProgram()
+    corners = [program.NewContinuousVariables(3) for _ in range(sum(map(len, legs)) + 1)]
+    numbers = [number for leg in legs for number in leg]
+    within = [corridor for leg, corridor in zip(legs, corridors, strict=True) for _ in leg]
+    for number, corridor, ends in zip(numbers, within, itertools.pairwise(corners), strict=True):
+        for end in ends:
+            region = regions[number]
+            program.AddLinearConstraint(region.normals, np.full(region.faces, -np.inf), region.offsets, end)
+            if corridor is not None:
+                program.AddBoundingBoxConstraint(corridor.low, corridor.high, end)
+        (length,) = program.NewContinuousVariables(1)
+        rows = np.vstack([np.zeros((1, 6)), np.hstack([np.eye(3), -np.eye(3)])])
+        program.AddLorentzConeConstraint(
+            np.hstack([rows, [[1.0], [0.0], [0.0], [0.0]]]), np.zeros(4), np.concatenate([*ends, [length]])
+        )
+        program.AddLinearCost(length)
+    for place, corner in zip(places, np.cumsum([0, *map(len, legs)]), strict=True):
+        if isinstance(place, Sphere):
+            program.AddLorentzConeConstraint(
+                np.vstack([np.zeros((1, 3)), np.eye(3)]),
+                np.concatenate([[place.radius], -place.centre]),
+                corners[corner],
+            )
+        else:
+            program.AddBoundingBoxConstraint(place.low, place.high, corners[corner])
+    result = ClarabelSolver().Solve(program)
+    return result.get_optimal_cost() if result.is_success() else None
+
+
+def costs_of_all(regions, places, corridors, longest=4):
+    """What each possible passage costs: the length of its polyline and its handovers, m."""
+    orders = [order for count in range(1, longest + 1) for order in itertools.permutations(range(len(regions)), count)]
+    chains = [order for order in orders if all(regions.common(i, j) for i, j in itertools.pairwise(order))]
+    possible = [
+        [each for each in chains if shortest_polyline(regions, [each], places[i : i + 2], [corridor]) is not None]
+        for i, corridor in enumerate(corridors)
+    ]
+    costs = {}
+    for legs in itertools.product(*possible):
+        length = shortest_polyline(regions, legs, places, corridors)
+        if length is not None:
+            # From a place into a region, from region to region, and to the next place.
+            costs[legs] = length + HANDOVER * sum(len(leg) + 1 for leg in legs)
+    return costs
+
+
+# Four boxes around a pillar: one on each side, which overlap in the corners.
+AROUND = (
+    ([0, 0, 0], [4, 1, 1]),
+    ([0, 3, 0], [4, 4, 1]),
+    ([0, 0, 0], [1, 4, 1]),
+    ([3, 0, 0], [4, 4, 1]),
+)
+BEGIN, END = Box.point([0.5, 2.1, 0.5]), Box.point([3.5, 2.3, 0.5])
+MAZES = {
+    "around a pillar": (AROUND, [BEGIN, END], [None]),
+    "the other way around it": (AROUND, [Box.point([0.5, 1.8, 0.5]), Box.point([3.5, 1.9, 0.5])], [None]),
+    "to a box": (AROUND, [BEGIN, Box([3.2, 0.2, 0.5], [3.6, 0.2, 0.5])], [None]),
+    "to a sphere": (AROUND, [BEGIN, Sphere([3.5, 0.4, 0.5], 0.3)], [None]),
+    "in a corridor": (AROUND, [BEGIN, END], [Box([0, 0, 0], [4, 2.6, 1])]),
+    "there and back": (AROUND, [BEGIN, END, Box.point([2.0, 0.5, 0.5])], [None, None]),
+    "back in a corridor": (AROUND, [BEGIN, END, Box.point([2.0, 0.5, 0.5])], [None, Box([0, 0, 0], [4, 2.5, 1])]),
+    "a short cut of many boxes": (
+        (
+            ([0, 0, 0], [1, 1, 1]),
+            ([0.9, 0, 0], [2, 1, 1]),
+            ([1.9, 0, 0], [3, 1, 1]),
+            ([0, 0, 0], [1, 1, 2.5]),
+            ([0, 0, 1.25], [3, 1, 2.5]),
+            ([2.5, 0, 0], [3, 1, 2.5]),
+        ),
+        [Box.point([0.5, 0.5, 0.9]), Box.point([2.6, 0.5, 0.9])],
+        [None],
+    ),
+    # One handover costs more than the detour over the top, of 8 cm.
+    "a detour that saves a handover": (
+        (
+            ([0, 0, 0], [0.8, 1, 1]),
+            ([0.7, 0, 0], [1.5, 1, 1]),
+            ([1.4, 0, 0], [2.2, 1, 1]),
+            ([2.1, 0, 0], [3, 1, 1]),
+            ([0, 0, 0], [1, 1, 2]),
+            ([0.9, 0, 1.18], [2.2, 1, 2]),
+            ([2.1, 0, 0], [3, 1, 2]),
+        ),
+        [Box.point([0.5, 0.5, 0.98]), Box.point([2.6, 0.5, 0.98])],
+        [None],
+    ),
+}
+
+
+@pytest.mark.parametrize(("boxes", "places", "corridors"), MAZES.values(), ids=MAZES)
+def test_no_passage_is_cheaper_than_the_one_that_is_found(boxes, places, corridors):
+    regions = Boxes(*boxes)
+    found = find_passage(regions, [range(len(regions))] * len(corridors), places, corridors)
+    costs = costs_of_all(regions, places, corridors)
+    assert costs[found] == pytest.approx(min(costs.values()), abs=1e-5)
+
+
+def test_only_candidates_are_flown_through():
+    """Without the box at the bottom the way leads over the top, though it is longer; without both there is none."""
+    regions = Boxes(*AROUND)
+    assert find_passage(regions, [[0, 1, 2, 3]], [BEGIN, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 0, 3),)
+    assert find_passage(regions, [[3, 1, 2]], [BEGIN, Box.point([3.5, 1.3, 0.5])], [None]) == ((2, 1, 3),)
+    assert find_passage(regions, [[3, 2]], [BEGIN, END], [None]) is None
+
+
+def test_regions_that_hardly_overlap_do_not_lead_to_each_other():
+    """What they have in common must hold a ball of 1 mm; where a corridor cuts it, the rest must."""
+    for overlap, leads in ((0.0015, False), (0.0025, True)):
+        regions = Boxes(([0, 0, 0], [1 + overlap, 1, 1]), ([1, 0, 0], [2, 1, 1]))
+        places = [Box.point([0.5, 0.5, 0.5]), Box.point([1.5, 0.5, 0.5])]
+        assert (regions.common(0, 1) is not None) == leads
+        assert (regions.common(1, 0) is not None) == leads
+        assert find_passage(regions, [[0, 1]], places, [None]) == (((0, 1),) if leads else None)
+        ends = [place.centre[None] for place in places]
+        assert other_passages(regions, ends, [None], count=3) == ([((0, 1),)] if leads else [])
+    regions = Boxes(([0, 0, 0], [1.5, 1, 1]), ([1, 0, 0], [2, 1, 1]))
+    for height, leads in ((0.0015, False), (0.0025, True)):
+        corridor = Box([0, 0, 0], [2, 1, height])
+        places = [Box.point([0.5, 0.5, 0.0]), Box.point([1.7, 0.5, 0.0])]
+        assert find_passage(regions, [[0, 1]], places, [corridor]) == (((0, 1),) if leads else None)
+        ends = [place.centre[None] for place in places]
+        assert other_passages(regions, ends, [corridor], count=3) == ([((0, 1),)] if leads else [])
+
+
+@pytest.mark.parametrize("places", [[BEGIN, END], [BEGIN, END, Box.point([2.0, 0.5, 0.5])]])
+def test_other_passages_can_be_flown(places):
+    regions = Boxes(*AROUND)
+    corridors = [None] * (len(places) - 1)
+    found = other_passages(regions, [place.centre[None] for place in places], corridors, count=30)
+    assert len(found) == len(set(found)) > 1
+    assert set(found) <= set(costs_of_all(regions, places, corridors))
+
+
+def test_other_passages_are_different_where_lengths_are_alike_and_the_same_where_they_are_not():
+    """Both ways around a square are of the same length; where the place is at one side, one of them is not."""
+    regions = Boxes(*AROUND)
+    middle = [np.array([[0.5, 2.0, 0.5]]), np.array([[3.5, 2.0, 0.5]])]
+    assert set(other_passages(regions, middle, [None], count=12)) == {((2, 0, 3),), ((2, 1, 3),)}
+    # The same box twice as far from the centre of the bottom box: 40 m there, 5 m along the top.
+    far = Boxes(([0, -40, 0], [4, 1, 1]), *AROUND[1:])
+    assert other_passages(far, middle, [None], count=12) == [((2, 1, 3),)]
+    assert other_passages(far, middle, [Box([0, 0, 0], [4, 2.5, 1])], count=12) == [((2, 0, 3),)]
+    assert other_passages(far, middle, [Box([0, 1.5, 0], [4, 2.5, 1])], count=12) == []
+
+
+def test_the_way_from_a_place_to_the_centre_of_its_region_counts():
+    """Two large boxes hold both ends. The nearest of the end's points to each centre decides between them."""
+    regions = Boxes(([0, 0, 0], [4, 1, 1]), ([-50, -1, -50], [50, 99, 50]))
+    ends = [np.array([[0.5, 0.5, 0.5]]), np.array([[2.0, 0.5, 0.5], [3.5, 0.5, 0.5]])]
+    assert other_passages(regions, ends, [None], count=12) == [((0,),)]
+    # Only the larger box holds a point of this end.
+    ends[1] = np.array([[2.0, 4.0, 0.5]])
+    assert {leg[-1] for (leg,) in other_passages(regions, ends, [None], count=12)} == {1}
+
+
+def test_a_chain_follows_the_box_that_goes_on_longest():
+    regions = Boxes(
+        ([0, 0, 0], [1.2, 1, 1]), ([0, 0, 0], [2.2, 1, 1]), ([2, 0, 0], [4, 1, 1]), ([1.5, 0, 0], [2.5, 1, 1])
+    )
+    way = np.column_stack([np.arange(0.1, 4.0, 0.2), np.full(20, 0.5), np.full(20, 0.5)])
+    assert chain(regions, way) == [1, 2]
+    assert chain(regions, way[::-1]) == [2, 1]
+    assert len(regions) == 4
+
+
+def test_a_chain_grows_regions_where_it_has_none():
+    """Between two boxes, 0.8 m apart."""
+    regions = Boxes(([0, 0, 0], [1, 1, 1]), ([1.8, 0, 0], [3, 1, 1]))
+    way = np.array(
+        [[0.5, 0.5, 0.5], [0.9, 0.5, 0.5], [1.3, 0.5, 0.5], [1.7, 0.5, 0.5], [1.9, 0.5, 0.5], [2.5, 0.5, 0.5]]
+    )
+    found = chain(regions, way)
+    assert (found[0], found[-1]) == (0, 1)
+    assert len(regions) > 2
+    for one, other in itertools.pairwise(found):
+        assert one != other
+        assert regions.common(one, other) is not None
+    assert regions.holding(way, found).any(axis=0).all()
+
+
+def test_regions_worth_a_look_are_those_of_the_chain_then_those_of_the_shortest_ways():
+    boxes = [([i, 0, 0], [i + 1.0, 1, 1]) for i in range(12)]
+    regions = Boxes(*boxes)
+    points = np.column_stack([np.arange(24) / 2 + 0.25, np.full(24, 0.5), np.full(24, 0.5)])
+    lengths = np.random.default_rng(1).permutation(24).astype(float)
+    lengths[10:12] = np.inf
+    shortest = {i: lengths[2 * i : 2 * i + 2].min() for i in range(12)}
+    chosen = worth_a_look(regions, [5, 3, 5], points, lengths)
+    others = sorted(set(shortest) - {3, 5}, key=shortest.get)
+    assert chosen == [5, 3, *others[:6]]
+    # No way leads over the points of the others.
+    lengths[4:] = np.inf
+    assert sorted(worth_a_look(regions, [5, 3], points, lengths)) == [0, 1, 3, 5]
+    assert worth_a_look(regions, list(range(12)), points, lengths) == list(range(12))

@@ -1,0 +1,409 @@
+"""Plots of designs, maps of gains, plans and sensitivities show the numbers that they are made of."""
+
+import math
+
+import numpy as np
+import pytest
+import scipy
+
+from drake_quad import load_scenario
+from drake_quad.analysis.cascade_design import design_cascade
+from drake_quad.analysis.closed_loop import closed_loop
+from drake_quad.analysis.sensitivity import Sensitivities
+from drake_quad.analysis.stability_map import StabilityMap
+from drake_quad.assembly.planning import plan_demand, plan_route, planned_parameters
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.reference.path_problem import Limits
+from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.reference.regions import Box, Polytope, Sphere
+from drake_quad.space.shapes import Ball, Cuboid
+from drake_quad.space.space import Obstacle, Space
+from drake_quad.visualization import design_plots, map_plots, plan_plots
+from drake_quad.visualization.obstacles import draw_obstacles, draw_solids, shadow
+from drake_quad.visualization.sensitivity_plots import plot_sensitivities
+from drake_quad.visualization.style import BLUE, VERMILION, new_figure
+
+
+@pytest.fixture(scope="module")
+def design():
+    return design_cascade(load_scenario("laboratory:nominal"))
+
+
+def response_of(loop, frequency):
+    """L at frequencies, by transfer matrices of the plant and the gains, rad/s."""
+    plant = loop.plant
+    found = []
+    for w in frequency:
+        z = np.exp(1j * w * plant.period)
+        outputs = plant.C @ np.linalg.solve(z * np.eye(len(plant.A)) - plant.A, plant.B) + plant.D
+        found.append(complex((np.array([loop.gains]) @ outputs)[0, 0]))
+    return np.array(found)
+
+
+@pytest.mark.slow
+def test_bode_plots_have_gain_phase_and_margins(design):
+    figure = design_plots.plot_bode(design)
+    grid = np.array(figure.axes).reshape(2, 2)
+    for column, (name, title) in enumerate((("pitch", "attitude (pitch)"), ("x", "position (x)"))):
+        upper, lower, loop = grid[0, column], grid[1, column], design.all_loops[name]
+        assert upper.get_title() == title
+        frequency, gain = upper.lines[0].get_xydata()[::40].T
+        expected = response_of(loop, frequency)
+        np.testing.assert_allclose(gain, 20.0 * np.log10(np.abs(expected)), atol=1e-6)
+        phase = lower.lines[0].get_ydata()
+        turns = (phase[::40] - np.degrees(np.angle(expected))) / 360.0
+        np.testing.assert_allclose(turns, np.round(turns), atol=1e-6)
+        assert np.abs(np.diff(phase)).max() < 90.0
+        # Double integrators begin at -180 degrees.
+        assert phase[0] == pytest.approx(-180.0, abs=90.0)
+        margins = loop.margins
+        (crossover, again), (bottom, top) = lower.lines[2].get_xydata().T
+        assert crossover == again == margins.crossover
+        assert (bottom, top - bottom) == pytest.approx((-180.0, margins.phase), abs=0.5)
+        turn, ends = upper.lines[2].get_xdata()[0], upper.lines[2].get_ydata()
+        np.testing.assert_allclose(ends, [-margins.gain, 0.0])
+        # There the phase is -180 degrees, and the gain as far below 0 dB.
+        at = response_of(loop, [turn])[0]
+        assert at.real == pytest.approx(-(10.0 ** (-margins.gain / 20.0)), rel=0.03)
+        assert abs(at.imag) < 0.05 * abs(at)
+        labels = [text.get_text() for text in (*lower.texts, *upper.texts)]
+        assert labels == [f"{margins.phase:.0f}°, {1e3 * margins.delay:.0f} ms", f"{margins.gain:.1f} dB"]
+        assert lower.texts[0].xy == pytest.approx((crossover, 0.5 * (bottom + top)))
+        assert upper.texts[0].xy == pytest.approx((turn, -0.5 * margins.gain))
+        assert [line.get_ydata()[0] for line in (upper.lines[1], lower.lines[1])] == [0.0, -180.0]
+        assert lower.get_xlim()[1] == pytest.approx(math.pi / loop.plant.period)
+
+
+def test_the_disk_of_a_nyquist_plot_is_what_the_loop_stays_outside_of(design):
+    for axes, name in zip(design_plots.plot_nyquist(design).axes, ("pitch", "x"), strict=True):
+        loop = design.all_loops[name]
+        curve = axes.lines[0].get_xydata() @ [1.0, 1j]
+        frequency = np.geomspace(0.1, 0.9 * math.pi / loop.plant.period, 400)
+        expected = response_of(loop, frequency)
+        apart = np.abs(expected[:, None] - curve).min(axis=1)
+        assert (apart < 0.05 * np.maximum(np.abs(expected), 0.1)).all()
+        np.testing.assert_allclose(np.abs(axes.lines[1].get_xydata() @ [1.0, 1j]), 1.0)
+        corners = axes.patches[0].get_xy()
+        low, high = corners[:, 0].min(), corners[:, 0].max()
+        alpha = loop.margins.disk
+        ends = [-(1.0 + 0.5 * alpha) / (1.0 - 0.5 * alpha), -(1.0 - 0.5 * alpha) / (1.0 + 0.5 * alpha)]
+        np.testing.assert_allclose([low, high], ends, rtol=1e-3)
+        middle, radius = 0.5 * (low + high), 0.5 * (high - low)
+        np.testing.assert_allclose(np.hypot(corners[:, 0] - middle, corners[:, 1]), radius, rtol=1e-3)
+        # The loop touches the disk.
+        assert np.abs(curve - middle).min() == pytest.approx(radius, rel=0.02)
+        assert axes.lines[2].get_xydata().tolist() == [[-1.0, 0.0]]
+
+
+def test_poles_of_a_root_locus_are_those_of_the_closed_loop(design):
+    loop = design.loops["x"]
+    plant, row = loop.plant, np.array([loop.gains])
+    (axes,) = design_plots.plot_root_locus(design).axes
+
+    def poles(factor):
+        """In continuous time; those of delays have none there."""
+        found = np.linalg.eigvals(plant.A - factor * plant.B @ row @ plant.C)
+        return np.log(found[np.abs(found) > 1e-6].astype(complex)) / plant.period
+
+    limit = 10.0 ** (loop.margins.gain / 20.0)
+    marked = [line for line in axes.lines if line.get_marker() in "xso" and line.get_linestyle() == "None"]
+    assert len(marked) == 3
+    for line, factor in zip(marked, (0.0, 1.0, limit), strict=True):
+        drawn = line.get_xydata() @ [1.0, 1j]
+        drawn = drawn[np.isfinite(drawn)]
+        for pole in poles(factor):
+            assert np.abs(drawn - pole).min() < 1e-4 * (1.0 + abs(pole))
+        assert len(drawn) == len(poles(factor))
+    # At the limit of stability a pair of poles is on the imaginary axis.
+    assert np.abs(poles(limit).real).min() < 1e-2
+    assert marked[2].get_label() == f"limit of stability, × {limit:.2f}"
+    cloud = axes.lines[0].get_xydata() @ [1.0, 1j]
+    cloud = cloud[np.isfinite(cloud)]
+    for factor in (0.0, 0.5, 3.0, 29.0):
+        for pole in poles(factor):
+            assert np.abs(cloud - pole).min() < 0.02 * (1.0 + abs(pole))
+    # Rays of damping ratios, up to the edge of the drawing.
+    rays = [line.get_xydata() for line in axes.lines if len(line.get_xdata()) == 5]
+    for ray, damping in zip(rays, (0.3, 0.5, 0.7), strict=True):
+        for x, y in (ray[1], ray[4]):
+            assert -x / math.hypot(x, y) == pytest.approx(damping)
+        assert ray[1, 1] == -ray[4, 1] == axes.get_ylim()[1]
+    assert [text.get_text() for text in axes.texts] == ["ζ 0.3", "ζ 0.5", "ζ 0.7"]
+    edge = max(4.0 * loop.margins.bandwidth, 1.2 * np.abs(poles(limit)[np.abs(poles(limit).real).argmin()].imag))
+    assert axes.get_ylim() == pytest.approx((-edge, edge), rel=1e-6)
+    assert axes.get_xlim() == pytest.approx((-1.3 * edge, 0.4 * edge), rel=1e-6)
+
+
+@pytest.mark.slow
+def test_steps_of_diagram_and_linear_model_settle_where_they_lead():
+    loop = closed_loop(load_scenario("laboratory:nominal"))
+    for axes, (row, size) in zip(
+        design_plots.plot_steps(loop).axes, (("x", 0.5), ("z", 0.5), ("yaw", 0.5)), strict=True
+    ):
+        diagram, model, wanted = axes.lines
+        assert axes.get_title() == f"step in {row}"
+        assert wanted.get_ydata()[0] == size
+        for line in (diagram, model):
+            assert line.get_ydata()[0] == pytest.approx(0.0, abs=1e-9)
+            assert line.get_ydata()[-1] == pytest.approx(size, rel=0.1)
+        np.testing.assert_allclose(diagram.get_ydata(), model.get_ydata(), atol=0.12 * size)
+        assert axes.get_ylim()[1] >= 1.06 * size
+    # Until the slowest pole has decayed to less than a hundredth, but four seconds at least and a minute at most.
+    slowest = -math.log(np.abs(loop.system.poles()).max()) / loop.system.period
+    assert diagram.get_xdata()[-1] == pytest.approx(min(max(5.0 / slowest, 4.0), 60.0), abs=0.05)
+
+
+def metrics_of(rmse, crashed):
+    return Metrics(rmse, *[rmse] * 11, np.where(crashed, 1.0, np.inf))
+
+
+@pytest.fixture(scope="module")
+def panels():
+    """Gains of which those with k_D below k_P / 4 are not stable, and those at the end crash."""
+    first, second = np.linspace(1.0, 5.0, 9), np.linspace(0.5, 3.5, 13)
+    k_p, k_d = np.meshgrid(first, second, indexing="ij")
+    size = 1.0 + 0.1 * (0.25 * k_p - k_d)
+    damping = np.where(size < 1.0, k_d / (2.0 * np.sqrt(k_p)), np.nan)
+    delay = np.where(size < 1.0, 0.5 / (k_p + k_d), np.nan)
+    rmse = 0.02 + 0.01 * np.hypot(k_p - 3.0, k_d - 2.0)
+    crashed = k_p + k_d > 8.2
+    panels = [
+        map_plots.MapPanel(name, StabilityMap(size, damping, delay), metrics_of(factor * rmse, crashed))
+        for name, factor in (("calm", 1.0), ("windy", 4.0))
+    ]
+    return panels, first, second, rmse, crashed
+
+
+def drawn_map(panels, first, second, marked=(3.0, 2.0)):
+    return map_plots.plot_map(panels, first, second, labels=("k_P (1/s²)", "k_D (1/s)"), marked=marked, loop="position")
+
+
+def test_a_map_shades_the_error_of_each_pair_of_gains(panels):
+    found, first, second, rmse, crashed = panels
+    figure = drawn_map(found, first, second)
+    left, right, bar = figure.axes
+    for axes, factor in ((left, 1.0), (right, 4.0)):
+        (image,) = axes.images
+        shown = np.ma.filled(image.get_array(), np.nan)
+        np.testing.assert_allclose(shown, np.where(crashed, np.nan, 100.0 * factor * rmse))
+        # Each pair of gains is in the middle of its cell.
+        assert image.get_extent() == pytest.approx((0.5 - 0.125, 3.5 + 0.125, 0.75, 5.25))
+        assert image.origin == "lower"
+        (star,) = [line for line in axes.lines if line.get_marker() == "*"]
+        assert star.get_xydata().tolist() == [[2.0, 3.0]]
+        low = 100.0 * rmse[~crashed].min()
+        high = 100.0 * 4.0 * rmse[~crashed].max()
+        assert (image.norm.vmin, image.norm.vmax) == pytest.approx((low, high))
+    assert (left.get_xlabel(), left.get_ylabel()) == ("k_D (1/s)", "k_P (1/s²)")
+    assert [axes.get_title() for axes in (left, right)] == ["calm", "windy"]
+    assert bar.get_ylabel() == "RMSE of the flight (cm)"
+    assert set(bar.get_yticks()) == {2.0, 5.0, 10.0}
+    assert "crashed" in [text.get_text() for text in figure.legends[0].get_texts()]
+    outside = drawn_map(found, first, second, marked=(0.5, 2.0)).axes[0]
+    assert not outside.lines
+
+
+def test_lines_of_a_map_are_the_edge_of_stability_and_levels_of_damping_and_delay(panels):
+    found, first, second, *_ = panels
+    axes = drawn_map(found, first, second).axes[0]
+    edge, damping, delay = [each for each in axes.collections if hasattr(each, "levels")]
+    for path in edge.get_paths():
+        for k_d, k_p in path.vertices:
+            assert k_d == pytest.approx(0.25 * k_p, abs=1e-6)
+    for level, path in zip(damping.levels, damping.get_paths(), strict=True):
+        for k_d, k_p in path.vertices:
+            assert k_d / (2.0 * math.sqrt(k_p)) == pytest.approx(level, abs=0.02)
+    assert tuple(damping.levels) == (0.2, 0.4, 0.6, 0.8)
+    np.testing.assert_allclose(delay.levels, [0.02, 0.08, 0.32, 1.28, 5.12])
+    for level, path in zip(delay.levels, delay.get_paths(), strict=True):
+        for k_d, k_p in path.vertices:
+            assert 0.5 / (k_p + k_d) == pytest.approx(level, rel=0.05)
+    labels = [text.get_text() for text in axes.texts]
+    assert {"ζ 0.4", "80 ms"} <= set(labels)
+    # Where everything is stable there is no edge.
+    stable = [found[0]._replace(linear=found[0].linear._replace(size=np.full((9, 13), 0.9)))]
+    assert len([each for each in drawn_map(stable, first, second).axes[0].collections if hasattr(each, "levels")]) == 2
+
+
+def test_labels_of_a_map_stand_on_their_lines_and_apart(panels):
+    found, first, second, *_ = panels
+    figure = drawn_map(found[:1], first, second)
+    figure.draw_without_rendering()
+    axes = figure.axes[0]
+    inside = axes.get_window_extent()
+    places = []
+    for text in axes.texts:
+        x, y = axes.transData.transform(text.get_position())
+        assert inside.x0 + 20.0 < x < inside.x1 - 20.0
+        assert inside.y0 + 20.0 < y < inside.y1 - 20.0
+        level = float(text.get_text().removeprefix("ζ ").removesuffix(" ms"))
+        k_d, k_p = text.get_position()
+        value = k_d / (2.0 * math.sqrt(k_p)) if "ζ" in text.get_text() else 500.0 / (k_p + k_d)
+        assert value == pytest.approx(level, rel=0.1)
+        places.append((x, y))
+    assert len(places) >= 4
+    assert scipy.spatial.distance.pdist(places).min() > 20.0
+
+
+def test_errors_of_a_map_that_are_all_alike_or_next_to_nothing_have_a_scale(panels):
+    found, first, second, *_ = panels
+    zero = [found[0]._replace(flown=metrics_of(np.zeros((9, 13)), np.zeros((9, 13), dtype=bool)))]
+    image = drawn_map(zero, first, second).axes[0].images[0]
+    assert (image.norm.vmin, image.norm.vmax) == pytest.approx((0.01, 0.02))
+    crash = [found[0]._replace(flown=metrics_of(np.zeros((9, 13)), np.ones((9, 13), dtype=bool)))]
+    image = drawn_map(crash, first, second).axes[0].images[0]
+    assert (image.norm.vmin, image.norm.vmax) == pytest.approx((1.0, 2.0))
+    wide = [found[0]._replace(flown=metrics_of(np.geomspace(1e-3, 9.0, 117).reshape(9, 13), np.zeros((9, 13), bool)))]
+    image = drawn_map(wide, first, second).axes[0].images[0]
+    assert (image.norm.vmin, image.norm.vmax) == pytest.approx((0.1, 3.0))
+
+
+def test_a_tornado_of_sensitivities_is_in_per_cent_per_per_cent():
+    fields, values = ("a", "b", "c", "d"), np.array([2.0, 0.5, 0.0, 4.0])
+    gradients = {"rmse": np.array([0.1, -2.0, 7.0, np.nan]), "effort_x": np.zeros(4)}
+    found = Sensitivities(fields, values, {"rmse": 0.4, "effort_x": 0.0}, np.inf, gradients)
+    (axes,) = plot_sensitivities(found, "rmse").axes
+    # The largest stands at the top; a field that is zero and a metric with a kink have no bar.
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["a", "b"]
+    assert [bar.get_width() for bar in axes.patches] == pytest.approx([0.5, -2.5])
+    assert [bar.get_y() + 0.5 * bar.get_height() for bar in axes.patches] == pytest.approx([0.0, 1.0])
+    colors = [bar.get_facecolor() for bar in axes.patches]
+    reference = new_figure(1.0, 1.0).subplots().bar([0, 1], [1, 1], color=[VERMILION, BLUE])
+    assert colors == [bar.get_facecolor() for bar in reference]
+    assert axes.get_title() == "rmse, first order"
+    (nothing,) = plot_sensitivities(found, "effort_x").axes
+    assert not nothing.patches
+    assert nothing.texts[0].get_text() == "nothing changes it to first order"
+
+
+@pytest.fixture(scope="module")
+def planned():
+    scenario = load_scenario("figure_eight")
+    return plan_route(scenario), planned_parameters(scenario)
+
+
+@pytest.fixture(scope="module")
+def drawn_plan(planned):
+    """A plan without regions, and a limit on the speed that it is far from."""
+    return plan_plots.plot_plan(*planned, limits=Limits(speed=9.0)).axes
+
+
+def test_a_plan_is_seen_from_three_sides(planned, drawn_plan):
+    plan, _ = planned
+    views = drawn_plan[:3]
+    for axes, (i, j) in zip(views, ((0, 1), (0, 2), (1, 2)), strict=True):
+        path, points, start = axes.lines
+        times = np.linspace(plan.path.times[0], plan.path.times[-1], 500)
+        flown = evaluate(plan.path, times)[[i, j]].T
+        assert np.linalg.norm(flown[:, None] - path.get_xydata(), axis=2).min(axis=1).max() < 0.02
+        np.testing.assert_allclose(points.get_xydata(), plan.waypoints[:, [i, j]])
+        np.testing.assert_allclose(start.get_xydata(), plan.waypoints[:1, [i, j]])
+        assert (axes.get_xlabel(), axes.get_ylabel()) == (f"{'XYZ'[i]} (m)", f"{'XYZ'[j]} (m)")
+        assert axes.get_aspect() == 1.0
+        assert bool(axes.texts) == (j == 1)
+    # Waypoints that lie on each other have one label with all of their numbers.
+    shown = sorted(int(number) for text in views[0].texts for number in text.get_text().split(", "))
+    assert shown == list(range(len(plan.waypoints)))
+    for text in views[0].texts:
+        for number in text.get_text().split(", "):
+            near = 0.02 * np.ptp(plan.waypoints[:, :2], axis=0).max()
+            assert np.linalg.norm(plan.waypoints[int(number), :2] - text.xy) <= near + 1e-9
+
+
+def test_profiles_of_a_plan_are_norms_of_its_derivatives(planned, drawn_plan):
+    plan, parameters = planned
+    speed, acceleration, snap, yaw, rotors = drawn_plan[3:]
+    times = speed.lines[0].get_xdata()
+    assert (times[0], times[-1]) == (0.0, plan.duration)
+    for axes, order in ((speed, 1), (acceleration, 2), (snap, 4)):
+        expected = np.linalg.norm(evaluate(plan.path, times, order), axis=0)
+        np.testing.assert_allclose(axes.lines[0].get_ydata(), expected)
+        top = 9.0 if order == 1 else expected.max()
+        assert axes.get_ylim() == pytest.approx((0.0, 1.12 * top))
+        assert axes.get_xlim() == (0.0, plan.duration)
+    assert speed.lines[1].get_ydata()[0] == 9.0
+    np.testing.assert_allclose(yaw.lines[0].get_ydata(), np.degrees(evaluate(plan.yaw, times)[0]))
+    low, high = yaw.get_ylim()
+    assert high - low >= 20.0 - 1e-9
+    demand = plan_demand(plan, parameters, times).rotor_speed
+    for i, (line, speeds) in enumerate(zip(rotors.lines, demand, strict=False), start=1):
+        assert line.get_label() == f"rotor {i}"
+        np.testing.assert_allclose(line.get_ydata(), speeds)
+    assert [line.get_ydata()[0] for line in rotors.lines[4:6]] == [
+        parameters.min_rotor_speed,
+        parameters.max_rotor_speed,
+    ]
+    assert rotors.get_ylim() == pytest.approx((0.0, 1.12 * parameters.max_rotor_speed))
+    passed = [line.get_xdata()[0] for line in rotors.lines[6:]]
+    np.testing.assert_allclose(passed, plan.path.times)
+
+
+@pytest.mark.slow
+def test_regions_and_waypoints_of_a_plan_are_drawn_where_they_are(planned):
+    """Of the waypoints, those of the route alone."""
+    plan, parameters = planned
+    box, ball = Box([1.0, 2.0, 0.5], [1.5, 2.6, 1.0]), Sphere([0.3, 0.4, 1.2], 0.25)
+    corridor, half = Box([-2.0, -3.0, 0.0], [3.0, 4.0, 2.5]), Polytope([[1.0, 0.0, 0.0]], [2.0])
+    figure = plan_plots.plot_plan(
+        plan,
+        parameters,
+        places=(Box.point([0, 0, 1]), box, ball),
+        corridors=(corridor, None, corridor, half),
+        waypoints=np.array([0, 2, 5]),
+    )
+    np.testing.assert_allclose(figure.axes[0].lines[1].get_xydata(), plan.waypoints[[0, 2, 5], :2])
+    for axes, (i, j) in zip(figure.axes[:3], ((0, 1), (0, 2), (1, 2)), strict=True):
+        # A corridor of two segments is drawn once, and a point not at all.
+        first, second, third, fourth = axes.patches
+        for patch, region in ((first, corridor), (third, box)):
+            assert patch.get_xy() == (region.low[i], region.low[j])
+            assert (patch.get_width(), patch.get_height()) == pytest.approx(
+                (region.high[i] - region.low[i], region.high[j] - region.low[j])
+            )
+        path = evaluate(plan.path, np.linspace(0.0, plan.duration, 4000))
+        margin = 0.25 + 0.1 * np.ptp(path, axis=1).max()
+        ends = np.array([second.get_xy().min(axis=0), second.get_xy().max(axis=0)])
+        expected = np.array([path.min(axis=1) - margin, path.max(axis=1) + margin])
+        expected[1, 0] = 2.0 if expected[1, 0] > 2.0 else expected[1, 0]
+        np.testing.assert_allclose(ends, expected[:, [i, j]], atol=1e-3)
+        assert (fourth.get_center(), fourth.get_radius()) == ((ball.centre[i], ball.centre[j]), 0.25)
+
+
+def test_obstacles_cast_shadows():
+    space = Space(
+        (Obstacle("post", Cuboid((1.0, 2.0, 0.5), size=(0.4, 0.6, 1.0))), Obstacle("ball", Ball((0.0, 0.0, 1.0)))),
+        0.1,
+        margin=0.2,
+    )
+    axes = new_figure(3.0, 3.0).subplots()
+    draw_obstacles(axes, space, 0, 2, clearance=True)
+    box, around, disc, ring = axes.patches
+    np.testing.assert_allclose(np.sort(box.get_xy()[:-1], axis=0), [[0.8, 0.0], [0.8, 0.0], [1.2, 1.0], [1.2, 1.0]])
+    np.testing.assert_allclose(
+        [around.get_xy().min(axis=0), around.get_xy().max(axis=0)], [[0.5, -0.3], [1.5, 1.3]], atol=1e-3
+    )
+    np.testing.assert_allclose(np.hypot(*(disc.get_xy() - [0.0, 1.0]).T), 1.0, atol=0.02)
+    np.testing.assert_allclose(np.hypot(*(ring.get_xy() - [0.0, 1.0]).T), 1.3, atol=0.02)
+    assert not axes.texts
+    above = new_figure(3.0, 3.0).subplots()
+    draw_obstacles(above, space, 0, 1)
+    assert len(above.patches) == 2
+    assert [text.get_text() for text in above.texts] == ["post", "ball"]
+    assert above.texts[0].get_position() == pytest.approx((1.0, 1.7))
+    square = np.array([[0, 0], [1, 0], [1, 1], [0, 1], [0.5, 0.5], [0.5, 0.0]])
+    found = shadow(square)
+    assert sorted(map(tuple, found.tolist())) == [(0, 0), (0, 1), (1, 0), (1, 1)]
+    x, y = found.T
+    assert 0.5 * (x @ np.roll(y, -1) - y @ np.roll(x, -1)) == pytest.approx(1.0)
+    solid = new_figure(3.0, 3.0).add_subplot(projection="3d")
+    corners = draw_solids(solid, space)
+    np.testing.assert_allclose(corners, [[-1.0, -1.0, 0.0], [1.2, 2.3, 2.0]])
+    assert len(solid.collections) == 2
+
+
+def test_names_of_many_obstacles_are_left_out():
+    for count, named in ((30, True), (31, False)):
+        boxes = tuple(Obstacle(str(i), Cuboid((2.0 * i, 0.0, 0.0))) for i in range(count))
+        axes = new_figure(3.0, 3.0).subplots()
+        draw_obstacles(axes, Space(boxes, 0.1), 0, 1)
+        assert bool(axes.texts) == named

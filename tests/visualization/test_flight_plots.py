@@ -1,0 +1,339 @@
+"""Plots of a flight show its signals, in the units of their axes."""
+
+import numpy as np
+import pytest
+from matplotlib.colors import to_hex
+
+from drake_quad import load_scenario, simulate
+from drake_quad.assembly.laboratory import jets
+from drake_quad.assembly.planning import plan_route
+from drake_quad.laboratory.wind.fans import jet_speed
+from drake_quad.signals import State
+from drake_quad.visualization import plots
+from drake_quad.visualization.leg_marks import leg_marks, leg_names, number_legs, shade_legs
+from drake_quad.visualization.overview import plot_flight
+from drake_quad.visualization.places import place_by_axis, places
+from drake_quad.visualization.style import AXES, ROTORS, new_figure
+from drake_quad.visualization.wind_plots import plot_wind
+
+WIND = (
+    "laboratory.wind=["
+    "{kind: fan, position: [-2.0, 0.3, 1.1], direction: [0.92106, 0.38942, 0.0], flow: 1.131, diameter: 0.6},"
+    "{kind: steady, velocity: [0.3, -0.2, 0.1]}]"
+)
+
+
+@pytest.fixture(scope="module")
+def flight():
+    """A windy flight of three seconds past a pillar."""
+    pillar = "space={obstacles: {pillar: {kind: cylinder, centre: [0.4, 2.5, 1.0], radius: 0.2, height: 2.0}}}"
+    return simulate(load_scenario("laboratory:low_wind", ["duration=3", pillar]))
+
+
+@pytest.fixture(scope="module")
+def crash():
+    """A flight that a wind blows away."""
+    wind = ["vehicle.linear_drag=0.3", "laboratory.wind=[{kind: steady, velocity: [6, 0, 0]}]"]
+    return simulate(load_scenario("hover", ["duration=3", "crash.position_error=0.5", *wind]))
+
+
+def curve(axes, label):
+    """The data of the curve of a name."""
+    (found,) = [line for line in axes.lines if line.get_label() == label]
+    return found.get_xydata().T
+
+
+def test_the_position_error_is_reference_minus_flown_in_centimetres(flight):
+    upper, lower = plots.plot_errors(flight).axes
+    state, reference = flight.record("state"), flight.record("reference")
+    squared = 0.0
+    for axis in "xyz":
+        error = 100.0 * (getattr(reference, axis) - getattr(state, axis))
+        np.testing.assert_allclose(curve(upper, axis.upper()), [flight.time, error])
+        squared += error**2
+    np.testing.assert_allclose(lower.lines[0].get_xydata().T, [flight.time, np.sqrt(squared)])
+    np.testing.assert_allclose(lower.lines[1].get_ydata(), 100.0 * flight.metrics.rmse)
+    texts = [text.get_text() for text in lower.texts]
+    assert f"RMSE\n{100.0 * flight.metrics.rmse:.2f} cm" in texts
+    assert lower.get_ylim()[0] == 0.0
+    assert upper.get_shared_x_axes().joined(upper, lower)
+
+
+def test_attitude_is_in_degrees_beside_its_command(flight):
+    rows = plots.plot_attitude(flight).axes
+    for axes, angle in zip(rows, ("roll", "pitch", "yaw"), strict=True):
+        np.testing.assert_allclose(curve(axes, "flown")[1], np.degrees(getattr(flight.record("state"), angle)))
+        wanted = np.degrees(getattr(flight.record("attitude_command"), angle))
+        np.testing.assert_allclose(curve(axes, "commanded"), [flight.time, wanted])
+        assert axes.get_ylabel() == f"{angle} (°)"
+    # Of a yaw that hardly changes, at least two degrees are shown.
+    low, high = rows[2].get_ylim()
+    yaw = np.degrees(flight.record("state").yaw)
+    assert high - low >= 2.0 - 1e-9
+    assert low < yaw.min() <= yaw.max() < high
+    roll = np.degrees(flight.record("state").roll)
+    assert (rows[0].get_ylim()[0] < roll.min()) & (roll.max() < rows[0].get_ylim()[1])
+
+
+def test_an_attitude_that_stays_is_in_the_middle():
+    flight = simulate(load_scenario("hover", ["duration=0.2"]))
+    for axes, angle in zip(plots.plot_attitude(flight).axes, ("roll", "pitch", "yaw"), strict=True):
+        still = np.degrees(getattr(flight.record("state"), angle))
+        low, high = axes.get_ylim()
+        assert high - low == pytest.approx(2.0)
+        assert 0.5 * (low + high) == pytest.approx(still.mean(), abs=0.1)
+
+
+def test_rotor_speeds_are_shown_close_and_between_their_limits(flight):
+    close, whole = plots.plot_rotors(flight).axes
+    vehicle = flight.scenario.vehicle
+    speeds = flight.record("rotor_speed")
+    for i, (color, speed) in enumerate(zip(ROTORS, speeds, strict=True), start=1):
+        for axes in (close, whole):
+            np.testing.assert_allclose(curve(axes, f"rotor {i}"), [flight.time, speed])
+        (line,) = [line for line in close.lines if line.get_label() == f"rotor {i}"]
+        assert to_hex(line.get_color()) == color.lower()
+    limits = [vehicle.min_rotor_speed, vehicle.max_rotor_speed]
+    for axes in (close, whole):
+        assert [line.get_ydata()[0] for line in axes.lines[4:]] == limits
+    assert whole.get_ylim()[0] == 0.0
+    assert limits[1] < whole.get_ylim()[1] < 1.2 * limits[1]
+    assert [(text.get_text(), text.xy[1]) for text in whole.texts] == [
+        (f"idle {limits[0]:g}", limits[0]),
+        (f"top {limits[1]:g}", limits[1]),
+    ]
+    # Close up, the speeds fill the axes, whatever the limits are.
+    low, high = close.get_ylim()
+    assert np.ptp(speeds) > 0.8 * (high - low)
+
+
+def test_a_path_is_shown_in_space_and_from_above(flight):
+    space, plane = plots.plot_path(flight).axes
+    state, reference = flight.record("state"), flight.record("reference")
+    flown, wanted = (np.array(line.get_data_3d()) for line in space.lines)
+    np.testing.assert_array_equal(flown, [state.x, state.y, state.z])
+    np.testing.assert_array_equal(wanted, [reference.x, reference.y, reference.z])
+    # The start is marked, and the pillar beside the path, which is in view.
+    start = np.array(space.collections[0]._offsets3d)[:, 0]
+    np.testing.assert_array_equal(start, flown[:, 0])
+    limits = np.array([space.get_xlim(), space.get_ylim(), space.get_zlim()])
+    corners = np.column_stack([flown, wanted, [0.6, 2.7, 2.0], [0.2, 2.3, 0.0]])
+    assert (limits[:, 0] <= corners.min(axis=1) + 1e-9).all()
+    assert (limits[:, 1] >= corners.max(axis=1) - 1e-9).all()
+    np.testing.assert_allclose(limits.mean(axis=1), 0.5 * (corners.min(axis=1) + corners.max(axis=1)), atol=1e-9)
+    # No side of the box is much shorter than another.
+    extents = np.diff(limits)[:, 0]
+    np.testing.assert_allclose(
+        extents, np.maximum(np.ptp(corners, axis=1), max(0.35 * np.ptp(corners, axis=1).max(), 0.5))
+    )
+    np.testing.assert_array_equal(curve(plane, "flown"), flown[:2])
+    np.testing.assert_array_equal(curve(plane, "reference"), wanted[:2])
+    np.testing.assert_array_equal(curve(plane, "start")[:, 0], flown[:2, 0])
+    assert len(plane.patches) == 1
+    assert plane.get_aspect() == 1.0
+
+
+def test_the_view_of_a_hover_is_half_a_metre_wide():
+    flight = simulate(load_scenario("hover", ["duration=0.2"]))
+    space, plane = plots.plot_path(flight).axes
+    middle = [state[0] for state in flight.record("state")[:3]]
+    for limits, place in zip((space.get_xlim(), space.get_ylim(), space.get_zlim()), middle, strict=True):
+        assert np.ptp(limits) == pytest.approx(0.5, abs=0.01)
+        assert np.mean(limits) == pytest.approx(place, abs=0.02)
+    plane.figure.draw_without_rendering()
+    for limits in (plane.get_xlim(), plane.get_ylim()):
+        assert 0.5 <= np.ptp(limits) < 2.0
+
+
+def test_a_crash_is_marked_where_it_is(crash):
+    assert crash.metrics.crashed
+    _, plane = plots.plot_path(crash).axes
+    state = crash.record("state")
+    np.testing.assert_array_equal(curve(plane, crash.crash)[:, 0], [state.x[-1], state.y[-1]])
+    _, alone = plots.plot_path(simulate(load_scenario("hover", ["duration=0.1"]))).axes
+    assert [line.get_label() for line in alone.lines][:3] == ["flown", "reference", "start"]
+    assert len(alone.lines) == 3
+
+
+def test_a_flight_at_a_glance_has_all_of_its_parts(flight, crash):
+    _, axes = plot_flight(flight)
+    np.testing.assert_array_equal(curve(axes["path"], "flown")[0], flight.record("state").x)
+    command = flight.record("acceleration_command")
+    for axis in "xyz":
+        np.testing.assert_array_equal(curve(axes["command"], axis.upper()), [flight.time, getattr(command, axis)])
+    np.testing.assert_array_equal(curve(axes["rotors"], "rotor 2")[1], flight.record("rotor_speed")[1])
+    assert axes["error"].get_shared_x_axes().joined(axes["error"], axes["rotors"])
+    assert axes["command"].get_shared_x_axes().joined(axes["command"], axes["rotors"])
+    assert axes["error"].get_xlabel() == axes["command"].get_xlabel() == ""
+    assert axes["rotors"].get_xlabel() == "time (s)"
+
+
+@pytest.mark.slow
+def test_all_plots_that_a_flight_has_are_saved(flight, monkeypatch):
+    """A flight without wind has no plot of wind, and one without a network none of learning."""
+    monkeypatch.setattr(plots, "save_figures", lambda figures, folder, vector: [*figures])
+    always = ["path", "errors", "attitude", "rotors"]
+    assert plots.save_plots(flight, ".") == [*always, "wind"]
+    still = simulate(load_scenario("hover", ["duration=0.1"]))
+    assert plots.save_plots(still, ".") == always
+    learned = simulate(load_scenario("paper:low_wind_pd_t2fnn", ["duration=0.1", "laboratory.wind=[]"]))
+    assert plots.save_plots(learned, ".") == [*always, "memberships", "learning", "surfaces", "secant_gains"]
+
+
+def test_places_are_positions(flight):
+    state = flight.record("state")
+    np.testing.assert_array_equal(places(state), np.transpose([state.x, state.y, state.z]))
+    assert {axis: rows is not None for axis, rows in place_by_axis(state).items()} == dict.fromkeys("xyz", True)
+    np.testing.assert_array_equal(place_by_axis(state)["y"], state.y)
+
+
+@pytest.fixture(scope="module")
+def plan():
+    return plan_route(load_scenario("figure_eight"))
+
+
+def test_a_leg_is_marked_in_its_middle_on_its_right(plan):
+    marks = leg_marks(plan)
+    ends = [*plan.leg_times, plan.path.times[-1]]
+    assert [mark.number for mark in marks] == list(range(1, len(ends)))
+    for mark, start, end in zip(marks, ends[:-1], ends[1:], strict=True):
+        middle = 0.5 * (start + end)
+        np.testing.assert_allclose(mark.place, plan.derivative(0).value(middle)[:, 0])
+        v_x, v_y, _ = plan.derivative(1).value(middle)[:, 0]
+        if np.any(mark.beside):
+            # To the right of where it flies, at a right angle, and of length one.
+            assert mark.beside @ [v_x, v_y] == pytest.approx(0.0, abs=1e-9)
+            assert v_x * mark.beside[1] - v_y * mark.beside[0] < 0.0
+            assert np.linalg.norm(mark.beside) == pytest.approx(1.0)
+        else:
+            assert np.hypot(v_x, v_y) <= 0.2
+    assert sum(np.any(mark.beside) for mark in marks) > 1
+    assert leg_marks(plan_route(load_scenario("hover"))) == []
+
+
+def test_numbers_of_legs_stand_beside_the_path_and_over_time(plan):
+    figure = new_figure(4.0, 3.0)
+    above, time = figure.subplots(2, 1)
+    number_legs(above, plan, distance=7.0)
+    marks = [mark for mark in leg_marks(plan) if np.any(mark.beside)]
+    assert [text.get_text() for text in above.texts] == [str(mark.number) for mark in marks]
+    np.testing.assert_allclose([text.xy for text in above.texts], [mark.place[:2] for mark in marks])
+    np.testing.assert_allclose([text.get_position() for text in above.texts], [7.0 * mark.beside for mark in marks])
+    ends = np.array([*plan.leg_times, plan.path.times[-1]])
+    last = 0.5 * (ends[2] + ends[3])
+    shade_legs(time, plan, last)
+    shown = np.minimum(ends[:4], last)
+    np.testing.assert_allclose(
+        [text.xy for text in time.texts], [[place, 1.0] for place in 0.5 * (shown[1:] + shown[:-1])]
+    )
+    assert [text.get_text() for text in time.texts] == ["1", "2", "3"]
+    assert all(text.get_position() == (0.0, 4.0) for text in time.texts)
+    (second,) = time.patches
+    assert (second.get_x(), second.get_width()) == pytest.approx((ends[1], ends[2] - ends[1]))
+    shade_legs(above, plan, float(ends[-1]), height=0.3)
+    assert [text.xy[1] for text in above.texts[len(marks) :]] == [0.3] * (len(ends) - 1)
+    assert {text.get_position() for text in above.texts[len(marks) :]} == {(0.0, 0.0)}
+    named = [leg.name for leg in plan.legs]
+    assert [line.get_label() for line in leg_names(plan)] == named
+    for line in leg_names(plan):
+        extents = line.get_marker().get_extents()
+        np.testing.assert_allclose([extents.x0 + extents.x1, extents.y0 + extents.y1], 0.0, atol=1e-6)
+
+
+@pytest.fixture(scope="module")
+def windy():
+    return simulate(load_scenario("laboratory:nominal", ["duration=1.5", WIND]))
+
+
+def test_the_wind_at_the_vehicle_is_shown_over_time(windy):
+    series = plot_wind(windy).axes[2]
+    for axis, color in AXES.items():
+        np.testing.assert_array_equal(curve(series, axis.upper()), [windy.time, getattr(windy.record("wind"), axis)])
+        (line,) = [line for line in series.lines if line.get_label() == axis.upper()]
+        assert to_hex(line.get_color()) == color.lower()
+
+
+def middles(mesh):
+    """Coordinates of the middles of a mesh's cells, across and up the page: (rows, columns) each, m."""
+    return np.moveaxis(0.5 * (mesh.get_coordinates()[:-1, :-1] + mesh.get_coordinates()[1:, 1:]), -1, 0)
+
+
+def mean_speed(flight, x, y, z):
+    """The speed of steady wind and fans at places, m/s."""
+    rows = np.broadcast_arrays(x, y, z)
+    still = np.zeros_like(rows[0])
+    velocity = [still + part for part in (0.3, -0.2, 0.1)]
+    for jet in jets(flight.scenario.laboratory.wind):
+        speed, _ = jet_speed(State(*rows, *[still] * 9), jet)
+        velocity = [each + speed * part for each, part in zip(velocity, jet.direction, strict=True)]
+    return np.linalg.norm(velocity, axis=0)
+
+
+@pytest.mark.slow
+def test_maps_show_the_mean_wind_in_a_level_and_an_upright_plane(windy):
+    """The fan blows along its axis; far from it there is the steady wind alone."""
+    above, side, *_ = plot_wind(windy).axes
+    reference, state = windy.record("reference"), windy.record("state")
+    long, short = ("y", "x") if np.ptp(above.get_xlim()) and above.get_xlabel() == "Y (m)" else ("x", "y")
+    assert above.get_ylabel() == f"{short.upper()} (m)"
+    assert (side.get_xlabel(), side.get_ylabel()) == (f"{long.upper()} (m)", "Z (m)")
+    # The planes lead through the outlet of the fan.
+    assert above.get_title(loc="left") == "From above: wind at Z = 1.1 m"
+    level = {"x": -2.0, "y": 0.3}[short]
+    assert side.get_title(loc="left") == f"From the side: wind at {short.upper()} = {level:.1f} m".replace("-", "−")
+    tops = [float(axes.collections[0].get_array().max()) for axes in (above, side)]
+    for axes, up in ((above, short), (side, "z")):
+        mesh = axes.collections[0]
+        place = {"x": -2.0, "y": 0.3, "z": 1.1} | {long: middles(mesh)[0], up: middles(mesh)[1]}
+        np.testing.assert_allclose(np.asarray(mesh.get_array()), mean_speed(windy, **place), atol=1e-9)
+        assert (mesh.norm.vmin, mesh.norm.vmax) == (0.0, max(tops))
+        np.testing.assert_array_equal(curve(axes, "reference"), [getattr(reference, long), getattr(reference, up)])
+        np.testing.assert_array_equal(curve(axes, "flown"), [getattr(state, long), getattr(state, up)])
+        # The map holds the path, the fan and a margin, but nothing below the ground.
+        corners = mesh.get_coordinates()
+        for place, axis in ((0, long), (1, up)):
+            ends = [*getattr(state, axis), *getattr(reference, axis), {"x": -2.0, "y": 0.3, "z": 1.1}[axis]]
+            low = max(min(ends) - 0.7, 0.0) if axis == "z" else min(ends) - 0.7
+            assert corners[..., place].min() == pytest.approx(low, abs=0.02)
+            assert corners[..., place].max() == pytest.approx(max(ends) + 0.7, abs=0.03)
+    # The longer side lies across the page.
+    corners = above.collections[0].get_coordinates()
+    assert np.ptp(corners[..., 0]) >= np.ptp(corners[..., 1])
+
+
+def test_a_fan_is_a_bar_across_its_direction(windy):
+    above, *_ = plot_wind(windy).axes
+    (bar,) = [line for line in above.lines if len(line.get_xdata()) == 2]
+    ends = bar.get_xydata()
+    if above.get_xlabel() == "Y (m)":
+        ends = ends[:, ::-1]
+    np.testing.assert_allclose(ends.mean(axis=0), [-2.0, 0.3], atol=1e-9)
+    along = np.diff(ends, axis=0)[0]
+    assert np.linalg.norm(along) == pytest.approx(0.6)
+    assert along @ [0.92106, 0.38942] == pytest.approx(0.0, abs=1e-9)
+
+
+def test_arrows_have_the_direction_of_the_wind(windy):
+    """Each arrow is the velocity at its place, of which the longest reaches to the next one."""
+    above, *_ = plot_wind(windy).axes
+    arrows, mesh = above.collections[1], above.collections[0]
+    speeds = np.hypot(arrows.U, arrows.V)
+    spacing = np.diff(np.unique(arrows.X)).min()
+    at = dict(zip(above.get_xlabel()[0].lower() + above.get_ylabel()[0].lower(), (arrows.X, arrows.Y), strict=True))
+    whole = np.hypot(speeds, 0.1)
+    np.testing.assert_allclose(whole, mean_speed(windy, z=1.1, **at))
+    # Where there is next to no wind there is no arrow; elsewhere they stand evenly.
+    assert whole.min() > 0.03 * mesh.get_array().max()
+    assert len(np.unique(arrows.X)) == pytest.approx(30, abs=1)
+    assert speeds.max() / arrows.scale == pytest.approx(spacing, rel=0.15)
+    # Far from the fan the wind is the steady one.
+    flat = {"Y (m)": (-0.2, 0.3), "X (m)": (0.3, -0.2)}[above.get_xlabel()]
+    far = np.argmin(speeds)
+    assert (arrows.U[far], arrows.V[far]) == pytest.approx(flat, abs=0.05)
+
+
+def test_without_steady_wind_there_is_no_map(flight):
+    still = simulate(load_scenario("hover", ["duration=0.1"]))
+    (axes,) = plot_wind(still).axes
+    assert axes.get_ylim() == (-1.0, 1.0)
+    np.testing.assert_array_equal(curve(axes, "X")[1], 0.0)

@@ -1,0 +1,516 @@
+"""Scenes of replays, as calls of Meshcat: what is drawn, where it is and when it moves."""
+
+import json
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.geometry import Box, Cylinder, Sphere
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from drake_quad import load_scenario, simulate
+from drake_quad.laboratory.wind.fans import Direction, Jet, Outlet
+from drake_quad.signals import RotorSpeed, State, Wind
+from drake_quad.space.shapes import Ball, Cuboid, hull_of
+from drake_quad.space.shapes import Cylinder as Pillar
+from drake_quad.vehicle.rotors import Rotors
+from drake_quad.visualization.places import places
+from drake_quad.visualization.replay import page
+from drake_quad.visualization.replay.live import LiveView
+from drake_quad.visualization.replay.page import draw_replay
+from drake_quad.visualization.replay.scene import Room, draw_surroundings, look_at, reference_points
+from drake_quad.visualization.replay.shapes import (
+    ERRORS,
+    Frame,
+    draw_arrow,
+    draw_fan,
+    draw_quadrotor,
+    draw_solid,
+    draw_trail_piece,
+    pose_of,
+    quadrotor_mesh,
+    rotor_poses,
+    shrunk,
+    tube,
+    turned_by,
+    wind_arrow,
+)
+from drake_quad.visualization.replay.story import story
+from drake_quad.visualization.style import AXES
+
+
+class Animation:
+    """Keeps the keyframes of an animation, by path and by what moves."""
+
+    def __init__(self, rate):
+        self.rate, self.transforms, self.properties = rate, {}, {}
+
+    def frames_per_second(self):
+        return self.rate
+
+    def set_repetitions(self, count):
+        self.repetitions = count
+
+    def SetTransform(self, frame, path, transform):
+        self.transforms.setdefault(path, {})[frame] = transform
+
+    def SetProperty(self, frame, path, name, value):
+        self.properties.setdefault((path, name), {})[frame] = value
+
+
+class Scene:
+    """Takes the calls that Meshcat would take, and keeps what is drawn by its path."""
+
+    def __init__(self):
+        self.objects, self.colors, self.poses, self.properties = {}, {}, {}, {}
+        self.lines, self.meshes, self.camera, self.published = {}, {}, None, False
+
+    def SetObject(self, path, shape, rgba=None):
+        self.objects[path], self.colors[path] = shape, rgba
+
+    def SetTransform(self, path, transform):
+        self.poses[path] = transform
+
+    def SetProperty(self, path, name, value):
+        self.properties[path, name] = value
+
+    def SetLine(self, path, points, width, rgba):
+        self.lines[path], self.colors[path] = np.array(points), rgba
+
+    def SetLineSegments(self, path, starts, ends, width, rgba):
+        self.lines[path], self.colors[path] = np.stack([starts, ends]), rgba
+
+    def SetTriangleMesh(self, path, vertices, faces, rgba):
+        self.meshes[path], self.colors[path] = (np.array(vertices), np.array(faces)), rgba
+
+    def SetTriangleColorMesh(self, path, vertices, faces, colors):
+        self.meshes[path], self.colors[path] = (np.array(vertices), np.array(faces)), np.array(colors)
+
+    def SetCameraPose(self, place, target):
+        self.camera = np.array(place), np.array(target)
+
+    def StartRecording(self, rate, set_visualizations_while_recording):
+        self.animation = Animation(rate)
+
+    def get_mutable_recording(self):
+        return self.animation
+
+    def StopRecording(self):
+        self.stopped = True
+
+    def PublishRecording(self):
+        self.published = True
+
+
+X = Rotors.x(length=0.2, width=0.3)
+FRAME = Frame(X, (np.zeros(3),) * 4)
+
+
+def ends(box, pose):
+    """The middles of the two short sides of a box, m."""
+    half = 0.5 * box.width()
+    return np.array([pose @ np.array([sign * half, 0.0, 0.0]) for sign in (-1.0, 1.0)])
+
+
+def test_each_part_of_a_quadrotor_is_where_it_belongs():
+    scene = Scene()
+    draw_quadrotor(scene, "/v", FRAME, "black")
+    size = shrunk(X)
+    assert size == pytest.approx(min(np.hypot(0.1, 0.15) / 0.17, 1.0))
+    for number, rotor in enumerate(X, start=1):
+        foot = np.array([rotor.x, rotor.y, rotor.z])
+        middle, tip = ends(scene.objects[f"/v/arm_{number}"], scene.poses[f"/v/arm_{number}"])
+        np.testing.assert_allclose([middle, tip], [np.zeros(3), foot], atol=1e-9)
+        place = foot + np.array([0.0, 0.0, 0.035 * size])
+        for part in ("rotor", "disc"):
+            np.testing.assert_allclose(scene.poses[f"/v/{part}_{number}"].translation(), place)
+        motor = scene.objects[f"/v/motor_{number}"]
+        middle = foot + np.array([0.0, 0.0, 0.5 * motor.length()])
+        np.testing.assert_allclose(scene.poses[f"/v/motor_{number}"].translation(), middle)
+        assert motor.length() == pytest.approx(0.035 * size)
+        blades, disc = scene.objects[f"/v/rotor_{number}/blades"], scene.objects[f"/v/disc_{number}"]
+        assert blades.width() == pytest.approx(2.0 * disc.radius())
+        # Propellers do not touch, and none is longer than 8 inches.
+        assert disc.radius() == pytest.approx(min(0.1, 0.48 * 0.2))
+        shades = [scene.colors[f"/v/rotor_{number}/blades"], scene.colors["/v/rotor_1/blades"]]
+        assert (shades[0] == shades[1]) == (rotor.direction == X[0].direction)
+    # The two in front are marked.
+    assert {path for path in scene.objects if "nose" in path} == {"/v/nose_1", "/v/nose_4"}
+    np.testing.assert_allclose(scene.poses["/v/nose_4"].translation(), [X[3].x, X[3].y, X[3].z])
+    assert scene.colors["/v/arm_1"] == scene.colors["/v/arm_4"] != scene.colors["/v/arm_2"]
+    assert scene.objects["/v/hub"].radius() == pytest.approx(0.45 * disc.radius())
+
+
+def test_poses_of_rotors_turn_about_their_axes():
+    angles = np.array([0.1, -0.2, 0.3, 2.0])
+    for pose, angle, rotor in zip(rotor_poses(X, angles), angles, X, strict=True):
+        np.testing.assert_allclose(pose.rotation().matrix()[:2, 0], [np.cos(angle), np.sin(angle)])
+        np.testing.assert_allclose(pose.translation()[:2], [rotor.x, rotor.y])
+    speeds = RotorSpeed(100.0, 200.0, 300.0, 400.0)
+    np.testing.assert_allclose(
+        turned_by(X, speeds, 0.02), 0.1 * 0.02 * np.array(speeds) * [rotor.direction for rotor in X]
+    )
+
+
+def test_a_simple_quadrotor_has_bars_to_its_rotors_and_a_disc_on_each():
+    mesh = quadrotor_mesh(FRAME)
+    corners = np.array(mesh.vertices())
+    triangles = np.array([[part.vertex(i) for i in range(3)] for part in mesh.triangles()])
+    # Each triangle is there twice, once from either side.
+    assert len(triangles) % 2 == 0
+    np.testing.assert_array_equal(triangles[0::2], triangles[1::2, ::-1])
+    assert triangles.max() == len(corners) - 1
+    height, radius = 0.035 * shrunk(X), 0.48 * 0.2
+    for rotor in X:
+        place = np.array([rotor.x, rotor.y, rotor.z + height])
+        away = np.linalg.norm(corners - place, axis=1)
+        assert np.isclose(away, 0.0, atol=1e-9).sum() == 1
+        rim = corners[np.isclose(away, radius) & np.isclose(corners[:, 2], place[2])]
+        assert len(rim) == 10
+    a, b, c = (corners[triangles[:, i]] for i in range(3))
+    areas = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1)
+    assert areas.min() > 0.0
+    discs = np.isclose(a[:, 2], height) & np.isclose(b[:, 2], height) & np.isclose(c[:, 2], height)
+    expected = 4 * 2 * 0.5 * 10 * radius**2 * np.sin(2.0 * np.pi / 10)
+    assert areas[discs].sum() == pytest.approx(expected)
+    # Bars from the middle to the feet of the rotors, closed all around: their outward triangles enclose their volume.
+    bars = triangles[~discs][0::2]
+    a, b, c = (corners[bars[:, i]] for i in range(3))
+    enclosed = np.sum(np.cross(a, b) * c) / 6.0
+    half = 0.009 * shrunk(X)
+    assert abs(enclosed) == pytest.approx(4.0 * 4.0 * half**2 * np.hypot(0.1, 0.15), rel=0.35)
+
+
+JET = Jet(Outlet(1.0, 2.0, 0.5), Direction(0.6, 0.0, 0.8), 4.0, 0.8)
+
+
+def test_a_fan_blows_from_its_outlet_along_its_direction():
+    scene = Scene()
+    draw_fan(scene, "/fan", JET, 5.0)
+    pose = scene.poses["/fan"]
+    np.testing.assert_allclose(pose.translation(), JET.outlet)
+    np.testing.assert_allclose(pose.rotation().matrix()[:, 2], JET.direction)
+    housing = scene.objects["/fan/housing"]
+    assert housing.radius() == 0.4
+    # Its front is the outlet.
+    assert scene.poses["/fan/housing"].translation()[2] + 0.5 * housing.length() == pytest.approx(0.0)
+    corners = np.array(scene.objects["/fan/jet"].vertices())
+    radii = np.hypot(corners[:, 0], corners[:, 1])
+    assert (corners[:, 2].min(), corners[:, 2].max()) == pytest.approx((0.0, 5.0))
+    np.testing.assert_allclose(radii, np.maximum(0.4, 0.094 * corners[:, 2]), atol=1e-9)
+    assert not scene.properties["/fan/jet/<object>", "material.depthWrite"]
+    # The mantle is closed around the axis.
+    triangles = [[part.vertex(i) for i in range(3)] for part in scene.objects["/fan/jet"].triangles()]
+    a, b, c = (corners[np.array(triangles)[0::2, i]] for i in range(3))
+    area = 0.5 * np.linalg.norm(np.cross(b - a, c - a), axis=1).sum()
+    lengths = np.linspace(0.0, 5.0, 9)
+    r = np.maximum(0.4, 0.094 * lengths)
+    cones = np.pi * (r[1:] + r[:-1]) * np.hypot(np.diff(lengths), np.diff(r))
+    assert area == pytest.approx(cones.sum(), rel=0.01)
+
+
+@pytest.mark.parametrize(
+    ("shape", "kind", "sizes"),
+    [
+        (Cuboid((1.0, 2.0, 3.0), (0.1, 0.2, 0.3), (0.4, 0.5, 0.6)), Box, {"width": 0.4, "depth": 0.5, "height": 0.6}),
+        (Pillar((1.0, 2.0, 3.0), (0.1, 0.2, 0.3), 0.2, 1.5), Cylinder, {"radius": 0.2, "length": 1.5}),
+        (Ball((1.0, 2.0, 3.0), radius=0.7), Sphere, {"radius": 0.7}),
+    ],
+)
+def test_solids_are_drawn_as_they_are(shape, kind, sizes):
+    scene = Scene()
+    draw_solid(scene, "/solid", shape)
+    assert isinstance(scene.objects["/solid"], kind)
+    assert {name: getattr(scene.objects["/solid"], name)() for name in sizes} == sizes
+    pose = scene.poses["/solid"]
+    np.testing.assert_allclose(pose.translation(), shape.centre)
+    np.testing.assert_allclose(
+        pose.rotation().matrix(), RollPitchYaw(np.array(shape.rotation)).ToRotationMatrix().matrix()
+    )
+
+
+def test_a_hull_is_drawn_by_its_triangles():
+    scene, hull = Scene(), hull_of(np.random.default_rng(1).normal(size=(12, 3)))
+    draw_solid(scene, "/solid", hull)
+    vertices, faces = scene.meshes["/solid"]
+    np.testing.assert_allclose(vertices.T[faces.T], hull.triangles())
+
+
+def test_the_arrow_of_the_wind_points_along_it():
+    scene = Scene()
+    draw_arrow(scene, "/arrow")
+    corners = np.array(scene.objects["/arrow"].vertices())
+    assert corners[:, 0].max() == 1.0
+    # A shaft, and the rim of its tip, which is wider.
+    rim = corners[np.isclose(corners[:, 0], 0.78)]
+    np.testing.assert_allclose(np.hypot(*rim[:, 1:].T), np.full(8, 0.045))
+    shaft = corners[corners[:, 0] < 0.01]
+    np.testing.assert_allclose(np.abs(shaft), np.tile([0.0, 0.012, 0.012], (4, 1)), atol=1e-9)
+    assert corners[np.isclose(corners[:, 0], 0.8)].shape == (4, 3)
+    state = State(1.0, 2.0, 3.0, *[0.0] * 9)
+    pose, scale = wind_arrow(Wind(0.0, 3.0, -4.0), state)
+    np.testing.assert_allclose(pose.rotation().matrix()[:, 0], [0.0, 0.6, -0.8])
+    np.testing.assert_allclose(pose.translation(), [1.0, 2.0, 3.3])
+    assert scale == pytest.approx([0.75, 0.75, 0.75])
+    assert wind_arrow(Wind(20.0, 0.0, 0.0), state)[1] == pytest.approx([3.0, 1.0, 1.0])
+    assert wind_arrow(Wind(0.0, 0.0, 0.0), state)[1] == pytest.approx([1e-3] * 3)
+
+
+def test_a_tube_follows_its_points():
+    turn = np.linspace(0.0, 3.0, 40)
+    points = np.column_stack([np.cos(turn), np.sin(turn), turn])
+    vertices, faces = tube(points, 0.05)
+    rings = vertices.T.reshape(40, 3, 3)
+    np.testing.assert_allclose(rings.mean(axis=1), points, atol=1e-9)
+    np.testing.assert_allclose(np.linalg.norm(rings - points[:, None], axis=2), 0.05)
+    ahead = np.gradient(points, axis=0)
+    np.testing.assert_allclose(np.einsum("nki,ni->nk", rings - points[:, None], ahead), 0.0, atol=1e-6)
+    corners = [vertices.T[faces[i]] for i in range(3)]
+    area = 0.5 * np.linalg.norm(np.cross(corners[1] - corners[0], corners[2] - corners[0]), axis=1).sum()
+    length = np.linalg.norm(np.diff(points, axis=0), axis=1).sum()
+    assert area == pytest.approx(3.0 * np.sqrt(3.0) * 0.05 * length, rel=0.02)
+    # Also where it goes straight up, and where it stands still.
+    up, _ = tube(np.column_stack([np.zeros(5), np.zeros(5), np.arange(5.0)]), 0.05)
+    np.testing.assert_allclose(np.hypot(*up[:2]), 0.05)
+    assert np.isfinite(tube(np.zeros((5, 3)), 0.05)[0]).all()
+
+
+def test_a_trail_has_a_colour_or_those_of_its_errors():
+    scene, points = Scene(), np.column_stack([np.arange(4.0), np.zeros(4), np.zeros(4)])
+    draw_trail_piece(scene, "/a", points, "#FF0000", 0.5)
+    assert (scene.colors["/a"].r(), scene.colors["/a"].g(), scene.colors["/a"].a()) == (1.0, 0.0, 0.7)
+    np.testing.assert_allclose(np.hypot(*scene.meshes["/a"][0][1:]), 0.5 * 0.018)
+    shares = np.array([0.0, 0.3, 0.6, 1.0])
+    draw_trail_piece(scene, "/b", points, shares, 1.0)
+    np.testing.assert_allclose(scene.colors["/b"].T.reshape(4, 3, 3), np.repeat(ERRORS(shares)[:, None, :3], 3, axis=1))
+
+
+def test_a_pose_is_that_of_the_state():
+    state = State(1.0, 2.0, 3.0, 0.1, -0.2, 0.3, *[0.0] * 6)
+    expected = RigidTransform(RollPitchYaw(0.1, -0.2, 0.3), [1.0, 2.0, 3.0])
+    np.testing.assert_allclose(pose_of(state).GetAsMatrix4(), expected.GetAsMatrix4())
+
+
+def test_the_room_has_a_floor_edges_and_a_grid():
+    scenario = load_scenario("hover")
+    flight = simulate(load_scenario("hover", ["duration=0.1"]))
+    scene = Scene()
+    fan = "laboratory.wind=[{kind: fan, position: [-4.0, 0.3, 1.1], direction: [1, 0, 0], flow: 1.0, diameter: 0.6}]"
+    windy = load_scenario("hover", [fan])
+    flown = np.array([[0.5, 1.0, 1.2], [0.0, 99.0, 1.0]])
+    room = draw_surroundings(scene, windy, flight.plan, flown)
+    path = reference_points(flight.plan)
+    margin = 4.0 * Frame.of(scenario.vehicle).reach
+    # What is flown counts up to three metres from the path.
+    low = np.minimum(path.min(axis=0), [0.0, 1.0, 1.0]) - margin
+    high = np.maximum(path.max(axis=0), [0.5, path[0, 1] + 3.0, 1.2]) + margin
+    np.testing.assert_allclose(room.low, [-4.0, low[1], 0.0])
+    np.testing.assert_allclose(room.high, high)
+    floor, size = scene.objects["/floor"], high - room.low
+    assert (floor.width(), floor.depth()) == pytest.approx((size[0], size[1]))
+    np.testing.assert_allclose(scene.poses["/floor"].translation()[:2], 0.5 * (room.low + high)[:2])
+    starts, stops = np.moveaxis(scene.lines["/room/edges"], 2, 1)
+    assert starts.shape == (12, 3)
+    lengths = np.sort(np.abs(stops - starts).max(axis=1))
+    np.testing.assert_allclose(lengths, np.sort(np.repeat(size, 4)))
+    assert ((np.abs(stops - starts) > 1e-9).sum(axis=1) == 1).all()
+    assert len({tuple(sorted(map(tuple, pair.round(6)))) for pair in np.stack([starts, stops], axis=1)}) == 12
+    starts, stops = np.moveaxis(scene.lines["/room/grid"], 2, 1)
+    count = len(room.grid(0))
+    np.testing.assert_allclose(starts[:count, 0], room.grid(0))
+    np.testing.assert_allclose(stops[:count, :2], np.column_stack([room.grid(0), np.full(count, room.high[1])]))
+    np.testing.assert_allclose(starts[count:, 1], room.grid(1))
+    np.testing.assert_allclose(stops[count:, 0], room.high[0])
+    for axis, begin in zip("xyz", (room.low, [high[0], room.low[1], 0.0], room.low), strict=True):
+        start, stop = scene.lines[f"/room/{axis}"][:, :, 0]
+        np.testing.assert_allclose(start, begin)
+        i = "xyz".index(axis)
+        np.testing.assert_allclose(stop, np.where(np.arange(3) == i, high, begin))
+    # The fan blows as far as the path goes, and a margin beyond.
+    corners = np.array(scene.objects["/fan_1/jet"].vertices())
+    assert corners[:, 2].max() == pytest.approx(max((path[:, 0] + 4.0).max() + margin, 1.0))
+    np.testing.assert_allclose(scene.lines["/reference_path"].T, path, atol=1e-12)
+    # The camera looks from above and from the side at what is seen.
+    place, target = scene.camera
+    middle = 0.5 * (room.seen.min(axis=0) + room.seen.max(axis=0))
+    np.testing.assert_allclose(target[:2], middle[:2])
+    assert place[2] > target[2]
+    extent = np.linalg.norm(np.ptp(room.seen, axis=0))
+    np.testing.assert_allclose((place - middle) / extent, [0.54, -0.25, 0.29])
+    assert middle[2] - target[2] == pytest.approx(0.1 * extent)
+    look_at(scene, np.zeros((1, 3)))
+    np.testing.assert_allclose(scene.camera[0], 1.5 * np.array([0.54, -0.25, 0.29]))
+
+
+@pytest.fixture(scope="module")
+def flights():
+    """Two flights of one reference in a steady wind, of which the second ends earlier."""
+    wind = "laboratory.wind=[{kind: steady, velocity: [1.0, 0.5, 0.2]}]"
+    return {
+        "first one": simulate(load_scenario("figure_eight", ["duration=1.3", wind])),
+        "other": simulate(load_scenario("figure_eight", ["duration=0.8"])),
+    }
+
+
+def test_a_replay_moves_what_moves_thirty_times_a_second(flights):
+    scene = Scene()
+    draw_replay(scene, flights)
+    moved = scene.animation.transforms
+    last = 39
+    for path, flight, own in (("/first_one", flights["first one"], 39), ("/other", flights["other"], 24)):
+        frames = moved[path]
+        assert sorted(frames) == [*range(own + 1), *([last] if own < last else [])]
+        for frame, pose in frames.items():
+            # The tick that was last at the time of a frame, or the last of all.
+            tick = np.flatnonzero(flight.time <= min(frame / 30.0, flight.time[-1]) + 1e-9)[-1]
+            np.testing.assert_allclose(
+                pose.GetAsMatrix4(), pose_of(State(*flight["state"][tick])).GetAsMatrix4(), atol=1e-12
+            )
+        # Rotors turn on from frame to frame.
+        turned = [moved[f"{path}/rotor_1"][frame].rotation().matrix()[:2, 0] for frame in range(3)]
+        np.testing.assert_allclose(turned[0], [1.0, 0.0])
+        rotor = Frame.of(flight.scenario.vehicle).rotors[0]
+        angle = 0.1 / 30.0 * rotor.direction * flight["rotor_speed"][0, 0]
+        np.testing.assert_allclose(turned[1], [np.cos(angle), np.sin(angle)])
+    # Only a flight in a wind that no fan makes has an arrow.
+    arrow = moved["/first_one_wind"]
+    assert "/other_wind" not in moved
+    state, wind = (flights["first one"][name][0] for name in ("state", "wind"))
+    pose, scale = wind_arrow(Wind(*wind), State(*state))
+    np.testing.assert_allclose(arrow[0].GetAsMatrix4(), pose.GetAsMatrix4())
+    assert scene.animation.properties["/first_one_wind/arrow", "scale"][0] == scale
+    # The point of the reference is that of the longer flight.
+    reference = places(flights["first one"].record("reference"))
+    np.testing.assert_allclose(moved["/reference"][last].translation(), reference[-1], atol=0.05)
+    np.testing.assert_allclose(moved["/reference"][0].translation(), reference[0])
+    assert scene.published
+    assert scene.stopped
+    assert scene.animation.repetitions == 1000
+
+
+def test_a_trail_appears_piece_by_piece(flights):
+    scene = Scene()
+    draw_replay(scene, flights)
+    shown = scene.animation.properties
+    for path, flight in (("/first_one", flights["first one"]), ("/other", flights["other"])):
+        pieces = [each for each, name in shown if each.startswith(f"{path}_trail") and name == "visible"]
+        assert len(pieces) == int(np.ceil(flight.time[-1] / 0.25))
+        for number, piece in enumerate(pieces):
+            end = min(0.25 * (number + 1), flight.time[-1])
+            frames = shown[piece, "visible"]
+            assert frames[0] is False
+            appears = min(frame for frame, visible in frames.items() if visible)
+            assert appears == pytest.approx(30.0 * end, abs=1.0)
+            assert frames[39] is True
+            rings = scene.meshes[piece][0].T.reshape(5, 3, 3).mean(axis=1)
+            way = places(flight.record("state"))
+            np.testing.assert_allclose(rings[-1], way[np.abs(flight.time - end).argmin()], atol=2e-2)
+            np.testing.assert_allclose(rings[0], way[np.abs(flight.time - 0.25 * number).argmin()], atol=2e-2)
+
+
+def test_the_trail_of_a_lone_flight_has_the_colours_of_its_errors(flights):
+    scene, flight = Scene(), flights["first one"]
+    draw_replay(scene, {"alone": flight})
+    colors = scene.colors["/alone_trail/3"].T[::3]
+    ticks = np.searchsorted(flight.time, np.linspace(0.75, 1.0, 5) - 1e-9)
+    shares = flight.euclidean_error[ticks] / flight.euclidean_error.max()
+    np.testing.assert_allclose(colors, ERRORS(shares)[:, :3])
+
+
+def test_a_swarm_shows_its_crashes_in_red(flights, monkeypatch, tmp_path):
+    scene = Scene()
+    scene.StaticHtml = lambda: "<html><body></body></html>"
+    monkeypatch.setattr(page, "local_meshcat", lambda: scene)
+    first, second = flights.values()
+    crash = replace(second, metrics=second.metrics._replace(crash_time=0.7))
+    groups = {"a b": [first, crash], "c": [first]}
+    text = page.save_swarm(groups, tmp_path / "swarm.html").read_text(encoding="utf-8")
+    assert scene.animation.rate == 10.0
+    assert {path for path in scene.objects if path.endswith("/body")} == {"/a_b/0/body", "/a_b/1/body", "/c/0/body"}
+    red = scene.colors["/a_b/1/body"]
+    assert (red.r(), red.g(), red.b(), red.a()) == pytest.approx((0.8, 0.0, 0.0, 1.0))
+    assert len({(color.r(), color.g(), color.b()) for path, color in scene.colors.items() if "body" in path}) == 3
+    # Trails have the colours of their vehicles, mixed with white.
+    for path in ("/a_b", "/c"):
+        body, trail = scene.colors[f"{path}/0/body"], scene.colors[f"{path}_trails/0"]
+        assert body.a() == 0.6
+        for part in ("r", "g", "b"):
+            assert getattr(trail, part)() == pytest.approx(0.25 * getattr(body, part)() + 0.75, abs=3e-3)
+    assert sorted(scene.animation.transforms["/c/0"]) == list(range(14))
+    assert sorted(scene.animation.transforms["/a_b/1"]) == [*range(9), 13]
+    np.testing.assert_allclose(scene.lines["/c_trails/0"].T[0], places(first.record("state"))[0])
+    reference = places(first.record("reference"))[-1]
+    np.testing.assert_allclose(scene.animation.transforms["/reference"][13].translation(), reference, atol=0.05)
+    assert "3 flights, 1 crashed" in text
+    assert "crashed</div>" in text
+    assert 'max="1.300"' in text
+
+
+def test_a_story_tells_errors_and_speeds_over_time(flights):
+    """In centimetres and m/s, every 50 ms, with three digits."""
+    room = Room(np.array([-1.0, -2.0, 0.0]), np.array([3.0, 2.0, 1.5]), 0.5, np.zeros((1, 3)), {"post": np.ones(3)})
+    told = json.loads(
+        story(
+            {name: [flight] for name, flight in flights.items()},
+            {"first one": "#1", "other": "#2"},
+            {"first one": "/a", "other": "/b"},
+            room,
+        )
+    )
+    assert told["duration"] == pytest.approx(1.3)
+    assert told["step"] == 0.05
+    for curve, (name, flight) in zip(told["curves"], flights.items(), strict=True):
+        assert (curve["name"], curve["color"]) == (name, {"first one": "#1", "other": "#2"}[name])
+        assert len(curve["error"]) == 27
+        state = flight.record("state")
+        speed = np.linalg.norm([state.v_x, state.v_y, state.v_z], axis=0)
+        for k, (error, fast) in enumerate(zip(curve["error"], curve["speed"], strict=True)):
+            if 0.05 * k > flight.time[-1] + 1e-9:
+                assert error is None
+                continue
+            tick = np.flatnonzero(flight.time <= 0.05 * k + 1e-9)[-1]
+            assert error == pytest.approx(100.0 * flight.euclidean_error[tick], rel=5e-3, abs=1e-9)
+            assert fast == pytest.approx(speed[tick], rel=5e-3, abs=1e-9)
+        assert "low" not in curve
+    size = Frame.of(flights["other"].scenario.vehicle).reach
+    assert told["vehicles"] == [
+        {"name": n, "path": p, "size": pytest.approx(size)} for n, p in (("first one", "/a"), ("other", "/b"))
+    ]
+    marks = told["marks"]
+    out = 0.04 * 4.0
+    assert [(mark["text"], mark["color"], mark["at"]) for mark in marks[:3]] == [
+        ("X (m)", AXES["x"], [pytest.approx(3.0), pytest.approx(-2.0 - out), 0.0]),
+        ("Y (m)", AXES["y"], [pytest.approx(3.0 + out), pytest.approx(2.0), 0.0]),
+        ("Z (m)", AXES["z"], [pytest.approx(-1.0), pytest.approx(-2.0 - out), pytest.approx(1.5 + out)]),
+    ]
+    numbers = [mark["text"] for mark in marks if mark["color"] == AXES["x"]][1:]
+    assert numbers == [f"{value:g}".replace("-", "−") for value in np.arange(-1.0, 3.1, 0.5)]
+    assert marks[-1] == {"at": [1.0, 1.0, 1.0], "text": "post", "color": "#555555"}
+    assert told["frame"] == [[0.0, 0.0, 0.0], *(mark["at"] for mark in marks)]
+
+
+def test_a_live_view_draws_a_frame_each_thirtieth_of_a_second():
+    scenario = load_scenario("figure_eight", ["duration=0.6", "laboratory.wind=[{kind: steady, velocity: [1, 0, 0]}]"])
+    plan = simulate(scenario).plan
+    scene, poses = Scene(), []
+
+    class Watched(Scene):
+        def SetTransform(self, path, transform):
+            super().SetTransform(path, transform)
+            if path == "/vehicle":
+                poses.append(transform.translation())
+
+    scene = Watched()
+    flight = simulate(scenario, prepare=lambda simulator: LiveView(scene, scenario, plan).watch(simulator, 0.0))
+    # Steps of 10 ms come nearest with 40 ms.
+    assert len(poses) == 16
+    way = places(flight.record("state"))
+    np.testing.assert_allclose(poses[-1], way[-1], atol=0.03)
+    for place in poses:
+        assert np.linalg.norm(way - place, axis=1).min() < 0.03
+    assert len([path for path in scene.meshes if path.startswith("/vehicle_trail/")]) == 2
+    np.testing.assert_allclose(scene.poses["/vehicle_wind"].rotation().matrix()[:, 0], [1.0, 0.0, 0.0], atol=1e-6)
+    np.testing.assert_allclose(
+        scene.poses["/reference"].translation(), places(flight.record("reference"))[-1], atol=0.05
+    )
+    assert "/vehicle/rotor_3" in scene.poses

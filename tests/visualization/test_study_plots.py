@@ -1,0 +1,269 @@
+"""Plots of studies show the statistics of their samples."""
+
+import math
+
+import numpy as np
+import pytest
+
+from drake_quad import InputError, load_scenario
+from drake_quad.laboratory.metrics import Metrics
+from drake_quad.studies import Study, statistics
+from drake_quad.visualization import study_plots as plots
+from drake_quad.visualization.comparison_plots import plot_comparison
+from drake_quad.visualization.overview import plot_study
+
+COUNT = 200
+MASS, DELAY = "vehicle.mass", "laboratory.motion_capture.latency_frames"
+
+
+def study(seed=0, crashes=30, count=COUNT):
+    """Samples of which the heaviest crash, and whose errors grow with the mass."""
+    rng = np.random.default_rng(seed)
+    mass, delay = rng.uniform(0.5, 0.9, count), rng.integers(0, 2, count).astype(float)
+    errors = 0.05 + 0.1 * (mass - 0.5) + 0.01 * rng.uniform(size=count)
+    crash_time = np.where(np.argsort(np.argsort(-mass)) < crashes, 3.0, math.inf)
+    numbers = {name: (1.0 + i) * errors for i, name in enumerate(Metrics._fields)} | {"crash_time": crash_time}
+    scenario = load_scenario("robustness")
+    return Study(scenario, 10.0, np.arange(count), {MASS: mass, DELAY: delay}, Metrics(**numbers))
+
+
+def no_crash(seed=0, count=COUNT):
+    return study(seed, 0, count)
+
+
+def curve(axes, label):
+    (found,) = [line for line in axes.lines if line.get_label() == label]
+    return found.get_xydata().T
+
+
+def test_a_distribution_is_the_share_of_samples_up_to_a_value():
+    """Crashed samples count as worse than any; the bands are those of Massart's inequality."""
+    some, none = study(), no_crash(1)
+    (axes,) = plots.plot_distribution({"one": some, "other": none}).axes
+    for label, each, crashed in (("one (15 % crashed)", some, 30), ("other", none, 0)):
+        values, shares = curve(axes, label)
+        expected = np.sort(each.metrics.rmse[~each.metrics.crashed])
+        assert len(values) == COUNT - crashed
+        np.testing.assert_array_equal(values, expected)
+        np.testing.assert_allclose(
+            shares, [(each.metrics.rmse[~each.metrics.crashed] <= v).sum() / COUNT for v in values]
+        )
+    reach = math.sqrt(math.log(2.0 / 0.05) / (2.0 * COUNT))
+    for collection, each in zip(axes.collections, (some, none), strict=True):
+        edges = np.unique(collection.get_paths()[0].vertices[:, 1])
+        assert edges.min() == 0.0
+        assert edges.max() == pytest.approx(min((~each.metrics.crashed).mean() + reach, 1.0))
+    assert axes.get_title(loc="left") == "200 samples each; bands: 95 % confidence"
+    assert axes.get_xlabel() == "RMSE (m)"
+    assert axes.get_ylim()[0] == 0.0
+    assert axes.yaxis.get_major_formatter()(0.25) == "25 %"
+
+
+def test_titles_count_samples():
+    (axes,) = plots.plot_distribution({"one": study()}).axes
+    assert axes.get_title(loc="left").startswith("200 samples;")
+    (axes,) = plots.plot_distribution({"one": study(), "other": study(count=50)}).axes
+    assert axes.get_title(loc="left").startswith("50 samples and 200 samples;")
+
+
+def test_estimates_settle_with_the_number_of_samples():
+    """The mean of those that do not crash, from the tenth on, and the share of those that do."""
+    found = study()
+    left, right = plots.plot_convergence({"one": found}).axes
+    values = found.metrics.rmse[~found.metrics.crashed]
+    count, mean = curve(left, "one")
+    np.testing.assert_array_equal(count, np.arange(10, len(values) + 1))
+    np.testing.assert_allclose(mean, [values[:n].mean() for n in range(10, len(values) + 1)])
+    low, high = np.array(statistics.running_mean(values))[1:, 9:]
+    corners = left.collections[0].get_paths()[0].vertices
+    assert corners[:, 1].min() == pytest.approx(low.min())
+    assert corners[:, 1].max() == pytest.approx(high.max())
+    stops, shares = curve(right, "one")
+    assert (stops[0], stops[-1]) == (20.0, COUNT)
+    assert (np.diff(stops) > 0.0).all()
+    np.testing.assert_allclose(shares, [found.metrics.crashed[: int(n)].mean() for n in stops])
+    assert right.get_title(loc="left") == "crashes"
+    assert right.yaxis.get_major_formatter()(0.1).endswith(" %")
+    for axes in (left, right):
+        assert axes.get_xscale() == "log"
+        assert axes.xaxis.get_major_formatter()(2000.0) == "2,000"
+
+
+def test_without_crashes_the_quantile_settles():
+    found = no_crash()
+    left, right = plots.plot_convergence({"one": found}, "peak_error").axes
+    stops, values = curve(right, "one")
+    expected = [statistics.quantile_interval(found.metrics.peak_error[: int(n)], 0.95) for n in stops]
+    np.testing.assert_allclose(values, [each.value for each in expected])
+    # Of a few samples no interval holds the quantile.
+    known = np.isfinite([each.high for each in expected])
+    corners = right.collections[0].get_paths()[-1].vertices
+    assert corners[:, 1].max() == pytest.approx(max(each.high for each in expected if np.isfinite(each.high)))
+    assert known.any()
+    assert right.get_title(loc="left") == "95 % quantile"
+    assert left.get_ylabel() == right.get_ylabel() == "peak error (m)"
+
+
+def test_a_study_in_which_all_crash_is_drawn_without_a_mean():
+    left, right = plots.plot_convergence({"one": study(crashes=COUNT)}).axes
+    assert left.get_xscale() == "linear"
+    assert right.get_xscale() == "log"
+
+
+@pytest.mark.parametrize("name", ["rmse", "crashed"])
+def test_a_tornado_has_the_means_of_the_tenths(name):
+    found = study()
+    (axes,) = plots.plot_influences(found, name).axes
+    expected = statistics.influences(found, name)
+    assert [each.path for each in expected] == [MASS, DELAY]
+    values = found.metrics.crashed if name == "crashed" else found.metrics.rmse[~found.metrics.crashed]
+    middle = np.mean(values)
+    for place, each in enumerate(expected):
+        for bar, end, offset in zip(axes.patches[2 * place : 2 * place + 2], (each.low, each.high), (-0.18, 0.18)):
+            ends = sorted([bar.get_x(), bar.get_x() + bar.get_width()])
+            np.testing.assert_allclose(ends, sorted([middle, end.value]))
+            assert bar.get_y() + 0.5 * bar.get_height() == pytest.approx(place + offset)
+        for line, end, offset in zip(axes.lines[2 * place : 2 * place + 2], (each.low, each.high), (-0.18, 0.18)):
+            np.testing.assert_allclose(line.get_xydata(), [[end.low, place + offset], [end.high, place + offset]])
+        assert axes.texts[place].get_text().startswith(f"{each.correlation.value:+.2f} ")
+        assert axes.texts[place].xy == (1.01, place)
+    assert axes.lines[-1].get_xdata()[0] == pytest.approx(middle)
+    # The field that matters most stands at the top.
+    low, high = axes.get_ylim()
+    assert (low, high) == (1.5, -0.5)
+    assert [label.get_text() for label in axes.get_yticklabels()] == ["mass (kg)", "cameras: latency frames"]
+    percent = name == "crashed"
+    assert ("%" in axes.xaxis.get_major_formatter()(0.1)) == percent
+
+
+def test_a_tornado_shows_sixteen_fields_at_most():
+    found = study()
+    rng = np.random.default_rng(2)
+    crowd = {
+        path: rng.uniform(size=COUNT)
+        for path in (
+            *(f"vehicle.inertia.{i}" for i in range(3)),
+            *(f"control.position.k_p.{i}" for i in range(3)),
+            *(f"control.position.k_d.{i}" for i in range(3)),
+            *(f"control.attitude.k_p.{i}" for i in range(3)),
+            *(f"control.attitude.k_d.{i}" for i in range(3)),
+            "vehicle.rotor_inertia",
+            "vehicle.mass",
+        )
+    }
+    large = Study(found.scenario, 10.0, found.samples, crowd, found.metrics)
+    (axes,) = plots.plot_influences(large).axes
+    assert len(crowd) > 16
+    assert len(axes.patches) == 32
+    assert len(axes.get_yticks()) == 16
+
+
+def test_the_probability_of_a_crash_is_that_of_bins(monkeypatch):
+    """A point at the median of each bin, its interval upright and the bin across."""
+    found = study()
+    (axes,) = plots.plot_crash_probability(found, MASS, num_bins=8).axes
+    levels = statistics.crash_levels(found, MASS, num_bins=8)
+    points = next(line for line in axes.lines if line.get_marker() == "o")
+    np.testing.assert_allclose(points.get_xydata(), [[each.middle, each.probability.value] for each in levels])
+    upright, across = axes.containers
+    for level, segment, wide in zip(
+        levels, upright.lines[2][0].get_segments(), across.lines[2][0].get_segments(), strict=True
+    ):
+        np.testing.assert_allclose(
+            segment, [[level.middle, level.probability.low], [level.middle, level.probability.high]]
+        )
+        np.testing.assert_allclose(wide, [[level.low, level.probability.value], [level.high, level.probability.value]])
+    assert points.get_label() == f"robustness: {statistics.crash_probability(found.metrics).percent()} of 200 samples"
+    assert [line for line in axes.lines if len(line.get_xdata()) == 2][-1].get_ydata()[0] == 0.15
+    assert axes.get_xlabel() == "mass (kg)"
+    # If not said otherwise, over what has most to do with crashes.
+    assert plots.plot_crash_probability(found).axes[0].get_xlabel() == "mass (kg)"
+    none = Study(found.scenario, 10.0, found.samples, {}, found.metrics)
+    with pytest.raises(InputError, match="no number is drawn"):
+        plots.plot_crash_probability(none)
+
+
+def test_controllers_with_the_same_numbers_stand_beside_each_other():
+    """Three points of print apart, around the number itself; whole numbers have whole ticks."""
+    found = {name: study(seed) for seed, name in enumerate(("a", "b", "c"))}
+    figure = plots.plot_crash_probability(found, DELAY)
+    (axes,) = figure.axes
+    points = [line for line in axes.lines if line.get_marker() == "o"]
+    assert len(points) == 3
+    data = axes.transData.transform([[0.0, 0.0]])[0]
+    shifts = [(line.get_transform().transform([[0.0, 0.0]])[0] - data) * 72.0 / figure.dpi for line in points]
+    np.testing.assert_allclose(shifts, [[-3.0, 0.0], [0.0, 0.0], [3.0, 0.0]], atol=1e-9)
+    assert axes.xaxis.get_major_locator()._integer
+    alone = plots.plot_crash_probability(found["a"], MASS).axes[0]
+    assert not getattr(alone.xaxis.get_major_locator(), "_integer", False)
+
+
+@pytest.mark.parametrize(
+    ("name", "label"),
+    [
+        ("rmse", "RMSE (m)"),
+        ("rmse_z", "RMSE on Z (m)"),
+        ("effort_x", "control effort on X (m²/s⁴)"),
+        ("variation_y", "total variation of the command on Y (m/s³)"),
+        ("peak_error", "peak error (m)"),
+        ("crash_time", "crash_time (s)"),
+        ("crashed", "share of the samples that crashed"),
+    ],
+)
+def test_labels_of_metrics_have_units(name, label):
+    assert plots.metric_label(name) == label
+
+
+def test_studies_at_a_glance_have_their_means_and_crashes():
+    found = {"one": study(), "other": study(3, 5, 80)}
+    _, axes = plot_study(found, "peak_error")
+    means = [statistics.mean_interval(each.metrics.peak_error[~each.metrics.crashed]) for each in found.values()]
+    crashes = [statistics.share_interval(30, 200), statistics.share_interval(5, 80)]
+    for part, expected, size in (("mean", means, 1.0), ("crashes", crashes, 100.0)):
+        (container,) = axes[part].containers
+        np.testing.assert_allclose(
+            container.lines[0].get_xydata(), [[size * each.value, i] for i, each in enumerate(expected)]
+        )
+        for i, (each, segment) in enumerate(zip(expected, container.lines[2][0].get_segments(), strict=True)):
+            np.testing.assert_allclose(segment, [[size * each.low, i], [size * each.high, i]])
+        assert axes[part].get_ylim() == (1.5, -0.5)
+        assert [label.get_text() for label in axes[part].get_yticklabels()] == ["one", "other"]
+    assert axes["mean"].get_xlabel() == "mean peak error (m)"
+    expected = np.sort(found["other"].metrics.peak_error[~found["other"].metrics.crashed])
+    np.testing.assert_array_equal(axes["distribution"].lines[1].get_xdata(), expected)
+    assert [label.get_text() for label in plot_study(found["one"])[1]["mean"].get_yticklabels()] == ["robustness"]
+
+
+def test_controllers_are_compared_by_all_of_their_samples():
+    """Each sample that did not crash in centimetres around the row of its controller, and their mean."""
+    found = {"calm": {"a": study().metrics, "b": no_crash(1, 50).metrics}, "wind": {"a": study(2, COUNT).metrics}}
+    found["wind"]["b"] = study(4, 3, 40).metrics
+    first, second = plot_comparison(found).axes
+    for axes, name in ((first, "calm"), (second, "wind")):
+        assert axes.get_title() == name
+        for place, (metrics, dots) in enumerate(
+            zip(found[name].values(), [line for line in axes.lines if line.get_marker() == "."], strict=True)
+        ):
+            errors = 100.0 * metrics.rmse[~metrics.crashed]
+            np.testing.assert_allclose(dots.get_xdata(), errors)
+            if len(errors):
+                np.testing.assert_allclose(dots.get_ydata(), place + np.linspace(-0.22, 0.22, len(errors)))
+        means = [line for line in axes.lines if line.get_marker() != "."]
+        expected = [
+            (100.0 * metrics.rmse[~metrics.crashed].mean(), place)
+            for place, metrics in enumerate(found[name].values())
+            if not metrics.crashed.all()
+        ]
+        np.testing.assert_allclose([line.get_xydata()[0] for line in means], expected)
+        assert axes.get_xlim()[0] == 0.0
+    mean = 100.0 * study().metrics.rmse[~study().metrics.crashed].mean()
+    assert first.texts[0].get_text() == f"{mean:.1f} cm, 30 crashed"
+    assert second.texts[0].get_text() == "200 crashed"
+    assert second.texts[0].xy == (0.0, 0)
+    assert first.texts[1].xy == pytest.approx((100.0 * found["calm"]["b"].rmse.mean(), 1))
+    assert [label.get_text() for label in first.get_yticklabels()] == ["a", "b"]
+    assert first.get_ylim() == (1.5, -0.5)
+    large = plot_comparison({"gale": {"a": study().metrics._replace(rmse=np.full(COUNT, 0.126))}}).axes[0]
+    assert large.texts[0].get_text().startswith("13 cm")
+    one = plot_comparison({"gale": {"a": no_crash(count=1).metrics}}).axes[0]
+    np.testing.assert_array_equal(one.lines[0].get_ydata(), [0.0])
