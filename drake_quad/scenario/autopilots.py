@@ -5,7 +5,7 @@ from typing import Annotated, ClassVar, Literal
 from pydantic import Field
 
 from drake_quad.scenario.distributions import Model
-from drake_quad.scenario.quantities import Gains, NonNegative, Period, Position, Positive
+from drake_quad.scenario.quantities import AngleNoise, Gains, NonNegative, Period, Position, Positive
 
 PerAngle = Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
 
@@ -34,7 +34,7 @@ class AttitudeAutopilot(Model):
     k_rate: Gains = Field(description="angular acceleration over the error of the rate of roll, pitch, yaw (1/s)")
     gyroscope_noise: NonNegative = Field(default=0.0, description="standard deviation of a sample on each axis (rad/s)")
     gyroscope_bias: Position = Field(default=(0.0, 0.0, 0.0), description="on x, y, z of B (rad/s)")
-    attitude_noise: NonNegative = Field(
+    attitude_noise: AngleNoise = Field(
         default=0.0, description="standard deviation of roll, pitch and yaw as they are estimated on board (rad)"
     )
 

@@ -1,6 +1,5 @@
 """Position and attitude controllers of the scenario language."""
 
-import math
 from typing import Annotated, Any, Literal
 
 from pydantic import Discriminator, Field, Tag
@@ -18,6 +17,7 @@ from drake_quad.scenario.quantities import (
     Positives,
     Span,
     Spans,
+    Tilt,
     bounded,
 )
 
@@ -190,9 +190,7 @@ AttitudeControl = Annotated[
 class ThrustVectoring(Model):
     """Limits of what eq (7) may command."""
 
-    max_tilt: Annotated[Number, bounded(above=0.0, below=math.pi / 2)] = Field(
-        default=0.6, description="largest angle between thrust and vertical (rad)"
-    )
+    max_tilt: Tilt = Field(default=0.6, description="largest angle between thrust and vertical (rad)")
     min_thrust: Annotated[Number, bounded(above=0.0, below=1.0)] = Field(
         default=0.3, description="least vertical thrust, as a share of the weight (1)"
     )

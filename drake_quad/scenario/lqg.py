@@ -1,13 +1,21 @@
 """Linear-quadratic-Gaussian control in the scenario language: what it believes, and what it weighs."""
 
-import math
 from typing import Annotated, Literal
 
 from pydantic import Field
 
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.networks import Network
-from drake_quad.scenario.quantities import NonNegative, Number, PlainNonNegative, PlainPositive, PlainSpan, bounded
+from drake_quad.scenario.quantities import (
+    NonNegative,
+    Number,
+    PlainAngleNoise,
+    PlainNonNegative,
+    PlainPositive,
+    PlainSpan,
+    Tilt,
+    bounded,
+)
 
 BelievedDelay = Annotated[int, Field(ge=0, le=20)]
 
@@ -54,7 +62,7 @@ class LateralAxis(Axis):
         default=None, description="ζ of the attitude's answer (1); needed with an autopilot"
     )
     bias: ColouredNoise = Field(description="of what turns the vehicle, a noise of first order (m/s⁴)")
-    attitude_noise: PlainPositive = Field(description="standard deviation in a frame (rad)")
+    attitude_noise: PlainAngleNoise = Field(description="standard deviation in a frame (rad)")
 
 
 class YawPd(Model):
@@ -75,7 +83,7 @@ class LqgControl(Model):
     yaw: YawPd | None = Field(
         default=None, description="needed without an autopilot, and to be left out, or null, with one"
     )
-    max_tilt: Annotated[Number, bounded(above=0.0, below=math.pi / 2)] = Field(
+    max_tilt: Tilt = Field(
         default=0.6, description="whose horizontal acceleration in hover is the largest commanded (rad)"
     )
     min_thrust: Annotated[Number, bounded(above=0.0, below=1.0)] = Field(

@@ -44,6 +44,8 @@ from drake_quad.scenario.networks import Network
 from drake_quad.scenario.paths import distributions_in, steps_of
 from drake_quad.scenario.policy import PolicyControl, RatesAction, RotorSpeedsAction
 from drake_quad.scenario.quantities import (
+    AngleNoise,
+    Misalignment,
     Moment,
     NonNegative,
     Number,
@@ -52,7 +54,7 @@ from drake_quad.scenario.quantities import (
     PlainNonNegative,
     PlainPositive,
     PlainSpan,
-    Position,
+    PlainTilt,
     Positive,
     Probability,
     Share,
@@ -239,8 +241,8 @@ class MotionCapture(Model):
 
     period: Period = Field(default=0.01, description="time between frames (s); the paper's 100 Hz")
     position_noise: NonNegative = Field(default=0.0, description="standard deviation on each axis (m)")
-    attitude_noise: NonNegative = Field(default=0.0, description="standard deviation of roll, pitch and yaw (rad)")
-    misalignment: Position = Field(
+    attitude_noise: AngleNoise = Field(default=0.0, description="standard deviation of roll, pitch and yaw (rad)")
+    misalignment: Misalignment = Field(
         default=(0.0, 0.0, 0.0), description="roll, pitch and yaw of the frame of the markers in B (rad)"
     )
     derivative_bandwidth: Positive | None = Field(
@@ -364,7 +366,7 @@ class Window(Model):
 class Crash(Model):
     """Limits beyond which a vehicle has crashed."""
 
-    tilt: Annotated[float, Field(gt=0.0, lt=math.pi / 2)] | None = Field(
+    tilt: PlainTilt | None = Field(
         default=math.radians(80.0), description="of roll or pitch (rad); null for a vehicle that may turn over"
     )
     position_error: PlainPositive = Field(default=5.0, description="Euclidean (m)")

@@ -19,7 +19,16 @@ from drake_quad.scenario.controllers import AttitudeControl, ThrustVectoring
 from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.limits import MOST_CHARACTERS, MOST_NETWORK_BYTES
 from drake_quad.scenario.networks import or_file
-from drake_quad.scenario.quantities import Gains, PlainMoment, PlainNonNegative, PlainPositive, PlainPositives
+from drake_quad.scenario.quantities import (
+    Gains,
+    HalfTurn,
+    PlainMoment,
+    PlainNonNegative,
+    PlainPositive,
+    PlainPositives,
+    PlainTilt,
+    radians,
+)
 
 # Bounds of rows, layers, ticks and moments, which no small network comes near; MOST_NETWORK_BYTES is what counts.
 Rows = Annotated[int, Field(ge=1, le=4096)]
@@ -185,10 +194,8 @@ class AttitudeAction(_ThrustAction):
     """Thrust, roll, pitch, and how far to look away from the reference's yaw."""
 
     kind: Literal["attitude"]
-    max_tilt: Annotated[float, Field(gt=0.0, lt=math.pi / 2)] = Field(
-        default=0.6, description="roll and pitch of an action of 1 (rad)"
-    )
-    max_yaw: Annotated[float, Field(ge=0.0, le=math.pi)] = Field(
+    max_tilt: PlainTilt = Field(default=0.6, description="roll and pitch of an action of 1 (rad)")
+    max_yaw: Annotated[float, Field(ge=0.0, le=math.pi), radians(math.pi)] = Field(
         default=0.5, description="angle from the reference's yaw of an action of 1 (rad)"
     )
 
@@ -252,7 +259,7 @@ class Observation(Model):
     ahead: Annotated[tuple[PlainMoment, ...], Field(strict=False, max_length=50)] = Field(
         default=(), description="times from now of `reference_ahead`: where the reference will be, seen from here (s)"
     )
-    turn: Annotated[float, Field(ge=-math.pi, le=math.pi)] = Field(
+    turn: HalfTurn = Field(
         default=0.0,
         description="angle about z from x_B to the policy's front (rad); the axes of all frames but W are turned by it,"
         " too, so that a policy in W which looks along X flies at a yaw of -turn",

@@ -1,11 +1,13 @@
 """Physical quantities of the scenario language: numbers with bounds, or distributions within them."""
 
-from typing import Annotated
+import math
+from collections.abc import Iterator
+from typing import Annotated, Any, Literal
 
-from pydantic import AfterValidator, Field
+from pydantic import AfterValidator, BeforeValidator, Field
 from pydantic_core import PydanticCustomError
 
-from drake_quad.scenario.distributions import Choice, NumberOrDistribution, Real
+from drake_quad.scenario.distributions import Choice, Model, NumberOrDistribution, Real
 from drake_quad.scenario.limits import LARGEST, LONGEST, SHORTEST, SMALLEST
 
 
@@ -45,6 +47,43 @@ def bounded(
         return value
 
     return AfterValidator(check)
+
+
+def radians(most: float) -> BeforeValidator:
+    """Return a validator that refuses angles which are surely written in degrees.
+
+    Args:
+        most: size of an angle in radians, or of a parameter of its distribution, above which nobody means radians.
+    """
+
+    def check(value: Any) -> Any:
+        large = next((number for number in _numbers_in(value) if abs(number) > most), None)
+        if large is not None:
+            raise PydanticCustomError("radians", RADIANS, in_radians(large, most))
+        return value
+
+    return BeforeValidator(check)
+
+
+RADIANS: Literal["must be in radians, at most {most} in size; {degrees} degrees are {radians} rad"] = (
+    "must be in radians, at most {most} in size; {degrees} degrees are {radians} rad"
+)
+
+
+def in_radians(degrees: float, most: float) -> dict[str, str]:
+    """Return the numbers of the demand `RADIANS`, given an angle in degrees and the largest one in radians."""
+    return {"most": f"{most:.4g}", "degrees": f"{degrees:g}", "radians": f"{math.radians(degrees):.4g}"}
+
+
+def _numbers_in(value: Any) -> Iterator[float]:
+    """The finite numbers in what is written of a quantity."""
+    if isinstance(value, Model):
+        value = value.model_dump()
+    if isinstance(value, dict | list | tuple):
+        for each in value.values() if isinstance(value, dict) else value:
+            yield from _numbers_in(each)
+    elif isinstance(value, int | float) and not isinstance(value, bool) and math.isfinite(value):
+        yield value
 
 
 def whole(*, least: int, most: int) -> AfterValidator:
@@ -93,6 +132,14 @@ Ticks = Annotated[NumberOrDistribution, whole(least=0, most=50)]
 # Times in a flight, and how long something takes, s.
 Moment = Annotated[NumberOrDistribution, bounded(least=0.0, most=LONGEST)]
 Span = Annotated[NumberOrDistribution, bounded(above=0.0), bounded(least=SHORTEST, most=LONGEST)]
+# Angles: two turns are more than anybody means by a direction, and a body that leans more than 90° hangs upside down.
+TWO_TURNS = 4.0 * math.pi
+_UPRIGHT = 0.5 * math.pi
+Direction = Annotated[NumberOrDistribution, radians(TWO_TURNS)]
+_Misalignment = Annotated[NumberOrDistribution, radians(math.pi)]
+Misalignment = Annotated[tuple[_Misalignment, _Misalignment, _Misalignment], Field(strict=False)]
+AngleNoise = Annotated[NonNegative, radians(_UPRIGHT)]
+Tilt = Annotated[NumberOrDistribution, bounded(above=0.0, below=_UPRIGHT), radians(_UPRIGHT)]
 Position = Annotated[tuple[Number, Number, Number], Field(strict=False)]
 Gains = Annotated[tuple[NonNegative, NonNegative, NonNegative], Field(strict=False)]
 Positives = Annotated[tuple[Positive, Positive, Positive], Field(strict=False)]
@@ -106,6 +153,11 @@ PlainSpan = Annotated[float, Field(ge=SHORTEST, le=LONGEST)]
 PlainPositives = Annotated[tuple[PlainPositive, PlainPositive, PlainPositive], Field(strict=False)]
 PlainSpans = Annotated[tuple[PlainSpan, PlainSpan, PlainSpan], Field(strict=False)]
 Point = Annotated[tuple[Real, Real, Real], Field(strict=False)]
+PlainDirection = Annotated[Real, radians(TWO_TURNS)]
+PlainDirections = Annotated[tuple[PlainDirection, PlainDirection, PlainDirection], Field(strict=False)]
+PlainAngleNoise = Annotated[PlainPositive, radians(_UPRIGHT)]
+PlainTilt = Annotated[float, Field(gt=0.0, lt=_UPRIGHT), radians(_UPRIGHT)]
+HalfTurn = Annotated[float, Field(ge=-math.pi, le=math.pi), radians(math.pi)]
 # Between ticks of cameras, control or integration, s; nothing flies with less than one a second.
 Period = Annotated[float, Field(ge=SHORTEST, le=1.0)]
 Step = Annotated[float, Field(ge=0.0, le=1.0), AfterValidator(_no_shorter_step)]

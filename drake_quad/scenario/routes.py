@@ -1,6 +1,7 @@
 """Routes of the scenario language: where to fly, and when."""
 
 import itertools
+import math
 from collections.abc import Sequence
 from typing import Annotated, Any, Literal
 
@@ -23,13 +24,29 @@ from drake_quad.reference.polynomial_path import PolynomialPath, evaluate_at, po
 from drake_quad.reference.regions import Box, Corridor, Polytope, Sphere, common
 from drake_quad.scenario.distributions import Model, Real
 from drake_quad.scenario.limits import LONGEST, MOST_WAYPOINTS, SHORTEST
-from drake_quad.scenario.quantities import Number, PlainMoment, PlainPositive, PlainSpan, Point, Position, Positive
+from drake_quad.scenario.quantities import (
+    RADIANS,
+    TWO_TURNS,
+    Direction,
+    Number,
+    PlainDirection,
+    PlainDirections,
+    PlainMoment,
+    PlainPositive,
+    PlainSpan,
+    Point,
+    Position,
+    Positive,
+    in_radians,
+)
 
 _Laps = Annotated[int, Field(ge=1, le=100)]
 # Of a sine in a lap.
 _Turns = Annotated[int, Field(ge=0, le=20)]
 # Of a corridor; a normal shorter than this, 1, has no direction to speak of.
 _MOST_FACES, _SHORTEST_NORMAL = 100, 1e-9
+# Half a turn, with what rounding may add (rad): yaws of waypoints that are no farther apart are one turn after another.
+_HALF_TURN = math.pi + 1e-6
 # Path of a field, and its number.
 _End = tuple[tuple[str | int, ...], float | None]
 
@@ -37,7 +54,7 @@ _End = tuple[tuple[str | int, ...], float | None]
 class _Moving(Model):
     """What the routes that move have in common."""
 
-    yaw: Number = Field(default=0.0, description="yaw of the reference where the heading is constant (rad)")
+    yaw: Direction = Field(default=0.0, description="yaw of the reference where the heading is constant (rad)")
     heading: Literal["constant", "along_path"] = Field(
         default="constant", description="what the yaw follows; along_path looks where the path goes"
     )
@@ -100,10 +117,10 @@ class LissajousRoute(Model):
     turns: Annotated[tuple[_Turns, _Turns, _Turns], Field(strict=False)] = Field(
         default=(1, 1, 2), description="of each sine in a lap (1)"
     )
-    phase: Point = Field(default=(0.0, 0.0, 0.0), description="of each sine (rad)")
+    phase: PlainDirections = Field(default=(0.0, 0.0, 0.0), description="of each sine (rad)")
     period: PlainSpan = Field(description="time for a lap (s)")
     laps: _Laps = Field(default=2, description="number of laps")
-    yaw: Real = Field(default=0.0, description="constant yaw of the reference (rad)")
+    yaw: PlainDirection = Field(default=0.0, description="constant yaw of the reference (rad)")
 
     def known_end(self) -> _End:
         """As for the others."""
@@ -115,7 +132,7 @@ class HoverRoute(Model):
 
     kind: Literal["hover"]
     position: Position = Field(default=(0.0, 0.0, 1.0), description="where to stay, in W (m)")
-    yaw: Number = Field(default=0.0, description="constant yaw of the reference (rad)")
+    yaw: Direction = Field(default=0.0, description="constant yaw of the reference (rad)")
     duration: PlainSpan = Field(default=10.0, description="how long to stay (s)")
 
     def known_end(self) -> _End:
@@ -356,11 +373,23 @@ class WaypointRoute(_Moving):
             raise self.wrong("heading", kind="heading", demand="needs a yaw at one of the waypoints")
         if self.heading != "waypoints" and any(yaw is not None for yaw in yaws):
             raise self.wrong("heading", kind="heading", demand="must be waypoints if yaws are given there")
+        self._check_yaws()
         limited = self.top_speed is not None or self.top_acceleration is not None
         if not limited and isinstance(self.times, Heuristic | Shortest):
             demand = "must be a number, or else top_acceleration, to choose the total time"
             raise self.wrong("top_speed", kind="limits", demand=demand)
         return self
+
+    def _check_yaws(self) -> None:
+        """Raises an error if yaws are surely in degrees; those of several turns, one after another, are not."""
+        before = 0.0
+        for i, waypoint in enumerate(self.waypoints):
+            if waypoint.yaw is None:
+                continue
+            if abs(waypoint.yaw) > TWO_TURNS and abs(waypoint.yaw - before) > _HALF_TURN:
+                numbers = in_radians(waypoint.yaw, TWO_TURNS)
+                raise self.wrong("waypoints", i, "yaw", kind="radians", demand=RADIANS, **numbers)
+            before = waypoint.yaw
 
     @model_validator(mode="after")
     def _closed(self) -> "WaypointRoute":

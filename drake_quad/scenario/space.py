@@ -9,7 +9,7 @@ from pydantic_core import PydanticCustomError
 from drake_quad.errors import InputError, shortened
 from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
 from drake_quad.scenario.limits import MOST_CORNERS, MOST_OBSTACLES, MOST_POINTS
-from drake_quad.scenario.quantities import PlainNonNegative, PlainPositive, PlainPositives, Point
+from drake_quad.scenario.quantities import PlainDirections, PlainNonNegative, PlainPositive, PlainPositives, Point
 from drake_quad.scenario.routes import BoxRegion
 from drake_quad.space import space as room
 from drake_quad.space.shapes import Ball, Cuboid, Cylinder, Hull, hull_of, placed
@@ -28,7 +28,7 @@ class BoxObstacle(Model):
 
     kind: Literal["box"]
     centre: Point = Field(description=_CENTRE)
-    rotation: Point = Field(default=(0.0, 0.0, 0.0), description=_ROTATION)
+    rotation: PlainDirections = Field(default=(0.0, 0.0, 0.0), description=_ROTATION)
     size: PlainPositives = Field(description="along its axes (m)")
 
     def shape(self) -> Cuboid:
@@ -41,7 +41,7 @@ class CylinderObstacle(Model):
 
     kind: Literal["cylinder"]
     centre: Point = Field(description=_CENTRE)
-    rotation: Point = Field(default=(0.0, 0.0, 0.0), description=_ROTATION)
+    rotation: PlainDirections = Field(default=(0.0, 0.0, 0.0), description=_ROTATION)
     radius: PlainPositive = Field(description="radius (m)")
     height: PlainPositive = Field(description="along its axis (m)")
 
@@ -71,7 +71,7 @@ class HullObstacle(Model):
         " corners count"
     )
     centre: Point = Field(default=(0.0, 0.0, 0.0), description="where the origin of the points is, in W (m)")
-    rotation: Point = Field(default=(0.0, 0.0, 0.0), description=_ROTATION)
+    rotation: PlainDirections = Field(default=(0.0, 0.0, 0.0), description=_ROTATION)
     scale: PlainPositive = Field(default=1.0, description="by which the points are multiplied (1)")
 
     @model_validator(mode="after")

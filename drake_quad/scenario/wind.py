@@ -7,7 +7,17 @@ from pydantic_core import PydanticCustomError
 
 from drake_quad.scenario.distributions import Model
 from drake_quad.scenario.limits import SMALLEST
-from drake_quad.scenario.quantities import Moment, NonNegative, Number, Position, Positive, Span, bounded, excludes_zero
+from drake_quad.scenario.quantities import (
+    Direction,
+    Moment,
+    NonNegative,
+    Number,
+    Position,
+    Positive,
+    Span,
+    bounded,
+    excludes_zero,
+)
 
 
 class _Blowing(Model):
@@ -15,7 +25,9 @@ class _Blowing(Model):
 
     velocity: Position | None = Field(default=None, description="of the air at its height, in W (m/s)")
     speed: NonNegative | None = Field(default=None, description="of the air, in place of a velocity (m/s)")
-    heading: Number | None = Field(default=None, description="to which it blows, with a speed, from X towards Y (rad)")
+    heading: Direction | None = Field(
+        default=None, description="to which it blows, with a speed, from X towards Y (rad)"
+    )
 
     @model_validator(mode="after")
     def _one_motion(self) -> "_Blowing":
@@ -50,7 +62,7 @@ class Sine(_Blowing):
 
     kind: Literal["sine"]
     frequency: Positive = Field(description="angular frequency (rad/s)")
-    phase: Number = Field(default=0.0, description="at time zero (rad)")
+    phase: Direction = Field(default=0.0, description="at time zero (rad)")
 
 
 class Dryden(Model):
@@ -68,7 +80,7 @@ class Dryden(Model):
         default=None,
         description="with which the turbulence goes by (m/s); that of the steady wind, or 1 m/s, if not given",
     )
-    heading: Number | None = Field(
+    heading: Direction | None = Field(
         default=None,
         description="of the longitudinal axis, from X towards Y (rad); that of the steady wind if not given",
     )

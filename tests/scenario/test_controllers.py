@@ -117,7 +117,7 @@ ESTIMATING = "k_p: [1, 1, 1], k_d: [1, 1, 1], bandwidth: [1, 1, 1]"
             f"control.position={{kind: indi, {ESTIMATING}, response: {{kind: commanded, lag: [0.1, 0, 0.1]}}}}",
             "control.position.response.lag.1 is 0, but must be larger than 0",
         ),
-        ("crash.tilt=2", "crash.tilt is 2, but must be less than 1.57"),
+        ("crash.tilt=2", "crash.tilt is 2, but must be in radians, at most 1.571 in size; 2 degrees are 0.03491"),
     ],
 )
 def test_what_is_wrong_of_estimators_and_attitude_is_told(override, complaint):

@@ -93,6 +93,6 @@ def test_who_designs_cascades_says_that_this_is_none():
 
 
 def test_numbers_that_are_too_far_apart_are_told_when_it_is_assembled():
-    slow = "control.lateral={lag: 80000, position_noise: 1.0e+9, attitude_noise: 1.0e+9, command_weight: 1.0e+9}"
+    slow = "control.lateral={lag: 80000, position_noise: 1.0e+9, attitude_noise: 1.5, command_weight: 1.0e+9}"
     with pytest.raises(InputError, match=r"control\.lateral has no filter or no regulator: its times, deviations or"):
         build_tracking_diagram(load(slow))

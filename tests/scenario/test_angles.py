@@ -1,0 +1,107 @@
+"""Angles are in radians: what was surely written in degrees is refused with its value in radians."""
+
+import math
+import re
+
+import numpy as np
+import pytest
+from pydantic import TypeAdapter, ValidationError
+
+from drake_quad import InputError, load_scenario
+from drake_quad.assembly.planning import plan_route
+from drake_quad.reference.polynomial_path import evaluate
+from drake_quad.scenario import load_mission
+from drake_quad.scenario.distributions import Model
+
+
+def models(kind=Model):
+    for each in kind.__subclasses__():
+        yield each
+        yield from models(each)
+
+
+# Yaws of a trajectory that turns many times; those of waypoints are looked at one after another.
+UNLIMITED = {("YawKnot", "yaw"), ("Waypoint", "yaw")}
+ANGLES = sorted(
+    {
+        (model.__name__, name): field
+        for model in models()
+        for name, field in model.model_fields.items()
+        if re.search(r"\(rad\)", field.description or "") and (model.__name__, name) not in UNLIMITED
+    }.items(),
+    key=lambda each: each[0],
+)
+
+
+@pytest.mark.parametrize("field", [field for _, field in ANGLES], ids=[".".join(name) for name, _ in ANGLES])
+def test_every_angle_of_the_language_is_questioned_where_it_is_in_degrees(field):
+    adapter = TypeAdapter(field.rebuild_annotation())
+    for degrees in (90.0, [10.0, 20.0, -150.0]):
+        with pytest.raises(ValidationError) as caught:
+            adapter.validate_python(degrees)
+        said = " ".join(error["msg"] for error in caught.value.errors())
+        if "degrees are" in said:
+            break
+    assert re.search(r"must be in radians, at most [\d.]+ in size; -?\d+ degrees are -?[\d.]+ rad", said)
+
+
+@pytest.mark.parametrize(
+    ("override", "words"),
+    [
+        ("route.yaw=45", "route.yaw is 45, but must be in radians, at most 12.57 in size; 45 degrees are 0.7854 rad"),
+        ("route.yaw={uniform: {min: 0, max: 90}}", "90 degrees are 1.571 rad"),
+        ("route.yaw={normal: {mean: -90, standard_deviation: 0.1}}", "-90 degrees are -1.571 rad"),
+        ("route.yaw={choice: [0, 20]}", "20 degrees are 0.3491 rad"),
+        ("crash.tilt=80", "at most 1.571 in size; 80 degrees are 1.396 rad"),
+        ("laboratory.motion_capture.misalignment.1=5", "misalignment.1 is 5, .* 5 degrees are 0.08727 rad"),
+    ],
+)
+def test_the_value_in_radians_is_given(diagrams, override, words):
+    with pytest.raises(InputError, match=re.escape(words).replace(r"\.\*", ".*")):
+        load_scenario(diagrams / "hover.yaml", [override])
+
+
+@pytest.mark.parametrize(
+    "override",
+    [
+        "route.yaw=12.5",
+        "route.yaw=-12.5",
+        "route.yaw={normal: {mean: 0, standard_deviation: 0.3}}",
+        "crash.tilt=1.5",
+        "crash.tilt=null",
+        "laboratory.motion_capture.misalignment=[0, -0.01, {normal: {mean: 0.01, standard_deviation: 0.02}}]",
+        "laboratory.wind=[{kind: steady, speed: 1, heading: -6.3}]",
+    ],
+)
+def test_angles_that_are_meant_in_radians_are_taken(diagrams, override):
+    load_scenario(diagrams / "hover.yaml", [override])
+
+
+def through(*yaws):
+    waypoints = [{"point": [float(i), 0.0, 1.0], "yaw": yaw} for i, yaw in enumerate(yaws)]
+    return {"route": {"kind": "waypoints", "heading": "waypoints", "waypoints": waypoints, "times": "heuristic"}}
+
+
+def test_yaws_of_waypoints_may_go_on_turn_after_turn(diagrams):
+    yaws = [1.0 + math.pi / 2.0 * i for i in range(20)]
+    mission = load_mission(diagrams / "hover.yaml", through(*yaws))
+    plan = plan_route(mission)
+    assert evaluate(plan.yaw, plan.yaw.times[-1:])[0, 0] == pytest.approx(yaws[-1])
+
+
+@pytest.mark.parametrize(("yaws", "which"), [((0, 45, 90), 1), ((20, 21, 22), 0), ((12, 15, 19), 2)])
+def test_yaws_of_waypoints_in_degrees_are_refused(diagrams, yaws, which):
+    with pytest.raises(InputError, match=rf"route.waypoints.{which}.yaw is {yaws[which]}, .*degrees are"):
+        load_mission(diagrams / "hover.yaml", through(*yaws))
+
+
+def test_trajectories_may_turn_as_often_as_they_like(diagrams):
+    """By knots, by pieces, and along a circle."""
+    knots = [{"time": 0.0, "position": [0.0, 0.0, 1.0]}, {"time": 60.0, "position": [1.0, 0.0, 1.0]}]
+    yaw_knots = [{"time": 0.0, "yaw": 100.0, "yaw_rate": 1.0}, {"time": 60.0, "yaw": 160.0, "yaw_rate": 1.0}]
+    load_mission(diagrams / "hover.yaml", {"route": {"kind": "trajectory", "knots": knots, "yaw_knots": yaw_knots}})
+    piece = {"duration": 60.0, "x": [0.0], "y": [0.0], "z": [1.0], "yaw": [50.0, 1.0]}
+    load_mission(diagrams / "hover.yaml", {"route": {"kind": "trajectory", "pieces": [piece]}})
+    circle = {"kind": "circle", "laps": 9, "heading": "along_path"}
+    plan = plan_route(load_mission(diagrams / "hover.yaml", {"route": circle}))
+    assert np.ptp(evaluate(plan.yaw, plan.yaw.times)) > 4.0 * math.pi
