@@ -87,6 +87,7 @@ STRUCTURES = {
     "response": ["commanded", "tilt"],
     "on_board": ["", "gyroscope", "attitude", "gyroscope attitude"],
     "network_leads": [False, True],
+    "priority": ["roll_pitch", "thrust"],
 }
 
 
@@ -166,6 +167,7 @@ def _tree(structure, rng, duration):
             "motion_capture": cameras,
             "command_link": link,
             "autopilot": _autopilot(structure, draw, 0.25 * ticks),
+            "allocation": {"priority": structure["priority"]},
             "wind": [_wind(kind, draw, duration) for kind in structure["wind"].split()],
         },
         "control": {

@@ -28,7 +28,7 @@ from drake_quad.vehicle.motion import accelerations, turning
 
 # Wind and drag change within tenths of a second.
 _STEP = 0.02
-# A noise of second order is half as much like itself after so many times its time: (1 + x) exp(-x) = 1/2.
+# The autocorrelation of critically damped noise of second order, (1 + x) exp(-x) after x times its time, is 1/2 here.
 _HALF = 1.67835
 
 
@@ -52,7 +52,7 @@ class Spectrum(NamedTuple):
     Attributes:
         mean: standard deviation, from flight to flight, of what lasts for a whole flight, and its mean.
         deviation: of the rest.
-        time: of a noise of second order that is half as much like itself as late as the rest is, s.
+        time: of critically damped noise of second order whose autocorrelation is 1/2 where that of the rest is, s.
     """
 
     mean: float

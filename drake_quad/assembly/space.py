@@ -16,7 +16,7 @@ def space_of(mission: Mission, *, tracking_error: float = 0.0) -> Space | None:
     """
     if mission.space is None:
         return None
-    # The ground believes that the centre of mass is in the middle of the rotors.
+    # The ground believes that the centre of mass is at the origin of the rotors' layout.
     farthest = max(sqrt(float(r.x**2 + r.y**2 + r.z**2)) for r in rotors_of(mission.nominal))
     return mission.space.room(farthest, tracking_error)
 

@@ -100,7 +100,7 @@ def next_incremental_memory(
 
 @fleet_system(float, AutoDiffXd)
 class IncrementalAttitudeController(FleetSystem):
-    """INDI of the attitude: τ = τ_f + I (α_c - ω̇_f) in B.
+    """INDI of the attitude: τ = I (α_c - d) + ω_r × I ω_r in B.
 
     .. pydrake_system::
 
@@ -113,12 +113,13 @@ class IncrementalAttitudeController(FleetSystem):
         output_ports:
         - torque
 
-    α_c = k_P e + k_D ė + ω̇_r is what an `AttitudeController` wants of the same inputs. τ_f and ω̇_f are the modelled
-    torque and the measured angular acceleration behind the filter H of an `IncrementalLaw`, so that τ is
-    I (α_c - d) + ω_r × I ω_r with d = H (ω̇ - α), and α what is believed to follow the commanded angular acceleration,
-    after whole ticks of delay, with the lag of the rotors: their speeds are not seen from the ground (E. J. J. Smeur,
-    Q. P. Chu and G. C. H. E. de Croon, "Adaptive incremental nonlinear dynamic inversion for attitude control of micro
-    air vehicles", JGCD 39, 2016).
+    α_c = k_P e + k_D ė + ω̇_r is what an `AttitudeController` wants of the same inputs. d = H (ω̇ - α) is the angular
+    acceleration that the model does not explain, within a limit on each axis: ω̇ is the derivative of the measured body
+    rates, and H the filter of an `IncrementalLaw`. The modelled α follows the command α_c - d after whole ticks of
+    delay with the lag of the rotors, whose speeds are not seen from the ground. The gyroscopic torque of the commanded
+    body rates ω_r is fed forward and is in no model. With τ_f = I H α and ω̇_f = H ω̇ the rest is τ_f + I (α_c - ω̇_f),
+    as in E. J. J. Smeur, Q. P. Chu and G. C. H. E. de Croon, "Adaptive incremental nonlinear dynamic inversion for
+    attitude control of micro air vehicles", JGCD 39, 2016.
 
     The states are `memory`, that of the law, `following`, how the command is followed, and `commands_under_way`, if
     there is a delay; the only parameter of the context is `numbers`.

@@ -61,7 +61,8 @@ class RotorPlace(Model):
     """One rotor."""
 
     position: Position = Field(
-        description="in B, seen from the middle, where the centre of mass is unless something else is said (m)"
+        description="in B, seen from the origin of the layout, where the centre of mass is unless `centre_of_mass` says"
+        " otherwise (m)"
     )
     turns: _Turns = Field(description="seen from above")
     thrust_factor: Positive | None = Field(default=None, description="b; that of the airframe if not given (N s²)")

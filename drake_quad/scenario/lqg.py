@@ -21,17 +21,19 @@ BelievedDelay = Annotated[int, Field(ge=0, le=20)]
 
 
 class ColouredNoise(Model):
-    """A noise that is like itself for a while."""
+    """White noise behind a lag, 1 / (1 + T s) for first order and the critically damped 1 / (1 + T s)² for second."""
 
     deviation: PlainPositive = Field(description="standard deviation, in the unit of what it is")
-    time: PlainSpan = Field(description="of correlation (s)")
+    time: PlainSpan = Field(description="T of the lag (s)")
 
 
 class Axis(Model):
     """What the axes have in common."""
 
-    first: ColouredNoise = Field(description="disturbing acceleration, a noise of first order (m/s²)")
-    second: ColouredNoise = Field(description="disturbing acceleration, a noise of second order (m/s²)")
+    first: ColouredNoise = Field(description="disturbing acceleration, noise behind a lag of first order (m/s²)")
+    second: ColouredNoise = Field(
+        description="disturbing acceleration, noise behind a critically damped lag of second order (m/s²)"
+    )
     command_noise: PlainNonNegative = Field(
         default=0.0,
         description="spectral density of white noise on the command, against a model that is wrong (its unit √s)",
@@ -61,7 +63,7 @@ class LateralAxis(Axis):
     damping: PlainPositive | None = Field(
         default=None, description="ζ of the attitude's answer (1); needed with an autopilot"
     )
-    bias: ColouredNoise = Field(description="of what turns the vehicle, a noise of first order (m/s⁴)")
+    bias: ColouredNoise = Field(description="of what turns the vehicle, noise behind a lag of first order (m/s⁴)")
     attitude_noise: PlainAngleNoise = Field(description="standard deviation in a frame (rad)")
 
 

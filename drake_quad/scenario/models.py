@@ -195,7 +195,8 @@ class Vehicle(Airframe[Positive, NonNegative]):
         default=(0.0, 0.0, 0.0, 0.0), description="by which each rotor's thrust factor is off, as a share of b (1)"
     )
     centre_of_mass: Annotated[tuple[Number, Number], Field(strict=False)] = Field(
-        default=(0.0, 0.0), description="x and y in B, seen from the middle of the rotors (m)"
+        default=(0.0, 0.0),
+        description="x and y in B, seen from the origin of `layout`, the middle of a plus, an x or an h (m)",
     )
     linear_drag: NonNegative = _paper("linear_drag", "drag force over airspeed")
     quadratic_drag: NonNegative = _paper("quadratic_drag", "drag force over squared airspeed")

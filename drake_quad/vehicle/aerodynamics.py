@@ -3,7 +3,7 @@
 In the axes of B, with u the velocity of the air relative to the vehicle, at its centre of mass:
 
     body drag            F_k = (c₁ₖ + c₂ₖ |u|) u_k                          at the centre of pressure
-    translational lift   F_z = c_lift (u_x² + u_y²)                         in the middle of the rotors
+    translational lift   F_z = c_lift (u_x² + u_y²)                         at the mean of the rotors' places
     climb                F_z = c_climb u_z: thrust is lost with the speed w = -u_z of climb
     rotor drag, inflow   F = Σ ωᵢ (k_d u_x, k_d u_y, k_z u_z)
 
@@ -106,13 +106,13 @@ def body_drag(air: Vector, speed: Row, body: BodyDrag) -> Load:
     return Load(force, cross(Vector(*body.centre_of_pressure), force))
 
 
-def rotor_loads(air: Vector, speed: RotorSpeed, middle: Vector, rotors: RotorAerodynamics) -> Load:
+def rotor_loads(air: Vector, speed: RotorSpeed, place: Vector, rotors: RotorAerodynamics) -> Load:
     """What lift, climb, drag and inflow of the rotors add to their thrust.
 
     Args:
         air: u, its velocity relative to the vehicle in the axes of B, m/s.
         speed: of the rotors.
-        middle: of the rotors, seen from the centre of mass, m.
+        place: mean of the rotors' places, where the force acts, seen from the centre of mass, m.
         rotors: their numbers.
     """
     turning = speed.rotor_1 + speed.rotor_2 + speed.rotor_3 + speed.rotor_4
@@ -120,7 +120,7 @@ def rotor_loads(air: Vector, speed: RotorSpeed, middle: Vector, rotors: RotorAer
     across = air.x * air.x + air.y * air.y
     lift = rotors.lift * across + (rotors.climb + rotors.inflow * turning) * air.z
     force = Vector(drag * air.x, drag * air.y, lift)
-    return Load(force, cross(middle, force))
+    return Load(force, cross(place, force))
 
 
 def sum_of_loads(loads: list[Load]) -> Load:

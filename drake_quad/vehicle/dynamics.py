@@ -1,7 +1,7 @@
 """The equations of motion, numbered as in the paper.
 
 World frame W: Z up. Body frame B: origin at the centre of mass, x forward, y to the left, z up. Rotor i is at (xᵢ, yᵢ)
-from the middle of the layout and turns in the direction sᵢ, 1 for anticlockwise seen from above and -1 for clockwise.
+from the origin of the layout and turns in the direction sᵢ, 1 for anticlockwise seen from above and -1 for clockwise.
 
     (1) R_WB = Rz(ψ) Ry(θ) Rx(φ)
     (2) (p, q, r)ᵀ = [1 0 -sθ; 0 cφ sφcθ; 0 -sφ cφcθ] (φ̇, θ̇, ψ̇)ᵀ, in `drake_quad.vehicle.attitude_kinematics`
@@ -9,7 +9,7 @@ from the middle of the layout and turns in the direction sᵢ, 1 for anticlockwi
     (4) ω_r = Σ sᵢ ωᵢ
     (5) F_z = Σ bᵢ ωᵢ², τ_x = Σ (yᵢ - c_y) bᵢ ωᵢ², τ_y = -Σ (xᵢ - c_x) bᵢ ωᵢ², τ_z = -Σ sᵢ dᵢ ωᵢ²
 
-with the centre of mass at (c_x, c_y) from the middle. The paper's vehicle is a plus: rotor 1 is in front, 2 to the
+with the centre of mass at (c_x, c_y) from there. The paper's vehicle is a plus: rotor 1 is in front, 2 to the
 right, 3 at the back, 4 to the left, all at l from the centre of mass; 1 and 3 turn clockwise. There
 
     (4) ω_r = -ω₁ + ω₂ - ω₃ + ω₄
@@ -90,8 +90,8 @@ def _sum(rows: Sequence[Row]) -> Row:
     return sum(others, first)
 
 
-def middle_of_rotors(parameters: QuadrotorParameters) -> Vector:
-    """The middle of the rotors, seen from the centre of mass (m)."""
+def mean_place_of_rotors(parameters: QuadrotorParameters) -> Vector:
+    """Return the mean of the rotors' four places, seen from the centre of mass (m)."""
     rotors, centre = parameters.rotors, parameters.centre_of_mass
     x, y, z = (0.25 * _sum([getattr(rotor, axis) for rotor in rotors]) for axis in ("x", "y", "z"))
     return Vector(x - centre.x, y - centre.y, z)

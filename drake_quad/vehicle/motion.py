@@ -10,7 +10,7 @@ from drake_quad.vehicle.dynamics import (
     RotorAction,
     drag,
     equations_of_motion,
-    middle_of_rotors,
+    mean_place_of_rotors,
     residual_speed,
     rotor_action,
 )
@@ -122,7 +122,7 @@ def _in_air(
         # Its length in W is that in B, and isotropic drag needs it, too.
         loads.append(body_drag(air, length(in_world), effects.body_drag))
     if effects.rotor_aerodynamics is not None:
-        loads.append(rotor_loads(air, speed, middle_of_rotors(parameters), effects.rotor_aerodynamics))
+        loads.append(rotor_loads(air, speed, mean_place_of_rotors(parameters), effects.rotor_aerodynamics))
     force, torque = sum_of_loads(loads)
     thrust, tau_x, tau_y, tau_z = action.wrench
     wrench = Wrench(thrust + force.z, tau_x + torque.x, tau_y + torque.y, tau_z + torque.z)

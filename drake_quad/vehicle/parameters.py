@@ -18,7 +18,7 @@ class Inertia(NamedTuple):
 
 
 class CentreOfMass(NamedTuple):
-    """Where the centre of mass is, seen from the middle of the rotors."""
+    """Where the centre of mass is, seen from the origin of the rotors' layout."""
 
     x: Length = 0.0
     y: Length = 0.0
@@ -41,7 +41,7 @@ class QuadrotorParameters(NamedTuple):
             motors of this size show in step tests.
         min_rotor_speed: idle. Not in the paper; a fifth of the top speed.
         max_rotor_speed: not in the paper; it gives 2.2 times the thrust of hover, a usual ratio.
-        centre_of_mass: in B's axes, seen from the middle of the rotors. In the paper it is there: 0.
+        centre_of_mass: in B's axes, seen from the origin of the rotors' layout. In the paper it is there: 0.
     """
 
     mass: _Mass = 0.68

@@ -16,7 +16,7 @@ class Rotor(NamedTuple):
     """One rotor; its thrust is along z of B.
 
     Attributes:
-        x: from the middle of the layout, as y and z.
+        x: from the origin of the layout, as y and z; it is the middle of a plus and of an x.
         y: to the left.
         z: up.
         direction: 1 if it turns anticlockwise seen from above, -1 if clockwise.

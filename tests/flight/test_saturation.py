@@ -1,9 +1,13 @@
 """A vehicle whose rotors cannot give the thrust that is asked for."""
 
+from typing import get_args
+
 import numpy as np
 import pytest
 
 from drake_quad import load_scenario, simulate
+from drake_quad.flight import simulate_samples
+from drake_quad.vehicle.allocation import Priority
 
 
 def overloaded(priority):
@@ -42,3 +46,31 @@ def test_an_overloaded_vehicle_tips_over_where_thrust_is_first():
     flight = overloaded("thrust")
     assert flight.metrics.crashed
     assert np.max(np.abs(flight.record("state").roll)) > np.radians(60.0)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("layout", ["x", "rotors"])
+@pytest.mark.parametrize("priority", get_args(Priority))
+def test_vehicles_saturate_in_a_compiled_fleet_as_they_do_alone(layout, priority):
+    """At an instant some vehicles of a vector saturate, and others do not."""
+    rotors = [
+        {"position": [0.14, -0.11, 0.02], "turns": "clockwise"},
+        {"position": [-0.09, -0.13, 0.01], "turns": "anticlockwise", "thrust_factor": 4.1e-5},
+        {"position": [-0.13, 0.10, 0.0], "turns": "clockwise", "drag_factor": 1.2e-6},
+        {"position": [0.11, 0.14, 0.03], "turns": "anticlockwise"},
+    ]
+    overrides = {
+        "nominal.layout": {"kind": "x"} if layout == "x" else {"kind": "rotors", "rotors": rotors},
+        "nominal.min_rotor_speed": 175.0,
+        "nominal.max_rotor_speed": 235.0,
+        "laboratory.motion_capture.attitude_noise": 0.2,
+        "laboratory.allocation.priority": priority,
+        "duration": 0.6,
+    }
+    scenario = load_scenario("hover", overrides)
+    fleet = simulate_samples(scenario, range(5), compiled=True)
+    saturated = np.array([np.any(flight["shortfall"] != 0.0, axis=1) for flight in fleet])
+    assert np.any(saturated.any(axis=0) & ~saturated.all(axis=0))
+    alone = simulate(scenario, sample=3)
+    for name in ("shortfall", "rotor_speed_command", "state"):
+        np.testing.assert_array_equal(fleet[3][name], alone[name], err_msg=name)

@@ -6,12 +6,14 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError, load_scenario, simulate
+from drake_quad.assembly.planning import nominal_parameters
 from drake_quad.framework.elementary import sin_cos
 from drake_quad.identification.fitting.open_loop import OpenLoop, Starts, commands_of, delay_of
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.vehicle_numbers import number_of, with_numbers
 from drake_quad.kinematics import small_rotation
-from drake_quad.signals import Attitude
+from drake_quad.signals import Attitude, RotorSpeed
+from drake_quad.vehicle.dynamics import rotor_action
 
 
 @pytest.fixture(scope="module")
@@ -129,6 +131,20 @@ def test_thrust_and_torque_go_through_the_allocation_of_the_firmware(flight, rec
     lighter = with_numbers(flight.scenario, {"thrust_factor": 2e-5})
     same = commands_of(wrench_alone, lighter, flight.scenario)
     np.testing.assert_array_equal(same.rotors, commands.rotors)
+
+
+@pytest.mark.parametrize(("priority", "given"), [("roll_pitch", 0.1), ("thrust", 0.0)])
+def test_the_firmware_gives_up_what_its_priority_says(root, record, priority, given):
+    """A thrust beyond what the rotors can give, with a roll torque beside it."""
+    number = len(record.time)
+    thrust, torque = np.full(number, 100.0), np.tile([0.1, 0.0, 0.0], (number, 1))
+    wrench_alone = replace(record, rotor_speed_command=None, thrust_command=thrust, torque_command=torque)
+    overrides = {"laboratory.allocation.priority": priority}
+    firmware = load_scenario(root / "diagrams" / "laboratory.yaml:low_wind", overrides)
+    speeds = commands_of(wrench_alone, firmware, firmware).rotors[0]
+    believed = nominal_parameters(firmware)
+    assert rotor_action(RotorSpeed(*speeds), believed).wrench.tau_x == pytest.approx(given, abs=1e-9)
+    assert speeds.max() == pytest.approx(believed.max_rotor_speed)
 
 
 def test_what_drives_no_vehicle_is_refused(flight, record):

@@ -28,6 +28,7 @@ from drake_quad.vehicle.motors import SpinDown
 from drake_quad.vehicle.parameters import Inertia
 from drake_quad.vehicle.payload import Payload, PayloadPosition
 from drake_quad.vehicle.quadrotor import Place, Quadrotor, QuadrotorNumbers
+from drake_quad.vehicle.rotors import Rotors
 from drake_quad.vehicle.slung_load import SlungLoad
 
 DRAG = BodyDrag(LinearDrag(0.1, 0.2, 0.3), QuadraticDrag(0.04, 0.05, 0.06), CentreOfPressure(0.01, -0.02, 0.03))
@@ -91,18 +92,27 @@ def assert_close(actual, expected, tolerance=1e-12):
     np.testing.assert_allclose(actual, expected, rtol=0.0, atol=tolerance * scale)
 
 
+def anywhere(parameters):
+    """Return a vehicle whose rotors are anywhere: their mean is not the origin, from which centre_of_mass counts."""
+    places = (0.16, -0.02, 0.03), (-0.01, -0.15, 0.0), (-0.12, 0.03, 0.01), (0.04, 0.18, 0.04)
+    rotors = zip(parameters.rotors, places, strict=True)
+    return parameters._replace(rotors=Rotors._make(rotor._replace(x=x, y=y, z=z) for rotor, (x, y, z) in rotors))
+
+
 @pytest.mark.parametrize("name", EFFECTS)
-def test_against_forces_at_their_points(asymmetric_vehicle, name):
+@pytest.mark.parametrize("layout", ["plus", "anywhere"])
+def test_against_forces_at_their_points(asymmetric_vehicle, layout, name):
     effects = EFFECTS[name]
-    vehicle, context = continuous(asymmetric_vehicle, effects)
-    bare, bare_context = continuous(asymmetric_vehicle, Effects())
-    forces = Forces(asymmetric_vehicle, effects)
+    parameters = asymmetric_vehicle if layout == "plus" else anywhere(asymmetric_vehicle)
+    vehicle, context = continuous(parameters, effects)
+    bare, bare_context = continuous(parameters, Effects())
+    forces = Forces(parameters, effects)
     moved = 0.0
     for sample in samples(100, seed=1):
         found, without = slope(vehicle, context, sample), slope(bare, bare_context, sample)
-        rates = rotor_rates(sample, asymmetric_vehicle, effects)
+        rates = rotor_rates(sample, parameters, effects)
         pairs, torque = forces.at(sample.state, sample.speeds, sample.wind, rates)
-        expected = accelerations(asymmetric_vehicle, sample.state, sample.speeds, pairs, torque, parts(effects))
+        expected = accelerations(parameters, sample.state, sample.speeds, pairs, torque, parts(effects))
         assert_close(found[6:12], expected)
         assert_close(found[12:], rates)
         np.testing.assert_array_equal(found[:6], without[:6])

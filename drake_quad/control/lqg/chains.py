@@ -11,8 +11,9 @@ on board ask for:
 
 Along Z it is the thrust itself: p' = v, v' = s + d₁ + d₂, s' = (u - s) / T with an acceleration s beside gravity.
 
-The disturbing acceleration is the sum of two coloured noises, of first and of second order; the bias δ of what turns
-the vehicle is one of first order:
+The disturbing acceleration is the sum of two coloured noises: d₁ of first order, white noise behind 1 / (1 + T₁ s),
+and d₂ of second order, white noise behind the critically damped lag 1 / (1 + T₂ s)². The bias δ of what turns the
+vehicle is one of first order:
 
     d₁' = -d₁ / T₁ + w₁    d₂' = e    e' = -d₂ / T₂² - 2 e / T₂ + w₂    δ' = -δ / T_δ + w_δ
 
@@ -89,7 +90,7 @@ class Noise(NamedTuple):
 
     Attributes:
         deviation: standard deviation, m/s² of a disturbance; of the bias that of what it is added to.
-        time: of correlation, s.
+        time: T of the lag 1 / (1 + T s), or 1 / (1 + T s)² for second order, behind which it is white noise, s.
     """
 
     deviation: float
@@ -101,7 +102,7 @@ class Disturbances(NamedTuple):
 
     Attributes:
         first: of first order, an acceleration.
-        second: of second order, an acceleration.
+        second: of second order, critically damped, an acceleration.
         bias: of what turns the vehicle, m/s⁴; None along Z.
         command_noise: spectral density of white noise on the command, its unit times √s.
     """

@@ -218,3 +218,17 @@ def test_on_which_axes_is_a_choice(scenario_with):
     np.testing.assert_allclose(
         flight["acceleration_command"], flight["pd"] - flight["correction"], atol=1e-12, err_msg="eq (14)"
     )
+
+
+def test_weights_are_listed_axis_by_axis_and_the_set_of_the_last_input_changes_first():
+    """On each axis one rule fires alone, where the error is at one centre and its rate at another."""
+    sets = FuzzySets(1.0, (-1.0, 0.0, 1.0), (1.0, 1.0, 1.0))
+    antecedents = Antecedents(1.0, 1.0, 0.5, (sets, sets))
+    (x, y) = (firing_strengths(inputs, antecedents) for inputs in ((-1.0, 1.0), (0.0, -1.0)))
+    assert (x.index(max(x)), y.index(max(y))) == (2, 3)
+    learning = WeightLearning(axes=("x", "y"), initial_weights=(tuple(range(9)), tuple(range(10, 19))))
+    context = learning.CreateDefaultContext()
+    learning.GetInputPort("firing").FixValue(context, [*x, *y])
+    weights = learning.GetOutputPort("weights").Eval(context)
+    np.testing.assert_array_equal(weights, [*range(9), *range(10, 19)])
+    np.testing.assert_allclose(learning.GetOutputPort("correction").Eval(context), [2.0, 13.0, 0.0], atol=1e-12)
