@@ -100,10 +100,15 @@ class Quadrotor(FleetSystem):
         inputs ●━━━━━○
                ●━━━━━→ state at h, seen by the discrete updates at h
 
-    The update at time zero does nothing. With `time_step=0` the state is continuous, a `VehicleState`; a simulation
-    with error control then has to be advanced to the instant just before a rotor fails, or a payload comes or goes, and
-    from there to that instant, since no step is short enough to cross the jump of the forces. A step takes the faults
-    at its middle.
+    The update at time zero does nothing. A step takes the faults at its middle. It integrates the attitude as a
+    quaternion, so that the vehicle may turn over. After a step the pitch is between -π/2 and π/2 and the roll between
+    -π and π; the yaw counts whole turns.
+
+    With `time_step=0` the state is continuous, a `VehicleState`, for `Linearize` and for integrators with error
+    control. The rates of roll and yaw are infinite at a pitch of ±π/2, and that of a slung load's roll where its rod is
+    horizontal along X. An integrator with error control takes shorter steps near them; one with a fixed step is wrong
+    there. A simulation with error control has to be advanced to the instant just before a rotor fails, or a payload
+    comes or goes, and from there to that instant, since no step is short enough to cross the jump of the forces.
 
     Effects (`drake_quad.vehicle.effects`) act beside the paper's equations. With a `slung_load` and with a `battery`
     there are states and outputs of these, `swing` and `charge`; with a `thrust_curve` the commands are throttles, at

@@ -110,6 +110,30 @@ def rotor_target(
     return held_rotor_speed(RotorSpeed(*command), parameters, factors)
 
 
+class Moving(NamedTuple):
+    """Quantities that a step integrates, all but the position; or their rates, per second.
+
+    Attributes:
+        attitude: coordinates of an `IntegratedAttitude`.
+        motion: velocity and body rates.
+        rod: of a slung load; None if there is none.
+    """
+
+    attitude: Any
+    motion: Motion
+    rod: Rod | None
+
+
+def moved(moving: Any, slope: Any, time: Row) -> Any:
+    """Return a row, or a record of rows, after a time (s) with a slope; a part that is None stays None."""
+    if moving is None:
+        return None
+    if not isinstance(moving, tuple):
+        return moving + time * slope
+    record: Any = type(moving)
+    return record._make(moved(part, rate, time) for part, rate in zip(moving, slope, strict=True))
+
+
 def step_of_flight(
     before: VehicleState,
     target: RotorSpeed,
@@ -155,30 +179,6 @@ def step_of_flight(
     state = State(x, y, z, *attitude.attitude(moving.attitude), *moving.motion)
     swing = None if moving.rod is None else swing_of(moving.rod)
     return VehicleState(state, end, swing, _charge_after(before.charge, speeds, parameters, effects, sixth))
-
-
-class Moving(NamedTuple):
-    """What a step integrates but the position; or the rates, per second.
-
-    Attributes:
-        attitude: coordinates of an `IntegratedAttitude`.
-        motion: velocity and body rates.
-        rod: of a slung load; None if there is none.
-    """
-
-    attitude: Any
-    motion: Motion
-    rod: Rod | None
-
-
-def moved(moving: Any, slope: Any, time: Row) -> Any:
-    """Return a row, or a record of rows, after a time (s) with a slope; a part that is None stays None."""
-    if moving is None:
-        return None
-    if not isinstance(moving, tuple):
-        return moving + time * slope
-    record: Any = type(moving)
-    return record._make(moved(part, rate, time) for part, rate in zip(moving, slope, strict=True))
 
 
 def _height(body: State, climb: VelocityW, time: Row, effects: Effects) -> PositionW:

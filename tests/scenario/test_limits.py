@@ -1,5 +1,6 @@
 """What is far too much for a scenario is refused before it is read, and times without sense before they are flown."""
 
+import math
 import os
 import re
 
@@ -9,6 +10,7 @@ from ruamel.yaml.composer import Composer
 
 from drake_quad import InputError, load_scenario, simulate
 from drake_quad.assembly.planning import flight_duration, plan_route
+from drake_quad.framework.wiring import subsystem
 from drake_quad.scenario import Override, library, limits, load_mission
 
 BODY = """\
@@ -436,6 +438,23 @@ def test_a_vehicle_that_leaves_all_numbers_behind_has_crashed_and_keeps_none_of_
     assert flight.metrics.crashed
     assert flight.time[-1] < flight.metrics.crash_time
     assert all(np.isfinite(values).all() for values in flight.signals.values())
+
+
+def test_a_continuous_state_that_passes_90_degrees_of_pitch_closely_is_told(write):
+    """Its angles swing by half a turn within 20 µs there, and a flight does not go on with angles that are wrong."""
+    turns_over = ["vehicle.time_step=0", "crash={tilt: null, position_error: 100, height: -100}", "duration=0.2"]
+
+    def flips(simulator):
+        vehicle = subsystem(simulator.get_system(), ["laboratory", "vehicle"])
+        context = vehicle.GetMyMutableContextFromRoot(simulator.get_mutable_context())
+        state = vehicle.get_state(context, "continuous")
+        body = state.body._replace(pitch=math.radians(85.0), q=6.0, r=1e-4)
+        vehicle.set_state(context, "continuous", state._replace(body=body))
+
+    with pytest.raises(
+        InputError, match="moves too fast .*, such as roll and yaw at a pitch of 90 degrees; give it a step"
+    ):
+        simulate(load_scenario(write(SMALL), turns_over), prepare=flips)
 
 
 def test_a_continuous_state_that_changes_too_fast_is_told(write):
