@@ -42,10 +42,22 @@ def identify(
         held_out_share: of the time in the air, at the end of each log, that is only predicted.
 
     Raises:
-        InputError: there is no log, a log lacks a signal, or there is too little flight.
+        InputError: there is no log, a log lacks a signal, there is too little flight, or the logs hold numbers that no
+            vehicle flies by.
     """
     if not records:
         raise InputError("there is no log to identify a vehicle from")
+    try:
+        return _identified(records, scenario, held_out_share)
+    except np.linalg.LinAlgError as error:
+        raise InputError(
+            f"the logs cannot be fitted ({error}): they hold numbers that no vehicle flies by; check the"
+            " units of the mapping"
+        ) from error
+
+
+def _identified(records: Sequence[FlightRecord], scenario: Scenario, held_out_share: float) -> Identification:
+    """The vehicle, by the way that fits what the logs hold."""
     responds = isinstance(scenario.laboratory.autopilot, AttitudeResponse)
     if responds and all(map(tells_forces, records)):
         return _from_attitudes_and_forces(records, scenario, held_out_share)
