@@ -88,6 +88,8 @@ def read_table(path: Path) -> dict[str, np.ndarray]:
     Raises:
         InputError: the file cannot be read, or its rows differ in length.
     """
+    if not path.is_file():  # a pipe need not end
+        raise InputError(f"{path} cannot be read: it is no file")
     try:
         header, *rows = csv.reader(path.read_text(encoding="utf-8").splitlines())
         columns = zip(*rows, strict=True) if rows else [()] * len(header)

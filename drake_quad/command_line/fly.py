@@ -5,6 +5,7 @@ import math
 import sys
 import time
 from collections.abc import Callable
+from contextlib import suppress
 
 from pydrake.geometry import Meshcat
 from pydrake.systems.analysis import Simulator
@@ -122,7 +123,8 @@ def show_again(meshcat: Meshcat, name: str, flight: Flight) -> None:
     meshcat.Delete()
     draw_replay(meshcat, {name: flight})
     if sys.stdin.isatty():
-        input("the browser has the whole flight now, to play and scrub; Enter ends ")
+        with suppress(EOFError):  # Ctrl-D ends it, too
+            input("the browser has the whole flight now, to play and scrub; Enter ends ")
 
 
 def summary(flight: Flight) -> list[tuple[str, str, str]]:

@@ -44,11 +44,18 @@ def identify(
         held_out_share: of the time in the air, at the end of each log, that is only predicted.
 
     Raises:
-        InputError: there is no log, a log lacks a signal, or there is too little flight.
+        InputError: there is no log, a log lacks a signal, there is too little flight, or the logs hold numbers that no
+            vehicle flies by.
     """
     if not records:
         raise InputError("there is no log to identify a vehicle from")
-    found = _identified(records, scenario, held_out_share)
+    try:
+        found = _identified(records, scenario, held_out_share)
+    except np.linalg.LinAlgError as error:
+        raise InputError(
+            f"the logs cannot be fitted ({error}): they hold numbers that no vehicle flies by; check the"
+            " units of the mapping"
+        ) from error
     flaw = inertia_flaw(found.vehicle.vehicle.inertia)
     remarks = [f"no rigid body has the inertia that was found, but for its error: {flaw}"] if flaw else []
     return replace(found, remarks=(*found.remarks, *remarks))

@@ -108,7 +108,8 @@ class TrainedNetwork(Model):
             numbers: of all layers, one after another.
             prepared: `offset`, `scale` and `limit`, if any.
         """
-        precision: _Precision = "single" if (numbers.astype("<f4").astype(float) == numbers).all() else "double"
+        with np.errstate(over="ignore"):  # what is too large for single precision is infinite in it
+            precision: _Precision = "single" if (numbers.astype("<f4") == numbers).all() else "double"
         text = base64.b64encode(numbers.astype(_DTYPES[precision]).tobytes()).decode("ascii")
         pieces = tuple([text[k : k + MOST_CHARACTERS] for k in range(0, len(text), MOST_CHARACTERS)])
         return cls(layers=layers, precision=precision, numbers=pieces, **prepared)

@@ -45,7 +45,9 @@ def policy_network(path: Path) -> Tree:
     if len(data) > _MOST_BYTES:
         raise InputError(f"{mark}: is too large: a network may have {MOST_NETWORK_BYTES:,} bytes of numbers")
     try:
-        network = read(data)
+        # What a file computes of its constants may overflow; a network of numbers that are not finite is refused.
+        with np.errstate(all="ignore"):
+            network = read(data)
     except UnreadableError as error:
         raise InputError(f"{mark}: {error}") from None
     except ImportError as error:

@@ -10,7 +10,7 @@ from typing import Any
 from pydrake.systems.framework import Diagram, InputPortIndex, OutputPortIndex
 from pydrake.systems.primitives import Demultiplexer
 
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, shortened
 from drake_quad.visualization.style import BLUE
 
 _STYLE = """    rankdir=LR; nodesep=0.35; ranksep=0.55; fontname="Helvetica";
@@ -40,12 +40,16 @@ def svg(drawing: str) -> str:
 
     Raises:
         InputError: Graphviz is not installed.
+        RuntimeError: Graphviz cannot draw it.
     """
     if shutil.which("dot") is None:
         raise InputError(
             "drawings are made by Graphviz, whose command dot is not on PATH; Debian's package is graphviz"
         )
-    made = subprocess.run(["dot", "-Tsvg"], input=drawing, capture_output=True, text=True, check=True).stdout
+    run = subprocess.run(["dot", "-Tsvg"], input=drawing, capture_output=True, encoding="utf-8")
+    if run.returncode:
+        raise RuntimeError(f"Graphviz's dot ended with status {run.returncode}: {shortened(run.stderr.strip(), 200)}")
+    made = run.stdout
     return made[made.index("<svg") :].rstrip() + f"\n<!-- {digest(drawing)} -->\n"
 
 

@@ -200,3 +200,15 @@ def test_a_delay_goes_into_the_link_of_the_vehicle(monkeypatch, rotors):
     own = module._translated(result, rotors, [])
     assert own.delay is None
     assert own.vehicle.laboratory == rotors.laboratory
+
+
+def test_equations_without_a_solution_are_told_in_a_sentence(monkeypatch):
+    """A gyroscope that shows 10⁸ rad/s now and then leaves such equations."""
+
+    def fail(*_, **__):
+        np.linalg.cholesky(np.zeros((2, 2)))
+
+    monkeypatch.setattr(module, "identify_from_poses", fail)
+    nothing = FlightRecord("log", np.array([0.0, 0.1]))
+    with pytest.raises(InputError, match=r"^the logs cannot be fitted \(Matrix is not positive definite\): they hold"):
+        identify([nothing], load_scenario("hover"))

@@ -11,6 +11,7 @@ from onnx import TensorProto, helper
 from drake_quad import InputError, load_scenario, save_scenario
 from drake_quad.control.policy.network import passed
 from drake_quad.scenario.policy_file import policy_network
+from drake_quad.scenario.policy_layers import Layers
 
 POLICY = """
 mine:
@@ -77,6 +78,20 @@ def test_what_single_precision_has_is_kept_in_single_precision(written):
     hidden = layer(np.tanh, single["weights_0"].astype(float), single["biases_0"], INPUTS)
     expected = layer(identity, single["weights_1"].astype(float), single["biases_1"], hidden)
     np.testing.assert_allclose(output(scenario), expected, rtol=1e-12)
+
+
+def test_numbers_beyond_single_precision_are_kept_in_double_precision_without_a_warning():
+    layers = Layers()
+    layers.dense(np.full((1, 6), 1e300), np.zeros(1))
+    network = layers.network()
+    assert network.precision == "double"
+    found = passed(network.network(), INPUTS.tolist(), ()).output
+    np.testing.assert_allclose(found, [1e300 * INPUTS.sum()], rtol=1e-12)
+
+
+def test_numbers_beyond_double_precision_are_refused_without_a_warning(written):
+    with pytest.raises(InputError, match="net.npz: has numbers that are not finite"):
+        written({**ARRAYS, "weights_1": np.full((3, 4), np.longdouble("1e4000"))})
 
 
 def test_a_scenario_is_written_with_its_network_and_read_again(written, tmp_path):

@@ -8,6 +8,7 @@ from gymnasium.vector import AutoresetMode
 from stable_baselines3.common.vec_env import VecEnv
 
 from drake_quad.errors import InputError
+from drake_quad.gym.real_numbers import single_precision
 from drake_quad.gym.vector_env import QuadrotorVectorEnv
 
 
@@ -60,7 +61,7 @@ class StableVectorEnv(VecEnv):
                 "TimeLimit.truncated": bool(truncations[i]),
                 "flight": flight,
             }
-        return seen, rewards.astype(np.float32), over, infos
+        return seen, single_precision(rewards), over, infos
 
     def close(self) -> None:
         """Closes the environment."""
