@@ -161,5 +161,4 @@ def is_near(place: Place, points: np.ndarray, distance: float = 0.0) -> np.ndarr
             return np.asarray(np.linalg.norm(points - np.clip(points, place.low, place.high), axis=1) <= distance)
         case Sphere():
             return np.asarray(np.linalg.norm(points - place.centre, axis=1) <= place.radius + distance)
-    lengths = np.linalg.norm(place.normals, axis=1)
-    return np.asarray((points @ place.normals.T <= place.offsets + distance * lengths).all(axis=1))
+    return np.asarray((points @ place.normals.T <= place.offsets + distance).all(axis=1))

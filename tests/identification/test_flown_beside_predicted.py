@@ -1,6 +1,7 @@
 """Flights of a log beside their predictions: of flights that this library has flown, where all is known."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
@@ -153,6 +154,20 @@ def test_flown_and_predicted_fly_side_by_side_by_the_clock_of_the_log(uncertain,
     flight = simulate(found.scenario, sample=found.typical_sample(), compiled=True)
     np.testing.assert_array_equal(predicted["state"], flight["measurement"][flight.time >= REST])
     np.testing.assert_allclose(log["reference"][:, :3], flown.reference_position[: len(log.time)], atol=1e-3)
+
+
+def test_what_is_not_logged_of_the_state_is_shown_at_rest_and_level(uncertain, flown):
+    """And rotors that are logged turn as they did."""
+    bare = replace(flown, attitude=None, body_rates=None)
+    found = compare_with_log(bare, uncertain, samples=1, rest=REST)
+    state = side_by_side(found)["flown"]["state"]
+    np.testing.assert_array_equal(state[:, :3], flown.position)
+    np.testing.assert_array_equal(state[:, 6:9], flown.velocity)
+    assert not state[:, 3:6].any()
+    assert not state[:, 9:].any()
+    speeds = np.tile([201.0, 202.0, 203.0, 204.0], (len(flown.time), 1))
+    turning = replace(found, record=replace(bare, rotor_speed=speeds))
+    np.testing.assert_array_equal(side_by_side(turning)["flown"]["rotor_speed"], speeds)
 
 
 def test_a_log_is_replayed_to_its_end_whatever_becomes_of_the_prediction(scenario, flown):

@@ -1,6 +1,7 @@
 """PX4's ULog: numbers known in NED and FRD come back in our frames, on one clock."""
 
 import builtins
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -9,6 +10,7 @@ from written_logs import DATA, message, quaternion_of, ulog
 from drake_quad import InputError
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.timing import pieces
+from drake_quad.identification.logs.ulog import _remarks
 
 LOCAL = [("float", name) for name in ("x", "y", "z", "vx", "vy", "vz")]
 ATTITUDE, XYZ = [("float[4]", "q")], [("uint64_t", "timestamp_sample"), ("float[3]", "xyz")]
@@ -220,3 +222,17 @@ def test_rotors_are_where_the_parameters_say(read):
     assert named.remarks == known.remarks
     odd = read(ulog(motors, parameters=parameters | {"CA_ROTOR0_PY": 0.3}))
     assert said(odd, "assumed, those of its quad-x")
+
+
+def test_dropouts_and_damage_are_remarked():
+    """Durations are in ms."""
+    told = _remarks(
+        SimpleNamespace(dropouts=[SimpleNamespace(duration=d) for d in (20, 500, 30)], file_corruption=True)
+    )
+    assert told == [
+        "3 dropouts of the logger, 0.55 s in all, the longest of 0.5 s",
+        "the log is damaged; read what pyulog finds whole",
+    ]
+    (one,) = _remarks(SimpleNamespace(dropouts=[SimpleNamespace(duration=40)], file_corruption=False))
+    assert one.startswith("1 dropout of the logger, 0.04 s")
+    assert _remarks(SimpleNamespace(dropouts=[], file_corruption=False)) == []

@@ -12,6 +12,7 @@ from drake_quad.identification.fitting.open_loop import OpenLoop, Starts, comman
 from drake_quad.identification.logs.record import FlightRecord
 from drake_quad.identification.results.vehicle_numbers import number_of, with_numbers
 from drake_quad.kinematics import small_rotation
+from drake_quad.scenario.effects import SpeedMotors
 from drake_quad.signals import Attitude, RotorSpeed
 from drake_quad.vehicle.dynamics import rotor_action
 
@@ -145,6 +146,23 @@ def test_the_firmware_gives_up_what_its_priority_says(root, record, priority, gi
     believed = nominal_parameters(firmware)
     assert rotor_action(RotorSpeed(*speeds), believed).wrench.tau_x == pytest.approx(given, abs=1e-9)
     assert speeds.max() == pytest.approx(believed.max_rotor_speed)
+
+
+def test_throttles_need_the_motors_of_the_vehicle_that_the_firmware_knows(responding, record):
+    """Its thrust is shared out among motors whose curve is believed."""
+    thrust = replace(record, rotor_speed_command=None, attitude_command=np.zeros((len(record.time), 3)))
+    vehicle = responding[0].scenario
+    commands = commands_of(thrust, vehicle, vehicle)
+    assert commands.throttles
+    k_0, k_1, k_2 = vehicle.nominal.motors.curve
+    shares = commands.rotors
+    inside = ((shares > 1e-6) & (shares < 1.0 - 1e-6)).all(axis=1)
+    total = np.sum(k_0 + k_1 * shares + k_2 * shares**2, axis=1)
+    np.testing.assert_allclose(total[inside], record.thrust_command[inside], rtol=1e-9)
+    assert inside.any()
+    nominal = vehicle.nominal.model_copy(update={"motors": SpeedMotors(kind="speed")})
+    with pytest.raises(InputError, match=f"{vehicle.name} has no nominal.motors, which make throttles of thrusts"):
+        commands_of(thrust, vehicle, vehicle.model_copy(update={"nominal": nominal}))
 
 
 def test_what_drives_no_vehicle_is_refused(flight, record):
