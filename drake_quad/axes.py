@@ -75,7 +75,7 @@ class BodyAxes(NamedTuple):
         ahead, left = self.x.x + _LEAST_COSINE, self.x.y
         return Attitude(
             arctan2(left * self.z.x - ahead * self.z.y, ahead * self.y.y - left * self.y.x),
-            arctan2(0.0 - self.x.z, sqrt(ahead * ahead + left * left + TINY)),
+            arctan2(0.0 - self.x.z, sqrt(ahead * ahead + left * left)),
             arctan2(left, ahead),
         )
 

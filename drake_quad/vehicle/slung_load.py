@@ -23,7 +23,7 @@ step β is between -90° and 90°, and α between -180° and 180°.
 
 from typing import Annotated, NamedTuple
 
-from drake_quad.axes import TINY, Vector, dot, times
+from drake_quad.axes import Vector, dot, times
 from drake_quad.framework.elementary import arctan2, sin_cos, sqrt
 from drake_quad.signals import Quantity, Row, Swing
 
@@ -74,7 +74,7 @@ def swing_of(rod: Rod) -> Swing:
     """Return how a rod swings; the direction may be of any length but 0, and the rate is taken across it."""
     (x, y, z), rate = rod
     down = _LEAST_COMPONENT - z
-    across = sqrt(y * y + down * down + TINY)
+    across = sqrt(y * y + down * down)
     size = sqrt(x * x + across * across)
     sin_roll, cos_roll, sin_pitch, cos_pitch = y / across, down / across, -x / size, across / size
     return Swing(
