@@ -2,10 +2,22 @@
 
 import os
 import sys
+import warnings
 from collections.abc import Callable
+from functools import partial
+from typing import Any
 
 from drake_quad.command_line.interruption import SENTENCE, raise_interruptions
-from drake_quad.errors import InputError
+from drake_quad.command_line.output import remark
+from drake_quad.errors import InputError, InputWarning
+
+
+def _show(otherwise: Callable[..., None], message: Any, category: type[Warning], *where: Any, **options: Any) -> None:
+    """Print what is said of an input as a remark, and any other warning as Python does."""
+    if issubclass(category, InputWarning):
+        remark(str(message))
+    else:
+        otherwise(message, category, *where, **options)
 
 
 def run(main: Callable[[], None]) -> None:
@@ -14,6 +26,7 @@ def run(main: Callable[[], None]) -> None:
     An error is told in one sentence.
     """
     raise_interruptions()
+    warnings.showwarning = partial(_show, warnings.showwarning)
     try:
         main()
     except InputError as error:
