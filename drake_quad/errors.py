@@ -21,6 +21,13 @@ class InputError(ValueError):
         super().__init__(shortened(message, _MOST))
 
 
+class InputWarning(UserWarning):
+    """Something about what a person wrote that does not hinder, but should be known: one sentence.
+
+    Commands print it as a remark.
+    """
+
+
 def whole_number(value: Any, name: str, *, least: int, most: int | None = None) -> int:
     """A whole number that a caller gave.
 

@@ -7,6 +7,7 @@ from pathlib import Path
 import numpy as np
 
 from drake_quad import InputError, Scenario, load_scenario
+from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
     add_overrides,
     add_vector,
@@ -15,7 +16,7 @@ from drake_quad.command_line.options import (
     bare_parser,
     overrides_of,
 )
-from drake_quad.command_line.output import print_columns, print_files, print_flight_remarks
+from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.command_line.progress import flight_progress
 from drake_quad.files import output_folder, write_table
 from drake_quad.laboratory.metrics import Metrics

@@ -7,6 +7,7 @@ import argparse
 from pathlib import Path
 
 from drake_quad import load_scenario
+from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import (
     add_overrides,
     add_vector,
@@ -18,7 +19,6 @@ from drake_quad.command_line.options import (
 from drake_quad.command_line.output import (
     print_columns,
     print_files,
-    print_flight_remarks,
     print_predictions,
     remark,
 )

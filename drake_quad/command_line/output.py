@@ -6,9 +6,6 @@ from collections.abc import Iterable, Sequence
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from drake_quad.assembly.remarks import flight_remarks
-from drake_quad.scenario import Scenario
-
 if TYPE_CHECKING:
     from drake_quad.identification.flown_again.prediction import Predictions
 
@@ -80,9 +77,3 @@ def print_files(files: list[Path]) -> None:
     print("wrote")
     for file in files:
         print(f"  {file}")
-
-
-def print_flight_remarks(scenarios: Iterable[Scenario]) -> None:
-    """Print on standard error what to know of flights of scenarios, each sentence once."""
-    for sentence in dict.fromkeys(sentence for scenario in scenarios for sentence in flight_remarks(scenario)):
-        remark(sentence)

@@ -3,17 +3,30 @@
 import io
 import os
 import sys
+import warnings
 from collections.abc import Callable, Iterator
 from contextlib import contextmanager, suppress
+from functools import partial
 from pathlib import Path
+from typing import Any
 
 from drake_quad.command_line.interruption import SENTENCE, raise_interruptions
-from drake_quad.errors import InputError
+from drake_quad.command_line.output import remark
+from drake_quad.errors import InputError, InputWarning
+
+
+def _show(otherwise: Callable[..., None], message: Any, category: type[Warning], *where: Any, **options: Any) -> None:
+    """Print what is said of an input as a remark, and any other warning as Python does."""
+    if issubclass(category, InputWarning):
+        remark(str(message))
+    else:
+        otherwise(message, category, *where, **options)
 
 
 def run(main: Callable[[], None]) -> None:
     """Run a command and exit if it fails: with 1 if the computation failed, with 2 if the input was wrong."""
     raise_interruptions()
+    warnings.showwarning = partial(_show, warnings.showwarning)
     with orderly_exit():
         main()
 

@@ -7,8 +7,9 @@ from pathlib import Path
 import numpy as np
 
 from drake_quad.analysis.sensitivity import DIFFERENTIABLE, Sensitivities, flight_sensitivities
+from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import add_vector, folder_of, parser, scenario_of
-from drake_quad.command_line.output import print_columns, print_files, print_flight_remarks
+from drake_quad.command_line.output import print_columns, print_files
 from drake_quad.files import output_folder, write_table
 from drake_quad.scenario import Scenario
 from drake_quad.scenario.layouts import has_distances

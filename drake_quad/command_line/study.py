@@ -9,8 +9,9 @@ from pathlib import Path
 import numpy as np
 
 from drake_quad import InputError, Scenario
+from drake_quad.command_line.flight_remarks import print_flight_remarks
 from drake_quad.command_line.options import add_vector, add_wired, check_extra, controlled_scenarios, folder_of, parser
-from drake_quad.command_line.output import print_columns, print_files, print_flight_remarks, remark
+from drake_quad.command_line.output import print_columns, print_files, remark
 from drake_quad.command_line.progress import study_progress
 from drake_quad.errors import listed
 from drake_quad.laboratory.metrics import UNITS

@@ -1,52 +1,84 @@
 """The points of a mesh from an .obj or .stl file."""
 
+import warnings
 from pathlib import Path
 
 import numpy as np
 
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, InputWarning
 from drake_quad.scenario.limits import MOST_CORNERS
 from drake_quad.scenario.marked_tree import Mark, Tree
 from drake_quad.scenario.reading import opened
-from drake_quad.space.shapes import hull_of
+from drake_quad.space.simplification import surrounding
 from drake_quad.written_numbers import float_in
 
 _MOST_BYTES = 50_000_000
 # A binary .stl: 80 bytes and a count, then 12 numbers and 2 bytes for each triangle.
 _HEAD = 84
+_ROBOT = (
+    "describes a {} and is not a mesh: name the mesh that its <collision> names, or give the box, cylinder or sphere"
+    " that stands there"
+)
+_CONVERTED = "is a {} and cannot be read: convert it to .obj or .stl, with Blender or MeshLab"
+# What other files are, by their suffix and by what stands near their beginning.
+_SUFFIXES = {
+    **dict.fromkeys((".urdf", ".xacro"), _ROBOT.format("robot (URDF)")),
+    **dict.fromkeys((".sdf", ".world"), _ROBOT.format("model or world (SDFormat)")),
+    ".dae": _CONVERTED.format("Collada mesh"),
+    **dict.fromkeys((".gltf", ".glb"), _CONVERTED.format("glTF mesh")),
+    ".ply": _CONVERTED.format("PLY mesh"),
+    ".off": _CONVERTED.format("OFF mesh"),
+    ".fbx": _CONVERTED.format("FBX mesh"),
+    ".3ds": _CONVERTED.format("3DS mesh"),
+    **dict.fromkeys((".step", ".stp", ".iges", ".igs"), "is a CAD model and cannot be read: export it as .obj or .stl"),
+}
+_BEGINNINGS = {
+    b"<robot": _SUFFIXES[".urdf"],
+    b"<sdf": _SUFFIXES[".sdf"],
+    b"<collada": _SUFFIXES[".dae"],
+    b"gltf": _SUFFIXES[".gltf"],
+    b"ply\n": _SUFFIXES[".ply"],
+}
+_NEAR = 2_000  # bytes: behind a declaration of XML and comments
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
 
 def mesh_points(path: Path) -> Tree:
-    """Reads the corners of a mesh's convex hull as the list `points` of an obstacle, in the mesh's own axes and units.
+    """Read the corners of a mesh's convex hull as the list `points` of an obstacle, in the mesh's own axes and units.
+
+    A hull of too many corners is replaced by one around it, see `surrounding`; a warning says so.
 
     Args:
         path: of a Wavefront .obj file, or of an .stl file of text or binary.
 
     Raises:
-        InputError: the file cannot be read, is no such mesh, is flat, or its hull has too many corners.
+        InputError: the file cannot be read, is no such mesh, is flat, or has a hull that cannot be replaced.
     """
     mark = Mark(str(path), 0)
-    read = {".obj": _of_obj, ".stl": _of_stl}.get(path.suffix.lower())
+    suffix = path.suffix.lower()
+    read = {".obj": _of_obj, ".stl": _of_stl}.get(suffix)
     if read is None:
-        raise InputError(f"{mark}: is not a mesh that can be read: its name must end in .obj or .stl")
+        flaw = _SUFFIXES.get(suffix, "is not a mesh that can be read: its name must end in .obj or .stl")
+        raise InputError(f"{mark}: {flaw}")
     with opened(path) as file:
         data = file.read(_MOST_BYTES + 1)
     if len(data) > _MOST_BYTES:
         raise InputError(f"{mark}: is too large: a mesh may have {_MOST_BYTES:,} bytes")
+    beginning = data[:_NEAR].lower()
+    other = next((flaw for start, flaw in _BEGINNINGS.items() if start in beginning), None)
+    if other is not None:
+        raise InputError(f"{mark}: {other}")
     try:
         points = read(data)
     except (ValueError, IndexError):
         raise InputError(f"{mark}: is not a mesh of the form that its name says") from None
     try:
-        corners = hull_of(points).corners
+        hull = surrounding(points, MOST_CORNERS)
     except InputError as error:
         raise InputError(f"{mark}: {error}") from None
-    if len(corners) > MOST_CORNERS:
-        raise InputError(
-            f"{mark}: the convex hull has {len(corners)} corners, but may have {MOST_CORNERS}: simplify the mesh"
-        )
-    return Tree.of(corners, mark)
+    if hull.is_simpler:
+        warnings.warn(f"{mark}: {hull}", InputWarning, stacklevel=2)
+    return Tree.of(hull.corners.tolist(), mark)
 
 
 def _of_obj(data: bytes) -> np.ndarray:

@@ -1,18 +1,20 @@
 """The space of the scenario language: obstacles, and how far a plan keeps from them."""
 
 import re
+import warnings
 from typing import Annotated, Any, Literal
 
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from drake_quad.errors import InputError, shortened
+from drake_quad.errors import InputError, InputWarning, shortened
 from drake_quad.scenario.distributions import DISTRIBUTIONS, Model
 from drake_quad.scenario.limits import MOST_CORNERS, MOST_OBSTACLES, MOST_POINTS
 from drake_quad.scenario.quantities import PlainDirections, PlainNonNegative, PlainPositive, PlainPositives, Point
 from drake_quad.scenario.routes import BoxRegion
 from drake_quad.space import space as room
 from drake_quad.space.shapes import Ball, Cuboid, Cylinder, Hull, hull_of, placed
+from drake_quad.space.simplification import MAX_GROWTH, surrounding
 
 _NAME = re.compile(r"[A-Za-z0-9_][A-Za-z0-9_-]{0,59}")
 # Words that say what a mapping is: as names of obstacles they would be taken for that.
@@ -68,21 +70,31 @@ class HullObstacle(Model):
     kind: Literal["hull"]
     points: Annotated[tuple[Point, ...], Field(strict=False, min_length=4, max_length=MOST_POINTS)] = Field(
         description="at least four, not in a plane (m); or the name of a mesh file (.obj or .stl), of which only the"
-        " corners count"
+        f" corners count. A hull of more than {MOST_CORNERS} corners is replaced by one around it that is larger by at"
+        f" most {100.0 * MAX_GROWTH:g} % of its size"
     )
     centre: Point = Field(default=(0.0, 0.0, 0.0), description="where the origin of the points is, in W (m)")
     rotation: PlainDirections = Field(default=(0.0, 0.0, 0.0), description=_ROTATION)
     scale: PlainPositive = Field(default=1.0, description="by which the points are multiplied (1)")
 
+    @field_validator("points")
+    @classmethod
+    def _few_corners(cls, points: tuple[Point, ...]) -> tuple[Point, ...]:
+        try:
+            hull = surrounding(points, MOST_CORNERS)
+        except InputError as error:
+            raise PydanticCustomError("hull", "{flaw}", {"flaw": str(error)}) from None
+        if not hull.is_simpler:
+            return points
+        warnings.warn(f"of an obstacle {hull}", InputWarning, stacklevel=2)
+        return tuple(map(tuple, hull.corners.tolist()))
+
     @model_validator(mode="after")
     def _is_solid(self) -> "HullObstacle":
         try:
-            corners = len(self.shape().corners)
+            self.shape()
         except InputError as error:
             raise self.wrong("points", kind="hull", demand="{flaw}", flaw=str(error)) from None
-        if corners > MOST_CORNERS:
-            demand = "a hull may have {most} corners, not {corners}"
-            raise self.wrong("points", kind="hull", demand=demand, most=MOST_CORNERS, corners=corners)
         return self
 
     def shape(self) -> Hull:

@@ -223,10 +223,10 @@ class Hull:
         point of the hull if that is in a face, which it is if the point's projection onto that plane is in the hull;
         else the nearest point is on an edge.
         """
-        c_x, c_y, c_z = self.centre
+        c_x, c_y, c_z = centre = self.centre
         p = (x - c_x, y - c_y, z - c_z)
         faces = [
-            (normal, offset - _product(normal, self.centre))
+            (normal, offset - _product(normal, centre))
             for normal, offset in zip(self.normals, self.offsets, strict=True)
         ]
         farthest: Row = -math.inf
@@ -313,26 +313,26 @@ def hull_of(points: ArrayLike) -> Hull:
         hull = ConvexHull((found - middle) / size)
     except QhullError as error:
         raise InputError(f"no hull of {len(found)} points was found") from error
-    numbers = {int(corner): place for place, corner in enumerate(hull.vertices)}
     corners = found[hull.vertices]
+    places = np.empty(len(found), dtype=int)
+    places[hull.vertices] = np.arange(len(corners))
+    facets = places[hull.simplices]
+    a, b, c = corners[facets].transpose(1, 0, 2)
+    is_inward = np.einsum("ij,ij->i", np.cross(b - a, c - a), hull.equations[:, :3]) < 0.0
+    facets[is_inward, 1:] = facets[is_inward, :0:-1]
     # Triangles of one face have one plane, but for rounding.
     planes, face_of = np.unique(np.round(hull.equations, 9), axis=0, return_inverse=True)
     normals = planes[:, :3] / np.linalg.norm(planes[:, :3], axis=1, keepdims=True)
     shared: dict[tuple[int, int], set[int]] = {}
-    facets = []
-    for simplex, equation, face in zip(hull.simplices, hull.equations, np.ravel(face_of), strict=True):
-        a, b, c = (numbers[int(corner)] for corner in simplex)
-        if np.cross(corners[b] - corners[a], corners[c] - corners[a]) @ equation[:3] < 0.0:
-            b, c = c, b
-        facets.append((a, b, c))
-        for edge in ((a, b), (b, c), (c, a)):
-            shared.setdefault((min(edge), max(edge)), set()).add(int(face))
+    for (first, second, third), face in zip(facets.tolist(), np.ravel(face_of).tolist(), strict=True):
+        for edge in ((first, second), (second, third), (third, first)):
+            shared.setdefault((min(edge), max(edge)), set()).add(face)
     return Hull(
         tuple(map(tuple, corners.tolist())),
         tuple(map(tuple, normals.tolist())),
         tuple((normals @ corners.T).max(axis=1).tolist()),
         tuple(sorted(edge for edge, faces in shared.items() if len(faces) > 1)),
-        tuple(sorted(facets)),
+        tuple(sorted(map(tuple, facets.tolist()))),
     )
 
 

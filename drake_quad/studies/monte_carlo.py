@@ -14,7 +14,7 @@ import numpy as np
 
 from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.assembly.user_systems import UserSystems
-from drake_quad.errors import InputError
+from drake_quad.errors import InputError, InputWarning
 from drake_quad.scenario import Scenario
 from drake_quad.studies.crew import Crew, ExecutorCrew, fly_batches
 from drake_quad.studies.flying import Job, cause_of_crash, code_of, fly_batch, fly_trial, forget, prepare
@@ -201,7 +201,8 @@ def _check_alike(crew: Crew, job: Job) -> None:
         crew.begin(partial(cause_of_crash, job), range(1))
         (outcome,) = crew.finished()
         if outcome.result is not None:
-            warnings.warn(f"sample 0: {outcome.result}; flights that end so count as crashed", stacklevel=3)
+            words = f"sample 0: {outcome.result}; flights that end so count as crashed"
+            warnings.warn(words, InputWarning, stacklevel=3)
 
 
 def _size_of_batches(num_samples: int, num_workers: int, batch_size: int | None) -> int:

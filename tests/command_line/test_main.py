@@ -150,6 +150,22 @@ def test_an_interruption_while_a_command_loads_something_is_told_in_a_sentence(m
     assert (result.returncode, result.stdout, result.stderr) == (1, "", "interrupted: nothing was written\n")
 
 
+WARNED = """
+import warnings
+from drake_quad.command_line.running import run
+from drake_quad.errors import InputWarning
+run(lambda: (warnings.warn("rock.obj: is large", InputWarning), warnings.warn("of another kind", RuntimeWarning)))
+"""
+
+
+@pytest.mark.slow
+def test_what_should_be_known_of_an_input_is_a_remark():
+    result = subprocess.run([sys.executable, "-c", WARNED], capture_output=True, text=True, timeout=120, check=True)
+    first, *others = result.stderr.splitlines()
+    assert first == "remark: rock.obj: is large"
+    assert "RuntimeWarning: of another kind" in others[0]
+
+
 def test_an_interruption_later_is_an_exception_again(run):
     """So that what is under way can be put away: nothing may still end the process at once."""
     run("scenarios")

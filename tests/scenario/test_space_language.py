@@ -5,8 +5,10 @@ import pytest
 from ruamel.yaml import YAML
 
 from drake_quad import InputError, load_scenario
+from drake_quad.errors import InputWarning
 from drake_quad.scenario.paths import distributions_in, value_at
 from drake_quad.scenario.saving import save_scenario
+from drake_quad.space.shapes import placed
 
 ROOM = """
 room:
@@ -124,7 +126,7 @@ def test_fields_of_obstacles_have_paths(folder):
         ("obstacles.rock.points=[[0, 0, 0], [1, 0, 0], [0, 1, 0], [1, 1, 0]]", "the 4 points of a hull are in a plane"),
         ("obstacles.rock.points=[[0, 0, 0]]", "must have at least 4 items, not 1"),
         ("obstacles.rock.points=no.obj", "space.obstacles.rock.points names no.obj, which does not exist"),
-        ("obstacles.rock.points=rock.ply", "its name must end in .obj or .stl"),
+        ("obstacles.rock.points=rock.ply", "rock.ply: is a PLY mesh and cannot be read: convert it to .obj or .stl"),
         ("obstacles.two words={}", "the name of an obstacle must be of letters"),
         ("obstacles.kind=3", "the name of an obstacle"),
         ("obstacles.x={kind: cone}", "must be one of 'box', 'cylinder', 'sphere', 'hull'"),
@@ -149,10 +151,10 @@ def test_what_is_wrong_is_said_with_its_place(folder, monkeypatch, override, wor
         (b"", "at least 4 points"),
         (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n", "in a plane"),
         (b"v nan 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n", "finite"),
-        (
-            "".join(f"v {np.cos(i)} {np.sin(i)} {i % 2}\n" for i in range(200)).encode(),
-            "the convex hull has 200 corners, but may have 100",
-        ),
+        (b"<?xml version='1.0'?>\n<robot name='x500'>", "describes a robot (URDF) and is not a mesh: name the mesh"),
+        (b"<?xml version='1.0'?><!-- x --><sdf version='1.9'>", "describes a model or world (SDFormat) and is not a"),
+        (b"<?xml version='1.0'?>\n<COLLADA xmlns='x'>", "is a Collada mesh and cannot be read: convert it to .obj"),
+        (b"glTF\x02\x00", "is a glTF mesh and cannot be read"),
     ],
 )
 def test_a_mesh_that_is_none_is_refused(folder, data, words):
@@ -160,6 +162,46 @@ def test_a_mesh_that_is_none_is_refused(folder, data, words):
     with pytest.raises(InputError, match=r"rock\.obj: ") as error:
         load_scenario(folder / "rooms.yaml:room")
     assert words in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "words"),
+    [
+        ("drone.urdf", "describes a robot (URDF) and is not a mesh: name the mesh that its <collision> names, or give"),
+        ("drone.sdf", "describes a model or world (SDFormat) and is not a mesh"),
+        ("world.world", "describes a model or world (SDFormat)"),
+        ("drone.DAE", "is a Collada mesh and cannot be read: convert it to .obj or .stl, with Blender or MeshLab"),
+        ("drone.glb", "is a glTF mesh"),
+        ("drone.step", "is a CAD model and cannot be read: export it as .obj or .stl"),
+        ("drone.txt", "is not a mesh that can be read: its name must end in .obj or .stl"),
+    ],
+)
+def test_other_files_are_called_by_their_names(folder, name, words):
+    (folder / name).write_bytes(b"anything")
+    (folder / "rooms.yaml").write_text(ROOM.replace("rock.obj", name))
+    with pytest.raises(InputError) as error:
+        load_scenario(folder / "rooms.yaml:room")
+    assert f"{name}: {words}" in str(error.value)
+
+
+PRISM = [[float(np.cos(i)), float(np.sin(i)), float(i % 2)] for i in range(200)]
+
+
+def test_a_mesh_of_many_corners_is_replaced_by_a_hull_around_it(folder):
+    """From a file or as points, with a warning that says by how much it grows; what is saved is what was loaded."""
+    (folder / "rock.obj").write_text("".join("v {} {} {}\n".format(*corner) for corner in PRISM))
+    with pytest.warns(
+        InputWarning, match=r"rock.obj: its convex hull of 200 corners is replaced by one of 100 around it"
+    ):
+        rock = load_scenario(folder / "rooms.yaml:room").space.obstacles["rock"]
+    assert len(rock.points) == 100
+    solid = rock.shape()
+    assert solid.distances(placed(PRISM, centre=rock.centre, rotation=rock.rotation, scale=rock.scale)).max() <= 0.0
+    again = {"kind": "hull", "points": rock.points, "centre": (3.0, 3.0, 0.0), "scale": 0.5, "rotation": rock.rotation}
+    assert load_scenario("figure_eight", {"space.obstacles.rock": again}).space.obstacles["rock"] == rock
+    with pytest.warns(InputWarning, match=r"^of an obstacle its convex hull of 200 corners is replaced"):
+        same = load_scenario("figure_eight", {"space.obstacles.rock": {**again, "points": PRISM}})
+    assert same.space.obstacles["rock"] == rock
 
 
 def test_there_are_not_too_many_obstacles_and_none_twice(folder):

@@ -1,0 +1,114 @@
+"""Hulls of few corners around hulls of many: they hold them, and are not much larger."""
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.solvers import ClarabelSolver, MathematicalProgram
+
+from drake_quad.errors import InputError
+from drake_quad.space.shapes import hull_of
+from drake_quad.space.simplification import MAX_GROWTH, surrounding
+
+MOST = 100
+
+
+def sphere(count, seed=0):
+    points = np.random.default_rng(seed).normal(size=(count, 3))
+    return points / np.linalg.norm(points, axis=1, keepdims=True)
+
+
+def drone(corners_per_disc, more=0):
+    """A frame with four guards around its rotors, whose hull has eight corners for each of so many, and a dome."""
+    places = [(x, y) for x in (-0.12, 0.12) for y in (-0.12, 0.12)]
+    arc = np.linspace(0.0, 0.5 * math.pi, corners_per_disc)
+    points = [
+        [x + math.copysign(0.065 * math.cos(angle), x), y + math.copysign(0.065 * math.sin(angle), y), z]
+        for x, y in places
+        for angle in arc
+        for z in (-0.02, 0.03)
+    ]
+    inside = np.random.default_rng(0).uniform(-0.1, 0.1, (500, 3)) * [1.0, 1.0, 0.1]
+    turns = 2.0 * math.pi * np.arange(more) / max(more, 1)
+    dome = np.column_stack([0.03 * np.cos(turns), 0.03 * np.sin(turns), np.full(more, 0.06)])
+    return np.vstack([points, inside, dome])
+
+
+MESHES = {
+    "sphere of 500": (sphere(500), 0.022),
+    "sphere of 120": (sphere(120), 0.015),
+    "flat ellipsoid": (sphere(400, 1) * [1.0, 1.0, 0.02], 0.03),
+    "needle": (sphere(400, 2) * [1.0, 0.01, 0.01], 0.03),
+    "leaning ellipsoid": (sphere(400, 3) @ np.random.default_rng(3).normal(size=(3, 3)), 0.035),
+    "far from the origin": (1e3 + 0.2 * sphere(150, 4), 0.02),
+    "prism": (np.array([[math.cos(a), math.sin(a), z] for a in np.arange(60) * math.pi / 30 for z in (-1, 1)]), 0.006),
+    "cube of random points": (np.random.default_rng(5).uniform(size=(20_000, 3)), 0.006),
+    "cone": (
+        np.array([[0.0, 0.0, 2.0], *([math.cos(i), math.sin(i), 0.0] for i in range(300))]),
+        0.004,
+    ),
+    "drone of 104 corners": (drone(13), 0.003),
+    "drone of 213 corners": (drone(26, 5), 0.003),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("points", "most_growth"), MESHES.values(), ids=MESHES)
+def test_a_hull_of_few_corners_holds_all_points_and_grows_by_little(points, most_growth):
+    found = surrounding(points, MOST)
+    original, simple = hull_of(points), hull_of(found.corners)
+    size = np.ptp(points, axis=0).max()
+    assert (len(found.corners), found.replaced) == (MOST, len(original.corners))
+    assert found.is_simpler
+    # No point is outside, at whatever size.
+    assert simple.distances(points).max() <= 0.0
+    normals, offsets = np.array(simple.normals), np.array(simple.offsets)
+    assert (points @ normals.T - offsets).max() <= 0.0
+    # The growth is the largest distance of any point of the new hull from the old one, which is at a corner.
+    assert found.growth == pytest.approx(original.distances(found.corners).max(), rel=1e-9)
+    assert found.growth <= most_growth * size <= MAX_GROWTH * size
+    weights = np.random.default_rng(0).dirichlet(np.full(MOST, 0.1), 200)
+    assert original.distances(weights @ found.corners).max() <= found.growth * (1.0 + 1e-9)
+
+
+def test_the_drones_have_as_many_corners_as_real_ones():
+    for name, count in (("drone of 104 corners", 104), ("drone of 213 corners", 213)):
+        assert len(hull_of(MESHES[name][0]).corners) == count
+
+
+@pytest.mark.slow
+def test_the_growth_is_a_distance_to_the_set_that_drake_takes():
+    points = sphere(130, 7) * [1.0, 0.5, 0.2]
+    found = surrounding(points, MOST)
+    corner = max(found.corners, key=lambda corner: hull_of(points).distances([corner]).item())
+    program = MathematicalProgram()
+    x = program.NewContinuousVariables(3)
+    hull_of(points).convex_set().AddPointInSetConstraints(program, x)
+    program.Add2NormSquaredCost(np.eye(3), corner, x)
+    nearest = ClarabelSolver().Solve(program).GetSolution(x)
+    assert found.growth == pytest.approx(np.linalg.norm(corner - nearest), rel=1e-5)
+
+
+def test_a_hull_of_few_corners_stays_as_it_is():
+    points = np.vstack([sphere(60), 0.1 * sphere(200, 1)])
+    found = surrounding(points, MOST)
+    assert (found.growth, found.is_simpler) == (0.0, False)
+    np.testing.assert_array_equal(found.corners, hull_of(points).corners)
+
+
+def test_a_hull_that_would_grow_too_much_is_refused():
+    with pytest.raises(
+        InputError, match=r"has 300 corners, and one of 8 corners around it would be larger by \d+ % of"
+    ):
+        surrounding(sphere(300), 8)
+    with pytest.raises(InputError, match="in a plane"):
+        surrounding(sphere(300) * [1.0, 1.0, 0.0], MOST)
+
+
+def test_what_replaced_what_is_said():
+    found = surrounding(drone(13), MOST)
+    share = 100.0 * found.growth / 0.37
+    assert str(found) == (
+        f"its convex hull of 104 corners is replaced by one of 100 around it, which is larger by at most"
+        f" {found.growth:.3g}, {share:.2g} % of its size"
+    )
