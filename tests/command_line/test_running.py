@@ -4,6 +4,7 @@ import io
 import os
 import subprocess
 import sys
+from contextlib import suppress
 from pathlib import Path
 
 from drake_quad.command_line.running import orderly_exit
@@ -89,10 +90,13 @@ def test_a_full_device_is_a_failure(error, status, words, monkeypatch, capsys):
         assert (status_of("a table", error), capsys.readouterr().err) == (status, words)
 
 
-def test_a_sentence_that_cannot_be_written_changes_no_status(monkeypatch, capsys):
-    with Path("/dev/full").open("w", buffering=1, encoding="utf-8") as full:
+def test_a_sentence_that_cannot_be_written_changes_no_status(monkeypatch):
+    statuses = []
+    # Closing it fails, too.
+    with suppress(OSError), Path("/dev/full").open("w", buffering=1, encoding="utf-8") as full:
         monkeypatch.setattr(sys, "stderr", full)
-        assert status_of("before", InputError("the route is empty")) == 2
+        statuses.append(status_of("before", InputError("the route is empty")))
+    assert statuses == [2]
 
 
 @pytest.mark.parametrize("arguments", [["--version"], ["--help"]])
