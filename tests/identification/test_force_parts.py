@@ -1,0 +1,335 @@
+"""The parts of an identification by forces, against plain least squares and the vehicle's own motion."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from neural_fly_flight import DIAGRAM, FULL
+from scipy.spatial.transform import Rotation
+
+from drake_quad import InputError, load_scenario
+from drake_quad.identification import force_identification as forces
+from drake_quad.identification.fitting.windows import airborne
+from drake_quad.identification.logs.record import FlightRecord
+from drake_quad.identification.results.estimates import Explained
+from drake_quad.scenario import load_undesigned
+
+PERIOD = 0.02
+
+
+@pytest.fixture(scope="module")
+def vehicle():
+    return load_undesigned(f"{DIAGRAM.parent}/vehicles/neural_fly.yaml:neural_fly")
+
+
+def record(seconds=20.0, *, name="log", **changes):
+    """A flight that swings in all that it does."""
+    time = PERIOD * np.arange(round(seconds / PERIOD))
+
+    def swings(size, rate):
+        return size * np.sin(np.outer(time, rate * (1.0 + 0.1 * np.arange(3))) + np.arange(3))
+
+    signals = {
+        "velocity": swings(1.5, 1.1),
+        "attitude": swings(0.3, 1.3),
+        "wind": np.tile([2.0, -1.0, 0.5], (len(time), 1)),
+        "residual_force": swings(2.0, 0.9),
+        "thrust_share": 0.5 + 0.1 * np.sin(2.0 * time),
+    }
+    return FlightRecord(name, time, **(signals | changes))
+
+
+def turned(log, rows):
+    """Rows of W in B."""
+    return Rotation.from_euler("ZYX", log.attitude[:, ::-1]).inv().apply(rows)
+
+
+def test_air_and_force_are_along_the_axes_of_the_body(vehicle):
+    log = record()
+    motion = forces._motion(log, vehicle)
+    np.testing.assert_allclose(motion.air, turned(log, log.wind - log.velocity), atol=1e-12)
+    np.testing.assert_allclose(motion.speed, np.linalg.norm(log.wind - log.velocity, axis=1))
+    # The curve that the autopilot believes goes through zero, with 14.27 N at full throttle.
+    np.testing.assert_allclose(motion.commanded, 4.0 * FULL * log.thrust_share)
+    expected = turned(log, log.residual_force) + motion.commanded[:, None] * [0.0, 0.0, 1.0]
+    np.testing.assert_allclose(motion.force, expected, atol=1e-12)
+
+
+def test_without_a_residual_force_it_is_mass_times_acceleration_and_weight(vehicle):
+    log = record(residual_force=None)
+    motion = forces._motion(log, vehicle)
+    mass, gravity = vehicle.vehicle.mass, vehicle.vehicle.gravity
+    rates = np.stack(
+        [1.5 * rate * np.cos(log.time * rate + i) for i, rate in enumerate(1.1 * (1.0 + 0.1 * np.arange(3)))], 1
+    )
+    expected = mass * turned(log, rates + np.array([0.0, 0.0, gravity]))
+    inside = slice(3, -3)
+    np.testing.assert_allclose(motion.force[inside], expected[inside], atol=2e-3 * mass * gravity)
+
+
+def test_without_a_wind_in_the_log_that_of_the_scenario_blows(vehicle):
+    windy = load_scenario(f"{DIAGRAM}:still", ["laboratory.wind=[{kind: steady, velocity: [3.0, 0.0, -0.5]}]"])
+    log = record(wind=None)
+    np.testing.assert_allclose(forces._motion(log, windy).air, turned(log, [3.0, 0.0, -0.5] - log.velocity), atol=1e-12)
+
+
+def test_the_thrust_is_what_the_log_says_in_some_order(vehicle):
+    """Measured speeds of rotors, then commands of thrust, of shares of hover and of rotors."""
+    log = record(thrust_share=None)
+    speeds = np.tile([300.0, 310.0, 320.0, 330.0], (len(log.time), 1))
+    factor = vehicle.nominal.thrust_factor
+    for own, expected in (
+        ({"thrust_command": np.full(len(log.time), 9.0)}, 9.0),
+        ({"thrust_share": np.full(len(log.time), 0.4)}, 0.4 * 4.0 * FULL),
+        (
+            {"thrust_share": np.full(len(log.time), 0.4), "hover_share": np.full(len(log.time), 0.5)},
+            0.8 * vehicle.nominal.mass * vehicle.nominal.gravity,
+        ),
+        ({"motor_command": np.full((len(log.time), 4), 0.3)}, 0.3 * 4.0 * FULL),
+    ):
+        np.testing.assert_allclose(forces._commanded(replace(log, **own), vehicle), expected)
+    measured = forces._commanded(replace(log, rotor_speed=speeds), load_scenario("laboratory:low_wind"))
+    np.testing.assert_allclose(
+        measured, load_scenario("laboratory:low_wind").nominal.thrust_factor * np.sum(speeds[0] ** 2)
+    )
+    assert factor > 0.0
+    with pytest.raises(InputError, match="says nothing of the thrust"):
+        forces._commanded(log, vehicle)
+
+
+def test_stretches_stand_one_after_another_in_the_air(vehicle):
+    """Against a look at every sample: half a second after the beginning, with what the filter needs on both sides."""
+    log = record(25.0)
+    resting = replace(log, thrust_share=np.where((log.time > 9.0) & (log.time < 9.4), 0.0, log.thrust_share))
+    gapped = resting.part((log.time < 16.0) | (log.time > 17.0))
+    stretches = forces._Stretches([gapped, record(10.0)], 0.3, 3.0)
+    assert stretches.length == 150
+    width = 5
+    for number, one in enumerate(stretches.records):
+        flying, sample, starts = airborne(one), 25, []
+        while sample + 150 + width <= len(one.time):
+            around = slice(sample - width, sample + 150 + width)
+            good = flying[around].all() and np.diff(one.time[around]).max() < 0.1
+            starts += [sample] if good else []
+            sample += 150 if good else 1
+        assert stretches.starts[stretches.log == number].tolist() == starts
+    assert stretches.unseen.any()
+    assert not stretches.unseen.all()
+    # A box of 0.1 s smooths without a shift.
+    smooth = stretches.of([one.velocity[:, 0] for one in stretches.records])
+    for window, (number, start) in enumerate(zip(stretches.log, stretches.starts, strict=True)):
+        one = stretches.records[number].velocity[:, 0]
+        expected = [one[k - 2 : k + 3].mean() for k in range(start, start + 150)]
+        np.testing.assert_allclose(smooth[window], expected)
+        np.testing.assert_array_equal(
+            stretches.cut([each.velocity[:, 1] for each in stretches.records])[window],
+            stretches.records[number].velocity[start : start + 150, 1],
+        )
+    assert not forces._Stretches([record(10.0)], 0.0, 3.0).unseen.any()
+
+
+@pytest.mark.parametrize(("delay", "lag"), [(0.0, 0.0), (0.03, 0.08), (0.05, 0.3)])
+def test_a_thrust_follows_its_command_as_a_lag_of_first_order(delay, lag):
+    """Against the same on a clock a hundred times as fast."""
+    time = np.arange(0.0, 2.0, 0.02)
+    command = np.where(time < 0.5, 3.0, 5.0) + np.where(time > 1.2, -1.0, 0.0)
+    found = forces._followed(time, command, delay, lag)
+    fine = np.arange(0.0, 2.0, 2e-4)
+    late = command[np.clip(np.searchsorted(time, fine - delay + 1e-9, side="right") - 1, 0, None)]
+    level, expected = command[0], np.empty(len(fine))
+    for i, value in enumerate(late):
+        expected[i] = level
+        level = value if lag == 0.0 else level + (1.0 - np.exp(-2e-4 / lag)) * (value - level)
+    if lag == 0.0:
+        # The mean over the sample before.
+        means = np.array([late[(fine > t - 0.02) & (fine <= t)].mean() if t > 0.0 else 3.0 for t in time])
+        np.testing.assert_allclose(found, means, atol=0.03)
+    else:
+        np.testing.assert_allclose(found, np.interp(time, fine, expected), atol=0.02)
+
+
+@pytest.fixture(scope="module")
+def made():
+    """Stretches of two unknown numbers and a trim, in noise that hangs together within a stretch."""
+    random = np.random.default_rng(4)
+    stretches = forces._Stretches([record(14.0, name=str(i)) for i in range(4)], 0.3, 1.0)
+    count = (len(stretches.starts), stretches.length)
+    rows = random.normal(size=(*count, 3))
+    rows[..., 2] = 1.0
+    true = np.array([0.8, 0.3, 0.5])
+    noise = 0.2 * random.normal(size=(count[0], 1)) + 0.1 * random.normal(size=count)
+    names = ("body_drag.linear[0]", "body_drag.quadratic[0]", forces._TRIM)
+    columns = [forces._Column(name, rows[..., i], 0.1, 1e3) for i, name in enumerate(names)]
+    return stretches, columns, rows, true, rows @ true + noise
+
+
+def test_numbers_are_those_of_least_squares_on_what_was_not_held_out(made):
+    stretches, columns, rows, true, force = made
+    fit = forces._fit(columns, forces._Target("x", force, 0.0 * force), stretches)
+    seen = ~stretches.unseen
+    expected = np.linalg.lstsq(rows[seen].reshape(-1, 3), force[seen].ravel(), rcond=None)[0]
+    np.testing.assert_allclose(fit.values, expected, atol=1e-6)
+    np.testing.assert_allclose(fit.predicted, rows @ fit.values)
+    assert np.abs(fit.values - true).max() < 5.0 * np.sqrt(np.diag(fit.covariance)).max()
+    assert fit.not_seen == {}
+    assert fit.below == ()
+    spread = fit.of(forces._TRIM, "N")
+    assert (spread.value, spread.deviation) == pytest.approx((fit.values[2], np.sqrt(fit.covariance[2, 2])))
+    assert spread.unit == "N"
+    # What a number explains beside what is believed of it, on what was held out.
+    late = stretches.unseen
+    rest = force[late] - rows[late] @ fit.values
+    for i, name in enumerate(fit.names):
+        other = rest + rows[late][..., i] * (fit.values[i] - 0.1)
+        worth = (np.sum(other**2) - np.sum(rest**2)) / (np.var(force[late]) * rest.size)
+        assert fit.explained[name] == Explained(pytest.approx(min(worth, 1.0)), "residual force x")
+
+
+def test_deviations_are_those_of_stretches_or_of_whole_logs(made):
+    """By how the scores of stretches scatter; each is corrected for how far it moves the fit itself (CR2)."""
+    stretches, columns, rows, _, force = made
+    fit = forces._fit(columns, forces._Target("x", force, 0.0 * force), stretches)
+    seen = ~stretches.unseen
+    inverse = np.linalg.inv(np.einsum("wtp,wtq->pq", rows[seen], rows[seen]))
+    left = force[seen] - rows[seen] @ fit.values
+
+    def sandwich(groups):
+        total = np.zeros((3, 3))
+        for group in groups:
+            own = rows[seen][group].reshape(-1, 3)
+            hat = np.eye(len(own)) - own @ inverse @ own.T
+            values, vectors = np.linalg.eigh(hat)
+            root = vectors @ np.diag(np.maximum(values, 1e-3) ** -0.5) @ vectors.T
+            move = inverse @ own.T @ root @ left[group].ravel()
+            total += np.outer(move, move)
+        return np.sqrt(np.diag(total))
+
+    by_stretches = sandwich([[w] for w in range(seen.sum())])
+    by_logs = sandwich([np.flatnonzero(stretches.log[seen] == log) for log in range(4)])
+    noise = np.mean(
+        (force - rows @ np.linalg.lstsq(rows[seen].reshape(-1, 3), force[seen].ravel(), rcond=None)[0])[seen] ** 2
+    )
+    by_noise = np.sqrt(np.diag(inverse) * noise * 0.5 / PERIOD)
+    np.testing.assert_allclose(
+        np.sqrt(np.diag(fit.covariance)), np.maximum.reduce([by_stretches, by_logs, by_noise]), rtol=0.02
+    )
+    wider = by_logs > np.maximum(by_stretches, by_noise)
+    np.testing.assert_array_equal(fit.freedom, np.where(wider, 3.0, seen.sum() - 1.0))
+
+
+def test_numbers_that_nothing_excites_stay_as_believed_and_those_below_zero_are_held(made):
+    stretches, columns, rows, true, force = made
+    still = [columns[0], columns[1]._replace(values=1e-6 * columns[1].values, scale=0.1), columns[2]]
+    target = forces._Target("x", rows[..., [0, 2]] @ true[[0, 2]] + 0.1 * np.sin(rows[..., 1]), 0.0 * force)
+    fit = forces._fit([each._replace(scale=1.0) if each is not still[1] else each for each in still], target, stretches)
+    assert list(fit.not_seen) == ["body_drag.quadratic[0]"]
+    assert fit.values[1] == 0.1
+    # A drag that would push is none, and the rest is fitted without it.
+    shoved = force - 0.6 * rows[..., 1]
+    pushing = forces._fit(
+        [each._replace(scale=1.0) for each in columns], forces._Target("x", shoved, 0.0 * force), stretches
+    )
+    assert pushing.below == ("body_drag.quadratic[0]",)
+    assert pushing.values[1] == 0.0
+    seen = ~stretches.unseen
+    others = rows[seen][..., [0, 2]].reshape(-1, 2)
+    expected = np.linalg.lstsq(others, shoved[seen].ravel(), rcond=None)[0]
+    np.testing.assert_allclose(pushing.values[[0, 2]], expected, atol=1e-3)
+
+
+def test_shares_are_of_the_variance_around_the_mean():
+    measured = np.array([[1.0, 3.0], [5.0, 7.0]])
+    predicted = measured - np.array([[0.5, -0.5], [1.0, 1.0]])
+    chosen = np.array([True, False])
+    assert forces._share(measured, predicted, chosen) == pytest.approx(1.0 - 0.25 / 1.0)
+    assert np.isnan(forces._share(measured, predicted, np.array([False, False])))
+
+
+def test_the_curve_of_a_rotor_follows_from_level_and_slope(vehicle):
+    """All rotors together make a K0 + 4 K1 u; the level is shared by the four of them."""
+    stretches = forces._Stretches([record(20.0)], 0.0, 3.0)
+    names = (forces._LEVEL, forces._SLOPE)
+    covariance = np.array([[0.04, 0.003], [0.003, 0.01]])
+    fit = forces._Fit(names, np.array([-2.0, 1.2]), covariance, np.array([9.0, 7.0]), np.zeros(1), {}, (), {})
+    estimates = forces._estimates([fit], vehicle, stretches)
+    assert estimates.names == ("motors.curve[0]", "motors.curve[1]")
+    k_0, k_1, _ = vehicle.nominal.motors.curve
+    rows = np.array([[0.25, k_0], [0.0, k_1]])
+    np.testing.assert_allclose(estimates.values, rows @ [-2.0, 1.2])
+    np.testing.assert_allclose(estimates.covariance, rows @ covariance @ rows.T)
+    np.testing.assert_array_equal(estimates.degrees_of_freedom, [7.0, 7.0])
+    assert [source.log for source in estimates.sources_of(0)] == ["log"]
+    untold = fit._replace(names=(forces._TRIM,), values=np.ones(1), covariance=np.eye(1), freedom=np.ones(1))
+    with pytest.raises(InputError, match="the logs tell nothing of drag and lift"):
+        forces._estimates([untold], load_scenario("laboratory:low_wind"), stretches)
+
+
+def test_outputs_are_what_there_is_beside_weight_and_commanded_thrust(vehicle):
+    log = record(25.0)
+    stretches = forces._Stretches([log], 0.4, 3.0)
+    motion = forces._motion(log, vehicle)
+    random = np.random.default_rng(1)
+    fits = [
+        forces._Fit(
+            (), np.empty(0), np.empty((0, 0)), np.empty(0), random.normal(size=(len(stretches.starts), 150)), {}, (), {}
+        )
+        for _ in range(3)
+    ]
+    for axis, (output, fit) in enumerate(zip(forces._outputs(fits, stretches, [motion]), fits, strict=True)):
+        own = stretches.of([motion.force[:, axis]])
+        thrust = stretches.of([motion.commanded]) if axis == 2 else 0.0
+        np.testing.assert_allclose(output.measured, own - thrust)
+        np.testing.assert_allclose(output.predicted, fit.predicted - thrust)
+        np.testing.assert_array_equal(output.time, stretches.cut([log.time]))
+        left = output.measured - output.predicted
+        for share, chosen in ((output.share, stretches.unseen), (output.share_fitted, ~stretches.unseen)):
+            assert share == pytest.approx(1.0 - np.mean(left[chosen] ** 2) / np.var(output.measured[chosen]))
+        # White noise has twice its variance in differences.
+        assert output.deviation == pytest.approx(np.std(np.diff(left, axis=1)) / np.sqrt(2.0))
+        assert (output.name, output.unit) == (f"residual force {'xyz'[axis]}", "N")
+
+
+def test_drag_of_a_short_flight_is_that_of_least_squares_by_blocks(vehicle):
+    """Of force on air and a constant, after a filter of 0.1 s; along an axis that was not flown, that of the other."""
+    log = record(6.0, wind=np.zeros((300, 3)))
+    found = forces.linear_drag(log, vehicle)
+    motion = forces._motion(log, vehicle)
+    for axis, spread in enumerate(found):
+        air, force = (np.convolve(each[:, axis], np.ones(5) / 5, "same")[10:-10] for each in (motion.air, motion.force))
+        design = np.column_stack([air, np.ones_like(air)])
+        values = np.linalg.lstsq(design, force, rcond=None)[0]
+        assert spread.value == pytest.approx(values[0])
+        left = force - design @ values
+        blocks = np.floor(log.time[10:-10] / 0.5).astype(int)
+        scores = np.array([design[blocks == b].T @ left[blocks == b] for b in np.unique(blocks)])
+        inverse = np.linalg.inv(design.T @ design)
+        covariance = len(scores) / (len(scores) - 1) * inverse @ scores.T @ scores @ inverse
+        assert spread.deviation == pytest.approx(np.sqrt(covariance[0, 0]))
+        assert spread.degrees_of_freedom == len(scores) - 1
+    level = {"attitude": np.zeros((300, 3))}
+    one_way = record(6.0, **level, wind=np.zeros((300, 3)), velocity=record(6.0).velocity * [1.0, 0.05, 1.0])
+    first, second = forces.linear_drag(one_way, vehicle)
+    assert first == second
+    with pytest.raises(InputError, match="hovers"):
+        forces.linear_drag(record(6.0, **level, wind=np.zeros((300, 3)), velocity=0.1 * record(6.0).velocity), vehicle)
+    with pytest.raises(InputError, match="too short"):
+        forces.linear_drag(record(0.6), vehicle)
+
+
+def test_logs_that_tell_forces_have_a_thrust_and_what_it_acts_on():
+    assert forces.tells_forces(record())
+    assert forces.tells_forces(record(thrust_share=None, thrust_command=np.ones(1000)))
+    for name in ("residual_force", "velocity", "attitude", "thrust_share"):
+        assert not forces.tells_forces(record(**{name: None}))
+
+
+def test_a_trim_is_a_tilt_of_the_weight(vehicle):
+    found = forces.identify_forces([record(40.0), record(40.0, name="other")], vehicle)
+    weight = vehicle.vehicle.mass * vehicle.vehicle.gravity
+    for axis in "xy":
+        force, tilt = found.further[f"trim force along {axis}"], found.further[f"tilt that makes it along {axis}"]
+        assert (tilt.value, tilt.deviation) == pytest.approx((force.value / weight, force.deviation / weight))
+        assert tilt.degrees_of_freedom == force.degrees_of_freedom
+        assert (force.unit, tilt.unit) == ("N", "rad")
+    nobody = [record(40.0, wind=None), record(40.0, name="other", wind=None)]
+    assert forces.identify_forces(nobody, vehicle).remarks[0].startswith("no log says how the air moved")
