@@ -18,7 +18,7 @@ PIP = $(VENV)/bin/python -m pip install --quiet --disable-pip-version-check --co
 
 # Scenarios whose diagrams are drawn in diagrams/drawings
 DRAWN = figure_eight hover slalom laboratory:low_wind neural_fly:wind_8 onboard outdoor robustness \
-	paper:low_wind_pd_t2fnn crazyswarm2:log08 forest
+	paper:low_wind_pd_t2fnn crazyswarm2:log08 forest bad_day:racer
 
 # Drawn evenly over the lines
 MUTANTS ?= 500

@@ -154,7 +154,7 @@ def _within_limits(priority: Priority, thrust: Row, tau_z: Row, low: Row, high: 
         high: largest squared speed.
         rows: of the `_Square` of each rotor.
     """
-    squares = [_Square(*rows[i : i + 3]) for i in range(0, len(rows), 3)]
+    squares = [_Square(*three) for three in zip(*[iter(rows)] * len(_Square._fields))]
     size = sum(abs(square.yaw) for square in squares)
     squares = [square._replace(yaw=_without_rounding(square.yaw, size)) for square in squares]
     given, share = _GIVEN[priority](squares, thrust, tau_z, low, high)
@@ -217,9 +217,9 @@ def _share_bounds(squares: Sequence[_Square], tau_z: Row, low: Row, high: Row) -
         tilt, yaw = other.thrust * one.tilt - one.thrust * other.tilt, -_turn(one, other, squares) * tau_z
         bounds.append(_Bound(tilt, *_widened(*_range((other.thrust, -one.thrust), low, high), yaw)))
     for one, two, three in combinations(squares, 3):
-        weights = _turn(two, three, squares), _turn(three, one, squares), _turn(one, two, squares)
-        tilt = weights[0] * one.tilt + weights[1] * two.tilt + weights[2] * three.tilt
-        bounds.append(_Bound(tilt, *_range(weights, low, high)))
+        of_one, of_two, of_three = _turn(two, three, squares), _turn(three, one, squares), _turn(one, two, squares)
+        tilt = of_one * one.tilt + of_two * two.tilt + of_three * three.tilt
+        bounds.append(_Bound(tilt, *_range((of_one, of_two, of_three), low, high)))
     return bounds
 
 

@@ -10,7 +10,7 @@ from written_logs import DATA, message, quaternion_of, ulog
 from drake_quad import InputError
 from drake_quad.identification.logs.reading import read_log
 from drake_quad.identification.logs.timing import pieces
-from drake_quad.identification.logs.ulog import _remarks
+from drake_quad.identification.logs.ulog import _dropouts
 
 LOCAL = [("float", name) for name in ("x", "y", "z", "vx", "vy", "vz")]
 ATTITUDE, XYZ = [("float[4]", "q")], [("uint64_t", "timestamp_sample"), ("float[3]", "xyz")]
@@ -224,15 +224,10 @@ def test_rotors_are_where_the_parameters_say(read):
     assert said(odd, "assumed, those of its quad-x")
 
 
-def test_dropouts_and_damage_are_remarked():
+def test_dropouts_are_remarked():
     """Durations are in ms."""
-    told = _remarks(
-        SimpleNamespace(dropouts=[SimpleNamespace(duration=d) for d in (20, 500, 30)], file_corruption=True)
-    )
-    assert told == [
-        "3 dropouts of the logger, 0.55 s in all, the longest of 0.5 s",
-        "the log is damaged; read what pyulog finds whole",
-    ]
-    (one,) = _remarks(SimpleNamespace(dropouts=[SimpleNamespace(duration=40)], file_corruption=False))
+    logged = SimpleNamespace(dropouts=[SimpleNamespace(duration=each) for each in (20, 500, 30)])
+    assert _dropouts(logged) == ["3 dropouts of the logger, 0.55 s in all, the longest of 0.5 s"]
+    (one,) = _dropouts(SimpleNamespace(dropouts=[SimpleNamespace(duration=40)]))
     assert one.startswith("1 dropout of the logger, 0.04 s")
-    assert _remarks(SimpleNamespace(dropouts=[], file_corruption=False)) == []
+    assert _dropouts(SimpleNamespace(dropouts=[])) == []

@@ -125,7 +125,7 @@ def test_a_tornado_has_the_means_of_the_tenths(name):
             assert bar.get_y() + 0.5 * bar.get_height() == pytest.approx(place + offset)
         for line, end, offset in zip(axes.lines[2 * place : 2 * place + 2], (each.low, each.high), (-0.18, 0.18)):
             np.testing.assert_allclose(line.get_xydata(), [[end.low, place + offset], [end.high, place + offset]])
-        assert axes.texts[place].get_text().startswith(f"{each.correlation.value:+.2f} ")
+        assert axes.texts[place].get_text().startswith(each.correlation.text(signed=True))
         assert axes.texts[place].xy == (1.01, place)
     assert axes.lines[-1].get_xdata()[0] == pytest.approx(middle)
     # The field that matters most stands at the top.
