@@ -40,7 +40,7 @@ def test_a_distribution_is_the_share_of_samples_up_to_a_value():
     """Crashed samples count as worse than any; the bands are those of Massart's inequality."""
     some, none = study(), no_crash(1)
     (axes,) = plots.plot_distribution({"one": some, "other": none}).axes
-    for label, each, crashed in (("one (15 % crashed)", some, 30), ("other", none, 0)):
+    for label, each, crashed in (("one (15.0 % crashed)", some, 30), ("other", none, 0)):
         values, shares = curve(axes, label)
         expected = np.sort(each.metrics.rmse[~each.metrics.crashed])
         assert len(values) == COUNT - crashed
