@@ -13,7 +13,7 @@ FOLDER = Path(__file__).parent.parent / "diagrams" / "vehicles"
 # RMSE that is at most flown, m. A Crazyflie without its own attitude control answers within a third of a second.
 MOST = {
     "paper": 0.02,
-    "paper_with_drag": 0.02,
+    "paper_with_drag": 0.4,
     "crazyflie": 1.3,
     "crazyflie_onboard": 0.06,
     "hummingbird": 0.2,

@@ -77,4 +77,4 @@ def test_commands_run_elsewhere(installed, tmp_path, arguments):
 def test_the_version_is_that_of_the_wheel(installed, tmp_path):
     printed = called(installed / "drake-quad", "--version", cwd=tmp_path)
     assert printed.startswith(f"drake_quad {drake_quad.__version__} ")
-    assert called(installed / "python", "-m", "drake_quad", "scenarios", cwd=tmp_path).startswith("crazyswarm2:")
+    assert called(installed / "python", "-m", "drake_quad", "scenarios", cwd=tmp_path).startswith("bad_day:")

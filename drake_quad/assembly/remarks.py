@@ -1,10 +1,10 @@
 """What a person should know of a flight before its numbers are used, in sentences."""
 
+import math
 from collections.abc import Iterator
 from typing import Any
 
 import numpy as np
-import scipy
 
 from drake_quad.assembly.planning import goes_on_in_motion, plan_route
 from drake_quad.reference.plan import Plan
@@ -22,7 +22,7 @@ _MIN_DEVIATIONS = 5.0
 # Fields in which two vehicles differ; the limits of the rotors differ with how they are driven.
 _COMPARED = ("mass", "inertia.0", "inertia.1", "inertia.2", "thrust_factor")
 # Probability of a standard normal variable to be less than one standard deviation below its mean.
-_BELOW = float(scipy.special.ndtr(-1.0))
+_BELOW = 0.5 * math.erfc(math.sqrt(0.5))
 
 
 def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, ...]:

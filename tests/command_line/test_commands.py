@@ -310,7 +310,8 @@ def test_analyses_of_an_attitude_that_responds(run, tmp_path):
 @pytest.mark.usefixtures("unpainted")
 def test_gains_are_designed_for_a_vehicle_alone_and_fly(run, tmp_path):
     vehicle = (
-        "{nominal: {mass: 0.5, inertia: [0.003, 0.0032, 0.006], thrust_factor: 3.0e-5},"
+        "{nominal: {mass: 0.5, inertia: [0.003, 0.0032, 0.006], thrust_factor: 3.0e-5, drag_factor: 8.5e-7,"
+        " arm_length: 0.17, rotor_inertia: 6.5e-5, min_rotor_speed: 60.0, max_rotor_speed: 300.0},"
         " vehicle: {battery_sag: {uniform: {min: 0.0, max: 0.02}}}}"
     )
     (tmp_path / "vehicle.yaml").write_text(f"small: {vehicle}\n", encoding="utf-8")

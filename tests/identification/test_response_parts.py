@@ -198,7 +198,8 @@ def test_first_states_are_those_of_straight_lines(scenario):
     np.testing.assert_allclose(states[:, 6:9], np.tile(slopes[0], (len(begins), 1)))
     np.testing.assert_allclose(states[:, 9:], np.tile(slopes[1], (len(begins), 1)))
     # What comes later does not count.
-    bent = {name: values + np.where(base.time % 1.0 > 0.95, 3.0, 0.0)[:, None] for name, values in line.items()}
+    size = {"position": 3.0, "attitude": 0.3}
+    bent = {name: values + np.where(base.time % 1.0 > 0.95, size[name], 0.0)[:, None] for name, values in line.items()}
     later = response._cut([replace(base, **bent)], scenario, 0.0, 1.0)
     same = later.starts % 50 == 0
     np.testing.assert_allclose(model.first_states(later)[same], states[same])
@@ -259,7 +260,7 @@ def test_numbers_that_are_held_at_zero_are_said_with_their_intervals(scenario):
     said = response._below_remarks(
         scenario, names, np.array([True, True, False]), np.array([-0.2, -1.5, 1.0]), np.array([0.1, 0.5, 1.0])
     )
-    assert said[0].startswith("body_drag.linear[0] came out at -0.2 ± 0.1 ")
+    assert said[0].startswith("body_drag.linear[0] came out at -0.20 ± 0.10 ")
     assert said[1].startswith(
         f"{DELAY} came out at {-1.5e3 * period:.2g} ± {0.5e3 * period:.2g} ms, and is held at zero"
     )

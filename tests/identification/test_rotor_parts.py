@@ -226,7 +226,7 @@ def test_numbers_at_a_limit_or_with_too_wide_an_interval_or_of_one_stretch_are_n
     found = rotors._wide(given, SimpleNamespace(parameters=values), uncertainty)
     assert set(found) == {"low", "high", "wide", "positive", "lone"}
     assert found["low"] == "the best fit is at the limit of what is looked for, -9"
-    assert found["wide"].startswith("its interval would be 1 ± 1")
+    assert found["wide"].startswith("its interval would be 1.0 ± 1.")
     assert found["lone"] == "hardly more than one stretch of the flights tells it, as 1"
 
 
