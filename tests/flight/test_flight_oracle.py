@@ -280,7 +280,7 @@ def test_a_flight_is_what_its_equations_make_it(flown, name):
     if name == "a crash":  # not without what it has sunk
         reference, state = flight.record("reference"), flight.record("state")
         assert np.hypot(reference.x[-1] - state.x[-1], reference.y[-1] - state.y[-1]) < 1.1
-    assert_same(flight, *fly(flight.scenario, flight.plan.reference(), flight.plan.leg_times))
+    assert_same(flight, *fly(flight.scenario, flight.plan))
 
 
 DRAWN = [
@@ -311,7 +311,7 @@ def test_each_flight_of_a_fleet_is_what_its_equations_make_it(asymmetric):
     delays = {flight.scenario.laboratory.command_link.delay_ticks for flight in flights}
     assert (len(masses), len(delays)) == (3, 2)
     for flight in flights:
-        assert_same(flight, *fly(flight.scenario, flight.plan.reference(), flight.plan.leg_times))
+        assert_same(flight, *fly(flight.scenario, flight.plan))
 
 
 @pytest.mark.parametrize("name", ["pid", "pd_t2fnn"])

@@ -2,6 +2,7 @@
 
 import re
 import warnings
+from concurrent.futures import ThreadPoolExecutor
 
 import numpy as np
 import pytest
@@ -120,10 +121,12 @@ def sound(num_vehicles):
 def test_a_study_says_so_and_counts_crashes():
     scenario = load_scenario("hover", ["duration=0.6"])
     words = r"^sample 0: position_controller returned nan in y of `acceleration_command` at 0.30 s; flights that end so"
+    # Forked workers would warn of the threads of other tests.
+    thread = ThreadPoolExecutor(1)
     with pytest.warns(UserWarning, match=words):
-        study = run_monte_carlo(scenario, 2, num_workers=1, position_controller=broken)
+        study = run_monte_carlo(scenario, 2, executor=thread, position_controller=broken)
     assert study.metrics.crash_time == pytest.approx([SINCE, SINCE])
     assert np.isfinite(np.array(study.metrics)).all()
     with warnings.catch_warnings():
         warnings.simplefilter("error")
-        assert not run_monte_carlo(scenario, 2, num_workers=1, position_controller=sound).metrics.crashed.any()
+        assert not run_monte_carlo(scenario, 2, executor=thread, position_controller=sound).metrics.crashed.any()

@@ -24,7 +24,7 @@ def reference_at(trajectory, times):
     ]
 
 
-def fly(scenario, trajectory, leg_times=()):
+def fly(scenario, plan):
     """Flies a scenario of numbers, whose vehicle steps, from hover at the reference's first point.
 
     At an instant the vehicle takes its step first, under what was held until then. Then all that samples does so at
@@ -33,17 +33,17 @@ def fly(scenario, trajectory, leg_times=()):
 
     Args:
         scenario: of numbers.
-        trajectory: of the reference, as `reference_at` takes it.
-        leg_times: when the legs of its route begin.
+        plan: of its route.
 
     Returns:
         The (ticks, rows) signals at the ticks of the control, by name, until the end or a crash, and the metrics.
     """
     laboratory, h = scenario.laboratory, scenario.vehicle.time_step
     period, seed, sample = laboratory.command_link.period, scenario.seed, scenario.sample or 0
-    wanted = trajectory.end_time() if scenario.duration is None else scenario.duration
+    duration = float(plan.path.times[-1])
+    wanted = duration if scenario.duration is None else scenario.duration
     ticks = math.ceil(wanted / period - 1e-9)
-    reference = reference_at(trajectory, period * np.arange(ticks + 1))
+    reference = reference_at(plan.reference(), period * np.arange(ticks + 1))
     steps_a_tick, steps_a_frame = round(period / h), round(laboratory.motion_capture.period / h)
 
     vehicle, autopilot = vehicle_of(scenario, ticks * period), laboratory.autopilot.kind
@@ -58,8 +58,7 @@ def fly(scenario, trajectory, leg_times=()):
     wind = Wind(laboratory.wind, h, seed, sample)
     air = wind.sample(0, state[0:3])
 
-    duration, start = trajectory.end_time(), state[0:3]
-    controller, referee, rows = Controller(scenario, leg_times, duration, start), Referee(scenario), []
+    controller, referee, rows = Controller(scenario, plan.leg_times, duration, state[0:3]), Referee(scenario), []
     for k in range(ticks * steps_a_tick + 1):
         heard = vehicle.target = link.out
         if k > 0:
