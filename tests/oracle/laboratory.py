@@ -3,6 +3,7 @@
 import math
 
 import numpy as np
+from scipy.spatial.transform import Rotation
 
 from oracle.randomness import NOISE, Stream
 from oracle.vehicle import euler_to_body, rotation
@@ -102,9 +103,14 @@ class Cameras(Line):
             return
         h = numbers.period
         a = math.exp(-numbers.derivative_bandwidth * h)
-        # Differences over two frames, those of the attitude turned at the frame in their middle by (2).
+        # Differences over two frames: those of small angles turned at the frame in their middle by (2), others as the
+        # vector of the rotation.
         steps = pose - self.before
-        steps[3:6] = euler_to_body(last[3], last[4]) @ steps[3:6]
+        if np.abs(steps[3:6]).max() > 0.05:
+            turn = rotation(*self.before[3:6]).T @ rotation(*pose[3:6])
+            steps[3:6] = Rotation.from_matrix(turn).as_rotvec()
+        else:
+            steps[3:6] = euler_to_body(last[3], last[4]) @ steps[3:6]
         rates = a * (last[6:12] - before) + (1.0 - a) * self.factors * steps / (2.0 * h) + drift
         self.before = last[0:6]
         self.put(np.concatenate([pose, rates]))
