@@ -100,6 +100,41 @@ _TANH = (
     -1.724487449484433e-05,
 )
 _SMALL_OF_TANH = 0.625
+# (erf x - 2/√π x) / x³ as a function of x², for |x| up to 1, within 8e-18 of erf x, and 2/√π - 1.
+_ERF = (
+    -0.37612638903183754,
+    0.11283791670955111,
+    -0.026866170645123838,
+    0.005223977625303518,
+    -0.0008548327010033328,
+    0.00012055332214716276,
+    -1.4925622504489842e-05,
+    1.6461446656928561e-06,
+    -1.6355118610877705e-07,
+    1.4692484859133263e-08,
+    -1.1500357159785296e-09,
+    6.174097221305255e-11,
+)
+_SLOPE_OF_ERF = 0.1283791670955126
+# exp(x²) erfc x as a function of 14.4 / (x + 3) - 2.6, for x from 1 to 6, within 5e-18 of erf x, which is 1 beyond.
+_ERFC = (
+    0.20798329133342885,
+    0.15436117429436919,
+    0.04969844540339464,
+    0.012713147695692198,
+    0.002479314697078186,
+    0.0003316029605764125,
+    1.9563583246137112e-05,
+    -2.4255574719050315e-06,
+    -5.541274478467714e-07,
+    4.526700764248741e-09,
+    1.1339538061744706e-08,
+    2.6381508985080735e-10,
+    -2.571511429603255e-10,
+    -6.047405945991704e-12,
+    6.0857915906870915e-12,
+)
+_LARGEST_OF_ERF = 6.0
 _TAN_EIGHTH, _TAN_3_EIGHTHS = math.tan(math.pi / 8.0), math.tan(3.0 * math.pi / 8.0)
 
 
@@ -186,6 +221,15 @@ def tanh(x: Symbol) -> Symbol:
     size, z = abs(x), x * x
     large = 1.0 - 2.0 / (exp(2.0 * size) + 1.0)
     return select(size < _SMALL_OF_TANH, fused(x * z, polynomial(z, _TANH), x), copysign(large, x))
+
+
+def erf(x: Symbol) -> Symbol:
+    """Error function."""
+    size, z = abs(x), x * x
+    clamped = select(size > _LARGEST_OF_ERF, _LARGEST_OF_ERF, size)
+    large = 1.0 - exp(-(clamped * clamped)) * polynomial(14.4 / (clamped + 3.0) - 2.6, _ERFC)
+    small = fused(x, fused(z, polynomial(z, _ERF), _SLOPE_OF_ERF), x)
+    return select(size < 1.0, small, copysign(large, x))
 
 
 def log(x: Symbol, *, normal: bool) -> Symbol:

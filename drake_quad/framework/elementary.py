@@ -11,7 +11,9 @@ from collections.abc import Callable, Sequence
 from typing import Any, TypeVar
 
 import numpy as np
+import scipy
 from pydrake import symbolic
+from pydrake.autodiffutils import AutoDiffXd
 
 from drake_quad.framework import approximations
 from drake_quad.framework.symbols import Matrix, Symbol, branched, layer
@@ -77,6 +79,17 @@ def tanh(x: Row) -> Row:
     if x.__class__ is float:
         return math.tanh(x)
     return untyped(approximations.tanh(x)) if x.__class__ is Symbol else np.tanh(x)
+
+
+def erf(x: Row) -> Row:
+    """Error function. Not for Expression."""
+    if x.__class__ is float:
+        return math.erf(x)
+    if x.__class__ is Symbol:
+        return untyped(approximations.erf(x))
+    if isinstance(x, np.ndarray) and x.dtype == float:
+        return untyped(scipy.special.erf(x))
+    return untyped(_erf_of_objects(x))
 
 
 def log(x: Row, *, normal: bool = False) -> Row:
@@ -245,6 +258,15 @@ def _is_symbolic(x: Any) -> bool:
     return isinstance(x, symbolic.Expression)
 
 
+def _erf_of_object(x: Any) -> Any:
+    """The error function of a float, or of an AutoDiffXd, whose derivative is 2/√π exp(-x²)."""
+    if x.__class__ is float:
+        return math.erf(x)
+    slope = 2.0 / math.sqrt(math.pi) * math.exp(-(x.value() ** 2))
+    return AutoDiffXd(math.erf(x.value()), slope * x.derivatives())
+
+
+_erf_of_objects = np.frompyfunc(_erf_of_object, 1, 1)
 _log_of_1_plus_of_objects = np.frompyfunc(log_of_1_plus, 1, 1)
 _maximum_of_objects = np.frompyfunc(symbolic.max, 2, 1)
 _minimum_of_objects = np.frompyfunc(symbolic.min, 2, 1)

@@ -25,7 +25,11 @@ _ACTIVATIONS: dict[str, Activation] = {
     "Sigmoid": "sigmoid",
     "ELU": "elu",
     "SiLU": "silu",
+    "LeakyReLU": "leaky_relu",
+    "GELU": "gelu",
 }
+# Where a module has the parameter of its activation.
+_PARAMETERS = {"ELU": "alpha", "LeakyReLU": "negative_slope"}
 # Those that do nothing to an observation, or nothing when no one learns.
 _SILENT = ("Flatten", "Identity", "Dropout")
 
@@ -37,11 +41,13 @@ class Layer(NamedTuple):
         weights: (outputs, inputs).
         biases: (outputs,).
         activation: as in `control.policy` of the scenario language.
+        alpha: parameter of the activation, if it has one that is not the default.
     """
 
     weights: np.ndarray
     biases: np.ndarray
     activation: Activation = "identity"
+    alpha: float | None = None
 
 
 def save_policy(
@@ -73,8 +79,9 @@ def save_policy(
     given = {"offset": offset, "scale": scale, "limit": limit}
     arrays: dict[str, Any] = {name: np.asarray(each) for name, each in given.items() if each is not None}
     for k, layer in enumerate(layers):
-        weights, biases, activation = Layer(*layer)
+        weights, biases, activation, alpha = Layer(*layer)
         arrays |= {f"weights_{k}": weights, f"biases_{k}": biases, f"activation_{k}": np.array(activation)}
+        arrays |= {} if alpha is None else {f"alpha_{k}": np.array(alpha)}
 
     scenario = task_in(env)
     fields = scenario.control.model_dump(mode="json", exclude={"policy"})
@@ -111,11 +118,11 @@ def torch_layers(modules: Iterable[Any]) -> list[Layer]:
     """The layers of a network of PyTorch.
 
     Args:
-        modules: one after another, as a `torch.nn.Sequential` has them: Linear, and Tanh, ReLU, Sigmoid, ELU or SiLU
-            behind it.
+        modules: one after another, as a `torch.nn.Sequential` has them: Linear, and Tanh, ReLU, Sigmoid, ELU, SiLU,
+            LeakyReLU or GELU behind it.
 
     Raises:
-        InputError: there is another module, or an ELU with an alpha other than 1.
+        InputError: there is another module.
     """
     layers: list[Layer] = []
     for module in modules:
@@ -125,9 +132,11 @@ def torch_layers(modules: Iterable[Any]) -> list[Layer]:
             biases = np.zeros(len(weights)) if module.bias is None else module.bias.detach().cpu().numpy()
             layers.append(Layer(weights, biases))
         elif name in _ACTIVATIONS and layers and layers[-1].activation == "identity":
-            if getattr(module, "alpha", 1.0) != 1.0:
-                raise InputError(f"the policy has an {name} with an alpha of {module.alpha:g}, but can have 1")
-            layers[-1] = layers[-1]._replace(activation=_ACTIVATIONS[name])
+            activation = _ACTIVATIONS[name]
+            if name == "GELU" and getattr(module, "approximate", "none") == "tanh":
+                activation = "gelu_tanh"
+            alpha = float(getattr(module, _PARAMETERS[name])) if name in _PARAMETERS else None
+            layers[-1] = layers[-1]._replace(activation=activation, alpha=alpha)
         elif name not in _SILENT:
             raise InputError(f"the policy has a {name}, but can have Linear, and {', '.join(_ACTIVATIONS)} behind it")
     if not layers:
@@ -145,7 +154,8 @@ def acted(
 ) -> np.ndarray:
     """The (k, rows) actions, from -1 to 1, of a network for (k, rows) observations; arguments as for `save_policy`."""
     first, factor = (None if each is None else tuple(np.ravel(each).tolist()) for each in (offset, scale))
-    neurons = tuple([Dense(Matrix(weights, biases), activation) for weights, biases, activation in layers])
+    given = [Layer(*each) for each in layers]
+    neurons = tuple([Dense(Matrix(each.weights, each.biases), each.activation, each.alpha) for each in given])
     network = Network(neurons, observations.shape[1], first, factor, limit)
     return np.clip(np.transpose(passed(network, [*observations.T], ()).output), -1.0, 1.0)
 

@@ -1,19 +1,38 @@
 """Networks of policies from ONNX: a chain of nodes from the observation to the action.
 
-A file may have more, such as the value of an actor-critic behind the same layers: only what the output needs is read.
+A file may have more, such as the value of an actor-critic behind the same layers: only what the action needs is read.
+Of several outputs the action is the one that is called so, else the first.
 """
 
+import math
+import warnings
 from collections.abc import Callable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 
-from drake_quad.errors import listed, shortened
+from drake_quad.control.policy.network import WITH_ALPHA
+from drake_quad.errors import InputWarning, listed, shortened, shown
 from drake_quad.extras import needed
 from drake_quad.scenario.policy import TrainedNetwork
 from drake_quad.scenario.policy_layers import Layers, UnreadableError
 
-_ACTIVATIONS = {"Tanh": "tanh", "Relu": "relu", "Sigmoid": "sigmoid", "Elu": "elu", "Swish": "silu"}
+_ACTIVATIONS = {
+    "Tanh": "tanh",
+    "Relu": "relu",
+    "Sigmoid": "sigmoid",
+    "Elu": "elu",
+    "LeakyRelu": "leaky_relu",
+    "Swish": "silu",
+    "Gelu": "gelu",
+}
+# What actions are called where there are several outputs.
+_ACTIONS = ("action", "actions")
+# The operators of ONNX itself; others, such as those of onnxruntime's optimiser, mean something else.
+_DOMAINS = ("", "ai.onnx")
+_ROOT_OF_HALF = math.sqrt(0.5)
+# Constants of single precision may be off by this share.
+_SINGLE = 1e-6
 # Nodes that change no number of one observation.
 _SILENT = ("Identity", "Flatten", "Reshape", "Squeeze", "Unsqueeze", "Transpose", "Cast", "Dropout")
 # Of constants, what is computed.
@@ -23,11 +42,12 @@ _OF_TWO = ("Add", "Sub", "Mul", "Div")
 _FLOATS = (1, 11)
 
 
-def network_of_onnx(data: bytes) -> TrainedNetwork:
-    """Reads a network.
+def network_of_onnx(data: bytes, file: str) -> TrainedNetwork:
+    """Reads a network; a warning says which of several outputs is the action.
 
     Args:
         data: of the file.
+        file: what the warning calls it.
 
     Raises:
         UnreadableError: it is none, has branches, or nodes that are not known here.
@@ -40,12 +60,20 @@ def network_of_onnx(data: bytes) -> TrainedNetwork:
         raise UnreadableError("is not an ONNX model") from None
     if any(onnx.external_data_helper.uses_external_data(each) for each in model.graph.initializer):
         raise UnreadableError("keeps its numbers in another file; export it with external_data=False")
+    known = onnx.defs.onnx_opset_version()
+    for each in model.opset_import:
+        if each.domain in _DOMAINS and not 1 <= each.version <= known:
+            raise UnreadableError(f"has opset {each.version}, while onnx {onnx.__version__} knows 1 to {known}")
     try:
         onnx.checker.check_model(model)
     except Exception as error:  # likewise
         raise UnreadableError(f"is not an ONNX model as it should be: {shortened(str(error), 120)}") from None
     layers = Layers()
-    for k, node in enumerate(chain := _Graph(model.graph).chain()):
+    graph = _Graph(model)
+    if len(graph.outputs) > 1:
+        names = f"of its outputs {listed(graph.outputs)}, {shortened(graph.action)} is taken for the action"
+        warnings.warn(f"{file}: {names}", InputWarning, stacklevel=2)
+    for k, node in enumerate(chain := graph.chain()):
         _add(layers, node, is_last=all(each.kind in _SILENT for each in chain[k + 1 :]))
     return layers.network()
 
@@ -65,19 +93,36 @@ class _Node:
 
 
 class _Graph:
-    """A graph of ONNX, whose numbers are known where they do not depend on its input."""
+    """A graph of ONNX, whose numbers are known where they do not depend on its input.
 
-    def __init__(self, graph: Any) -> None:
-        self._onnx = needed("onnx", "onnx")
+    Args:
+        model: whose graph it is.
+
+    Attributes:
+        outputs: their names.
+        action: the name of the output that is the action.
+
+    Raises:
+        UnreadableError: it has several inputs, or no outputs, or operators of another library.
+    """
+
+    def __init__(self, model: Any) -> None:
+        self._onnx, self._opsets, graph = needed("onnx", "onnx"), model.opset_import, model.graph
         self._known = {each.name: self._array(each) for each in graph.initializer}
         self._makers = {name: node for node in graph.node for name in node.output if name}
         self._inputs = [each.name for each in graph.input if each.name not in self._known]
-        self._outputs = [each.name for each in graph.output]
-        for what, names in (("inputs", self._inputs), ("outputs", self._outputs)):
-            if len(names) != 1:
-                raise UnreadableError(
-                    f"has the {what} {listed(names)}, but must have one" if names else f"has no {what}"
-                )
+        self.outputs = [each.name for each in graph.output]
+        if not self.outputs:
+            raise UnreadableError("has no outputs")
+        self.action = min(self.outputs, key=lambda name: name.lower() not in _ACTIONS)
+        if len(self._inputs) != 1:
+            names = listed(self._inputs)
+            raise UnreadableError(f"has the inputs {names}, but must have one" if names else "has no inputs")
+        other = next((node for node in graph.node if node.domain not in _DOMAINS), None)
+        if other is not None:
+            raise UnreadableError(
+                f"has a node {shortened(other.op_type)} of {shortened(other.domain)}; export it without optimisation"
+            )
         # In their order, in which what a node takes stands before it.
         for node in graph.node:
             given = [self._known.get(name) for name in node.input]
@@ -97,7 +142,8 @@ class _Graph:
         names = [*dict.fromkeys(node.input)]
         arrays = [self._onnx.numpy_helper.from_array(self._known[name], name) for name in names]
         outputs = [helper.make_empty_tensor_value_info(name) for name in node.output]
-        model = helper.make_model(helper.make_graph([node], "constant", [], outputs, arrays))
+        graph = helper.make_graph([node], "constant", [], outputs, arrays)
+        model = helper.make_model(graph, opset_imports=self._opsets)
         try:
             found = self._onnx.reference.ReferenceEvaluator(model).run(None, {})
         except Exception as error:  # the evaluator's own, of several kinds
@@ -110,7 +156,7 @@ class _Graph:
         Raises:
             UnreadableError: there is no such chain.
         """
-        (name,), (last,) = self._outputs, self._inputs
+        name, (last,) = self.action, self._inputs
         nodes: list[_Node] = []
         while name != last:
             node = self._makers.get(name)
@@ -120,8 +166,8 @@ class _Graph:
             coming = [k for k, each in enumerate(node.input) if each and each not in self._known]
             gated = self._gated(node)
             if gated is not None:
-                nodes.append(_Node("Swish", [None], 0, {}))
-                name = gated
+                found, name = gated
+                nodes += found[::-1]
                 continue
             if not coming:
                 raise UnreadableError(f"has an output that does not depend on its input {last}")
@@ -132,14 +178,62 @@ class _Graph:
             name = node.input[coming[0]]
         return nodes[::-1]
 
-    def _gated(self, node: Any) -> str | None:
-        """The name of x if a node is x sigmoid(x), as PyTorch writes SiLU."""
+    def _gated(self, node: Any) -> tuple[list[_Node], str] | None:
+        """What a node does that multiplies something by a function of it, and to what; None if it is no such node."""
         if node.op_type != "Mul":
             return None
         for x, gate in (node.input, node.input[::-1]):
             maker = self._makers.get(gate)
             if maker is not None and maker.op_type == "Sigmoid" and [*maker.input] == [x]:
-                return str(x)
+                return [_Node("Swish", [None], 0, {})], x
+            found = self._gelu(x, gate)
+            if found is not None:
+                return found
+        return None
+
+    def _gelu(self, x: str, gate: str) -> tuple[list[_Node], str] | None:
+        """The same of x (1 + erf(x / √2)) / 2, as PyTorch writes GELU in opsets that have none.
+
+        The half, and numbers on the way to either factor, may stand anywhere: with z before all of them, a z and
+        b (1 + erf(c z)), u is √2 c z, and the product is √2 a b / c times the GELU of u.
+        """
+        (z, a), (gate, b) = self._unscaled(x), self._unscaled(gate)
+        summed = self._with_constant(gate, "Add")
+        error = None if summed is None or summed[1] != 1.0 else self._makers.get(summed[0])
+        if error is None or error.op_type != "Erf":
+            return None
+        inside, c = self._unscaled(error.input[0])
+        if inside != z or c == 0.0:
+            return None
+        scale = c / _ROOT_OF_HALF
+        if abs(scale - 1.0) < _SINGLE:
+            scale = 1.0
+        factors = [_Node("Mul", [None, np.array(each)], 0, {}) for each in (scale, 2.0 * a * b / scale)]
+        before, after = ([each] if each.given[1] != 1.0 else [] for each in factors)
+        return [*before, _Node("Gelu", [None], 0, {}), *after], z
+
+    def _unscaled(self, name: str) -> tuple[str, float]:
+        """The name of what something is a multiple of, however often it was multiplied, and the factor."""
+        factor = 1.0
+        while True:
+            multiplied, divided = self._with_constant(name, "Mul"), self._with_constant(name, "Div")
+            if multiplied is not None:
+                name, factor = multiplied[0], factor * multiplied[1]
+            elif divided is not None and divided[1] != 0.0:
+                name, factor = divided[0], factor / divided[1]
+            else:
+                return name, factor
+
+    def _with_constant(self, name: str, kind: str) -> tuple[str, float] | None:
+        """What something is made of by a node of a kind and a single number, and that number; None if it is not."""
+        maker = self._makers.get(name)
+        if maker is None or maker.op_type != kind or len(maker.input) != 2:
+            return None
+        first, second = maker.input
+        for other, constant in ((first, second), (second, first)) if kind != "Div" else ((first, second),):
+            number = self._known.get(constant)
+            if number is not None and other not in self._known and number.size == 1:
+                return other, float(number.item())
         return None
 
 
@@ -158,14 +252,25 @@ def _add(layers: Layers, node: _Node, *, is_last: bool) -> None:
     elif node.kind == "Clip":
         _clip(layers, node, is_last=is_last)
     elif node.kind in _ACTIVATIONS:
-        if node.attributes.get("alpha", 1.0) != 1.0:
-            raise UnreadableError(f"has an activation {node.kind} with an alpha of {node.attributes['alpha']:g}, not 1")
-        layers.activate(_ACTIVATIONS[node.kind])
+        layers.activate(*_activation(node))
     elif node.kind not in _SILENT:
         known = [*_RULES, "Clip of the input", *_ACTIVATIONS]
         raise UnreadableError(f"has a node {node.kind} that is not known here; known are {listed(known)}")
     elif node.kind == "Cast" and node.attributes["to"] not in _FLOATS:
         raise UnreadableError("has a Cast to numbers that are not of single or double precision")
+
+
+def _activation(node: _Node) -> tuple[str, float | None]:
+    """The name of an activation, and its parameter if that is not the default."""
+    name, alpha = _ACTIVATIONS[node.kind], node.attributes.get("alpha")
+    if name == "gelu":
+        approximated = node.attributes.get("approximate", b"none")
+        if approximated not in (b"none", b"tanh"):
+            raise UnreadableError(f"has a Gelu with an approximation {shown(approximated)}, not none or tanh")
+        return "gelu_tanh" if approximated == b"tanh" else "gelu", None
+    if alpha is not None and name not in WITH_ALPHA and alpha != 1.0:
+        raise UnreadableError(f"has an activation {node.kind} with an alpha of {alpha:g}, not 1")
+    return name, float(alpha) if name in WITH_ALPHA and alpha is not None else None
 
 
 def _gemm(layers: Layers, node: _Node) -> None:
@@ -232,8 +337,9 @@ def _gru(layers: Layers, node: _Node) -> None:
 
 def _clip(layers: Layers, node: _Node, *, is_last: bool) -> None:
     """Takes over a limit of the input; actions have theirs, from -1 to 1, anyway."""
-    bounds = [*node.given[1:], None, None][:2]
-    low, high = (None if each is None or each.size != 1 else float(each.item()) for each in bounds)
+    attributes = [node.attributes.get(name) for name in ("min", "max")]  # until opset 10
+    bounds = attributes if len(node.given) == 1 else [*node.given[1:], None][:2]
+    low, high = (None if each is None or np.size(each) != 1 else float(np.ravel(each)[0]) for each in bounds)
     if node.place or low is None or high is None:
         raise UnreadableError("has a Clip without two bounds")
     if not layers.layers and low == -high:

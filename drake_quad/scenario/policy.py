@@ -7,12 +7,12 @@ import math
 from typing import Annotated, Any, ClassVar, Literal
 
 import numpy as np
-from pydantic import Field, model_validator
+from pydantic import Field, SerializerFunctionWrapHandler, model_serializer, model_validator
 from pydantic_core import PydanticCustomError
 
 from drake_quad.control.policy.actuation import ROWS
 from drake_quad.control.policy.frames import LevelFrame
-from drake_quad.control.policy.network import Activation, Dense, Gru, Network
+from drake_quad.control.policy.network import WITH_ALPHA, Activation, Dense, Gru, Network
 from drake_quad.control.policy.observation import SIGNALS_SEEN, Frame, ObservationSpec, num_observed
 from drake_quad.framework.symbols import Matrix
 from drake_quad.scenario.controllers import AttitudeControl, ThrustVectoring
@@ -43,6 +43,24 @@ class DenseLayer(Model):
     inputs: Rows = Field(description="rows that come in")
     outputs: Rows = Field(description="rows that go out")
     activation: Activation = Field(default="identity", description="of each row that goes out")
+    alpha: Real | None = Field(
+        default=None,
+        description="of elu, which goes to -alpha, 1 if not given; or of leaky_relu, its slope for negative numbers,"
+        " 0.01 if not given (1)",
+    )
+
+    @model_serializer(mode="wrap")
+    def _written(self, write: SerializerFunctionWrapHandler) -> dict[str, Any]:
+        """Without a parameter that is not given."""
+        fields: dict[str, Any] = write(self)
+        return {name: value for name, value in fields.items() if name != "alpha" or value is not None}
+
+    @model_validator(mode="after")
+    def _has_its_parameter(self) -> "DenseLayer":
+        if self.alpha is not None and self.activation not in WITH_ALPHA:
+            demand = "must be left out with the activation {activation}"
+            raise self.wrong("alpha", kind="alpha", demand=demand, activation=self.activation)
+        return self
 
     @property
     def num_numbers(self) -> int:
@@ -52,7 +70,7 @@ class DenseLayer(Model):
     def layer(self, numbers: np.ndarray) -> Dense:
         """The layer of these numbers: W row by row, then b."""
         weights, biases = np.split(numbers, [self.outputs * self.inputs])
-        return Dense(Matrix(weights.reshape(self.outputs, self.inputs), biases), self.activation)
+        return Dense(Matrix(weights.reshape(self.outputs, self.inputs), biases), self.activation, self.alpha)
 
 
 class GruLayer(Model):

@@ -1,12 +1,15 @@
 """Networks of policies from files: NumPy's .npz, and ONNX.
 
 An .npz file has, for layer k counted from 0, `weights_k` (outputs, inputs) and `biases_k` (outputs,), and perhaps
-`activation_k`, a word; or, of gated recurrent units, `weights_input_k` (3 units, inputs), `biases_input_k`,
-`weights_hidden_k` (3 units, units), `biases_hidden_k` (3 units,), those of reset, update and new gates one after
-another, and perhaps `initial_k` (units,). Beside them it may have `offset`, `scale` (inputs,) and `limit`.
+`activation_k`, a word, and `alpha_k`, its parameter; or, of gated recurrent units, `weights_input_k` (3 units, inputs),
+`biases_input_k`, `weights_hidden_k` (3 units, units), `biases_hidden_k` (3 units,), those of reset, update and new
+gates one after another, and perhaps `initial_k` (units,). Beside them it may have `offset`, `scale` (inputs,) and
+`limit`.
 """
 
 import io
+from collections.abc import Callable
+from functools import partial
 from pathlib import Path
 
 import numpy as np
@@ -37,7 +40,11 @@ def policy_network(path: Path) -> Tree:
         InputError: the file cannot be read, is none such, or has layers that are not known here.
     """
     mark = Mark(str(path), 0)
-    read = {".npz": _of_npz, ".onnx": network_of_onnx}.get(path.suffix.lower())
+    readers: dict[str, Callable[[bytes], TrainedNetwork]] = {
+        ".npz": _of_npz,
+        ".onnx": partial(network_of_onnx, file=str(mark)),
+    }
+    read = readers.get(path.suffix.lower())
     if read is None:
         raise InputError(f"{mark}: is not a network that can be read: its name must end in .npz or .onnx")
     with opened(path) as file:
@@ -54,7 +61,8 @@ def policy_network(path: Path) -> Tree:
         raise InputError(f"{mark}: cannot be read: {error}") from None
     except ValidationError as error:
         problem = error.errors(include_url=False)[0]
-        place = ".".join([str(step) for step in problem["loc"] if step not in _LAYER_KINDS])
+        steps = (*problem["loc"], *problem.get("ctx", {}).get("path", ()))
+        place = ".".join([str(step) for step in steps if step not in _LAYER_KINDS])
         demand = problem["msg"].replace("Input should", "must")
         raise InputError(f"{mark}: is no network that can be flown: {place} {demand}".replace("  ", " ")) from None
     fields = network.model_dump(mode="json", exclude_defaults=True)
@@ -76,7 +84,9 @@ def _of_npz(data: bytes) -> TrainedNetwork:
             break
         own = {name.removesuffix(f"_{k}"): arrays.pop(name) for name in names}
         if "weights" in own:
-            layers.dense(*_numbers(own, "weights", "biases"), str(own.pop("activation", "identity")))
+            activation, alpha = str(own.pop("activation", "identity")), own.pop("alpha", None)
+            parameter = None if alpha is None else _single(alpha, f"alpha_{k}")
+            layers.dense(*_numbers(own, "weights", "biases"), activation, parameter)
         else:
             of_input, of_memory = (_numbers(own, f"weights_{of}", f"biases_{of}") for of in ("input", "hidden"))
             initial = own.pop("initial", None)
@@ -88,13 +98,16 @@ def _of_npz(data: bytes) -> TrainedNetwork:
         if name in arrays:
             layers.prepared[name] = tuple(arrays.pop(name).astype(float).ravel().tolist())
     if "limit" in arrays:
-        limit = arrays.pop("limit")
-        if limit.size != 1:
-            raise UnreadableError(f"has a limit of {limit.size} numbers, but can have one")
-        layers.prepared["limit"] = float(limit.item())
+        layers.prepared["limit"] = _single(arrays.pop("limit"), "limit")
     if arrays:
         raise UnreadableError(f"has arrays that belong to no layer: {listed([*arrays])}")
     return layers.network()
+
+
+def _single(array: np.ndarray, name: str) -> float:
+    if array.size != 1:
+        raise UnreadableError(f"has {name} of {array.size} numbers, but it must be one number")
+    return float(array.item())
 
 
 def _numbers(own: dict[str, np.ndarray], weights: str, biases: str) -> tuple[np.ndarray, np.ndarray]:

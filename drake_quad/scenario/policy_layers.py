@@ -6,33 +6,40 @@ import numpy as np
 
 from drake_quad.scenario.policy import TrainedNetwork
 
+_Gates = tuple[np.ndarray, np.ndarray]
+
 
 class UnreadableError(Exception):
     """What is wrong with a file."""
 
 
 class Layers:
-    """Layers and their numbers, one after another."""
+    """Layers and their numbers, one after another.
+
+    Arithmetic behind an activation waits for the next layer of neurons, into whose weights and biases it goes. Where
+    none comes, it becomes a layer of its own.
+    """
 
     def __init__(self) -> None:
         self.layers: list[dict[str, Any]] = []
         self._numbers: list[np.ndarray] = []
         self.prepared: dict[str, Any] = {}
+        # Factor and summand of what comes out of the last layer, or of the input behind its limit.
+        self._waiting: tuple[np.ndarray, np.ndarray] | None = None
 
-    def dense(self, weights: np.ndarray, biases: np.ndarray, activation: str = "identity") -> None:
+    def dense(
+        self, weights: np.ndarray, biases: np.ndarray, activation: str = "identity", alpha: float | None = None
+    ) -> None:
         """Adds neurons of these weights (outputs, inputs) and biases (outputs,)."""
         if weights.ndim != 2 or biases.shape != weights.shape[:1]:
             raise UnreadableError(f"has weights of shape {weights.shape} beside biases of shape {biases.shape}")
         outputs, inputs = weights.shape
-        self.layers.append({"kind": "dense", "inputs": inputs, "outputs": outputs, "activation": activation})
+        weights, biases = self._taken_in(weights, biases)
+        layer = {"kind": "dense", "inputs": inputs, "outputs": outputs, "activation": activation, "alpha": alpha}
+        self.layers.append(layer)
         self._numbers += [weights, biases]
 
-    def gru(
-        self,
-        of_input: tuple[np.ndarray, np.ndarray],
-        of_memory: tuple[np.ndarray, np.ndarray],
-        initial: np.ndarray | None,
-    ) -> None:
+    def gru(self, of_input: _Gates, of_memory: _Gates, initial: np.ndarray | None) -> None:
         """Adds gated recurrent units of these weights and biases, gate after gate."""
         gates, units = of_memory[0].shape if of_memory[0].ndim == 2 else (0, 0)
         inputs = of_input[0].shape[-1] if of_input[0].ndim == 2 else 0
@@ -40,34 +47,25 @@ class Layers:
         shapes = [each.shape for each in (of_input[0], of_input[1], of_memory[1], initial)]
         if gates != 3 * units or shapes != [(gates, inputs), (gates,), (gates,), (units,)]:
             raise UnreadableError("has gated recurrent units whose weights and biases do not fit together")
+        of_input = self._taken_in(*of_input)
         self.layers.append({"kind": "gru", "inputs": inputs, "outputs": units})
         self._numbers += [*of_input, *of_memory, initial]
 
     def change(self, factor: np.ndarray, summand: np.ndarray) -> None:
         """Multiplies each row of what comes out until now, or of the input, and adds to it then."""
-        if not self.layers:
-            if "limit" in self.prepared:
-                raise UnreadableError("has arithmetic behind the limit of its input")
-            known = (np.ravel(self.prepared.get(name, value)) for name, value in (("offset", 0.0), ("scale", 1.0)))
+        factor, summand = np.ravel(factor), np.ravel(summand)
+        if not self.layers and "limit" not in self.prepared:
+            self._prepare(factor, summand)
+        elif self.layers and self.layers[-1].get("activation") == "identity":
+            *before, weights, biases = self._numbers
+            factor, summand = (self._sized(each, biases.size) for each in (factor, summand))
+            self._numbers = [*before, weights * factor[:, np.newaxis], biases * factor + summand]
+        else:
+            before_factor, before_summand = self._waiting or (np.ones(1), np.zeros(1))
             try:
-                offset, scale, factor, summand = np.broadcast_arrays(*known, np.ravel(factor), np.ravel(summand))
+                self._waiting = before_factor * factor, before_summand * factor + summand
             except ValueError:
-                raise UnreadableError("has arithmetic on its input with arrays of different sizes") from None
-            if not (scale * factor).all():
-                raise UnreadableError("multiplies its input by zero")
-            scale = scale * factor
-            self.prepared |= {"offset": tuple((offset - summand / scale).tolist()), "scale": tuple(scale.tolist())}
-            return
-        if self.layers[-1].get("activation") != "identity":
-            raise UnreadableError("has arithmetic behind an activation or a recurrent layer")
-        *before, weights, biases = self._numbers
-        try:
-            factor, summand = (np.broadcast_to(np.ravel(each), biases.shape) for each in (factor, summand))
-        except ValueError:
-            raise UnreadableError(
-                f"has arithmetic of other than {biases.size} numbers behind {biases.size} neurons"
-            ) from None
-        self._numbers = [*before, weights * factor[:, np.newaxis], biases * factor + summand]
+                raise UnreadableError("has arithmetic with arrays of different sizes") from None
 
     def clip(self, limit: float) -> None:
         """Holds the input within a limit on both sides of zero."""
@@ -75,16 +73,20 @@ class Layers:
             raise UnreadableError("limits its input twice")
         self.prepared["limit"] = limit
 
-    def activate(self, activation: str) -> None:
-        """Gives the last layer an activation."""
+    def activate(self, activation: str, alpha: float | None = None) -> None:
+        """Gives the last layer an activation, with its parameter if it has one."""
+        if self.layers and self._waiting is not None:
+            self._settle()
         if not self.layers or self.layers[-1].get("activation") != "identity":
             raise UnreadableError(f"has an activation {activation} that follows no layer of neurons")
-        self.layers[-1]["activation"] = activation
+        self.layers[-1] |= {"activation": activation, "alpha": alpha}
 
     def network(self) -> TrainedNetwork:
         """The network."""
         if not self.layers:
             raise UnreadableError("has no layers")
+        if self._waiting is not None:
+            self._settle()
         for name in ("offset", "scale"):
             if len(self.prepared.get(name, ())) == 1:
                 self.prepared[name] *= self.layers[0]["inputs"]
@@ -92,3 +94,34 @@ class Layers:
         if not np.isfinite(numbers).all():
             raise UnreadableError("has numbers that are not finite")
         return TrainedNetwork.of(tuple(self.layers), numbers, **self.prepared)
+
+    def _prepare(self, factor: np.ndarray, summand: np.ndarray) -> None:
+        """Takes arithmetic on the input into its offset and its scale."""
+        known = (np.ravel(self.prepared.get(name, value)) for name, value in (("offset", 0.0), ("scale", 1.0)))
+        try:
+            offset, scale, factor, summand = np.broadcast_arrays(*known, factor, summand)
+        except ValueError:
+            raise UnreadableError("has arithmetic on its input with arrays of different sizes") from None
+        if not (scale * factor).all():
+            raise UnreadableError("multiplies its input by zero")
+        scale = scale * factor
+        self.prepared |= {"offset": tuple((offset - summand / scale).tolist()), "scale": tuple(scale.tolist())}
+
+    def _taken_in(self, weights: np.ndarray, biases: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+        """Weights and biases of a layer that takes in the arithmetic that waits for it."""
+        if self._waiting is None:
+            return weights, biases
+        factor, summand = (self._sized(each, weights.shape[1]) for each in self._waiting)
+        self._waiting = None
+        return weights * factor, biases + weights @ summand
+
+    def _settle(self) -> None:
+        """Makes a layer of the arithmetic that waits."""
+        width = self.layers[-1]["outputs"]
+        self.dense(np.eye(width), np.zeros(width))
+
+    def _sized(self, numbers: np.ndarray, count: int) -> np.ndarray:
+        try:
+            return np.broadcast_to(numbers, (count,))
+        except ValueError:
+            raise UnreadableError(f"has arithmetic of other than {count} numbers behind {count} neurons") from None

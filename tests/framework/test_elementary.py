@@ -2,6 +2,7 @@ import math
 
 import numpy as np
 import pytest
+import scipy
 from pydrake.autodiffutils import AutoDiffXd
 from pydrake.symbolic import Expression, Variable
 
@@ -39,6 +40,19 @@ def test_the_logarithm_of_1_plus_a_little_is_accurate_and_has_derivatives():
     for one, other, x in zip(alone, beside, numbers, strict=True):
         assert one.derivatives() == other.derivatives()
         assert one.derivatives()[0] == pytest.approx(1.0 / (1.0 + x), rel=1e-6)
+
+
+def test_the_error_function_has_its_derivatives():
+    numbers = [-2.5, -0.4, 0.0, 1e-20, 0.7, 6.5]
+    expected = scipy.special.erf(numbers)
+    assert [elementary.erf(x) for x in numbers] == pytest.approx(expected, rel=1e-15)
+    np.testing.assert_allclose(elementary.erf(np.array(numbers)), expected, rtol=1e-15)
+    with_derivatives = [AutoDiffXd(x, [2.0, 0.0]) for x in numbers]
+    alone = [elementary.erf(x) for x in with_derivatives]
+    for found in (alone, elementary.erf(np.array(with_derivatives))):
+        np.testing.assert_allclose([each.value() for each in found], expected, rtol=1e-15)
+        slopes = [2.0 * 2.0 / math.sqrt(math.pi) * math.exp(-x * x) for x in numbers]
+        np.testing.assert_allclose([each.derivatives() for each in found], [[slope, 0.0] for slope in slopes])
 
 
 @pytest.mark.parametrize(("function", "expected"), [(elementary.maximum, 2.0), (elementary.minimum, 1.0)])

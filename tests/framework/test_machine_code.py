@@ -60,6 +60,7 @@ FUNCTIONS = [
     (elementary.cos, math.cos, st.floats(-1e6, 1e6) | st.floats(-4.0, 4.0)),
     (elementary.exp, math.exp, WIDE),
     (elementary.tanh, math.tanh, WIDE | st.floats(-0.7, 0.7)),
+    (elementary.erf, math.erf, WIDE | st.floats(-7.0, 7.0) | st.floats(-1.1, 1.1)),
     (elementary.log, math.log, POSITIVE),
     (elementary.log_of_1_plus, math.log1p, POSITIVE | st.floats(1e-300, 1e-8)),
     (elementary.arctan, math.atan, WIDE | st.floats(-1e30, 1e30)),
@@ -120,6 +121,9 @@ def test_special_values():
     assert math.isnan(machine(elementary.exp, nan))
     assert machine(elementary.tanh, inf) == 1.0
     assert machine(elementary.tanh, -inf) == -1.0
+    assert machine(elementary.erf, inf) == 1.0
+    assert machine(elementary.erf, -inf) == -1.0
+    assert math.isnan(machine(elementary.erf, nan))
     assert math.isnan(machine(elementary.tanh, nan))
     assert machine(elementary.log, 0.0) == -inf
     assert machine(elementary.log, inf) == inf

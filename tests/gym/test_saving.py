@@ -89,6 +89,21 @@ def numbers(array):
     return SimpleNamespace(detach=lambda: SimpleNamespace(cpu=lambda: SimpleNamespace(numpy=lambda: np.array(array))))
 
 
+@pytest.mark.parametrize(
+    ("given", "activation", "alpha"),
+    [
+        (module("ELU", alpha=0.5), "elu", 0.5),
+        (module("LeakyReLU", negative_slope=0.2), "leaky_relu", 0.2),
+        (module("GELU", approximate="none"), "gelu", None),
+        (module("GELU", approximate="tanh"), "gelu_tanh", None),
+    ],
+)
+def test_parameters_of_activations_are_taken_from_pytorch(given, activation, alpha):
+    linear = module("Linear", weight=numbers(np.eye(2)), bias=None)
+    (layer,) = torch_layers([linear, given])
+    assert (layer.activation, layer.alpha) == (activation, alpha)
+
+
 def test_layers_of_pytorch_are_read_by_their_names():
     """Stand-ins for its modules; where Stable-Baselines3 is installed, its own tests have real ones."""
     rng = np.random.default_rng(1)
@@ -107,10 +122,9 @@ def test_layers_of_pytorch_are_read_by_their_names():
     expected = np.tanh(np.where(x > 0.0, x, np.expm1(np.minimum(x, 0.0))) @ v.T)
     np.testing.assert_allclose(acted(layers, seen, offset=offset, scale=scale, limit=1.2), expected, rtol=1e-12)
     for wrong, words in [
-        ([*given, module("GELU")], "the policy has a GELU, but can have Linear, and Tanh"),
+        ([*given, module("Mish")], "the policy has a Mish, but can have Linear, and Tanh"),
         ([*given, module("Tanh")], "the policy has a Tanh"),
         ([module("Tanh")], "the policy has a Tanh"),
-        ([*given[:2], module("ELU", alpha=0.5)], "an ELU with an alpha of 0.5, but can have 1"),
         ([], "the policy has no layers"),
     ]:
         with pytest.raises(InputError, match=words):

@@ -231,3 +231,138 @@ def test_dropouts_are_remarked():
     (one,) = _dropouts(SimpleNamespace(dropouts=[SimpleNamespace(duration=40)]))
     assert one.startswith("1 dropout of the logger, 0.04 s")
     assert _dropouts(SimpleNamespace(dropouts=[])) == []
+
+
+MOVING = {"vehicle_angular_velocity": (XYZ, rows(4000, lambda t: (t, 0.0, 0.0), sampled=0))}
+STATUS = [("uint8_t", "vehicle_type"), ("bool", "is_vtol"), ("uint8_t", "system_type"), ("bool", "failsafe")]
+
+
+def status(*values):
+    return {"vehicle_status": (STATUS, rows(100_000, lambda t: values))}
+
+
+@pytest.mark.parametrize(
+    ("topics", "parameters", "words"),
+    [
+        ({}, {"MAV_TYPE": 13}, "a hexarotor, by the parameter MAV_TYPE, 13"),
+        ({}, {"MAV_TYPE": 22, "CA_ROTOR_COUNT": 4}, "a VTOL, by the parameter MAV_TYPE, 22"),
+        ({}, {"MAV_TYPE": 2, "CA_AIRFRAME": 1}, "an aeroplane, by the parameter CA_AIRFRAME, 1"),
+        ({}, {"MAV_TYPE": 2, "CA_ROTOR_COUNT": 6}, "a vehicle of 6 rotors, by the parameter CA_ROTOR_COUNT"),
+        (status(1, False, 14, False), {}, "an octorotor, by vehicle_status.system_type, 14"),
+        (status(2, False, 0, False), {}, "an aeroplane, by vehicle_status.vehicle_type, 2"),
+        (status(1, True, 0, False), {}, "a VTOL, by vehicle_status.is_vtol"),
+    ],
+)
+def test_a_log_of_another_vehicle_is_refused_or_with_a_mapping_remarked(read, topics, parameters, words):
+    data = ulog({**MOVING, **topics}, parameters=parameters)
+    with pytest.raises(
+        InputError, match=rf"log.ulg: is the log of {words}.*, and not of a quadrotor; a mapping of your"
+    ):
+        read(data)
+    assert said(read(data, "px4"), f"the log is of {words}")
+
+
+@pytest.mark.parametrize(
+    ("topics", "parameters"),
+    [
+        ({}, {}),
+        ({}, {"MAV_TYPE": 2, "CA_AIRFRAME": 0, "CA_ROTOR_COUNT": 4}),
+        ({}, {"MAV_TYPE": 0}),
+        (status(1, False, 2, False), {"MAV_TYPE": 2}),
+    ],
+)
+def test_a_log_of_a_quadrotor_is_read_without_a_word(read, topics, parameters):
+    assert not said(read(ulog({**MOVING, **topics}, parameters=parameters)), "the log is of")
+
+
+OUTPUTS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5, 1950.0, 900.0, *[0.0] * 4)))
+
+
+@pytest.mark.parametrize(
+    ("parameters", "shares", "words"),
+    [
+        ({}, (0.075, 0.0, 0.5125, 0.95), "1000 to 2000 µs, assumed, which no parameter says"),
+        ({"PWM_MIN": 1075, "PWM_MAX": 1950}, (0.0, 0.0, 0.5, 1.0), "1075 to 1950 µs, by PWM_MAIN_MIN"),
+        ({"PWM_MAIN_MIN": 1075, "PWM_MAIN_MAX": 1950}, (0.0, 0.0, 0.5, 1.0), "1075 to 1950 µs, by"),
+        (
+            {"PWM_MIN": 1075, "PWM_MAX": 1950, "PWM_MAIN_MIN3": 1025, "PWM_MAIN_MAX3": -1},
+            (0.0, 0.0, 0.5, 1.0),
+            "1075 to 1950, 1025 to 1950 µs",
+        ),
+        (
+            # Motor 1 is at output 3, and motor 3 at output 1.
+            {**{f"PWM_MAIN_FUNC{i}": 100 + motor for i, motor in ((3, 1), (2, 2), (1, 3), (4, 4))}, "PWM_MIN": 1000},
+            (0.95, 0.0, 0.5125, 0.075),
+            "motors 1 to 4 are at its outputs 3, 2, 1, 4",
+        ),
+    ],
+)
+def test_pulses_are_shares_of_what_the_parameters_say(read, parameters, shares, words):
+    """Of our rotors: front right, back right, back left, front left, which are PX4's 1, 4, 2 and 3."""
+    record = read(ulog({**MOVING, "actuator_outputs": OUTPUTS}, parameters=parameters))
+    np.testing.assert_allclose(record.motor_command[-1], shares, atol=1e-6)
+    assert said(record, words)
+
+
+def test_what_the_log_calls_invalid_is_no_measurement(read):
+    fields = [
+        *LOCAL,
+        *(("bool", name) for name in ("xy_valid", "z_valid", "v_xy_valid", "v_z_valid", "dead_reckoning")),
+    ]
+    local = rows(10_000, lambda t: (*[0.0] * 6, False, True, t > 0.205, True, False) if t < 0.395 else LATER)
+    record = read(ulog({"vehicle_local_position": (fields, local)}))
+    assert said(record, "position is no number in 40 of 101 samples")
+    assert said(record, "velocity is no number in 21 of 101 samples")
+    np.testing.assert_allclose(record.position[0], [1.0, -2.0, 3.0], atol=1e-6)
+    assert said(record, "the position is by dead reckoning in 60.40% of its samples, first at 0.4 s of the log")
+
+
+LATER = (1.0, 2.0, -3.0, 0.1, 0.2, -0.3, True, True, True, True, True)
+
+
+def test_resets_and_faults_of_the_estimator_and_failsafes_are_remarked(read):
+    local = [*LOCAL, ("uint8_t", "xy_reset_counter"), ("float[2]", "delta_xy"), ("uint8_t", "vz_reset_counter")]
+    local += [("float", "delta_vz")]
+
+    def moved(t):
+        first, second = t > 0.295, t > 0.695
+        count, delta = (254 + first + second) % 256, (0.3, 0.4 * second)
+        return t + 0.3 * first + 0.5 * second, 0.0, -2.0, 0.0, 0.0, 0.0, count, *delta, t > 0.5, 1e-4
+
+    turned = [("float[4]", "q"), ("uint8_t", "quat_reset_counter"), ("float[4]", "delta_q_reset")]
+    data = ulog(
+        {
+            "vehicle_local_position": (local, rows(10_000, moved)),
+            "vehicle_attitude": (
+                turned,
+                rows(10_000, lambda t: (1.0, 0.0, 0.0, 0.0, int(t > 0.495), np.cos(0.05), 0.0, 0.0, np.sin(0.05))),
+            ),
+            "estimator_status": (
+                [("uint64_t", "filter_fault_flags"), ("uint64_t", "innovation_check_flags")],
+                rows(100_000, lambda t: (int(t > 0.85), 0)),
+            ),
+            "vehicle_status": (
+                [("bool", "failsafe"), ("uint8_t", "arming_state")],
+                rows(100_000, lambda t: (0.15 < t < 0.45 or t > 0.95, 2)),
+            ),
+            "vehicle_land_detected": ([("bool", "landed")], rows(500_000, lambda t: (False,))),
+        }
+    )
+    record = read(data)
+    assert said(record, "the estimator resets its position 2 times, at most by 0.5 m, first at 0.3 s of the log")
+    assert said(record, "the estimator resets its attitude once, at most by 0.1 rad, first at 0.5 s of the log")
+    assert not said(record, "resets its climb")  # by 0.1 mm/s
+    assert said(record, "estimator_status has numerical faults in 18.18% of its samples, first at 0.9 s of the log")
+    assert not said(record, "rejects")
+    assert said(record, "PX4 is in failsafe from 0.2 to 0.4 s, 1 to 1 s of the log")
+    assert said(record, "the log ends in flight")
+    assert said(record, "position jumps 2 times, at most by 0.5 m at 0.7 s")
+    assert not said(record, "vehicle_land_detected")  # which is no signal that could be read
+
+
+@pytest.mark.parametrize("bytes_left", [1, 7, 20])
+def test_a_log_that_is_cut_is_remarked(read, bytes_left):
+    whole = ulog(MOVING)
+    last = 3 + 2 + 8 + 8 + 12
+    assert not said(read(whole), "the log is cut")
+    assert said(read(whole[: len(whole) - last + bytes_left]), "no whole message, so the log is cut")

@@ -6,10 +6,12 @@ import numpy as np
 import onnx
 import onnx.reference
 import pytest
+import scipy
 from onnx import TensorProto, helper
 
 from drake_quad import InputError, load_scenario, save_scenario
 from drake_quad.control.policy.network import passed
+from drake_quad.errors import InputWarning
 from drake_quad.scenario.policy_file import policy_network
 from drake_quad.scenario.policy_layers import Layers
 
@@ -67,6 +69,28 @@ def test_neurons_are_read_from_arrays(written):
     np.testing.assert_allclose(output(scenario), expected, rtol=1e-12)
     assert scenario.control.policy.precision == "double"
     assert repr(scenario).count("control policy") == 1
+
+
+@pytest.mark.parametrize(
+    ("arrays", "activation"),
+    [
+        ({"activation_0": "leaky_relu", "alpha_0": 0.2}, lambda x: np.where(x > 0.0, x, 0.2 * x)),
+        ({"activation_0": "leaky_relu"}, lambda x: np.where(x > 0.0, x, 0.01 * x)),
+        ({"activation_0": "elu", "alpha_0": 0.5}, lambda x: np.where(x > 0.0, x, 0.5 * np.expm1(x))),
+        ({"activation_0": "gelu"}, lambda x: x * scipy.stats.norm.cdf(x)),
+        (
+            {"activation_0": "gelu_tanh"},
+            lambda x: 0.5 * x * (1.0 + np.tanh(np.sqrt(2 / np.pi) * (x + 0.044715 * x**3))),
+        ),
+    ],
+)
+def test_activations_are_read_and_written_with_their_parameters(written, tmp_path, arrays, activation):
+    scenario = written({**ARRAYS, **{name: np.array(each) for name, each in arrays.items()}})
+    hidden = layer(activation, ARRAYS["weights_0"], ARRAYS["biases_0"], INPUTS)
+    expected = layer(identity, ARRAYS["weights_1"], ARRAYS["biases_1"], hidden)
+    np.testing.assert_allclose(output(scenario), expected, rtol=1e-12)
+    save_scenario(scenario, tmp_path / "again.yaml")
+    assert load_scenario(tmp_path / "again.yaml") == scenario
 
 
 def test_what_single_precision_has_is_kept_in_single_precision(written):
@@ -150,7 +174,12 @@ FLAWS = {
         "has weights_0 of type <U4, which is none",
     ),
     "a limit of words": ({**ARRAYS, "limit": np.array("much")}, "has limit of type <U4, which is none of numbers"),
-    "two limits": ({**ARRAYS, "limit": np.ones(2)}, "has a limit of 2 numbers, but can have one"),
+    "two limits": ({**ARRAYS, "limit": np.ones(2)}, "has limit of 2 numbers, but it must be one number"),
+    "an alpha of none": ({**ARRAYS, "alpha_0": np.array(0.2)}, "alpha .*must be left out with the activation tanh"),
+    "two alphas": (
+        {**ARRAYS, "activation_0": np.array("elu"), "alpha_0": np.ones(2)},
+        "has alpha_0 of 2 numbers, but it must be one number",
+    ),
     "a complex scale": ({**ARRAYS, "scale": np.full(6, 1j)}, "has scale of type complex128, which is none of numbers"),
     "a scalar for a matrix": (
         {
@@ -333,6 +362,8 @@ MORE = {
     "two": np.array([2.0]),
     "minus": np.array(-1.0),
     "half": np.array(0.5),
+    "root_of_2": np.array(np.sqrt(2.0)),
+    "spread": np.array([0.3, 0.5, 0.7]),
     "U": RNG.normal(size=(6, 6)),
     "D": RNG.normal(size=6),
 }
@@ -358,6 +389,50 @@ MORE = {
             NODE("Add", ["B", "product"], ["hidden"]),
             *layers_of()[1:],
         ],
+        # Activations with a parameter, and the two of GELU.
+        layers_of(activation=[NODE("LeakyRelu", ["hidden"], ["active"], alpha=0.3)]),
+        layers_of(activation=[("LeakyRelu", ["hidden"], ["active"])]),
+        layers_of(activation=[NODE("Elu", ["hidden"], ["active"], alpha=0.5)]),
+        layers_of(activation=[("Gelu", ["hidden"], ["active"])]),
+        layers_of(activation=[NODE("Gelu", ["hidden"], ["active"], approximate="tanh")]),
+        # GELU as PyTorch writes it in older opsets, and as others do.
+        layers_of(
+            activation=[
+                ("Div", ["hidden", "root_of_2"], ["a"]),
+                ("Erf", ["a"], ["b"]),
+                ("Add", ["b", "one"], ["c"]),
+                ("Mul", ["hidden", "c"], ["d"]),
+                ("Mul", ["d", "half"], ["active"]),
+            ]
+        ),
+        layers_of(
+            activation=[
+                ("Mul", ["half", "hidden"], ["z"]),
+                ("Mul", ["hidden", "two"], ["y"]),
+                ("Erf", ["y"], ["b"]),
+                ("Add", ["one", "b"], ["c"]),
+                ("Mul", ["c", "two"], ["e"]),
+                ("Mul", ["e", "z"], ["active"]),
+            ]
+        ),
+        # Arithmetic behind an activation: before another layer, at the end, before another activation, behind a limit.
+        layers_of(
+            activation=[("Tanh", ["hidden"], ["a"]), ("Mul", ["a", "two"], ["b"]), ("Sub", ["half", "b"], ["active"])]
+        ),
+        [
+            *layers_of(last="sum"),
+            NODE("Tanh", ["sum"], ["a"]),
+            NODE("Mul", ["a", "spread"], ["b"]),
+            NODE("Add", ["b", "C"], ["c"]),
+            NODE("Div", ["c", "two"], ["done"]),
+        ],
+        layers_of(activation=[("Tanh", ["hidden"], ["a"]), ("Sub", ["a", "half"], ["b"]), ("Relu", ["b"], ["active"])]),
+        [
+            NODE("Clip", ["seen", "minus", "one"], ["a"]),
+            NODE("Mul", ["a", "two"], ["b"]),
+            NODE("Add", ["b", "D"], ["c"]),
+            *layers_of(first=("c", "hidden")),
+        ],
         # Actions within their limits, where ours are limited anyway.
         [*layers_of(last="sum"), NODE("Clip", ["sum", "minus", "one"], ["done"])],
     ],
@@ -378,8 +453,22 @@ def test_only_what_the_action_needs_is_read_of_onnx(of_onnx, nodes):
             "has branches that meet in a node Add",
         ),
         (
-            layers_of(activation=[NODE("Elu", ["hidden"], ["active"], alpha=0.5)]),
-            "has an activation Elu with an alpha of 0.5, not 1",
+            layers_of(activation=[NODE("Gelu", ["hidden"], ["active"], approximate="erf")]),
+            "has a Gelu with an approximation b'erf', not none or tanh",
+        ),
+        (
+            layers_of(activation=[("Tanh", ["hidden"], ["a"]), ("Mul", ["a", "D"], ["active"])]),
+            "has arithmetic of other than 4 numbers behind 4 neurons",
+        ),
+        (
+            layers_of(
+                activation=[
+                    ("Erf", ["hidden"], ["b"]),
+                    ("Add", ["b", "two"], ["c"]),
+                    ("Mul", ["hidden", "c"], ["active"]),
+                ]
+            ),
+            "has branches that meet in a node Mul",
         ),
         (
             layers_of(activation=[NODE("Cast", ["hidden"], ["active"], to=TensorProto.INT32)]),
@@ -392,14 +481,6 @@ def test_only_what_the_action_needs_is_read_of_onnx(of_onnx, nodes):
                 *layers_of(first=("b", "hidden")),
             ],
             "limits its input twice",
-        ),
-        (
-            [
-                NODE("Clip", ["seen", "minus", "one"], ["a"]),
-                NODE("Mul", ["a", "two"], ["b"]),
-                *layers_of(first=("b", "hidden")),
-            ],
-            "has arithmetic behind the limit of its input",
         ),
         (layers_of(activation=[("Clip", ["hidden", "minus", "one"], ["active"])]), "has a Clip that is neither of"),
         (layers_of(activation=[("Add", ["hidden", "C"], ["active"])]), "arithmetic of other than . numbers behind"),
@@ -427,16 +508,71 @@ def test_a_graph_of_onnx_that_runs_in_a_circle_is_refused(of_onnx):
         of_onnx(nodes, {})
 
 
-def test_onnx_is_whole_and_has_one_output(of_onnx, tmp_path):
+def test_onnx_is_whole(tmp_path):
     model = model_of(layers_of(), MORE)
     onnx.save(model, tmp_path / "net.onnx", save_as_external_data=True, location="net.onnx.data", size_threshold=0)
     (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
     with pytest.raises(InputError, match="keeps its numbers in another file; export it with external_data=False"):
         load_scenario(tmp_path / "mine.yaml")
-    two = model_of([*layers_of(), NODE("Tanh", ["done"], ["value"])], MORE)
-    two.graph.output.append(helper.make_tensor_value_info("value", TensorProto.FLOAT, [1, 3]))
-    onnx.save(two, tmp_path / "net.onnx")
-    with pytest.raises(InputError, match="has the outputs done, value, but must have one"):
+
+
+@pytest.mark.parametrize(
+    ("names", "taken"), [(("done", "value"), 0), (("value", "done"), 0), (("value", "Actions"), 1)]
+)
+def test_of_several_outputs_the_action_is_taken_or_the_first(tmp_path, names, taken):
+    model = model_of([*layers_of(last=names[0]), NODE("Tanh", [names[0]], [names[1]])], MORE)
+    del model.graph.output[:]
+    for name in names:
+        model.graph.output.append(helper.make_tensor_value_info(name, TensorProto.FLOAT, [1, 3]))
+    onnx.save(model, tmp_path / "net.onnx")
+    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
+    words = f"net.onnx: of its outputs {names[0]}, {names[1]}, {names[taken]} is taken for the action"
+    with pytest.warns(InputWarning, match=words):
+        found = output(load_scenario(tmp_path / "mine.yaml"))
+    expected = onnx.reference.ReferenceEvaluator(model).run(None, {"seen": INPUTS[None].astype(np.float32)})
+    np.testing.assert_allclose(found, expected[taken][0], rtol=2e-5)
+
+
+def test_a_clip_of_older_opsets_has_its_bounds_as_attributes(tmp_path):
+    """With opset 10, for observations and, at the end, for actions."""
+    clip = NODE("Clip", ["seen"], ["within"], min=-0.5, max=0.5)
+    nodes = [
+        clip,
+        *layers_of(first=("within", "hidden"), last="sum"),
+        NODE("Clip", ["sum"], ["done"], min=-1.0, max=1.0),
+    ]
+    model = model_of(nodes, {**MORE, "V": 0.1 * V, "C": 0.1 * C})
+    del model.opset_import[:]
+    model.opset_import.append(helper.make_opsetid("", 10))
+    model.ir_version = 5
+    onnx.save(model, tmp_path / "net.onnx")
+    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
+    (expected,) = onnx.reference.ReferenceEvaluator(model).run(None, {"seen": INPUTS[None].astype(np.float32)})
+    np.testing.assert_allclose(output(load_scenario(tmp_path / "mine.yaml")), expected[0], rtol=2e-5)
+    model.graph.node[0].attribute.pop()
+    onnx.save(model, tmp_path / "net.onnx")
+    with pytest.raises(InputError, match="has a Clip without two bounds"):
+        load_scenario(tmp_path / "mine.yaml")
+
+
+def test_operators_of_another_library_are_refused(tmp_path):
+    """What onnxruntime's optimiser writes has names of ONNX, and may mean something else."""
+    model = model_of(layers_of(activation=[NODE("Gelu", ["hidden"], ["active"], domain="com.microsoft")]), MORE)
+    model.opset_import.append(helper.make_opsetid("com.microsoft", 1))
+    onnx.save(model, tmp_path / "net.onnx")
+    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
+    with pytest.raises(InputError, match="has a node Gelu of com.microsoft; export it without optimisation"):
+        load_scenario(tmp_path / "mine.yaml")
+
+
+@pytest.mark.parametrize("version", [2147483647, 0, 10_000])
+def test_an_opset_that_nobody_knows_is_refused(tmp_path, version):
+    model = model_of(layers_of(), MORE)
+    model.opset_import[0].version = version
+    onnx.save(model, tmp_path / "net.onnx")
+    (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
+    words = rf"net.onnx: has opset {version}, while onnx [\d.]+ knows 1 to {onnx.defs.onnx_opset_version()}$"
+    with pytest.raises(InputError, match=words):
         load_scenario(tmp_path / "mine.yaml")
 
 
@@ -461,7 +597,7 @@ def test_recurrent_units_of_onnx_are_read_as_its_own_evaluator_reads_them(of_onn
                 helper.make_node("Tanh", ["a"], ["b"]),
                 helper.make_node("Mul", ["b", "W"], ["done"]),
             ],
-            "has arithmetic behind an activation or a recurrent layer",
+            "has arithmetic of other than 3 numbers behind 3 neurons",
         ),
         (
             [helper.make_node("GRU", ["seen", "W", "W"], ["", "done"], hidden_size=3)],

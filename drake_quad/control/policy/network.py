@@ -9,14 +9,17 @@ using RNN encoder-decoder for statistical machine translation", 2014, with the r
 PyTorch, TensorFlow and ONNX (`linear_before_reset`) have it.
 """
 
+import math
 from collections.abc import Callable, Sequence
+from functools import partial
 from typing import Literal, NamedTuple
 
-from drake_quad.framework.elementary import dense, exp, maximum, minimum, tanh, where
+from drake_quad.framework.elementary import dense, erf, exp, maximum, minimum, tanh, where
 from drake_quad.framework.symbols import Matrix
 from drake_quad.signals import Row
 
-Activation = Literal["identity", "relu", "tanh", "sigmoid", "elu", "silu"]
+Activation = Literal["identity", "relu", "tanh", "sigmoid", "elu", "silu", "leaky_relu", "gelu", "gelu_tanh"]
+_ROOT_OF_HALF, _ROOT_OF_2_OVER_PI = math.sqrt(0.5), math.sqrt(2.0 / math.pi)
 
 
 def identity(x: Row) -> Row:
@@ -34,9 +37,25 @@ def sigmoid(x: Row) -> Row:
     return 0.5 + 0.5 * tanh(0.5 * x)
 
 
-def elu(x: Row) -> Row:
-    """X, or exp x - 1 if it is negative."""
-    return where(x > 0.0, x, exp(minimum(x, 0.0)) - 1.0)
+def elu(x: Row, alpha: float = 1.0) -> Row:
+    """X, or α (exp x - 1) if it is negative."""
+    below = exp(minimum(x, 0.0)) - 1.0
+    return where(x > 0.0, x, below if alpha == 1.0 else alpha * below)
+
+
+def leaky_relu(x: Row, alpha: float = 0.01) -> Row:
+    """X, or α x if it is negative."""
+    return where(x > 0.0, x, alpha * x)
+
+
+def gelu(x: Row) -> Row:
+    """X times the probability that a standard normal variable is smaller (Hendrycks and Gimpel, 2016)."""
+    return 0.5 * x * (1.0 + erf(_ROOT_OF_HALF * x))
+
+
+def gelu_tanh(x: Row) -> Row:
+    """The approximation of `gelu` by a hyperbolic tangent, by the same authors."""
+    return 0.5 * x * (1.0 + tanh(_ROOT_OF_2_OVER_PI * (x + 0.044715 * x * x * x)))
 
 
 def silu(x: Row) -> Row:
@@ -44,15 +63,21 @@ def silu(x: Row) -> Row:
     return x * sigmoid(x)
 
 
-ACTIVATIONS: dict[Activation, Callable[[Row], Row]] = {
+ACTIVATIONS: dict[Activation, Callable[..., Row]] = {
     "identity": identity,
     "relu": relu,
     "tanh": tanh,
     "sigmoid": sigmoid,
     "elu": elu,
     "silu": silu,
+    "leaky_relu": leaky_relu,
+    "gelu": gelu,
+    "gelu_tanh": gelu_tanh,
 }
 """The functions of activations, by name."""
+
+WITH_ALPHA: tuple[Activation, ...] = ("elu", "leaky_relu")
+"""The activations that have a parameter α."""
 
 
 class Dense(NamedTuple):
@@ -61,10 +86,18 @@ class Dense(NamedTuple):
     Attributes:
         matrix: W and b.
         activation: σ.
+        alpha: parameter α of the activation; its default if it is None.
     """
 
     matrix: Matrix
     activation: Activation = "identity"
+    alpha: float | None = None
+
+    @property
+    def formula(self) -> Callable[[Row], Row]:
+        """The function σ."""
+        formula = ACTIVATIONS[self.activation]
+        return formula if self.alpha is None else partial(formula, alpha=self.alpha)
 
 
 class Gru(NamedTuple):
@@ -134,7 +167,7 @@ def passed(network: Network, inputs: Sequence[Row], memory: Sequence[Sequence[Ro
     remembered: list[tuple[Row, ...]] = []
     for layer in network.layers:
         if isinstance(layer, Dense):
-            rows = dense(layer.matrix, rows, ACTIVATIONS[layer.activation])
+            rows = dense(layer.matrix, rows, layer.formula)
         else:
             rows = _recurrent(layer, rows, memory[len(remembered)])
             remembered.append(tuple(rows))

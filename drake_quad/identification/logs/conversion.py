@@ -8,6 +8,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError, listed
+from drake_quad.identification.logs.doubts import doubts, jumps
 from drake_quad.identification.logs.mapping import ATTITUDES, Mapping, SignalSource
 from drake_quad.identification.logs.record import COLUMNS, FlightRecord
 from drake_quad.identification.logs.timing import rising, timing_remarks
@@ -25,6 +26,9 @@ _HALF_TURN = np.array([1.0, -1.0, -1.0])
 _QUATERNION_TURN = np.array([1.0, 1.0, -1.0, -1.0])
 # A quaternion that is so much shorter or longer than 1 is none: many logs begin with zeros.
 _UNIT_LENGTH = 0.5, 2.0
+# Shares of the full command of a motor that nothing sends, beside rounding: 16 bits hold no more, and other commands,
+# whose range a log need not say, are not so far beyond it.
+_COMMANDS, _COMMANDS_OF_16_BITS = (-0.5, 1.5), (-1e-3, 1.001)
 # A signal that is there for a smaller share of the time is left out.
 _LEAST_COVERAGE = 0.5
 # More than any unit has in flight: it is no number.
@@ -125,11 +129,12 @@ def record_of(
     Raises:
         InputError: it has no signal, or less than two samples of all.
     """
+    notes: list[str] = []
+    tables = [_without_damage(table, mapping, notes) for table in tables]
     order = sorted(tables, key=lambda table: -len(table.time))
     available = {*names}.union(*(table.columns for table in tables))
     clocks = _Clocks()
     channels: list[_Channel] = []
-    notes: list[str] = []
     for signal in mapping.signals:
         channel = next(_channels(signal, mapping, order, clocks), None)
         if channel is not None:
@@ -172,9 +177,38 @@ def record_of(
             *_missing_remarks(chosen),
             *left_out,
             *notes,
+            *(
+                each
+                for channel in chosen
+                if channel.signal == "position"
+                for each in jumps(channel.time, channel.values)
+            ),
+            *doubts(signals, time - time[0]),
             *_unread(available - ({mapping.time.column} if mapping.time else set()), used),
         ),
     )
+
+
+def _without_damage(table: Table, mapping: Mapping, notes: list[str]) -> Table:
+    """The table without the rows whose motor commands are none that can be sent, and a note on these."""
+    known = [
+        each for each in mapping.signals.get("motor_command", ()) if all(name in table.columns for name in each.names)
+    ]
+    if not known or not len(table.time):
+        return table
+    with np.errstate(all="ignore"):  # what is damaged may hold any number
+        commands = _values("motor_command", known[0], table)
+        least, most = _COMMANDS_OF_16_BITS if known[0].unit == "uint16" else _COMMANDS
+        wrong = ((commands < least) | (commands > most)).any(axis=1)
+    if not wrong.any():
+        return table
+    largest, first = float(np.nanmax(np.abs(commands[wrong]))), table.time[np.argmax(wrong)] - table.time[0]
+    notes.append(
+        f"{wrong.sum():,} of {len(wrong):,} samples are left out: their motor commands are none that can be sent, up to"
+        f" {largest:.3g} times the full one, first at {first:.4g} s; the log is damaged there"
+    )
+    columns = {name: values[~wrong] for name, values in table.columns.items()}
+    return Table(table.name, table.time[~wrong], columns, None if table.sampled is None else table.sampled[~wrong])
 
 
 def _channels(signal: str, mapping: Mapping, tables: Sequence[Table], clocks: _Clocks) -> Iterator[_Channel]:
@@ -186,6 +220,8 @@ def _channels(signal: str, mapping: Mapping, tables: Sequence[Table], clocks: _C
             clock, numbers = clocks.of(table, signal)
             with np.errstate(all="ignore"):  # what is damaged may hold any number
                 values = _values(signal, source, table)[numbers]
+            if signal == "motor_command":
+                values = np.clip(values, 0.0, 1.0)
             rows = np.flatnonzero((np.abs(values) < _LARGEST).all(axis=1))
             if len(rows) > 1:
                 yield _Channel(signal, clock, rows, values[rows], _origin(source))
@@ -214,8 +250,6 @@ def _values(signal: str, source: SignalSource, table: Table) -> np.ndarray:
         values = values[:, np.argsort(source.rotors)]
     if source.frame in _TURNED:
         values = -values if signal == "reference_yaw" else values * _HALF_TURN
-    if signal == "motor_command":
-        values = np.clip(values, 0.0, 1.0)
     return values
 
 
@@ -331,9 +365,13 @@ def _missing_remarks(channels: Sequence[_Channel]) -> Iterator[str]:
 
 
 def _why_not(signal: str, mapping: Mapping, available: set[str]) -> Iterator[str]:
-    """A sentence if a signal is left out of which a part is logged."""
+    """A sentence if a signal is left out of which a part is logged, or nothing but what is no number."""
     for source in mapping.signals[signal]:
         missing = [each for each in source.names if each not in available]
+        if not missing:
+            kind = "a quaternion of length 1" if source.quaternion else "a number"
+            yield f"{signal} is left out: {_range(source.names)} is {kind} in less than two samples"
+            return
         if 0 < len(missing) < len(source.names):
             yield f"{signal} is left out: {listed(missing)} {'is' if len(missing) == 1 else 'are'} not logged"
             return

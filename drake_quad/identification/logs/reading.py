@@ -22,7 +22,8 @@ def read_log(path: str | Path, mapping: str | Path | None = None) -> FlightRecor
             Crazyflie's log is read by `crazyflie`, a ULog by `px4`, and CSV by the shipped one that fits.
 
     Raises:
-        InputError: there is no such file, it is none of these logs, or it holds nothing that is whole and known.
+        InputError: there is no such file, it is none of these logs, or it holds nothing that is whole and known; or it
+            is PX4's of another vehicle than a quadrotor, and no mapping is given.
     """
     given = None if mapping is None else load_mapping(mapping)
     log = read_file(Path(path))
@@ -31,7 +32,7 @@ def read_log(path: str | Path, mapping: str | Path | None = None) -> FlightRecor
         tables, remarks = crazyflie.crazyflie_tables(log)
     elif log.data.startswith(ulog.MAGIC):
         name, known = given or load_mapping("px4")
-        tables, remarks, rotors = ulog.ulog_tables(log, known)
+        tables, remarks, rotors = ulog.ulog_tables(log, known, any_vehicle=given is not None)
         if name == "px4":
             known = known if rotors is None else known.with_rotors(rotors)
             order = ", ".join(map(str, known.rotors or ()))

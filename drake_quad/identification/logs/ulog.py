@@ -10,6 +10,13 @@ import numpy as np
 from drake_quad.errors import InputError, shortened
 from drake_quad.identification.logs.conversion import Table
 from drake_quad.identification.logs.mapping import Mapping
+from drake_quad.identification.logs.px4_status import (
+    STATUS_TOPICS,
+    other_vehicle,
+    status_remarks,
+    with_invalid_left_out,
+    with_pulses_of_motors,
+)
 from drake_quad.identification.logs.source import LogFile
 
 MAGIC = b"ULog\x01\x12\x35"
@@ -51,14 +58,20 @@ class ULogTables(NamedTuple):
     rotors: tuple[int, ...] | None
 
 
-def ulog_tables(log: LogFile, mapping: Mapping) -> ULogTables:
+def ulog_tables(log: LogFile, mapping: Mapping, *, any_vehicle: bool = False) -> ULogTables:
     """Reads the topics that a mapping knows, of their first instance.
 
     Fields are named as in `vehicle_attitude.q[0]`. What was measured is timed by `timestamp_sample` where the log has
-    it, and by `timestamp` otherwise.
+    it, and by `timestamp` otherwise. Positions and velocities that the log calls invalid are NaN, and pulses of motors
+    are from 1000 to 2000 µs, whatever the parameters have for the two.
+
+    Args:
+        log: the file.
+        mapping: of the topics' fields.
+        any_vehicle: whether a log of something else than a quadrotor is read, with a remark; else it is refused.
 
     Raises:
-        InputError: pyulog is not installed, or cannot read the log.
+        InputError: pyulog is not installed, or cannot read the log, or it is not that of a quadrotor.
     """
     topics = {name.partition(".")[0] for name in mapping.names}
     chain = _chain_of(log)
@@ -73,12 +86,25 @@ def ulog_tables(log: LogFile, mapping: Mapping) -> ULogTables:
     else:
         if read.file_corruption and not chain.goes_on:
             remarks.append("the log is damaged; read what pyulog finds whole")
-    topics_read = [topic for topic in read.data_list if topic.multi_id == 0 and "timestamp" in topic.data]
-    start = min((int(topic.data["timestamp"][0]) for topic in topics_read), default=0)
-    tables = [_table(topic, start) for topic in topics_read]
-    if not tables:
+    first = {topic.name: topic.data for topic in read.data_list if topic.multi_id == 0 and "timestamp" in topic.data}
+    parameters = read.initial_parameters
+    other = other_vehicle(parameters, first.get("vehicle_status"))
+    if other and not any_vehicle:
+        raise InputError(f"{log.mark}: is the log of {other}, and not of a quadrotor; a mapping of your own reads it")
+    mapped = {name: data for name, data in first.items() if name in topics}
+    if not mapped:
         raise InputError(f"{log.mark}: is a ULog without any of the topics {', '.join(sorted(topics))}")
-    return ULogTables(tables, [*remarks, *_dropouts(read)], _rotors(read.initial_parameters))
+    start = min(int(data["timestamp"][0]) for data in mapped.values())
+    remarks += [*([f"the log is of {other}"] if other else []), *_dropouts(read), *status_remarks(first, start)]
+    tables = []
+    for name, data in mapped.items():
+        if name == "actuator_outputs":
+            mapped_data, said = with_pulses_of_motors(data, parameters)
+            remarks += said if "actuator_motors" not in mapped else ()  # which is read in its place
+        else:
+            mapped_data = with_invalid_left_out(name, data)
+        tables.append(_table(name, mapped_data, start))
+    return ULogTables(tables, remarks, _rotors(parameters))
 
 
 class _Chain(NamedTuple):
@@ -134,7 +160,7 @@ def _read(log: LogFile, data: bytes, topics: set[str]) -> Any:
         # What it prints is said in remarks.
         with contextlib.redirect_stdout(io.StringIO()):
             _check_fields(ULog(_Bounded(data), parse_header_only=True).message_formats)
-            return ULog(_Bounded(data), sorted(topics))
+            return ULog(_Bounded(data), sorted(topics.union(STATUS_TOPICS)))
     except Exception as error:  # of a damaged log pyulog raises whatever its lines meet
         reason = shortened(str(error) or type(error).__name__)
         raise InputError(f"{log.mark}: is a ULog that cannot be read: {reason}") from None
@@ -170,20 +196,18 @@ def _check_fields(formats: dict[str, Any]) -> None:
         count(name, 0)
 
 
-def _table(topic: Any, start: int) -> Table:
+def _table(topic: str, data: collections.abc.Mapping[str, np.ndarray], start: int) -> Table:
     """A topic, timed from a start in µs: from 1970 on a microsecond would be lost."""
 
     def seconds(stamps: np.ndarray) -> np.ndarray:
         return (stamps.astype(np.uint64) - np.uint64(start)).view(np.int64) * _SECOND
 
-    sampled = topic.data.get("timestamp_sample")
+    sampled = data.get("timestamp_sample")
     columns = {
-        f"{topic.name}.{name}": values
-        for name, values in topic.data.items()
-        if not name.startswith(("timestamp", "_padding"))
+        f"{topic}.{name}": values for name, values in data.items() if not name.startswith(("timestamp", "_padding"))
     }
-    known = sampled is not None and bool((sampled > 0).all())
-    return Table(topic.name, seconds(topic.data["timestamp"]), columns, seconds(sampled) if known else None)
+    known = None if sampled is None or not (sampled > 0).all() else seconds(sampled)
+    return Table(topic, seconds(data["timestamp"]), columns, known)
 
 
 def _dropouts(read: Any) -> list[str]:

@@ -2,8 +2,12 @@
 
 import numpy as np
 import pytest
+import scipy
+from pydrake.autodiffutils import AutoDiffXd
 
-from drake_quad.control.policy.network import ACTIVATIONS, Dense, Gru, Network, passed
+from drake_quad.control.policy.network import ACTIVATIONS, WITH_ALPHA, Dense, Gru, Network, passed
+from drake_quad.framework.formulas import kernel
+from drake_quad.framework.records import ROW
 from drake_quad.framework.symbols import Matrix
 
 
@@ -23,6 +27,9 @@ EXPECTED = {
     "sigmoid": lambda x: 1.0 / (1.0 + np.exp(-x)),
     "elu": lambda x: np.where(x > 0.0, x, np.exp(x) - 1.0),
     "silu": lambda x: x / (1.0 + np.exp(-x)),
+    "leaky_relu": lambda x: np.where(x > 0.0, x, 0.01 * x),
+    "gelu": lambda x: x * scipy.stats.norm.cdf(x),
+    "gelu_tanh": lambda x: x / (1.0 + np.exp(-2.0 * np.sqrt(2.0 / np.pi) * (x + 0.044715 * x**3))),
 }
 
 
@@ -30,8 +37,42 @@ EXPECTED = {
 def test_activations(activation):
     x = np.linspace(-4.0, 4.0, 41)
     found = [ACTIVATIONS[activation](each) for each in x.tolist()]
-    np.testing.assert_allclose(found, EXPECTED[activation](x), rtol=1e-13, atol=1e-16)
-    np.testing.assert_allclose(ACTIVATIONS[activation](x), found, rtol=1e-13, atol=1e-16)
+    np.testing.assert_allclose(found, EXPECTED[activation](x), rtol=1e-12, atol=1e-15)
+    np.testing.assert_allclose(ACTIVATIONS[activation](x), found, rtol=1e-12, atol=1e-15)
+
+
+def test_gelu_is_near_its_approximation():
+    """By 5e-4, as its authors have it."""
+    x = np.linspace(-6.0, 6.0, 401)
+    np.testing.assert_allclose(ACTIVATIONS["gelu_tanh"](x), ACTIVATIONS["gelu"](x), atol=5e-4)
+
+
+@pytest.mark.parametrize(("activation", "alpha"), [("elu", 0.7), ("leaky_relu", 0.2), ("leaky_relu", -0.1)])
+def test_some_activations_have_a_parameter(activation, alpha):
+    x = np.linspace(-3.0, 3.0, 13)
+    expected = np.where(x > 0.0, x, alpha * (np.expm1(x) if activation == "elu" else x))
+    neurons = Dense(Matrix(np.eye(1), np.zeros(1)), activation, alpha)
+    np.testing.assert_allclose([neurons.formula(each) for each in x.tolist()], expected, rtol=1e-14)
+    np.testing.assert_allclose(passed(Network((neurons,), 1), [x], ()).output[0], expected, rtol=1e-14)
+
+
+@pytest.mark.parametrize("activation", ACTIVATIONS)
+def test_activations_are_compiled_and_differentiated(activation):
+    """As numbers, to rounding; and by central differences."""
+    x = np.linspace(-4.0, 4.05, 60)
+    alpha = 0.3 if activation in WITH_ALPHA else None
+    network = Network((Dense(Matrix(np.eye(1), np.zeros(1)), activation, alpha),), 1)
+
+    def formula(row):
+        return passed(network, [row], ()).output[0]
+
+    found = np.empty_like(x)
+    kernel(formula, (ROW,), (ROW,), lone=False)(len(x), 0.0, found, x)
+    np.testing.assert_allclose(found, formula(x), rtol=1e-13, atol=1e-15)
+    step = 1e-5
+    slopes = [(formula(AutoDiffXd(each, [1.0])) + AutoDiffXd(0.0, [0.0])).derivatives()[0] for each in x.tolist()]
+    differences = (formula(x + step) - formula(x - step)) / (2.0 * step)
+    np.testing.assert_allclose(slopes, differences, atol=1e-8)
 
 
 def test_layers_of_neurons_follow_each_other_behind_a_prepared_input():

@@ -1,0 +1,223 @@
+"""What a ULog says of itself: which vehicle it is of, how far it goes, and what its estimator went through.
+
+The numbers of vehicle types are those of MAVLink's MAV_TYPE and of PX4's parameter CA_AIRFRAME.
+"""
+
+from collections.abc import Iterator, Mapping
+from typing import Any, NamedTuple
+
+import numpy as np
+
+from drake_quad.errors import listed
+
+# Topics that are read for this alone.
+STATUS_TOPICS = ("vehicle_status", "vehicle_land_detected", "estimator_status")
+_QUADROTOR = 2
+_TYPES = {
+    1: "an aeroplane",
+    3: "a coaxial helicopter",
+    4: "a helicopter",
+    7: "an airship",
+    8: "a balloon",
+    10: "a ground rover",
+    11: "a boat",
+    12: "a submarine",
+    13: "a hexarotor",
+    14: "an octorotor",
+    15: "a tricopter",
+    **dict.fromkeys(range(19, 26), "a VTOL"),
+    29: "a dodecarotor",
+    35: "a decarotor",
+}
+_AIRFRAMES = {
+    1: "an aeroplane",
+    **dict.fromkeys((2, 3, 4), "a VTOL"),
+    **dict.fromkeys((5, 6, 13), "a ground rover"),
+    7: "a vehicle with motors in all directions",
+    8: "a multirotor that tilts its rotors",
+    **dict.fromkeys((10, 11, 12), "a helicopter"),
+    14: "a spacecraft",
+}
+# `vehicle_type` of `vehicle_status`: 0 is unknown, 1 a rotary wing.
+_WINGS = {2: "an aeroplane", 3: "a ground rover", 4: "an airship"}
+_ARMED = 2  # of `arming_state`
+
+
+class _Reset(NamedTuple):
+    """A counter of resets of the estimator.
+
+    Attributes:
+        topic: that has it.
+        counter: its field.
+        what: is reset.
+        fields: by how much.
+        factor: that makes the unit of their length.
+        unit: of it.
+    """
+
+    topic: str
+    counter: str
+    what: str
+    fields: tuple[str, ...]
+    factor: float
+    unit: str
+
+
+_VECTOR_PART = ("delta_q_reset[1]", "delta_q_reset[2]", "delta_q_reset[3]")
+_RESETS = (
+    _Reset("vehicle_local_position", "xy_reset_counter", "position", ("delta_xy[0]", "delta_xy[1]"), 1.0, "m"),
+    _Reset("vehicle_local_position", "z_reset_counter", "height", ("delta_z",), 1.0, "m"),
+    _Reset("vehicle_local_position", "vxy_reset_counter", "velocity", ("delta_vxy[0]", "delta_vxy[1]"), 1.0, "m/s"),
+    _Reset("vehicle_local_position", "vz_reset_counter", "climb", ("delta_vz",), 1.0, "m/s"),
+    # The vector part of a small turn's quaternion is half of its angle.
+    _Reset("vehicle_attitude", "quat_reset_counter", "attitude", _VECTOR_PART, 2.0, "rad"),
+)
+_SMALL_RESET = 0.01  # m, m/s or rad; estimators reset by less when they begin
+# Fields of `vehicle_local_position` that say whether others of it hold.
+_VALIDITY = {
+    "xy_valid": ("x", "y"),
+    "z_valid": ("z",),
+    "v_xy_valid": ("vx", "vy"),
+    "v_z_valid": ("vz",),
+}
+# Where PX4 has pulses of servos for full range, µs, unless its parameters say otherwise.
+_DEFAULT_PULSES = 1000.0, 2000.0
+_MOTOR_FUNCTION = 101  # of PWM_MAIN_FUNC1 and so on: motor 1
+_MOTORS = 4
+_MICROSECOND = 1e-6
+
+_Parameters = Mapping[str, Any]
+_Data = Mapping[str, np.ndarray]
+
+
+def other_vehicle(parameters: _Parameters, status: _Data | None) -> str:
+    """Return what a log is of, if that is no quadrotor, and how it says so; empty if it is one or does not say.
+
+    Args:
+        parameters: of the log.
+        status: the topic `vehicle_status`, if it was logged.
+    """
+    types = [("the parameter MAV_TYPE", parameters.get("MAV_TYPE"), _TYPES)]
+    types += [("the parameter CA_AIRFRAME", parameters.get("CA_AIRFRAME"), _AIRFRAMES)]
+    for field, names in (("system_type", _TYPES), ("vehicle_type", _WINGS)):
+        values = () if status is None else np.unique(status.get(field, ())).tolist()
+        types += [(f"vehicle_status.{field}", value, names) for value in values]
+    for where, value, names in types:
+        if value in names:
+            return f"{names[value]}, by {where}, {value}"
+    if status is not None and np.any(status.get("is_vtol", 0)):
+        return "a VTOL, by vehicle_status.is_vtol"
+    rotors = parameters.get("CA_ROTOR_COUNT", 0)
+    if rotors not in (0, _MOTORS):
+        return f"a vehicle of {rotors} rotors, by the parameter CA_ROTOR_COUNT"
+    return ""
+
+
+def status_remarks(topics: Mapping[str, _Data], start: int) -> Iterator[str]:
+    """Yield sentences on resets and faults of the estimator, on failsafes, and on a flight that does not end.
+
+    Args:
+        topics: those that were logged, by name.
+        start: of the times in the sentences, µs.
+    """
+
+    def seconds(data: _Data, row: int) -> float:
+        return (int(data["timestamp"][row]) - start) * _MICROSECOND
+
+    for reset in _RESETS:
+        data = topics.get(reset.topic, {})
+        if not all(field in data for field in (reset.counter, *reset.fields)):
+            continue
+        rows = 1 + np.flatnonzero(np.diff(data[reset.counter].astype(int)))
+        sizes = reset.factor * np.linalg.norm([data[field][rows] for field in reset.fields], axis=0)
+        rows, sizes = rows[sizes >= _SMALL_RESET], sizes[sizes >= _SMALL_RESET]
+        if len(rows):
+            times = "once" if len(rows) == 1 else f"{len(rows)} times"
+            yield (
+                f"the estimator resets its {reset.what} {times}, at most by {sizes.max():.2g} {reset.unit}, first at"
+                f" {seconds(data, rows[0]):.4g} s of the log; what is estimated jumps there"
+            )
+    yield from _failsafes(topics.get("vehicle_status", {}), seconds)
+    estimator = topics.get("estimator_status", {})
+    for field, what in (
+        ("filter_fault_flags", "numerical faults"),
+        ("innovation_check_flags", "measurements that the estimator rejects"),
+    ):
+        rows = np.flatnonzero(estimator.get(field, ()))
+        if len(rows):
+            share, first = len(rows) / len(estimator["timestamp"]), seconds(estimator, rows[0])
+            yield f"estimator_status has {what} in {share:.2%} of its samples, first at {first:.4g} s of the log"
+    local = topics.get("vehicle_local_position", {})
+    if "dead_reckoning" in local and "xy_valid" in local:
+        rows = np.flatnonzero(local["dead_reckoning"].astype(bool) & local["xy_valid"].astype(bool))
+        if len(rows):
+            share, first = len(rows) / len(local["timestamp"]), seconds(local, rows[0])
+            yield f"the position is by dead reckoning in {share:.2%} of its samples, first at {first:.4g} s of the log"
+    yield from _end(topics)
+
+
+def _failsafes(status: _Data, seconds: Any) -> Iterator[str]:
+    edges = np.diff(np.asarray(status.get("failsafe", ())).astype(int), prepend=0, append=0)
+    begins, ends = np.flatnonzero(edges > 0), np.flatnonzero(edges < 0) - 1
+    if len(begins):
+        spans = [f"{seconds(status, a):.4g} to {seconds(status, b):.4g} s" for a, b in zip(begins, ends, strict=True)]
+        yield f"PX4 is in failsafe from {listed(spans, 3)} of the log: it does not follow its reference there"
+
+
+def _end(topics: Mapping[str, _Data]) -> Iterator[str]:
+    armed = np.asarray(topics.get("vehicle_status", {}).get("arming_state", ()))
+    landed = np.asarray(topics.get("vehicle_land_detected", {}).get("landed", ()))
+    if len(armed) and len(landed) and armed[-1] == _ARMED and not landed[-1]:
+        yield "the log ends in flight"
+
+
+def with_invalid_left_out(topic: str, data: _Data) -> dict[str, np.ndarray]:
+    """Return the fields of a topic with NaN in the place of what the topic itself calls invalid."""
+    found = dict(data)
+    if topic == "vehicle_local_position":
+        for validity, fields in _VALIDITY.items():
+            for field in fields:
+                if validity in data and field in data:
+                    found[field] = np.where(data[validity].astype(bool), data[field], np.nan)
+    return found
+
+
+def with_pulses_of_motors(data: _Data, parameters: _Parameters) -> tuple[dict[str, np.ndarray], list[str]]:
+    """Return the topic `actuator_outputs` with the pulses of the motors first and from 1000 to 2000 µs, and remarks.
+
+    Args:
+        data: of the topic.
+        parameters: of the log, with the channel of each motor and the pulses for nothing and for all.
+    """
+    channels = [
+        next((i for i in range(1, 17) if parameters.get(f"PWM_MAIN_FUNC{i}") == _MOTOR_FUNCTION + motor), motor + 1)
+        for motor in range(_MOTORS)
+    ]
+    names = [f"output[{channel - 1}]" for channel in channels]
+    if not all(name in data for name in names):
+        return dict(data), []
+    found, ranges = dict(data), []
+    for motor, (name, channel) in enumerate(zip(names, channels, strict=True)):
+        low, high = (_limit(parameters, end, channel, default) for end, default in zip(("MIN", "MAX"), _DEFAULT_PULSES))
+        ranges.append((low, high))
+        least, most = _DEFAULT_PULSES
+        found[f"output[{motor}]"] = least + (data[name].astype(float) - low) * (most - least) / (high - low)
+    remarks = []
+    known = any(name.startswith(("PWM_MIN", "PWM_MAX", "PWM_MAIN_M")) for name in parameters)
+    spans = listed(list(dict.fromkeys(f"{low:g} to {high:g}" for low, high in ranges)))
+    source = "by PWM_MAIN_MIN, PWM_MAIN_MAX and the like" if known else "assumed, which no parameter says"
+    remarks.append(f"motors are off and full at pulses of {spans} µs, {source}")
+    if channels != [*range(1, _MOTORS + 1)]:
+        remarks.append(
+            f"PX4's motors 1 to 4 are at its outputs {', '.join(map(str, channels))}, by PWM_MAIN_FUNC1 and so on"
+        )
+    return found, remarks
+
+
+def _limit(parameters: _Parameters, end: str, channel: int, default: float) -> float:
+    """The pulse of a channel at an end of its range, µs; a parameter below 0 stands for the next."""
+    for name in (f"PWM_MAIN_{end}{channel}", f"PWM_MAIN_{end}", f"PWM_{end}"):
+        value = parameters.get(name, -1)
+        if value >= 0:
+            return float(value)
+    return default
