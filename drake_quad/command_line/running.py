@@ -31,7 +31,8 @@ def orderly_exit() -> Iterator[None]:
             setattr(sys, name, Path(os.devnull).open("w", encoding="utf-8"))  # noqa: SIM115 - for the whole process
         elif isinstance(stream, io.TextIOWrapper):
             stream.reconfigure(errors="backslashreplace")
-    status, sentence, exits = 0, "", False
+    status: str | int | None = 0
+    sentence, exits = "", False
     try:
         yield
     except SystemExit as stop:

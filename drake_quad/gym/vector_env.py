@@ -186,18 +186,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             InputError: the actions have another shape, are no real numbers, or are not finite or larger than 1,000,000
                 in size; or there was no reset before.
         """
-        given, actions = actions, real_numbers(actions)
-        if actions is None:
-            raise InputError(f"actions are {shown(given)}, but must be real numbers of one shape")
-        if actions.shape != self._last_action.shape:
-            raise InputError(f"actions have the shape {actions.shape}, but must have {self._last_action.shape}")
-        wrong = ~(np.abs(actions) <= MAX_ACTION).all(axis=1)
-        if wrong.any():
-            vehicle, *_ = np.flatnonzero(wrong).tolist()
-            raise InputError(
-                f"actions must be finite and at most {MAX_ACTION:,.0f} in size, but that of vehicle {vehicle} is"
-                f" {shown(actions[vehicle].tolist())}"
-            )
+        actions = self._checked_actions(actions)
         if not self.has_begun:
             raise InputError("the environment must be reset before its first step")
         fleet = self._fleet
@@ -298,6 +287,22 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _observation(self) -> np.ndarray:
         """(N, rows) what policies see."""
         return single_precision(self._fleet.shown("observation"))
+
+    def _checked_actions(self, given: Any) -> np.ndarray:
+        """The (N, rows) actions that are given; raises InputError if they are none."""
+        actions = real_numbers(given)
+        if actions is None:
+            raise InputError(f"actions are {shown(given)}, but must be real numbers of one shape")
+        if actions.shape != self._last_action.shape:
+            raise InputError(f"actions have the shape {actions.shape}, but must have {self._last_action.shape}")
+        wrong = ~(np.abs(actions) <= MAX_ACTION).all(axis=1)
+        if wrong.any():
+            vehicle, *_ = np.flatnonzero(wrong).tolist()
+            raise InputError(
+                f"actions must be finite and at most {MAX_ACTION:,.0f} in size, but that of vehicle {vehicle} is"
+                f" {shown(actions[vehicle].tolist())}"
+            )
+        return actions
 
     def _judged(self, found: Any, name: str, kind: type) -> np.ndarray:
         """What a function of a transition has returned, as the environment's own."""
