@@ -4,11 +4,12 @@ Each is changed inside a `with` statement, as in `with single_threaded_blas():`.
 """
 
 import functools
+import io
 import logging
 import threading
 import warnings
 from collections.abc import Callable, Iterator
-from contextlib import AbstractContextManager, contextmanager
+from contextlib import AbstractContextManager, contextmanager, redirect_stdout
 from typing import Any
 
 from threadpoolctl import ThreadpoolController
@@ -68,6 +69,9 @@ single_threaded_blas = ProcessSetting(lambda: _linear_algebra().limit(limits=1, 
 
 without_drake_remarks = ProcessSetting(_drake_at_warning)
 """Drake logs warnings and errors only, not what its solvers tried and where its servers listen."""
+
+without_prints = ProcessSetting(lambda: redirect_stdout(io.StringIO()))
+"""Nothing is printed to the standard output."""
 
 without_warnings = ProcessSetting(lambda: warnings.catch_warnings(action="ignore"))
 """Python's warnings are not shown."""

@@ -1,6 +1,7 @@
 """Folders that cannot be written, and arrays that cannot be read, are told in a sentence."""
 
 import io
+import threading
 import warnings
 import zipfile
 from pathlib import Path
@@ -9,7 +10,7 @@ import numpy as np
 import pytest
 
 from drake_quad import InputError
-from drake_quad.files import output_folder, read_arrays
+from drake_quad.files import output_folder, read_arrays, write_whole
 
 
 @pytest.mark.parametrize("name", ["a\0b", "x" * 5000, "a\nb/" + "x" * 300])
@@ -24,6 +25,27 @@ def test_a_folder_below_a_file_is_refused(tmp_path):
     (tmp_path / "file").write_text("in the way")
     with pytest.raises(InputError, match="cannot be written: not a directory"):
         output_folder(Path(tmp_path / "file" / "folder"))
+
+
+def test_threads_that_write_one_file_leave_one_of_them_whole(tmp_path):
+    gate = threading.Barrier(2)
+
+    def write(text):
+        def fill(path):
+            path.write_text(text[:5])
+            gate.wait(10.0)
+            path.write_text(text)
+
+        write_whole(tmp_path / "file.txt", fill)
+
+    texts = ["one" * 1000, "two" * 1000]
+    threads = [threading.Thread(target=write, args=(text,)) for text in texts]
+    for thread in threads:
+        thread.start()
+    for thread in threads:
+        thread.join()
+    assert [path.name for path in tmp_path.iterdir()] == ["file.txt"]
+    assert (tmp_path / "file.txt").read_text() in texts
 
 
 def npz(*members):

@@ -186,27 +186,16 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
             InputError: the actions have another shape, are no real numbers, or are not finite or larger than 1,000,000
                 in size; or there was no reset before.
         """
-        numbers = real_numbers(actions)
-        if numbers is None:
-            raise InputError(f"actions are {shown(actions)}, but must be real numbers of one shape")
-        if numbers.shape != self._last_action.shape:
-            raise InputError(f"actions have the shape {numbers.shape}, but must have {self._last_action.shape}")
-        wrong = ~(np.abs(numbers) <= MAX_ACTION).all(axis=1)
-        if wrong.any():
-            vehicle, *_ = np.flatnonzero(wrong).tolist()
-            raise InputError(
-                f"actions must be finite and at most {MAX_ACTION:,.0f} in size, but that of vehicle {vehicle} is"
-                f" {shown(numbers[vehicle].tolist())}"
-            )
+        actions = self._checked_actions(actions)
         if not self.has_begun:
             raise InputError("the environment must be reset before its first step")
         fleet = self._fleet
         infos: dict[str, Any] = {}
         if self._tape is not None:
-            self._tape.write(fleet.clocks, numbers)
-        fleet.advance(numbers)
-        step = self._transition(numbers)
-        self._last_action = numbers
+            self._tape.write(fleet.clocks, actions)
+        fleet.advance(actions)
+        step = self._transition(actions)
+        self._last_action = actions
         seen = step.observation
         rewards = self._judged(self._reward(step), "reward", float)
         terminations = self._judged(self._terminates(step), "terminates", bool)
@@ -298,6 +287,22 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
     def _observation(self) -> np.ndarray:
         """(N, rows) what policies see."""
         return single_precision(self._fleet.shown("observation"))
+
+    def _checked_actions(self, given: Any) -> np.ndarray:
+        """The (N, rows) actions that are given; raises InputError if they are none."""
+        actions = real_numbers(given)
+        if actions is None:
+            raise InputError(f"actions are {shown(given)}, but must be real numbers of one shape")
+        if actions.shape != self._last_action.shape:
+            raise InputError(f"actions have the shape {actions.shape}, but must have {self._last_action.shape}")
+        wrong = ~(np.abs(actions) <= MAX_ACTION).all(axis=1)
+        if wrong.any():
+            vehicle, *_ = np.flatnonzero(wrong).tolist()
+            raise InputError(
+                f"actions must be finite and at most {MAX_ACTION:,.0f} in size, but that of vehicle {vehicle} is"
+                f" {shown(actions[vehicle].tolist())}"
+            )
+        return actions
 
     def _judged(self, found: Any, name: str, kind: type) -> np.ndarray:
         """What a function of a transition has returned, as the environment's own."""

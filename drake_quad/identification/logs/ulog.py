@@ -1,7 +1,6 @@
 """PX4's ULog, by pyulog (docs.px4.io, "ULog file format")."""
 
 import collections.abc
-import contextlib
 import io
 from typing import Any, NamedTuple
 
@@ -18,6 +17,7 @@ from drake_quad.identification.logs.px4_status import (
     with_pulses_of_motors,
 )
 from drake_quad.identification.logs.source import LogFile
+from drake_quad.process_settings import without_prints
 
 MAGIC = b"ULog\x01\x12\x35"
 _SECOND = 1e-6
@@ -158,7 +158,7 @@ def _read(log: LogFile, data: bytes, topics: set[str]) -> Any:
         raise InputError(f"{log.mark}: a ULog is read by pyulog: pip install 'drake_quad[ulog]'") from None
     try:
         # What it prints is said in remarks.
-        with contextlib.redirect_stdout(io.StringIO()):
+        with without_prints():
             _check_fields(ULog(_Bounded(data), parse_header_only=True).message_formats)
             return ULog(_Bounded(data), sorted(topics.union(STATUS_TOPICS)))
     except Exception as error:  # of a damaged log pyulog raises whatever its lines meet
