@@ -150,7 +150,7 @@ replaced as a whole, so that nothing is left of what was there before:
 
 - **A vehicle.** A scenario that gives `nominal` a mass, an inertia, the place and the factors of the rotors, and their
   inertia and limits, describes a vehicle. It replaces `nominal` and `vehicle`; what stays are the gravity, the time
-  step, the kinematics, a rotor's failure, loads, and distributions that are [relative](#relative-distributions). An
+  step, the kinematics, a rotor's failure, loads, and distributions that are relative (below). An
   autopilot of kind `response`, which was identified with a vehicle, goes with it, and so does the control that relied
   on it. `default_vehicle` names the vehicle that flies where nothing describes another: a laboratory has one, and
   serves every vehicle.
@@ -172,9 +172,7 @@ correlated:
       normal: {{mean: 0.05, standard_deviation: 0.004, min: 0.02, max: 0.08, shared: {{battery: -0.5}}}}
 ```
 
-## Relative distributions
-
-A distribution in `vehicle` can be relative to the vehicle that flies. Its numbers then belong to a vehicle whose field
+**Relative distributions.** A distribution in `vehicle` can be relative to the vehicle that flies. Its numbers then belong to a vehicle whose field
 has the value `to` (1 if it is not given), and are scaled in proportion for any other: for a vehicle of 2 kg this is a
 mass of 2 kg with a standard deviation of 29 g.
 
