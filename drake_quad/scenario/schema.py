@@ -172,9 +172,9 @@ correlated:
       normal: {{mean: 0.05, standard_deviation: 0.004, min: 0.02, max: 0.08, shared: {{battery: -0.5}}}}
 ```
 
-**Relative distributions.** A distribution in `vehicle` can be relative to the vehicle that flies. Its numbers then belong to a vehicle whose field
-has the value `to` (1 if it is not given), and are scaled in proportion for any other: for a vehicle of 2 kg this is a
-mass of 2 kg with a standard deviation of 29 g.
+**Relative distributions.** A distribution in `vehicle` can be relative to the vehicle that flies. Its numbers then
+belong to a vehicle whose field has the value `to` (1 if it is not given), and are scaled in proportion for any other:
+for a vehicle of 2 kg this is a mass of 2 kg with a standard deviation of 29 g.
 
 ```yaml
 uncertain_mass:
