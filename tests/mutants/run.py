@@ -229,6 +229,9 @@ def report(results: list[tuple[str, Mutant, Outcome]]) -> int:
         print(f"{package:16}{count:9}{killed:9}{alive - unlisted:9}{unlisted:9}{score:9.1%}")
         if package != "all" and score < MIN_SCORE:
             below.append(package)
+    late = sum("SIGKILL" in (outcome.killer or "") for *_, outcome in results)
+    if late:
+        print(f"{late} mutants count as killed because they took 600 s by the clock; a paused machine does so, too")
     print(f"wrote\n  {OUTPUT / 'mutants.csv'}\n  {OUTPUT / 'survivors.txt'}")
     if below:
         print(f"score below {MIN_SCORE:.0%}: {', '.join(below)}", file=sys.stderr)

@@ -77,6 +77,8 @@ def test_bode_plots_have_gain_phase_and_margins(design):
 def test_the_disk_of_a_nyquist_plot_is_what_the_loop_stays_outside_of(design):
     for axes, name in zip(design_plots.plot_nyquist(design).axes, ("pitch", "x"), strict=True):
         loop = design.all_loops[name]
+        named = [text.get_text() for text in axes.get_legend().get_texts()]
+        assert named == ["L", "|L| = 1", f"disk margin {loop.margins.disk:.2f}"]
         curve = axes.lines[0].get_xydata() @ [1.0, 1j]
         frequency = np.geomspace(0.1, 0.9 * math.pi / loop.plant.period, 400)
         expected = response_of(loop, frequency)
@@ -98,7 +100,11 @@ def test_the_disk_of_a_nyquist_plot_is_what_the_loop_stays_outside_of(design):
 def test_poles_of_a_root_locus_are_those_of_the_closed_loop(design):
     loop = design.loops["x"]
     plant, row = loop.plant, np.array([loop.gains])
-    (axes,) = design_plots.plot_root_locus(design).axes
+    figure = design_plots.plot_root_locus(design)
+    (axes,) = figure.axes
+    named = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert named[:2] == ["open loop", "as designed"]
+    assert len(named) == 3
 
     def poles(factor):
         """In continuous time; those of delays have none there."""
@@ -198,7 +204,9 @@ def test_a_map_shades_the_error_of_each_pair_of_gains(panels):
     assert [axes.get_title() for axes in (left, right)] == ["calm", "windy"]
     assert bar.get_ylabel() == "RMSE of the flight (cm)"
     assert set(bar.get_yticks()) == {2.0, 5.0, 10.0}
-    assert "crashed" in [text.get_text() for text in figure.legends[0].get_texts()]
+    named = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert named == ["edge of stability", "damping ζ", "delay margin", "scenario", "crashed"]
+    assert figure.get_suptitle() == "Gains of the position loop: flights in shades, the linear model in lines"
     outside = drawn_map(found, first, second, marked=(0.5, 2.0)).axes[0]
     assert not outside.lines
 
@@ -333,6 +341,7 @@ def test_profiles_of_a_plan_are_norms_of_its_derivatives(planned, drawn_plan):
         parameters.min_rotor_speed,
         parameters.max_rotor_speed,
     ]
+    assert [text.get_text() for text in rotors.get_legend().get_texts()] == [f"rotor {i}" for i in range(1, 5)]
     assert rotors.get_ylim() == pytest.approx((0.0, 1.12 * parameters.max_rotor_speed))
     passed = [line.get_xdata()[0] for line in rotors.lines[6:]]
     np.testing.assert_allclose(passed, plan.path.times)

@@ -43,8 +43,16 @@ def curve(axes, label):
     return found.get_xydata().T
 
 
+def legends(figure):
+    """The texts of all legends of a figure, in order."""
+    found = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]
+    return [text.get_text() for legend in found if legend is not None for text in legend.get_texts()]
+
+
 def test_the_position_error_is_reference_minus_flown_in_centimetres(flight):
-    upper, lower = plots.plot_errors(flight).axes
+    figure = plots.plot_errors(flight)
+    assert legends(figure) == ["X", "Y", "Z"]
+    upper, lower = figure.axes
     state, reference = flight.record("state"), flight.record("reference")
     squared = 0.0
     for axis in "xyz":
@@ -60,7 +68,9 @@ def test_the_position_error_is_reference_minus_flown_in_centimetres(flight):
 
 
 def test_attitude_is_in_degrees_beside_its_command(flight):
-    rows = plots.plot_attitude(flight).axes
+    figure = plots.plot_attitude(flight)
+    assert legends(figure) == ["commanded", "flown"]
+    rows = figure.axes
     for axes, angle in zip(rows, ("roll", "pitch", "yaw"), strict=True):
         np.testing.assert_allclose(curve(axes, "flown")[1], np.degrees(getattr(flight.record("state"), angle)))
         wanted = np.degrees(getattr(flight.record("attitude_command"), angle))
@@ -85,7 +95,9 @@ def test_an_attitude_that_stays_is_in_the_middle():
 
 
 def test_rotor_speeds_are_shown_close_and_between_their_limits(flight):
-    close, whole = plots.plot_rotors(flight).axes
+    figure = plots.plot_rotors(flight)
+    assert legends(figure) == [f"rotor {i}" for i in range(1, 5)]
+    close, whole = figure.axes
     vehicle = flight.scenario.vehicle
     speeds = flight.record("rotor_speed")
     for i, (color, speed) in enumerate(zip(ROTORS, speeds, strict=True), start=1):
@@ -108,7 +120,11 @@ def test_rotor_speeds_are_shown_close_and_between_their_limits(flight):
 
 
 def test_a_path_is_shown_in_space_and_from_above(flight):
-    space, plane = plots.plot_path(flight).axes
+    figure = plots.plot_path(flight)
+    assert legends(figure) == ["flown", "reference", "start", *(leg.name for leg in flight.plan.legs)]
+    space, plane = figure.axes
+    numbers = [text.get_text() for text in plane.texts if text.get_text().isdigit()]
+    assert numbers == [str(mark.number) for mark in leg_marks(flight.plan) if np.any(mark.beside)]
     state, reference = flight.record("state"), flight.record("reference")
     flown, wanted = (np.array(line.get_data_3d()) for line in space.lines)
     np.testing.assert_array_equal(flown, [state.x, state.y, state.z])
@@ -156,7 +172,9 @@ def test_a_crash_is_marked_where_it_is(crash):
 
 
 def test_a_flight_at_a_glance_has_all_of_its_parts(flight, crash):
-    _, axes = plot_flight(flight)
+    figure, axes = plot_flight(flight)
+    named = ["flown", "reference", "start", "X", "Y", "Z", *(f"rotor {i}" for i in range(1, 5))]
+    assert sorted(legends(figure)) == sorted(named)
     np.testing.assert_array_equal(curve(axes["path"], "flown")[0], flight.record("state").x)
     command = flight.record("acceleration_command")
     for axis in "xyz":
@@ -246,7 +264,9 @@ def windy():
 
 
 def test_the_wind_at_the_vehicle_is_shown_over_time(windy):
-    series = plot_wind(windy).axes[2]
+    figure = plot_wind(windy)
+    assert legends(figure) == ["reference", "flown", "X", "Y", "Z"]
+    series = figure.axes[2]
     for axis, color in AXES.items():
         np.testing.assert_array_equal(curve(series, axis.upper()), [windy.time, getattr(windy.record("wind"), axis)])
         (line,) = [line for line in series.lines if line.get_label() == axis.upper()]

@@ -38,6 +38,7 @@ def identification(root):
 
 def test_the_fit_has_a_row_for_each_output_and_shades_what_was_held_out(identification):
     figure = plots.plot_fit(identification)
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["measured", "predicted", "held out"]
     left, right = figure.axes[:2]
     assert len(figure.axes) == 4
     assert left.get_ylabel() == "position x\n(cm)"
@@ -70,7 +71,10 @@ def test_the_thrust_has_a_band_of_its_covariance(identification):
     np.testing.assert_allclose(line.get_ydata(), -1.5 + 17.0 * u + u**2)
     band = axes.collections[0].get_paths()[0].vertices
     top = band[np.isclose(band[:, 0], 1.0)][:, 1].max()
-    assert top == pytest.approx(16.5 + 2.086 * np.sqrt(0.05**2 + 0.2**2 + 0.2**2), abs=0.01)
+    bottom = band[np.isclose(band[:, 0], 1.0)][:, 1].min()
+    reach = 2.086 * np.sqrt(0.05**2 + 0.2**2 + 0.2**2)
+    assert (bottom, top) == pytest.approx((16.5 - reach, 16.5 + reach), abs=0.01)
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["95 %", "identified", "hover", "flown"]
     without = Identification(
         identification.estimates.part(["inertia[0]"]), identification.vehicle, identification.outputs
     )
@@ -215,7 +219,11 @@ def test_errors_of_predictions_have_their_intervals_and_stand_beside_each_other(
     given = Predictions(
         ("one", "other"), (0.1, 0.5), np.array(["a"] * 20), np.arange(20.0), {"attitude": errors, "velocity": errors}
     )
-    first, second = plots.plot_predictions(given, ("attitude", "velocity")).axes
+    figure = plots.plot_predictions(given, ("attitude", "velocity"))
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["one", "other"]
+    first, second = figure.axes
+    assert [label.get_text() for label in first.get_xticklabels()] == ["0.1", "0.5"]
+    assert (first.get_xscale(), first.get_yscale()) == ("log", "log")
     for axes, quantity, factor in ((first, "attitude", np.degrees(1.0)), (second, "velocity", 1.0)):
         for i, (vehicle, container) in enumerate(zip(("one", "other"), axes.containers, strict=True)):
             found = [given.rmse(quantity, vehicle, horizon) for horizon in (0.1, 0.5)]
@@ -243,7 +251,11 @@ def compared():
 
 
 def test_a_log_is_drawn_beside_the_band_of_its_predictions(compared):
-    grid = np.array(plot_log_comparison(compared).axes).reshape(3, 2)
+    figure = plot_log_comparison(compared)
+    named = [text.get_text() for text in figure.legends[0].get_texts()]
+    assert named == ["reference", "95 % of the predictions", "predicted", "flown"]
+    grid = np.array(figure.axes).reshape(3, 2)
+    assert [axes.get_xlabel() for axes in grid[:, 0]] == ["", "", "time of the log (s)"]
     for i, (place, error) in enumerate(grid):
         reference, middle, flown = (line.get_xydata().T for line in place.lines)
         # Where the log has a gap, lines are broken.

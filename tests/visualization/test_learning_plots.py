@@ -32,6 +32,7 @@ def test_memberships_are_those_of_the_formula():
         np.testing.assert_allclose(lower.get_ydata(), elliptic(u, a2), atol=1e-12)
         assert axes.get_title() == f"a1 = {a1:g}, a2 = {a2:g}"
         assert len(axes.collections) == 1
+    assert [text.get_text() for text in figure.axes[-1].get_legend().get_texts()] == ["upper", "lower"]
     assert len(plots.plot_memberships().axes) == 4
 
 
@@ -68,6 +69,8 @@ def test_learning_is_shown_axis_by_axis(flight):
             np.testing.assert_array_equal(rows[2, column].lines[0].get_ydata(), trace)
             assert rows[2, column].get_ylim()[0] == 0.0
     assert rows[-1, 0].get_xlabel() == "time (s)"
+    assert [text.get_text() for text in rows[0, 0].get_legend().get_texts()] == ["PD, τ_c", "network, -τ_f"]
+    assert rows[1, -1].get_legend() is not None
 
 
 def test_a_law_without_a_covariance_has_no_row_for_its_trace():
@@ -129,7 +132,9 @@ def test_a_secant_gain_is_the_change_of_the_answer_over_the_error(flight):
         at_rest = answer(each, weights, np.zeros(1), np.zeros(1))
         expected = [(answer(each, weights, np.array([e]), np.zeros(1)) - at_rest)[0] / e for e in errors]
         np.testing.assert_allclose(found, expected, rtol=1e-6)
-    axes = plots.plot_secant_gains(flight).axes[0]
+    figure = plots.plot_secant_gains(flight)
+    assert [text.get_text() for text in figure.legends[0].get_texts()] == ["the network", "the same with triangles"]
+    axes = figure.axes[0]
     learned = flight["weights"][-1, :9]
     curve, counterpart = axes.lines[:2]
     reach = 1.0 / sets.inputs[0].scale

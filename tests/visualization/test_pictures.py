@@ -14,7 +14,7 @@ from drake_quad.laboratory.metrics import Metrics
 from drake_quad.visualization.comparison_plots import plot_comparison
 from drake_quad.visualization.curves import dashes, tell_apart
 from drake_quad.visualization.design_plots import plot_bode
-from drake_quad.visualization.labels import crossings, outlines, place_labels
+from drake_quad.visualization.labels import AROUND, crossings, outlines, place_labels
 from drake_quad.visualization.learning_plots import plot_learning, plot_secant_gains
 from drake_quad.visualization.plan_plots import plot_plan
 from drake_quad.visualization.plots import plot_errors, plot_path, plot_rotors
@@ -57,6 +57,58 @@ def test_a_label_gives_way():
     place_labels(figure, labels)
     assert free_labels(figure) == 2
     assert all(label.get_position()[0] < 0.0 for label in labels)
+
+
+@pytest.mark.parametrize("direction", AROUND)
+def test_a_label_stands_in_a_direction_from_its_point(direction):
+    """By its own edge or its middle, so that its distance is that of its nearest corner."""
+    figure = new_figure(4.0, 3.0)
+    axes = figure.subplots()
+    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+    label = axes.annotate("label", (0.5, 0.5), (3, 3), textcoords="offset points")
+    place_labels(figure, [label], [direction])
+    figure.draw_without_rendering()
+    box = label.get_window_extent(figure.canvas.get_renderer())
+    x, y = axes.transData.transform((0.5, 0.5))
+    points = 72.0 / figure.dpi
+    for side, low, high, place in ((direction[0], box.x0, box.x1, x), (direction[1], box.y0, box.y1, y)):
+        if side == 0:
+            assert abs(0.5 * (low + high) - place) * points < 2.0
+        else:
+            apart = (low - place) if side > 0 else (place - high)
+            assert 3.0 < apart * points < 8.0
+
+
+def test_a_label_without_a_free_place_stands_where_it_crosses_least():
+    figure = new_figure(4.0, 3.0)
+    axes = figure.subplots()
+    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+    for height in np.linspace(0.0, 0.62, 60):
+        axes.plot([0.0, 1.0], [height, height])
+    label = axes.annotate("label", (0.5, 0.5), (3, 3), textcoords="offset points")
+    counts = {}
+    for direction in AROUND:
+        place_labels(figure, [label], [direction])
+        counts[direction] = crossings(label, outlines(axes))
+    place_labels(figure, [label])
+    assert crossings(label, outlines(axes)) == min(counts.values())
+
+
+def test_borders_curves_and_boxes_that_a_label_crosses_are_counted():
+    figure = new_figure(4.0, 3.0)
+    axes = figure.subplots()
+    axes.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+    axes.plot([0.0, 1.0], [0.52, 0.52])
+    axes.plot([0.5], [0.53], marker="o", markersize=6.0, linestyle="none")
+    label = axes.annotate("a label", (0.45, 0.5), (0, 0), textcoords="offset points")
+    figure.draw_without_rendering()
+    box = label.get_window_extent(figure.canvas.get_renderer())
+    assert crossings(label, outlines(axes)) == 2
+    assert crossings(label, outlines(axes), [box, box.translated(500.0, 0.0)]) == 3
+    for place in ((0.0, 0.9), (0.99, 0.9), (0.4, 0.98), (0.4, -0.03)):
+        beyond = axes.annotate("a label", place, (-4, 0), textcoords="offset points", annotation_clip=False)
+        figure.draw_without_rendering()
+        assert crossings(beyond, []) == 1
 
 
 def test_numbers_of_waypoints_stand_free():
@@ -128,8 +180,10 @@ def test_rotors_that_turn_alike_are_told_apart(flight):
     rotors = [line for line in close.lines if line.get_label().startswith("rotor")]
     assert [line.is_dashed() for line in rotors] == [False, True, True, True]
     figure.draw_without_rendering()
-    box = close.get_legend().get_window_extent(figure.canvas.get_renderer())
-    assert box.y0 >= close.get_window_extent().y1
+    box, inside = close.get_legend().get_window_extent(figure.canvas.get_renderer()), close.get_window_extent()
+    # Right above the axes, at their right end.
+    assert 0.0 <= box.y0 - inside.y1 < 15.0
+    assert abs(box.x1 - inside.x1) < 15.0
 
 
 def test_a_legend_says_which_weight_is_which(learned):

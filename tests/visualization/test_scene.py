@@ -375,6 +375,7 @@ def test_a_replay_moves_what_moves_thirty_times_a_second(flights):
     # Only a flight in a wind that no fan makes has an arrow.
     arrow = moved["/first_one_wind"]
     assert "/other_wind" not in moved
+    assert {"/first_one_wind/arrow", "/reference/point"} <= {*scene.objects}
     state, wind = (flights["first one"][name][0] for name in ("state", "wind"))
     pose, scale = wind_arrow(Wind(*wind), State(*state))
     np.testing.assert_allclose(arrow[0].GetAsMatrix4(), pose.GetAsMatrix4())
@@ -514,3 +515,4 @@ def test_a_live_view_draws_a_frame_each_thirtieth_of_a_second():
         scene.poses["/reference"].translation(), places(flight.record("reference"))[-1], atol=0.05
     )
     assert "/vehicle/rotor_3" in scene.poses
+    assert {"/vehicle_wind/arrow", "/reference/point", "/vehicle/hub", "/floor"} <= {*scene.objects}

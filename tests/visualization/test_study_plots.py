@@ -36,10 +36,18 @@ def curve(axes, label):
     return found.get_xydata().T
 
 
+def legends(figure):
+    """The texts of all legends of a figure, in order."""
+    found = [*figure.legends, *(axes.get_legend() for axes in figure.axes)]
+    return [text.get_text() for legend in found if legend is not None for text in legend.get_texts()]
+
+
 def test_a_distribution_is_the_share_of_samples_up_to_a_value():
     """Crashed samples count as worse than any; the bands are those of Massart's inequality."""
     some, none = study(), no_crash(1)
-    (axes,) = plots.plot_distribution({"one": some, "other": none}).axes
+    figure = plots.plot_distribution({"one": some, "other": none})
+    assert legends(figure) == ["one (15.0 % crashed)", "other"]
+    (axes,) = figure.axes
     for label, each, crashed in (("one (15.0 % crashed)", some, 30), ("other", none, 0)):
         values, shares = curve(axes, label)
         expected = np.sort(each.metrics.rmse[~each.metrics.crashed])
@@ -69,7 +77,9 @@ def test_titles_count_samples():
 def test_estimates_settle_with_the_number_of_samples():
     """The mean of those that do not crash, from the tenth on, and the share of those that do."""
     found = study()
-    left, right = plots.plot_convergence({"one": found}).axes
+    figure = plots.plot_convergence({"one": found})
+    assert legends(figure) == ["one"]
+    left, right = figure.axes
     values = found.metrics.rmse[~found.metrics.crashed]
     count, mean = curve(left, "one")
     np.testing.assert_array_equal(count, np.arange(10, len(values) + 1))
@@ -113,7 +123,12 @@ def test_a_study_in_which_all_crash_is_drawn_without_a_mean():
 @pytest.mark.parametrize("name", ["rmse", "crashed"])
 def test_a_tornado_has_the_means_of_the_tenths(name):
     found = study()
-    (axes,) = plots.plot_influences(found, name).axes
+    figure = plots.plot_influences(found, name)
+    assert legends(figure) == ["least tenth of the number", "largest tenth"]
+    (axes,) = figure.axes
+    colors = [patch.get_facecolor() for patch in axes.get_legend().get_patches()]
+    assert [bar.get_facecolor() for bar in axes.patches[:2]] == colors
+    assert axes.texts[-1].get_text().startswith("rank correlation")
     expected = statistics.influences(found, name)
     assert [each.path for each in expected] == [MASS, DELAY]
     values = found.metrics.crashed if name == "crashed" else found.metrics.rmse[~found.metrics.crashed]
@@ -190,6 +205,7 @@ def test_controllers_with_the_same_numbers_stand_beside_each_other():
     (axes,) = figure.axes
     points = [line for line in axes.lines if line.get_marker() == "o"]
     assert len(points) == 3
+    assert legends(figure) == [line.get_label() for line in points]
     data = axes.transData.transform([[0.0, 0.0]])[0]
     shifts = [(line.get_transform().transform([[0.0, 0.0]])[0] - data) * 72.0 / figure.dpi for line in points]
     np.testing.assert_allclose(shifts, [[-3.0, 0.0], [0.0, 0.0], [3.0, 0.0]], atol=1e-9)
@@ -267,3 +283,5 @@ def test_controllers_are_compared_by_all_of_their_samples():
     assert large.texts[0].get_text().startswith("13 cm")
     one = plot_comparison({"gale": {"a": no_crash(count=1).metrics}}).axes[0]
     np.testing.assert_array_equal(one.lines[0].get_ydata(), [0.0])
+    two = plot_comparison({"gale": {"a": no_crash(count=2).metrics}}).axes[0]
+    np.testing.assert_allclose(two.lines[0].get_ydata(), [-0.22, 0.22])
