@@ -259,8 +259,8 @@ def _is_symbolic(x: Any) -> bool:
 
 
 def _erf_of_object(x: Any) -> Any:
-    """The error function of a float, or of an AutoDiffXd, whose derivative is 2/√π exp(-x²)."""
-    if x.__class__ is float:
+    """The error function of a number, or of an AutoDiffXd, whose derivative is 2/√π exp(-x²)."""
+    if not isinstance(x, AutoDiffXd):
         return math.erf(x)
     slope = 2.0 / math.sqrt(math.pi) * math.exp(-(x.value() ** 2))
     return AutoDiffXd(math.erf(x.value()), slope * x.derivatives())

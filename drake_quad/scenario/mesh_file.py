@@ -1,5 +1,6 @@
 """The points of a mesh from an .obj or .stl file."""
 
+import codecs
 import warnings
 from pathlib import Path
 
@@ -20,7 +21,7 @@ _ROBOT = (
     " that stands there"
 )
 _CONVERTED = "is a {} and cannot be read: convert it to .obj or .stl, with Blender or MeshLab"
-# What other files are, by their suffix and by what stands near their beginning.
+# What other files are, by their suffix, by what they begin with, and by an element of XML near their beginning.
 _SUFFIXES = {
     **dict.fromkeys((".urdf", ".xacro"), _ROBOT.format("robot (URDF)")),
     **dict.fromkeys((".sdf", ".world"), _ROBOT.format("model or world (SDFormat)")),
@@ -32,13 +33,8 @@ _SUFFIXES = {
     ".3ds": _CONVERTED.format("3DS mesh"),
     **dict.fromkeys((".step", ".stp", ".iges", ".igs"), "is a CAD model and cannot be read: export it as .obj or .stl"),
 }
-_BEGINNINGS = {
-    b"<robot": _SUFFIXES[".urdf"],
-    b"<sdf": _SUFFIXES[".sdf"],
-    b"<collada": _SUFFIXES[".dae"],
-    b"gltf": _SUFFIXES[".gltf"],
-    b"ply\n": _SUFFIXES[".ply"],
-}
+_BEGINNINGS = {b"gltf": _SUFFIXES[".gltf"], b"ply\n": _SUFFIXES[".ply"], b"ply\r\n": _SUFFIXES[".ply"]}
+_ELEMENTS = {b"<robot": _SUFFIXES[".urdf"], b"<sdf": _SUFFIXES[".sdf"], b"<collada": _SUFFIXES[".dae"]}
 _NEAR = 2_000  # bytes: behind a declaration of XML and comments
 _TRIANGLE = np.dtype([("normal", "<f4", 3), ("corners", "<f4", (3, 3)), ("attribute", "<u2")])
 
@@ -64,10 +60,8 @@ def mesh_points(path: Path) -> Tree:
         data = file.read(_MOST_BYTES + 1)
     if len(data) > _MOST_BYTES:
         raise InputError(f"{mark}: is too large: a mesh may have {_MOST_BYTES:,} bytes")
-    beginning = data[:_NEAR].lower()
-    other = next((flaw for start, flaw in _BEGINNINGS.items() if start in beginning), None)
-    if other is not None:
-        raise InputError(f"{mark}: {other}")
+    if flaw := _other_kind(data[:_NEAR].lower()):
+        raise InputError(f"{mark}: {flaw}")
     try:
         points = read(data)
     except (ValueError, IndexError):
@@ -79,6 +73,14 @@ def mesh_points(path: Path) -> Tree:
     if hull.is_simpler:
         warnings.warn(f"{mark}: {hull}", InputWarning, stacklevel=2)
     return Tree.of(hull.corners.tolist(), mark)
+
+
+def _other_kind(beginning: bytes) -> str:
+    """Return what is wrong with a file that is no mesh of a known form, as far as its beginning tells."""
+    known = [flaw for start, flaw in _BEGINNINGS.items() if beginning.startswith(start)]
+    if beginning.removeprefix(codecs.BOM_UTF8).lstrip().startswith(b"<"):
+        known += [flaw for element, flaw in _ELEMENTS.items() if element in beginning]
+    return known[0] if known else ""
 
 
 def _of_obj(data: bytes) -> np.ndarray:

@@ -155,6 +155,7 @@ def test_what_is_wrong_is_said_with_its_place(folder, monkeypatch, override, wor
         (b"<?xml version='1.0'?><!-- x --><sdf version='1.9'>", "describes a model or world (SDFormat) and is not a"),
         (b"<?xml version='1.0'?>\n<COLLADA xmlns='x'>", "is a Collada mesh and cannot be read: convert it to .obj"),
         (b"glTF\x02\x00", "is a glTF mesh and cannot be read"),
+        (b"ply\r\nformat ascii 1.0\r\n", "is a PLY mesh and cannot be read"),
     ],
 )
 def test_a_mesh_that_is_none_is_refused(folder, data, words):
@@ -162,6 +163,12 @@ def test_a_mesh_that_is_none_is_refused(folder, data, words):
     with pytest.raises(InputError, match=r"rock\.obj: ") as error:
         load_scenario(folder / "rooms.yaml:room")
     assert words in str(error.value)
+
+
+def test_a_comment_may_name_other_kinds(folder):
+    mesh = (folder / "rock.obj").read_bytes()
+    (folder / "rock.obj").write_bytes(b"# from glTF, of <robot>, in short supply\n" + mesh)
+    assert load_scenario(folder / "rooms.yaml:room").space.obstacles["rock"].points
 
 
 @pytest.mark.parametrize(
