@@ -117,3 +117,16 @@ def test_the_front_is_red_and_small_vehicles_are_drawn_larger(vehicle):
     # The rotors of either stand as far apart as 4 % of the scene, on both sides of the middle, at least.
     across, _ = pixels("tab:blue")
     assert np.ptp(across) > 20
+
+
+def test_a_scene_fills_its_frame():
+    """With its labels, and in the middle to a tenth of the frame."""
+    scenario = load_scenario("figure_eight")
+    camera = Camera(scenario, plan_route(scenario))
+    (frame,) = camera.frames(State(*np.full((12, 1), np.nan)), Reference(*np.full((11, 1), 99.0)))
+    up, across = np.nonzero((frame < 255).any(axis=2))
+    height, width = frame.shape[:2]
+    margins = [across.min(), width - 1 - across.max(), up.min(), height - 1 - up.max()]
+    assert min(margins[:2]) < 0.06 * width or min(margins[2:]) < 0.06 * height
+    assert abs(margins[0] - margins[1]) < 0.1 * width
+    assert abs(margins[2] - margins[3]) < 0.1 * height

@@ -138,15 +138,20 @@ def test_of_the_two_ends_of_a_step_the_one_with_less_room_counts():
     np.testing.assert_allclose(-np.diff(towards[:-1]), expected[:-1])
 
 
-@pytest.mark.parametrize("offset", np.linspace(0.0, 0.05, 11))
+@pytest.mark.parametrize("offset", np.linspace(0.001, 0.049, 13))
 def test_no_way_leads_through_a_thin_wall_wherever_it_stands_between_the_points(offset):
-    """The wall is 1 cm thick, the points are 5 cm apart, and points on both sides keep the clearance."""
-    space = wall_at(0.45 + offset, 0.01, radius=0.02)
+    """The wall is 1 cm thick, the points are 5 cm apart, and the clearance is 1 cm.
+
+    For some offsets, neighbours on both sides of the wall keep the clearance, and only a look between them shows it.
+    """
+    x = 0.45 + offset
+    space = wall_at(x, 0.01, radius=0.01)
     grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), most=10_000, finest=0.05)
     places = np.array([[[0.1, 0.5, 0.5]], [[0.9, 0.5, 0.5]]])
     lengths, before = grid.lengths_from(places[0], space.clearance)
-    ahead = grid.points[:, 0] < 0.45 + offset
-    free = grid.nearest >= space.clearance
+    free, ahead = grid.nearest >= space.clearance, grid.points[:, 0] < x
+    across = any((free[one] & free[other] & (ahead[one] != ahead[other])).any() for one, other in grid.neighbours())
+    assert across == (0.015 < offset < 0.035)
     assert np.isfinite(lengths[free & ahead]).all()
     assert (lengths[~ahead] == np.inf).all()
     assert grid.way(lengths, before, *places) is None
