@@ -25,15 +25,15 @@ def reference_at(trajectory, times):
 
 
 def fly(scenario, plan):
-    """Flies a scenario of numbers, whose vehicle steps, from hover at the reference's first point.
+    """Fly a scenario of numbers, whose vehicle steps, from hover at the reference's first point.
 
     At an instant the vehicle takes its step first, under what was held until then. Then all that samples does so at
     once: the control reads the frame before, an autopilot hears what the link let out before, and the vehicle's next
     step takes what link and autopilot let out now.
 
     Args:
-        scenario: of numbers.
-        plan: of its route.
+        scenario: scenario without distributions.
+        plan: plan of its route.
 
     Returns:
         The (ticks, rows) signals at the ticks of the control, by name, until the end or a crash, and the metrics.
