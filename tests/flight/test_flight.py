@@ -301,7 +301,7 @@ def test_wind_of_the_user_s_is_sampled_whatever_system_makes_it(diagrams):
 
 @pytest.mark.slow
 def test_forces_on_a_continuous_state_jump_at_the_exact_instant(diagrams):
-    """Between two ticks, a rotor fails and coasts from then on; a payload drops and the vehicle stops sinking."""
+    """A rotor that fails between two ticks coasts from then on, and a vehicle that drops its load stops sinking."""
     instant, still = 0.287654321, ["vehicle.time_step=0", "duration=0.4", "crash.tilt=null"]
     failing = load_scenario(diagrams / "hover.yaml", [*still, f"vehicle.rotor_failure={{rotor: 2, time: {instant}}}"])
     flight = simulate(failing)

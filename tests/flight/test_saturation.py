@@ -28,7 +28,7 @@ def overloaded(priority):
 
 @pytest.mark.slow
 def test_an_overloaded_vehicle_sinks_level_if_roll_and_pitch_have_priority():
-    """In the end the rotors' torque balances the load: it is the thrust times its offset from the centre of mass."""
+    """The final torque of the rotors balances the load: it is the thrust times its offset from the centre of mass."""
     flight = overloaded("roll_pitch")
     assert not flight.metrics.crashed
     state, shortfall = flight.record("state"), flight.record("shortfall")

@@ -65,7 +65,7 @@ def test_a_flip_at_the_default_step_agrees_with_one_at_an_eighth_of_it(flips):
 
 
 def test_the_observation_of_a_flip_is_its_rotation_and_body_rates(flips):
-    """The filter is fast: while the rates hardly change, measured and true rates differ by a few hundredths of a rad/s."""
+    """The filter is fast, so measured and true rates differ little while the rates hardly change."""
     _, seen, steps = flips
     truth, measured = states(steps), states(steps, "measurement")
     frame = states(steps, "measurement")[:, :, 3:6]

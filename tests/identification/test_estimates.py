@@ -68,8 +68,8 @@ def test_units_and_limits_are_those_of_the_language(vehicles, name):
     """Each limit may be written, and nothing beyond it."""
     kind, path = kind_of(name), scenario_path(name)
     scenario = vehicles[name.startswith(("autopilot.natural", "autopilot.damping"))]
+    number_at(scenario, path)
     if path.startswith("vehicle.inertia"):  # the three moments of inertia of a rigid body limit each other
-    if path.startswith("vehicle.inertia"):  # of a body that is so small about all axes
         scenario = scenario.model_copy(
             update={"vehicle": scenario.vehicle.model_copy(update={"inertia": (kind.least,) * 3})}
         )

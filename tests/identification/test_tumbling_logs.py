@@ -18,8 +18,8 @@ COMMAND = np.array([196.0, 203.0, 199.0, 201.0])
 
 
 @pytest.fixture(scope="module")
-"""Return a scenario whose vehicle has three different moments of inertia, and drag."""
-    """A vehicle with an inertia of three different numbers, and drag."""
+def scenario(diagrams):
+    """Return a scenario whose vehicle has three different moments of inertia, and drag."""
     overrides = ["vehicle.inertia=[0.0066, 0.0079, 0.0121]", "vehicle.linear_drag=0.1", "vehicle.quadratic_drag=0.02"]
     return load_scenario(diagrams / "figure_eight.yaml", overrides)
 
@@ -33,8 +33,8 @@ def tumbles():
 
 
 @pytest.fixture(scope="module")
-"""Return a log of constant rotor speeds."""
-    """Rotors of constant speed."""
+def record():
+    """Return a log of constant rotor speeds."""
     time = PERIOD * np.arange(400)
     return FlightRecord("tumbling", time, rotor_speed_command=np.tile(COMMAND, (400, 1)))
 

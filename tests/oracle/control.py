@@ -174,7 +174,7 @@ class IncrementalTurning:
 
 
 class Integral:
-    """Integral i⁺ = i + h k_I e within a limit. The correction, which is subtracted, is -i, or -i⁺ by backward Euler."""
+    """Integral i⁺ = i + h k_I e within a limit; the output, which is added, is -i, or -i⁺ by backward Euler."""
 
     def __init__(self, numbers, h):
         self.numbers, self.h, self.i = numbers, h, np.zeros(3)
