@@ -21,7 +21,9 @@ def in_threads(*functions):
 
 
 def test_threads_that_ask_at_once_share_one_value():
-    cache, found, gate = ThreadSafeCache(), [], threading.Barrier(4)
+    cache = ThreadSafeCache()
+    found = []
+    gate = threading.Barrier(4)
     made = []
 
     def make():
@@ -39,7 +41,9 @@ def test_threads_that_ask_at_once_share_one_value():
 
 
 def test_a_cached_value_is_returned_while_another_one_is_made():
-    cache, begun, done = ThreadSafeCache(), threading.Event(), threading.Event()
+    cache = ThreadSafeCache()
+    begun = threading.Event()
+    done = threading.Event()
     cache.get("there", lambda: 1)
 
     def slow():

@@ -29,7 +29,8 @@ def flown(scenario, samples=24, settled=15.0):
         late = flight.time > settled
         errors.append([(getattr(state, row) - getattr(reference, row))[late] for row in "xyz"])
     error = np.array(errors)
-    mean, power = error.mean(axis=(0, 2)), ((error - error.mean(axis=(0, 2))[:, None]) ** 2).mean(axis=2)
+    mean = error.mean(axis=(0, 2))
+    power = ((error - error.mean(axis=(0, 2))[:, None]) ** 2).mean(axis=2)
     deviation = np.sqrt(power.mean(axis=0))
     scatter = error.mean(axis=2).std(axis=0, ddof=1), power.std(axis=0, ddof=1) / (2.0 * deviation)
     return mean, deviation, *(each / np.sqrt(samples) for each in scatter)

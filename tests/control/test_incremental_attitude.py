@@ -67,12 +67,14 @@ def test_without_a_disturbance_it_is_the_pd():
 
 def test_the_torque_follows_the_equation_of_incremental_control():
     """The torque is I (α_c - d) + ω_r × I ω_r with d = H (ω̇ - α). The model has no gyroscopic torque."""
-    rng, bandwidth = np.random.default_rng(2), NUMBERS.law.bandwidth
+    rng = np.random.default_rng(2)
+    bandwidth = NUMBERS.law.bandwidth
     lag = np.array([[0.0, 1.0], [-(bandwidth**2), -np.sqrt(2.0) * bandwidth]]), np.array([[0.0], [bandwidth**2]])
     A, B, *_ = scipy.signal.cont2discrete((*lag, np.array([[1.0, 0.0]]), np.zeros((1, 1))), H)
     filtered, modelled, before = np.zeros((2, 3)), np.zeros(3), np.zeros(3)
     rate_increment = np.zeros(3)  # change of the modelled body rates in the last tick
-    memory, following = (NUMBERS.law.at_rest(0.0),) * 3, (Command(0.0, 0.0),) * 3
+    memory = (NUMBERS.law.at_rest(0.0),) * 3
+    following = (Command(0.0, 0.0),) * 3
     for _ in range(40):
         angles, rates, attitude, wanted_rates, feed_forward = rng.normal(size=(5, 3)) * [
             [0.2],
@@ -91,6 +93,8 @@ def test_the_torque_follows_the_equation_of_incremental_control():
         np.testing.assert_allclose(found, expected, rtol=0.0, atol=1e-12)
         memory, following = next_incremental_memory(memory, following, (), measurement, *asked, NUMBERS, H)
         # The model α' = (α_c - d - α) / lag is solved over a tick.
-        command, decay = wanted - disturbance, np.exp(-H / LAG)
+        command = wanted - disturbance
+        decay = np.exp(-H / LAG)
         rate_increment = H * command + LAG * (1.0 - decay) * (modelled - command)
-        modelled, before = command + decay * (modelled - command), rates
+        modelled = command + decay * (modelled - command)
+        before = rates

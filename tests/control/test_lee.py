@@ -70,7 +70,8 @@ def test_thrust_attitude_rates_and_torque_match_the_paper(seed):
     """The law is the same at any attitude, heading and yaw rate."""
     drawn = measurement, reference, command, jerk = draw(np.random.default_rng(seed))
     force = MASS * (np.add(command, [0.0, 0.0, G]))
-    R, Omega = rotation_of(*measurement[3:6]), np.array(measurement[9:12])
+    R = rotation_of(*measurement[3:6])
+    Omega = np.array(measurement[9:12])
     found = vectored(drawn, "zxy")
     assert found.thrust.thrust == pytest.approx(max(force @ R[:, 2], 1e-6), abs=1e-13)
     R_c = commanded_rotation(force, reference.yaw)
@@ -171,7 +172,8 @@ def flown(**overrides):
 
 def commanded_by_firmware(flight):
     """Return the (ticks, 4) wrenches that the firmware commands at the measurements and references of a flight."""
-    control, believed = flight.scenario.control, flight.scenario.nominal
+    control = flight.scenario.control
+    believed = flight.scenario.nominal
     inertia = np.array(believed.inertia)
     own = (getattr(control.attitude, name) for name in ("k_p", "k_d", "k_i"))
     gains = [np.array(getattr(control.position, name)) for name in ("k_p", "k_d", "k_i")]

@@ -34,7 +34,8 @@ def flown(monkeypatch):
     def install(error, crash=lambda numbers, sample, scenario: np.inf):
         class Fleet:
             def __init__(self, scenario, count, **_):
-                self.scenario, self.duration = scenario, DURATION
+                self.scenario = scenario
+                self.duration = DURATION
                 kept["fleets"].append((scenario, count))
 
             def fly_batch(self, batch):
@@ -197,7 +198,8 @@ def test_the_vertical_gain_stays_in_the_middle_of_its_range_at_first(laboratory,
 
 def test_the_limit_is_checked_for_the_best_candidates_of_each_round(laboratory, flown):
     """The first round checks four times as many; the three local searches check it at every step."""
-    kept, checked = flown(bowl), []
+    kept = flown(bowl)
+    checked = []
     done = []
     budget = Budget(rounds=3, candidates=32, samples=1, checks=4, steps=5)
 

@@ -23,7 +23,8 @@ class Broken(LeafSystem):
 
     def __init__(self, signal, value=np.nan, num_vehicles=1, weight=0.68 * 9.81):
         super().__init__()
-        n, rows = num_vehicles, NUM_ROWS[signal]
+        n = num_vehicles
+        rows = NUM_ROWS[signal]
 
         def show(context, output):
             values = np.zeros((rows, n))

@@ -259,7 +259,8 @@ def test_a_function_that_does_not_accept_rows_is_refused_with_advice(formula, wo
 
 def test_numpy_scalars_compute_with_rows():
     """A NumPy scalar may stand on either side of an operator, as a Python number may."""
-    two, x = np.float64(2.0), 3.0
+    two = np.float64(2.0)
+    x = 3.0
     formulas = [
         lambda x: two + x,
         lambda x: two - x,

@@ -83,7 +83,8 @@ def swinging(amplitude, rate, *, flown=(0.5, 0.4, 0.0), share=(0.1, -0.05, 0.2),
 
 def test_a_sinusoidal_error_is_estimated_with_its_size_and_correlation_time():
     """Averaging over 0.1 s scales it by sin(0.05 ω) / (0.05 ω). Its autocorrelation is 1/e after arccos(1/e) / ω."""
-    rate, amplitude = 7.0, np.array([0.03, 0.05, 0.02])
+    rate = 7.0
+    amplitude = np.array([0.03, 0.05, 0.02])
     found = velocity_estimate(swinging(amplitude, rate))
     np.testing.assert_allclose([share.value for share in found.share], [0.1, -0.05, 0.0], atol=2e-3)
     seen = amplitude / np.sqrt(2.0) * np.sin(0.05 * rate) / (0.05 * rate)

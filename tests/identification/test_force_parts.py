@@ -106,7 +106,9 @@ def test_stretches_follow_one_another_in_the_air(vehicle):
     assert stretches.length == 150
     width = 5
     for number, one in enumerate(stretches.records):
-        flying, sample, starts = airborne(one), 25, []
+        flying = airborne(one)
+        sample = 25
+        starts = []
         while sample + 150 + width <= len(one.time):
             around = slice(sample - width, sample + 150 + width)
             good = flying[around].all() and np.diff(one.time[around]).max() < 0.1
@@ -136,7 +138,8 @@ def test_a_thrust_follows_its_command_with_a_delay_and_a_first_order_lag(delay, 
     found = forces._followed(time, command, delay, lag)
     fine = np.arange(0.0, 2.0, 2e-4)
     late = command[np.clip(np.searchsorted(time, fine - delay + 1e-9, side="right") - 1, 0, None)]
-    level, expected = command[0], np.empty(len(fine))
+    level = command[0]
+    expected = np.empty(len(fine))
     for i, value in enumerate(late):
         expected[i] = level
         level = value if lag == 0.0 else level + (1.0 - np.exp(-2e-4 / lag)) * (value - level)

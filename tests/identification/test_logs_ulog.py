@@ -326,7 +326,8 @@ def test_resets_and_faults_of_the_estimator_and_failsafes_are_reported(read):
 
     def moved(t):
         first, second = t > 0.295, t > 0.695
-        count, delta = (254 + first + second) % 256, (0.3, 0.4 * second)
+        count = (254 + first + second) % 256
+        delta = (0.3, 0.4 * second)
         return t + 0.3 * first + 0.5 * second, 0.0, -2.0, 0.0, 0.0, 0.0, count, *delta, t > 0.5, 1e-4
 
     turned = [("float[4]", "q"), ("uint8_t", "quat_reset_counter"), ("float[4]", "delta_q_reset")]

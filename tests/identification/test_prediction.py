@@ -149,7 +149,9 @@ def test_errors_are_distances_and_angles_between_attitudes():
     expected = (first.inverse() @ second).ToAngleAxis().angle()
     np.testing.assert_allclose(_angle_between(one, other), abs(expected))
     flown = np.zeros((11, 1, 12))
-    flown[10, 0, :3], flown[10, 0, 3:6], flown[10, 0, 6:9] = [1.0, 2.0, 2.0], one[0], [0.0, 3.0, 4.0]
+    flown[10, 0, :3] = [1.0, 2.0, 2.0]
+    flown[10, 0, 3:6] = one[0]
+    flown[10, 0, 6:9] = [0.0, 3.0, 4.0]
     count = 30
     log = FlightRecord(
         "log",

@@ -65,7 +65,8 @@ def test_errors_follow_from_the_scatter_of_windows_within_a_stretch(windows, noi
     error is larger by the same factor.
     """
     rng = np.random.default_rng(11)
-    scores, h = noise * rng.normal(size=(windows, 1)), 1.7
+    scores = noise * rng.normal(size=(windows, 1))
+    h = 1.7
     stretches = Stretches.of(
         Evidence(("drag",), np.zeros(1), np.full(1, 1e6), np.full((windows, 1, 1), h), scores, 5.0)
     )

@@ -130,7 +130,8 @@ def test_windows_are_consecutive_airborne_and_without_gaps(scenario, share):
     for place, log in enumerate(windows.records):
         flying = response.airborne(log)
         warm_up = 20
-        starts, sample = [], warm_up
+        starts = []
+        sample = warm_up
         while sample + 50 < len(log.time):
             whole = flying[sample : sample + 51].all()
             steady = np.diff(log.time[sample - warm_up : sample + 51]).max() < 0.1
@@ -344,7 +345,8 @@ def test_series_hold_the_measurements_and_their_explained_share(left):
 def test_a_number_explains_the_growth_of_residuals_at_its_believed_value(left):
     """The share is that of held-out windows, and of the output where it is largest."""
     model, windows, rest = left
-    names, values = ("rotor_time_constant", "body_drag.linear[0]"), np.array([0.3, 0.35])
+    names = ("rotor_time_constant", "body_drag.linear[0]")
+    values = np.array([0.3, 0.35])
     found = response._explained(model, windows, names, rest, values, model.outputs)
     chosen = windows.unseen
     for i, name in enumerate(names):

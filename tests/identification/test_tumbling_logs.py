@@ -76,7 +76,8 @@ def test_a_predictor_follows_a_vehicle_that_rolls_over(diagrams):
     vehicle = Vehicle(scenario.vehicle, [("mass",)], "rotor_speed_command", kind="world")
     time = PERIOD * np.arange(200)
     roll = np.pi - 3.0 * (time - time[100])
-    mass, command = scenario.vehicle.mass, np.full((200, 4), 200.0)
+    mass = scenario.vehicle.mass
+    command = np.full((200, 4), 200.0)
     thrust = 4.0 * scenario.vehicle.thrust_factor * 200.0**2 / mass
     # The position is twice the integral of the thrust, along (0, -sin, cos), and of the weight.
     across, up = thrust * np.array([np.sin(roll) / 9.0, -np.cos(roll) / 9.0])

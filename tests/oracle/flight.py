@@ -58,7 +58,9 @@ def fly(scenario, plan):
     wind = Wind(laboratory.wind, h, seed, sample)
     air = wind.sample(0, state[0:3])
 
-    controller, referee, rows = Controller(scenario, plan.leg_times, duration, state[0:3]), Referee(scenario), []
+    controller = Controller(scenario, plan.leg_times, duration, state[0:3])
+    referee = Referee(scenario)
+    rows = []
     for k in range(ticks * steps_a_tick + 1):
         heard = vehicle.target = link.out
         if k > 0:

@@ -109,7 +109,8 @@ def tunnel(room):
     Args:
         room: distance of the middle row from the walls beyond the clearance, m.
     """
-    clearance, spacing = 0.2, 0.1
+    clearance = 0.2
+    spacing = 0.1
     aside = clearance + room + 0.5
     solids = [Cuboid((0.5, sign * aside, 0.0), size=(3.0, 1.0, 3.0)) for sign in (-1.0, 1.0)]
     solids += [Cuboid((0.5, 0.0, sign * aside), size=(3.0, 3.0, 1.0)) for sign in (-1.0, 1.0)]
@@ -153,7 +154,8 @@ def test_no_way_leads_through_a_thin_wall_at_any_place_between_the_points(offset
     grid = Grid.of(space, Box([0.0, 0.0, 0.0], [1.0, 1.0, 1.0]), most=10_000, finest=0.05)
     places = np.array([[[0.1, 0.5, 0.5]], [[0.9, 0.5, 0.5]]])
     lengths, before = grid.lengths_from(places[0], space.clearance)
-    free, ahead = grid.nearest >= space.clearance, grid.points[:, 0] < x
+    free = grid.nearest >= space.clearance
+    ahead = grid.points[:, 0] < x
     across = any((free[one] & free[other] & (ahead[one] != ahead[other])).any() for one, other in grid.neighbours())
     assert across == (0.015 < offset < 0.035)
     assert np.isfinite(lengths[free & ahead]).all()

@@ -10,7 +10,8 @@ from drake_quad.studies.missing_samples import MissingSamples
 def test_missing_samples_are_all_that_are_not_there(seed):
     rng = np.random.default_rng(seed)
     there = rng.permutation(50)[: rng.integers(51)]
-    missing, expected = MissingSamples(50, there), sorted({*range(50)} - {*there.tolist()})
+    missing = MissingSamples(50, there)
+    expected = sorted({*range(50)} - {*there.tolist()})
     assert [*missing] == expected
     assert len(missing) == len(expected)
     for first, last in rng.integers(55, size=(20, 2)).tolist():

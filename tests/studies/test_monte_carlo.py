@@ -478,7 +478,8 @@ def test_every_worker_has_as_many_batches_of_a_thousand_at_most(count, num_worke
 
 def test_a_study_takes_memory_only_for_samples_that_have_flown(tmp_path):
     """Rows for two thousand million samples would take 250 GB."""
-    count, seen = 2_000_000_000, []
+    count = 2_000_000_000
+    seen = []
 
     def stop(done, total):
         seen.append(total)

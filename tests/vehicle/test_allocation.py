@@ -113,7 +113,9 @@ def demand_on(rotors, rng):
 @pytest.mark.parametrize("shape", [Rotors.plus, Rotors.x, random_layout])
 def test_each_part_of_a_wrench_is_the_best_that_the_parts_before_it_allow(shape, priority):
     """Compare with linear programmes for a plus, an x or h of any length and width, and any four rotors."""
-    rng, paired, cut = np.random.default_rng(5), shape is not random_layout, np.zeros(3)
+    rng = np.random.default_rng(5)
+    paired = shape is not random_layout
+    cut = np.zeros(3)
     for _ in range(120):
         length, width = rng.uniform(0.1, 0.6, 2)
         rotors = shape(length=length, width=width) if paired else random_layout(rng)

@@ -62,7 +62,9 @@ def test_the_nearest_moments_are_those_of_a_quadratic_programme():
 
 def test_samples_of_a_fleet_have_the_same_moments_as_alone():
     rng = np.random.default_rng(2)
-    moments, low, high = rng.lognormal(size=(3, 50)), np.zeros(3), np.array([2.0, 3.0, np.inf])
+    moments = rng.lognormal(size=(3, 50))
+    low = np.zeros(3)
+    high = np.array([2.0, 3.0, np.inf])
     together = nearest_rigid(moments, low, high)
     for i in range(50):
         np.testing.assert_array_equal(together[:, i], nearest_rigid(moments[:, i], low, high))

@@ -45,7 +45,9 @@ def test_bode_plots_have_gain_phase_and_margins(design):
     figure = design_plots.plot_bode(design)
     grid = np.array(figure.axes).reshape(2, 2)
     for column, (name, title) in enumerate((("pitch", "attitude (pitch)"), ("x", "position (x)"))):
-        upper, lower, loop = grid[0, column], grid[1, column], design.all_loops[name]
+        upper = grid[0, column]
+        lower = grid[1, column]
+        loop = design.all_loops[name]
         assert upper.get_title() == title
         frequency, gain = upper.lines[0].get_xydata()[::40].T
         expected = response_of(loop, frequency)
@@ -60,7 +62,8 @@ def test_bode_plots_have_gain_phase_and_margins(design):
         (crossover, again), (bottom, top) = lower.lines[2].get_xydata().T
         assert crossover == again == margins.crossover
         assert (bottom, top - bottom) == pytest.approx((-180.0, margins.phase), abs=0.5)
-        turn, ends = upper.lines[2].get_xdata()[0], upper.lines[2].get_ydata()
+        turn = upper.lines[2].get_xdata()[0]
+        ends = upper.lines[2].get_ydata()
         np.testing.assert_allclose(ends, [-margins.gain, 0.0])
         # The phase is -180 degrees there, and the gain is as far below 0 dB.
         at = response_of(loop, [turn])[0]
@@ -99,7 +102,8 @@ def test_the_loop_of_a_nyquist_plot_stays_outside_the_disk_and_touches_it(design
 
 def test_poles_of_a_root_locus_are_those_of_the_closed_loop(design):
     loop = design.loops["x"]
-    plant, row = loop.plant, np.array([loop.gains])
+    plant = loop.plant
+    row = np.array([loop.gains])
     figure = design_plots.plot_root_locus(design)
     (axes,) = figure.axes
     named = [text.get_text() for text in figure.legends[0].get_texts()]
@@ -267,7 +271,8 @@ def test_errors_of_a_map_that_are_equal_or_next_to_zero_have_a_scale(panels):
 
 
 def test_a_tornado_of_sensitivities_is_in_per_cent_per_per_cent():
-    fields, values = ("a", "b", "c", "d"), np.array([2.0, 0.5, 0.0, 4.0])
+    fields = ("a", "b", "c", "d")
+    values = np.array([2.0, 0.5, 0.0, 4.0])
     gradients = {"rmse": np.array([0.1, -2.0, 7.0, np.nan]), "effort_x": np.zeros(4)}
     found = Sensitivities(fields, values, {"rmse": 0.4, "effort_x": 0.0}, np.inf, gradients)
     (axes,) = plot_sensitivities(found, "rmse").axes
@@ -351,8 +356,10 @@ def test_profiles_of_a_plan_are_norms_of_its_derivatives(planned, drawn_plan):
 def test_regions_and_waypoints_of_a_plan_are_drawn_at_their_places(planned):
     """Only the waypoints of the route are drawn."""
     plan, parameters = planned
-    box, ball = Box([1.0, 2.0, 0.5], [1.5, 2.6, 1.0]), Sphere([0.3, 0.4, 1.2], 0.25)
-    corridor, half = Box([-2.0, -3.0, 0.0], [3.0, 4.0, 2.5]), Polytope([[1.0, 0.0, 0.0]], [2.0])
+    box = Box([1.0, 2.0, 0.5], [1.5, 2.6, 1.0])
+    ball = Sphere([0.3, 0.4, 1.2], 0.25)
+    corridor = Box([-2.0, -3.0, 0.0], [3.0, 4.0, 2.5])
+    half = Polytope([[1.0, 0.0, 0.0]], [2.0])
     figure = plan_plots.plot_plan(
         plan,
         parameters,

@@ -180,7 +180,8 @@ def test_rotors_that_turn_alike_are_told_apart(flight):
     rotors = [line for line in close.lines if line.get_label().startswith("rotor")]
     assert [line.is_dashed() for line in rotors] == [False, True, True, True]
     figure.draw_without_rendering()
-    box, inside = close.get_legend().get_window_extent(figure.canvas.get_renderer()), close.get_window_extent()
+    box = close.get_legend().get_window_extent(figure.canvas.get_renderer())
+    inside = close.get_window_extent()
     # The legend is right above the axes, at their right end.
     assert 0.0 <= box.y0 - inside.y1 < 15.0
     assert abs(box.x1 - inside.x1) < 15.0

@@ -160,7 +160,8 @@ def test_a_simple_quadrotor_has_bars_to_its_rotors_and_a_disc_on_each():
     assert len(triangles) % 2 == 0
     np.testing.assert_array_equal(triangles[0::2], triangles[1::2, ::-1])
     assert triangles.max() == len(corners) - 1
-    height, radius = 0.035 * shrunk(X_LAYOUT), 0.48 * 0.2
+    height = 0.035 * shrunk(X_LAYOUT)
+    radius = 0.48 * 0.2
     for rotor in X_LAYOUT:
         place = np.array([rotor.x, rotor.y, rotor.z + height])
         away = np.linalg.norm(corners - place, axis=1)
@@ -230,7 +231,8 @@ def test_solids_are_drawn_with_their_sizes_and_poses(shape, kind, sizes):
 
 
 def test_a_hull_is_drawn_by_its_triangles():
-    scene, hull = Scene(), hull_of(np.random.default_rng(1).normal(size=(12, 3)))
+    scene = Scene()
+    hull = hull_of(np.random.default_rng(1).normal(size=(12, 3)))
     draw_solid(scene, "/solid", hull)
     vertices, faces = scene.meshes["/solid"]
     np.testing.assert_allclose(vertices.T[faces.T], hull.triangles())
@@ -276,7 +278,8 @@ def test_a_tube_follows_its_points():
 
 
 def test_a_trail_has_one_colour_or_the_colours_of_its_errors():
-    scene, points = Scene(), np.column_stack([np.arange(4.0), np.zeros(4), np.zeros(4)])
+    scene = Scene()
+    points = np.column_stack([np.arange(4.0), np.zeros(4), np.zeros(4)])
     draw_trail_piece(scene, "/a", points, "#FF0000", 0.5)
     assert (scene.colors["/a"].r(), scene.colors["/a"].g(), scene.colors["/a"].a()) == (1.0, 0.0, 0.7)
     np.testing.assert_allclose(np.hypot(*scene.meshes["/a"][0][1:]), 0.5 * 0.018)
@@ -306,7 +309,8 @@ def test_the_room_has_a_floor_edges_and_a_grid():
     high = np.maximum(path.max(axis=0), [0.5, path[0, 1] + 3.0, 1.2]) + margin
     np.testing.assert_allclose(room.low, [-4.0, low[1], 0.0])
     np.testing.assert_allclose(room.high, high)
-    floor, size = scene.objects["/floor"], high - room.low
+    floor = scene.objects["/floor"]
+    size = high - room.low
     assert (floor.width(), floor.depth()) == pytest.approx((size[0], size[1]))
     np.testing.assert_allclose(scene.poses["/floor"].translation()[:2], 0.5 * (room.low + high)[:2])
     starts, stops = np.moveaxis(scene.lines["/room/edges"], 2, 1)
@@ -410,7 +414,8 @@ def test_a_trail_appears_piece_by_piece(flights):
 
 
 def test_the_trail_of_a_lone_flight_has_the_colours_of_its_errors(flights):
-    scene, flight = Scene(), flights["first one"]
+    scene = Scene()
+    flight = flights["first one"]
     draw_replay(scene, {"alone": flight})
     colors = scene.colors["/alone_trail/3"].T[::3]
     ticks = np.searchsorted(flight.time, np.linspace(0.75, 1.0, 5) - 1e-9)
@@ -493,7 +498,8 @@ def test_a_story_contains_errors_and_speeds_over_time(flights):
 def test_a_live_view_draws_thirty_frames_per_second():
     scenario = load_scenario("figure_eight", ["duration=0.6", "laboratory.wind=[{kind: steady, velocity: [1, 0, 0]}]"])
     plan = simulate(scenario).plan
-    scene, poses = Scene(), []
+    scene = Scene()
+    poses = []
 
     class RecordingScene(Scene):
         def SetTransform(self, path, transform):

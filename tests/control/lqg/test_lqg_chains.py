@@ -60,7 +60,8 @@ def python_of(text):
 @pytest.mark.parametrize("chain", MODELS)
 def test_a_model_matches_the_equations_on_the_page(chain):
     """Each side is linear in states and command, so its value at a unit vector is an entry of A or B."""
-    model, equations = MODELS[chain], page_equations()
+    model = MODELS[chain]
+    equations = page_equations()
     rows = equations[chain] | equations["noises"]
     fields = [name for name, field in FIELD_NAMES.items() if field in model.kind._fields]
     unknowns = [*fields, "u"]

@@ -87,7 +87,8 @@ def test_observations_along_the_reference_heading_are_invariant_under_rotation_a
     wind = Wind(*turned(WIND.x, WIND.y), WIND.z)
     ahead = tuple(np.concatenate([(*turned(*AHEAD[k : k + 2]), AHEAD[k + 2]) for k in (0, 3)]).tolist())
     names = tuple([name for name in SIGNALS_SEEN if name not in ("position", "attitude", "clearance")])
-    spec, numbers = ObservationSpec(names, "reference_heading", 1, 0.6), ObservationNumbers(200.0, ACTION)
+    spec = ObservationSpec(names, "reference_heading", 1, 0.6)
+    numbers = ObservationNumbers(200.0, ACTION)
     rows = [
         observed(*given, ROTORS, blowing, ACTION, numbers, None, spec)
         for given, blowing in (((STATE, REFERENCE, AHEAD), WIND), ((state, reference, ahead), wind))
