@@ -323,8 +323,8 @@ def test_what_a_base_draws_is_still_drawn(base, tmp_path):
 
 
 @pytest.mark.parametrize("distributions", [True, False])
-def test_an_inertia_that_no_body_has_is_written_as_the_nearest_and_said(base, tmp_path, distributions):
-    """I_xx and I_yy are found too small for the I_zz of the base, by more than it is rounded to."""
+def test_an_impossible_inertia_is_written_as_the_nearest_possible_one_with_a_remark(base, tmp_path, distributions):
+    """The estimates of I_xx and I_yy are too small for the I_zz of the base, by more than rounding."""
     found = {"inertia[0]": (1.3e-5, 1e-6), "inertia[1]": (1.2e-5, 1e-6)}
     path = write_vehicle(tmp_path / "new.yaml", "new", estimates_of(found), base=base, distributions=distributions)
     excess = 2.98e-5 - 2.5e-5

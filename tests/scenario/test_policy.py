@@ -175,7 +175,7 @@ FLAWS = {
     ),
     "a limit of words": ({**ARRAYS, "limit": np.array("much")}, "has limit of type <U4, which is none of numbers"),
     "two limits": ({**ARRAYS, "limit": np.ones(2)}, "has limit of 2 numbers, but it must be one number"),
-    "an alpha of none": ({**ARRAYS, "alpha_0": np.array(0.2)}, "alpha .*must be left out with the activation tanh"),
+    "an alpha for tanh": ({**ARRAYS, "alpha_0": np.array(0.2)}, "alpha .*must be left out with the activation tanh"),
     "two alphas": (
         {**ARRAYS, "activation_0": np.array("elu"), "alpha_0": np.ones(2)},
         "has alpha_0 of 2 numbers, but it must be one number",
@@ -389,13 +389,13 @@ MORE = {
             NODE("Add", ["B", "product"], ["hidden"]),
             *layers_of()[1:],
         ],
-        # Activations with a parameter, and the two of GELU.
+        # LeakyRelu and Elu have a parameter, and Gelu has two forms.
         layers_of(activation=[NODE("LeakyRelu", ["hidden"], ["active"], alpha=0.3)]),
         layers_of(activation=[("LeakyRelu", ["hidden"], ["active"])]),
         layers_of(activation=[NODE("Elu", ["hidden"], ["active"], alpha=0.5)]),
         layers_of(activation=[("Gelu", ["hidden"], ["active"])]),
         layers_of(activation=[NODE("Gelu", ["hidden"], ["active"], approximate="tanh")]),
-        # GELU as PyTorch writes it in older opsets, and as others do.
+        # PyTorch writes GELU as arithmetic in older opsets, and so do other exporters.
         layers_of(
             activation=[
                 ("Div", ["hidden", "root_of_2"], ["a"]),
@@ -415,7 +415,7 @@ MORE = {
                 ("Mul", ["e", "z"], ["active"]),
             ]
         ),
-        # Arithmetic behind an activation: before another layer, at the end, before another activation, behind a limit.
+        # Arithmetic follows an activation before a layer, at the end or before an activation, or it follows a limit.
         layers_of(
             activation=[("Tanh", ["hidden"], ["a"]), ("Mul", ["a", "two"], ["b"]), ("Sub", ["half", "b"], ["active"])]
         ),
@@ -508,7 +508,7 @@ def test_a_graph_of_onnx_that_runs_in_a_circle_is_refused(of_onnx):
         of_onnx(nodes, {})
 
 
-def test_onnx_is_whole(tmp_path):
+def test_an_onnx_file_with_numbers_in_another_file_is_refused(tmp_path):
     model = model_of(layers_of(), MORE)
     onnx.save(model, tmp_path / "net.onnx", save_as_external_data=True, location="net.onnx.data", size_threshold=0)
     (tmp_path / "mine.yaml").write_text(POLICY.format(file="net.onnx"), encoding="utf-8")
@@ -519,7 +519,7 @@ def test_onnx_is_whole(tmp_path):
 @pytest.mark.parametrize(
     ("names", "taken"), [(("done", "value"), 0), (("value", "done"), 0), (("value", "Actions"), 1)]
 )
-def test_of_several_outputs_the_action_is_taken_or_the_first(tmp_path, names, taken):
+def test_the_output_called_actions_is_taken_or_else_the_first_one(tmp_path, names, taken):
     model = model_of([*layers_of(last=names[0]), NODE("Tanh", [names[0]], [names[1]])], MORE)
     del model.graph.output[:]
     for name in names:
@@ -534,7 +534,7 @@ def test_of_several_outputs_the_action_is_taken_or_the_first(tmp_path, names, ta
 
 
 def test_a_clip_of_older_opsets_has_its_bounds_as_attributes(tmp_path):
-    """With opset 10, for observations and, at the end, for actions."""
+    """Opset 10 has them, and they may limit the observations and, at the end, the actions."""
     clip = NODE("Clip", ["seen"], ["within"], min=-0.5, max=0.5)
     nodes = [
         clip,
@@ -556,7 +556,7 @@ def test_a_clip_of_older_opsets_has_its_bounds_as_attributes(tmp_path):
 
 
 def test_operators_of_another_library_are_refused(tmp_path):
-    """What onnxruntime's optimiser writes has names of ONNX, and may mean something else."""
+    """The optimiser of onnxruntime writes operators with the names of ONNX and possibly another meaning."""
     model = model_of(layers_of(activation=[NODE("Gelu", ["hidden"], ["active"], domain="com.microsoft")]), MORE)
     model.opset_import.append(helper.make_opsetid("com.microsoft", 1))
     onnx.save(model, tmp_path / "net.onnx")
@@ -566,7 +566,7 @@ def test_operators_of_another_library_are_refused(tmp_path):
 
 
 @pytest.mark.parametrize("version", [2147483647, 0, 10_000])
-def test_an_opset_that_nobody_knows_is_refused(tmp_path, version):
+def test_an_unknown_opset_is_refused(tmp_path, version):
     model = model_of(layers_of(), MORE)
     model.opset_import[0].version = version
     onnx.save(model, tmp_path / "net.onnx")
