@@ -125,7 +125,7 @@ def print_comparison(flights: Mapping[str, Mapping[str, Metrics]]) -> None:
 
 
 def spread(values: np.ndarray) -> str:
-    """Return mean and standard deviation as they are printed."""
+    """Return the mean and the standard deviation of values as text."""
     if len(values) > 1:
         return plus_minus(values.mean(), values.std(ddof=1))
     return mean_interval(values).text()

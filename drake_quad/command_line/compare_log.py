@@ -109,7 +109,7 @@ def print_comparison(comparison: Comparison) -> None:
 
 
 def verdict(comparison: Comparison) -> str:
-    """A sentence on the RMSE in space."""
+    """Return a sentence on the RMSE of the position, flown and predicted."""
     flown = comparison.flown_figures.rmse[-1]
     predicted = _predicted(comparison, "rmse", -1, unit="cm")
     if not comparison.varies:
@@ -156,7 +156,7 @@ def _rows(comparison: Comparison) -> list[tuple[str, ...]]:
 
 
 def _predicted(comparison: Comparison, figure: str, axis: int, *, unit: str = "") -> str:
-    """The median of a figure of the predictions in cm, with its interval unless no two flights differ."""
+    """Return the median of a figure of the predictions in cm, with its interval unless all flights are equal."""
     median, low, high = (float(end[axis]) for end in comparison.interval(figure))
     found = Interval(median, low, high)
     return (found if comparison.varies else found.alone()).text(unit=unit, size=0.01, infinite="crash")

@@ -88,8 +88,8 @@ def simulate(
         time = simulator.get_context().get_time()
         raise InputError(
             f"vehicle.time_step is 0, but from {time:.3g} s on something moves too fast for the integration of a"
-            f" continuous state, in less than {_MIN_STEP:g} s, such as roll and yaw at a pitch of 90 degrees; give it a"
-            " step"
+            f" continuous state, which would need steps shorter than {_MIN_STEP:g} s, as for roll and yaw at a pitch of"
+            " 90 degrees; set vehicle.time_step to a positive number"
         ) from None
     return _flights(batch, plan, simulation, own)[0]
 
@@ -135,7 +135,7 @@ def simulate_batch(batch: Batch, *, plan: Plan | None = None, compiled: bool = F
 
 
 def _flights(batch: Batch, plan: Plan, simulation: FleetSimulation, own: UserSystems = UserSystems()) -> list[Flight]:
-    """The flights of a fleet's vehicles so far."""
+    """Return the flights of a fleet's vehicles up to the present time."""
     metrics, touched = simulation.metrics(), simulation.touched()
     time, signals = simulation.recording()
     space = batch.scenario.space
