@@ -130,7 +130,7 @@ class Flight(Mapping[str, np.ndarray]):
 
     @property
     def crash(self) -> str:
-        """What became of a flight that crashed, in words; empty for one that did not."""
+        """Text that describes the crash; empty if the vehicle did not crash."""
         if not self.metrics.crashed:
             return ""
         into = "" if self.touched is None else f" into {self.touched}"
@@ -138,12 +138,12 @@ class Flight(Mapping[str, np.ndarray]):
 
     @property
     def remarks(self) -> tuple[str, ...]:
-        """Return remarks to read before using the results of the flight, see `flight_remarks`."""
+        """Remarks to read before using the results of the flight, see `flight_remarks`."""
         return flight_remarks(self.scenario, self.plan)
 
     @property
     def _words(self) -> dict[str, str]:
-        """Return the texts that describe the crash, by their name in the file of arrays."""
+        """Texts that describe the crash, by their name in the file of arrays."""
         words = {_TOUCHED: self.touched, _CAUSE: self.cause}
         return {name: each for name, each in words.items() if each is not None}
 
@@ -240,5 +240,5 @@ def _plan_of(arrays: Mapping[str, np.ndarray]) -> Plan:
         PolynomialPath(*(arrays[f"{_PLAN_PREFIX}{part}.{name}"] for name in PolynomialPath._fields))
         for part in ("path", "yaw")
     )
-    legs = zip(arrays[f"{_PLAN_PREFIX}legs"].tolist(), arrays[f"{_OF_PLAN}leg_firsts"].tolist(), strict=True)
+    legs = zip(arrays[f"{_PLAN_PREFIX}legs"].tolist(), arrays[f"{_PLAN_PREFIX}leg_firsts"].tolist(), strict=True)
     return Plan(path, yaw, tuple(Leg(*leg) for leg in legs), tuple(arrays[f"{_PLAN_PREFIX}laps"].tolist()))

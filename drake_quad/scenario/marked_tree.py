@@ -28,7 +28,7 @@ class Tree(NamedTuple):
 
     @classmethod
     def of(cls, value: Any, mark: Mark) -> "Tree":
-        """Return the tree of a plain value, all of which bears one mark."""
+        """Return the tree of a plain value, with the same mark for all its parts."""
         if isinstance(value, Mapping):
             return cls({name: cls.of(part, mark) for name, part in value.items()}, mark)
         if isinstance(value, list | tuple):

@@ -144,7 +144,7 @@ class Space(Model):
         """Return the space with its solids.
 
         Args:
-            farthest_rotor: distance of its centre from the centre of mass, m.
+            farthest_rotor: distance of the farthest rotor's centre from the centre of mass, m.
             tracking_error: predicted RMS position error, m.
         """
         return room.Space(

@@ -91,7 +91,7 @@ def run_monte_carlo(
             holds another study or one that is not to be resumed.
         OSError: rows could not be written, or a cluster is gone; the rows before are saved.
         RuntimeError: no sample can be flown; the rows before are saved.
-        MemoryError: the memory does not suffice; the rows before are saved.
+        MemoryError: there is not enough memory; completed rows are saved.
         StudyInterrupted: by Ctrl-C; what is done is saved.
     """
     num_workers = num_cores() if num_workers is None else num_workers
@@ -137,7 +137,7 @@ def _fly(
     rows: StudyRows,
     progress: Callable[[int, int], None] | None,
 ) -> None:
-    """Flies what is missing of a study, in batches of as many vehicles as the job has, and takes in their rows."""
+    """Fly the missing samples of a study in batches of the size that the job gives, and add their rows."""
     missing, size = rows.missing, job.num_vehicles
 
     def report() -> None:
@@ -170,13 +170,13 @@ def _crew(executor: Executor | Crew | None, num_workers: int, time_limit: float 
 
 
 def _check_alike(crew: Crew, job: Job) -> None:
-    """Flies sample 0 alone, alone once more, and beside others, where batches hold more than one.
+    """Check that sample 0 has the same result when it is flown alone, alone again, and in a batch with others.
 
-    A trial that fails says nothing: which samples cannot be flown, the study finds out. Numbers that are not finite,
-    by which the sample crashes, are named in a warning.
+    A trial that fails is ignored, since the study reports samples that cannot be flown. If the sample crashes because a
+    value is NaN or infinite, a warning names this value.
 
     Raises:
-        InputError: it does not fly alike, or a user's system does not fit.
+        InputError: the results differ, or a user's system does not fit.
     """
     size = min(job.num_vehicles, _TRIAL_SIZE)
     job = job._replace(key=f"{job.key}, trial", num_vehicles=size)
@@ -201,12 +201,12 @@ def _check_alike(crew: Crew, job: Job) -> None:
         crew.begin(partial(cause_of_crash, job), range(1))
         (outcome,) = crew.finished()
         if outcome.result is not None:
-            words = f"sample 0: {outcome.result}; flights that end so count as crashed"
+            words = f"sample 0: {outcome.result}; flights with such values count as crashed"
             warnings.warn(words, InputWarning, stacklevel=3)
 
 
 def _size_of_batches(num_samples: int, num_workers: int, batch_size: int | None) -> int:
-    """How many samples a batch has: if nothing else is asked for, every worker has as many batches, nearly equal."""
+    """Return the number of samples in a batch; by default all workers get the same number of nearly equal batches."""
     if batch_size is None:
         rounds = math.ceil(num_samples / (num_workers * _BATCH_SIZE))
         batch_size = math.ceil(num_samples / max(rounds * num_workers, 1))
