@@ -58,7 +58,7 @@ def entry(table: Mapping[str, _Entry], name: str, kind: str) -> _Entry:
         kind: kind of the entries for the error message, as in "signal".
 
     Raises:
-        InputError: the table has no such entry; the message lists similar names, or all names.
+        InputError: if the table has no such entry; the message lists similar names, or all names.
     """
     if name in table:
         return table[name]

@@ -112,7 +112,7 @@ def read_arrays(file: IO[bytes], *, max_bytes: int | None = None) -> dict[str, n
         max_bytes: largest size of all arrays together after decompression; unlimited if not given.
 
     Raises:
-        ValueError: the arrays are too large, two arrays have the same name, or the file has another format or is
+        ValueError: if the arrays are too large, two arrays have the same name, or the file has another format or is
             damaged.
     """
     try:

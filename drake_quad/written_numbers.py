@@ -9,7 +9,7 @@ def float_in(text: str) -> float:
     """Return the number that a text represents in ASCII digits; NaN and infinity count as numbers.
 
     Raises:
-        ValueError: the text does not represent a number in ASCII digits.
+        ValueError: if the text does not represent a number in ASCII digits.
     """
     _check(text)
     return float(text)
@@ -19,7 +19,7 @@ def int_in(text: str) -> int:
     """Return the integer that a text represents in ASCII digits.
 
     Raises:
-        ValueError: the text does not represent an integer in ASCII digits.
+        ValueError: if the text does not represent an integer in ASCII digits.
     """
     _check(text)
     return int(text)

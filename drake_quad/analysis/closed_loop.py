@@ -75,7 +75,7 @@ def at_rest(scenario: Scenario) -> Scenario:
     vehicle carries it at the start of the flight.
 
     Raises:
-        InputError: the scenario contains a distribution.
+        InputError: if the scenario contains a distribution.
     """
     hovering = without_losses(in_hover(scenario))
     laboratory = hovering.laboratory
@@ -98,7 +98,7 @@ def in_hover(scenario: Scenario) -> Scenario:
     """Return the scenario in hover like `at_rest`, but with its noise, turbulence, lost frames and lost packets.
 
     Raises:
-        InputError: the scenario contains a distribution.
+        InputError: if the scenario contains a distribution.
     """
     for path in distributions_in(scenario):
         if not path.startswith("route."):

@@ -98,11 +98,11 @@ def disturbances_along(batch: Batch, plan: Plan) -> Disturbed:
 
 
 def spectrum(disturbance: np.ndarray, step: float) -> Spectrum:
-    """The spectrum of a disturbance of flights.
+    """Return the statistics of a disturbance over several flights.
 
     Args:
-        disturbance: (..., times, N), all of one kind.
-        step: between two times, s.
+        disturbance: (..., times, N) samples of one kind of disturbance.
+        step: sampling period, s.
     """
     mean = disturbance.mean(axis=-2, keepdims=True)
     rest = disturbance - mean

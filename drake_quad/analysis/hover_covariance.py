@@ -47,7 +47,7 @@ def linear_hover_error(scenario: Scenario) -> LinearHoverError:
     gusts, sinusoidal wind, the battery and rotor failures.
 
     Raises:
-        InputError: the scenario contains a distribution, or its loop is unstable, has no equilibrium or cannot be
+        InputError: if the scenario contains a distribution, or its loop is unstable, has no equilibrium or cannot be
             differentiated.
     """
     loop, offset = loop_with_noise(without_losses(in_hover(scenario)))

@@ -34,17 +34,17 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True)
 class SampledSystem:
-    """A linear system in discrete time: x⁺ = A x + B u, y = C x + D u, in deviations from where it was linearised.
+    """Linear discrete-time system x⁺ = A x + B u, y = C x + D u in deviations from an operating point.
 
     Attributes:
-        A: (n, n).
-        B: (n, m).
-        C: (p, n).
-        D: (p, m).
-        period: between two samples, s.
-        states: the n names.
-        inputs: the m names.
-        outputs: the p names.
+        A: (n, n) system matrix.
+        B: (n, m) input matrix.
+        C: (p, n) output matrix.
+        D: (p, m) feedthrough matrix.
+        period: sampling period, s.
+        states: names of the n states.
+        inputs: names of the m inputs.
+        outputs: names of the p outputs.
     """
 
     A: np.ndarray

@@ -70,7 +70,7 @@ def hover_error(scenario: Scenario, *, seed: int = _SEED) -> HoverError:
         seed: seed of wind and noise.
 
     Raises:
-        InputError: the scenario contains a distribution, or a hover crashes.
+        InputError: if the scenario contains a distribution, or a hover crashes.
     """
     fleet = StudyFleet(_hover_to_fly(scenario, seed), _FLEET_SIZE)
     squares = np.empty((4, 0))

@@ -95,7 +95,7 @@ def wind_period(scenario: Scenario) -> float:
 
 
 def build_monitor(scenario: Scenario, plan: Plan, num_vehicles: int) -> FlightMonitor:
-    """Builds the monitor of a scenario's flight of a plan."""
+    """Build the monitor for flights of a plan in a scenario."""
     crash, space = scenario.crash, space_of(scenario)
     solids = () if space is None else tuple(obstacle.shape for obstacle in space.obstacles)
     monitor: FlightMonitor = FlightMonitor(

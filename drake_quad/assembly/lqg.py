@@ -150,7 +150,7 @@ def _designed(field: str, model: ContinuousModel, times: Timing, noise: np.ndarr
     """Return the loop of an axis.
 
     Raises:
-        InputError: the times or magnitudes of the axis are too different for floating point.
+        InputError: if the times or magnitudes of the axis are too different for floating point.
     """
     try:
         # The warnings of SciPy either precede an error or do not matter.

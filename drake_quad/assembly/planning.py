@@ -347,8 +347,8 @@ def flight_duration(scenario: Scenario, plan: Plan) -> float:
     """Return the duration of a scenario's flight, s, a whole number of ticks of the control.
 
     Raises:
-        InputError: the metric window begins after the end of the flight, the flight has too many ticks, or the vehicle
-            cannot fly the braking at the end of a plan that ends in motion.
+        InputError: if the metric window begins after the end of the flight, the flight has too many ticks, or the
+            vehicle cannot fly the braking at the end of a plan that ends in motion.
     """
     shortest, period = min(scenario.periods.values()), scenario.laboratory.command_link.period
     wanted = scenario.duration if scenario.duration is not None else float(plan.path.times[-1])
@@ -411,7 +411,7 @@ def window_start(scenario: Scenario, plan: Plan) -> float:
     """Return the start of the metric window, s.
 
     Raises:
-        InputError: the window begins with a lap that the plan does not have.
+        InputError: if the window begins with a lap that the plan does not have.
     """
     window = scenario.metrics
     if window.first_lap is None:

@@ -33,7 +33,7 @@ def flight_remarks(scenario: Scenario, plan: Plan | None = None) -> tuple[str, .
         plan: plan that is flown; the plan for the scenario's route if not given.
 
     Raises:
-        InputError: the route cannot be planned.
+        InputError: if the route cannot be planned.
     """
     return (*_mixed_vehicles(scenario), *_braking(scenario, plan))
 

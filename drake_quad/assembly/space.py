@@ -25,7 +25,7 @@ def space_to_plan_in(mission: Mission) -> Space | None:
     """Return `space_of` with the tracking error that `space.tracking` multiplies; the error is predicted if needed.
 
     Raises:
-        InputError: the prediction is not possible, see `believed_tracking_error`.
+        InputError: if the prediction is not possible, see `believed_tracking_error`.
     """
     if mission.space is None or not mission.space.tracking:
         return space_of(mission)

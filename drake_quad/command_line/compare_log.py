@@ -61,7 +61,7 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     check_ranges(arguments, {"samples": (1, _MOST), "rest": (0.0, 60.0)})
     record = read_log(arguments.log, arguments.mapping)
     for sentence in record.remarks:
@@ -96,7 +96,7 @@ def predict_on_open_loop(record: FlightRecord, arguments: argparse.Namespace) ->
 
 
 def print_comparison(comparison: Comparison) -> None:
-    """Prints a table of the errors flown and predicted, and a verdict."""
+    """Print a table of the flown and predicted errors, and a verdict."""
     record, samples = comparison.record, len(comparison.predicted)
     print(f"{record.name}: {len(comparison.time):,} samples, from {comparison.time[0]:.2f} s of the log on")
     deviation = 1e3 * comparison.reference.deviation

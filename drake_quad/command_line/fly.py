@@ -54,7 +54,7 @@ def options() -> argparse.ArgumentParser:
 
 
 def main(arguments: argparse.Namespace) -> None:
-    """Runs the command."""
+    """Run the command."""
     if not (math.isfinite(arguments.rate) and arguments.rate >= 0.0):
         raise InputError(f"--rate is {arguments.rate}, but must be 0 or more")
     if arguments.compiled and arguments.meshcat:

@@ -163,7 +163,7 @@ class GeometricAttitudeController(FleetSystem):
     """
 
     def declare(self, *, transports: bool = True, numbers: AttitudeNumbers) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         parameter = self.parameter("numbers", lambda numbers: numbers)
         measurement, attitude = self.input("measurement"), self.input("attitude_command")
         rates = self.input("body_rate_command")
@@ -215,7 +215,7 @@ class IntegratingAttitudeController(FleetSystem):
         transports: bool = True,
         numbers: IntegratingAttitudeNumbers,
     ) -> None:
-        """Declares the system."""
+        """Declare ports, states and parameters."""
         parameter = self.parameter("numbers", lambda numbers: numbers)
         measurement, attitude = self.input("measurement"), self.input("attitude_command")
         rates = self.input("body_rate_command")

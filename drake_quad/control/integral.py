@@ -67,7 +67,7 @@ class IntegralCorrection(FleetSystem):
     def declare(
         self, *, period: float = 0.02, integration: Integration = "forward_euler", numbers: IntegralGains
     ) -> None:
-        """Declares the system."""
+        """Declare ports, state and parameters."""
         error, gains = self.input("error"), self.parameter("gains", lambda gains: gains)
         correction = self.state("correction", _nothing)
         reads = correction, error, gains, period

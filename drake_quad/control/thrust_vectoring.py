@@ -192,7 +192,7 @@ class ThrustVectoring(FleetSystem):
     """
 
     def declare(self, *, projects: bool = False, sequence: EulerSequence = "zyx", numbers: VectoringNumbers) -> None:
-        """Declares the system."""
+        """Declare ports and parameters."""
         parameter = self.parameter("numbers", lambda numbers: numbers)
         command, measurement = self.input("acceleration_command"), self.input("measurement")
         reference = self.input("reference")

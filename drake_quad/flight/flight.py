@@ -120,7 +120,7 @@ class Flight(Mapping[str, np.ndarray]):
         return frame
 
     def __repr__(self) -> str:
-        """A line of text."""
+        """Return a one-line description."""
         end = self.crash or f"{self.time[-1]:.2f} s"
         end = end if self.cause is None else f"{end}, since {self.cause}"
         how = ", compiled" if self.compiled else ""
@@ -162,7 +162,7 @@ class Flight(Mapping[str, np.ndarray]):
             The paths of the files.
 
         Raises:
-            InputError: the folder cannot be written, or contains a scenario that does not belong to a flight.
+            InputError: if the folder cannot be written, or contains a scenario that does not belong to a flight.
         """
         target = output_folder(Path(folder))
         if (target / SCENARIO).exists() and not (target / ARRAYS).exists():
@@ -190,7 +190,7 @@ def read_flight(path: Path | str) -> Flight:
         path: folder of the flight, or one of the files in it.
 
     Raises:
-        InputError: the folder does not contain a flight, or one of its files is damaged.
+        InputError: if the folder does not contain a flight, or one of its files is damaged.
     """
     path = Path(path)
     folder = path.parent if path.is_file() and path.name in (ARRAYS, TABLE, SCENARIO, METRICS) else path
@@ -223,7 +223,7 @@ def _read_metrics(path: Path) -> Metrics:
 
 
 def _arrays_of(plan: Plan) -> dict[str, np.ndarray]:
-    """A plan as arrays by name, exact."""
+    """Return the exact numbers of a plan as arrays by name."""
     arrays = {
         **{f"path.{name}": values for name, values in plan.path._asdict().items()},
         **{f"yaw.{name}": values for name, values in plan.yaw._asdict().items()},
@@ -235,7 +235,7 @@ def _arrays_of(plan: Plan) -> dict[str, np.ndarray]:
 
 
 def _plan_of(arrays: Mapping[str, np.ndarray]) -> Plan:
-    """The plan of `_arrays_of`."""
+    """Return the plan from the arrays of `_arrays_of`."""
     path, yaw = (
         PolynomialPath(*(arrays[f"{_PLAN_PREFIX}{part}.{name}"] for name in PolynomialPath._fields))
         for part in ("path", "yaw")

@@ -74,7 +74,7 @@ def kernel(
         lone: True for code that computes a single vehicle.
 
     Raises:
-        TypeError: the results do not fit the layouts, or the formula branches on a row.
+        TypeError: if the results do not fit the layouts, or the formula branches on a row.
     """
     key = formula, tuple(map(told_apart, arguments)), results, lone
     return _kernels.get(key, lambda: _made(formula, arguments, results, lone))
@@ -117,7 +117,7 @@ def traced(formula: Callable[..., Any], values: Sequence[Any], results: Sequence
         results: layouts of the results.
 
     Raises:
-        TypeError: the results do not fit the layouts, or the formula branches on a row or calls a function that does
+        TypeError: if the results do not fit the layouts, or the formula branches on a row or calls a function that does
             not accept symbols.
     """
     try:

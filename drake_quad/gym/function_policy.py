@@ -25,8 +25,8 @@ class FunctionPolicy(LeafSystem):
         num_vehicles: N.
 
     Raises:
-        InputError: the control of the scenario is not a policy. During a flight: the actions have the wrong shape, are
-            not real numbers, are not finite, or exceed 1,000,000 in size.
+        InputError: if the control of the scenario is not a policy. During a flight: the actions have the wrong shape,
+            are not real numbers, are not finite, or exceed 1,000,000 in size.
     """
 
     def __init__(self, scenario: Scenario, function: Callable[[np.ndarray], Any], num_vehicles: int = 1) -> None:

@@ -122,7 +122,7 @@ def torch_layers(modules: Iterable[Any]) -> list[Layer]:
             Sigmoid, ELU, SiLU, LeakyReLU or GELU.
 
     Raises:
-        InputError: the network contains another kind of module.
+        InputError: if the network contains another kind of module.
     """
     layers: list[Layer] = []
     for module in modules:

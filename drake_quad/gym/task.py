@@ -31,7 +31,7 @@ def task_of(
             language.
 
     Raises:
-        InputError: the scenario does not exist, or a field is wrong.
+        InputError: if the scenario does not exist, or a field is wrong.
     """
     if not isinstance(scenario, Scenario):
         scenario = load_scenario(scenario, overrides)

@@ -183,8 +183,8 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         Rewards and observations contain the original action.
 
         Raises:
-            InputError: the actions have the wrong shape, are not real numbers, are not finite, or exceed 1,000,000 in
-                size; or the environment was not reset before.
+            InputError: if the actions have the wrong shape, are not real numbers, are not finite, or exceed 1,000,000
+                in size; or the environment was not reset before.
         """
         actions = self._checked_actions(actions)
         if not self.has_begun:
@@ -292,7 +292,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         """Return the given actions as an array (N, rows).
 
         Raises:
-            InputError: the actions have the wrong shape, are not real numbers, are not finite, or are too large.
+            InputError: if the actions have the wrong shape, are not real numbers, are not finite, or are too large.
         """
         actions = real_numbers(given)
         if actions is None:

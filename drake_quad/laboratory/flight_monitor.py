@@ -264,7 +264,7 @@ class FlightMonitor(FleetSystem):
         surroundings: Surroundings = Surroundings(),
         window: Window = Window(),
     ) -> None:
-        """Declares the system."""
+        """Declare ports and states."""
         self._period = period
         state, reference = self.input("state"), self.input("reference")
         self._command = self.input("acceleration_command", absent=Acceleration(0.0, 0.0, 0.0))

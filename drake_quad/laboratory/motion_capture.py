@@ -328,7 +328,7 @@ def _nothing(_: CameraNumbers) -> State:
 
 @fleet_system(float, AutoDiffXd)
 class MotionCapture(FleetSystem):
-    """Cameras that see position and attitude, with errors, and filters that make velocity and body rates of them.
+    """Motion-capture cameras that measure position and attitude, with filters that estimate velocity and body rates.
 
     .. pydrake_system::
 
@@ -375,15 +375,15 @@ class MotionCapture(FleetSystem):
 
     Args:
         num_vehicles: N.
-        period: h of the frames, s; the paper's cameras run at 100 Hz.
-        noisy: whether there is noise.
-        loses_frames: whether frames can be lost.
-        misaligned: whether the frame of the markers is not B.
-        mistaken: whether velocity is seen too large or too small.
-        filtered: whether velocity and body rates are made by filters.
-        drifts: whether velocity has a drift.
-        longest_latency: that there will ever be, in frames.
-        numbers: the errors.
+        period: frame period h, s; the paper's cameras run at 100 Hz.
+        noisy: True for measurements with noise.
+        loses_frames: True if frames can be lost.
+        misaligned: True if the frame of the markers differs from B.
+        mistaken: True if the velocity has a scale error.
+        filtered: True if filters estimate velocity and body rates.
+        drifts: True if the velocity has a drift.
+        longest_latency: largest possible latency, in frames.
+        numbers: parameters of the errors.
     """
 
     def declare(

@@ -13,7 +13,7 @@ COMPARED = {"pd": CONTROLLERS["pd"], "pd_t2fnn": CONTROLLERS["pd_t2fnn"], **FAIR
 
 
 class FairEntry(NamedTuple):
-    """A controller in a wind.
+    """Result of a controller in a wind.
 
     Attributes:
         cell: cell of the table, which has a controller and a wind.

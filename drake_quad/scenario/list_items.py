@@ -17,7 +17,7 @@ def within_lists(tree: Tree, override: Tree, path: str = "") -> Tree:
         path: path of this part in the scenario.
 
     Raises:
-        InputError: the override has an index that is outside the list.
+        InputError: if the override has an index that is outside the list.
     """
     old, new = tree.value, override.value
     if isinstance(old, dict) and isinstance(new, dict):

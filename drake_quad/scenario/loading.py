@@ -168,7 +168,7 @@ def _loaded(
     """Return a scenario as a tree with its overrides.
 
     Raises:
-        InputError: the scenario cannot be read, or an override names an unknown field.
+        InputError: if the scenario cannot be read, or an override names an unknown field.
     """
     library = Library()
     name, tree = library.find(spec)
@@ -206,7 +206,7 @@ def validated(model: type[_Valid], tree: Tree) -> _Valid:
     """Validate a document and return it as a model.
 
     Raises:
-        InputError: the document is wrong; the message names the file, line, field, value and the allowed values.
+        InputError: if the document is wrong; the message names the file, line, field, value and the allowed values.
     """
     data = tree.plain()
     try:

@@ -21,7 +21,7 @@ class Mark(NamedTuple):
 
 
 class Tree(NamedTuple):
-    """A value of a YAML document with its mark; `value` is a dict or list of trees, or a plain scalar."""
+    """Value of a YAML document with its mark; `value` is a dict or list of trees, or a plain scalar."""
 
     value: Any
     mark: Mark

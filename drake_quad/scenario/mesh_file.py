@@ -46,7 +46,7 @@ def mesh_points(path: Path) -> Tree:
         path: path of a Wavefront .obj file, or of a text or binary .stl file.
 
     Raises:
-        InputError: the file cannot be read, has another format, contains a flat mesh, or has a hull that cannot be
+        InputError: if the file cannot be read, has another format, contains a flat mesh, or has a hull that cannot be
             simplified.
     """
     mark = Mark(str(path), 0)
@@ -83,13 +83,13 @@ def _other_kind(beginning: bytes) -> str:
 
 
 def _of_obj(data: bytes) -> np.ndarray:
-    """(n, 3): the numbers behind each `v`."""
+    """Return the vertices (n, 3) of a Wavefront .obj file, which follow the keyword `v`."""
     rows = (line.split() for line in data.decode("utf-8", "replace").splitlines())
     return np.array([[float_in(number) for number in row[1:4]] for row in rows if row and row[0] == "v"])
 
 
 def _of_stl(data: bytes) -> np.ndarray:
-    """(n, 3): of the triangles, or the numbers behind each `vertex`."""
+    """Return the vertices (n, 3) of a binary .stl file, or of a text file, where they follow the keyword `vertex`."""
     if len(data) >= _HEAD and len(data) == _HEAD + _TRIANGLE.itemsize * int.from_bytes(
         data[_HEAD - 4 : _HEAD], "little"
     ):

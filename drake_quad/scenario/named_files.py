@@ -47,7 +47,7 @@ def _with_file(tree: Tree, path: tuple[str, ...], read: Callable[[Path], Tree], 
         parent: path of the tree within the scenario.
 
     Raises:
-        InputError: the file does not exist, or `read` rejects it.
+        InputError: if the file does not exist, or `read` rejects it.
     """
     if not path:
         return read(_named_file(tree, parent)) if isinstance(tree.value, str) else tree
@@ -67,7 +67,7 @@ def _named_file(tree: Tree, path: str) -> Path:
     """Return the path of the file that a field names.
 
     Raises:
-        InputError: the file does not exist.
+        InputError: if the file does not exist.
     """
     folder = Path(tree.mark.source).parent if tree.mark.line else Path()
     file = folder / tree.value

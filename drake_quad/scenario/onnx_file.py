@@ -50,7 +50,7 @@ def network_of_onnx(data: bytes, file: str) -> TrainedNetwork:
         file: name of the file in the warning.
 
     Raises:
-        UnreadableError: the data are not a network, or the network has branches or unsupported nodes.
+        UnreadableError: if the data are not a network, or the network has branches or unsupported nodes.
         ImportError: the library onnx is not installed.
     """
     onnx = needed("onnx", "onnx")
@@ -103,7 +103,7 @@ class _Graph:
         action: name of the output that is the action.
 
     Raises:
-        UnreadableError: the graph has several inputs, no outputs, or operators of another domain.
+        UnreadableError: if the graph has several inputs, no outputs, or operators of another domain.
     """
 
     def __init__(self, model: Any) -> None:
@@ -154,7 +154,7 @@ class _Graph:
         """Return the nodes from the input to the action.
 
         Raises:
-            UnreadableError: the nodes do not form a chain.
+            UnreadableError: if the nodes do not form a chain.
         """
         name, (last,) = self.action, self._inputs
         nodes: list[_Node] = []

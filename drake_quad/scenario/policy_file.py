@@ -41,7 +41,7 @@ def policy_network(path: Path) -> Tree:
         path: path of an .npz or .onnx file.
 
     Raises:
-        InputError: the file cannot be read, has another format, or has unsupported layers.
+        InputError: if the file cannot be read, has another format, or has unsupported layers.
     """
     mark = Mark(str(path), 0)
     readers: dict[str, Callable[[bytes], TrainedNetwork]] = {

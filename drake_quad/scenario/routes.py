@@ -52,7 +52,7 @@ _End = tuple[tuple[str | int, ...], float | None]
 
 
 class _Moving(Model):
-    """What the routes that move have in common."""
+    """Fields of all routes that move."""
 
     yaw: Direction = Field(default=0.0, description="yaw of the reference where the heading is constant (rad)")
     heading: Literal["constant", "along_path"] = Field(

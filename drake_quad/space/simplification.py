@@ -69,7 +69,8 @@ def surrounding(points: ArrayLike, most: int) -> Surrounding:
         most: largest number of corners. If the hull of the points has no more, it is returned unchanged.
 
     Raises:
-        InputError: the points have no hull with a volume, or the hull would grow by more than `MAX_GROWTH` of its size.
+        InputError: if the points have no hull with a volume, or the hull would grow by more than `MAX_GROWTH` of its
+            size.
     """
     found = np.ascontiguousarray(points, dtype=float)
     return _surrounding(found.tobytes(), found.shape, most)

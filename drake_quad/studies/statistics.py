@@ -270,7 +270,7 @@ def crash_levels(study: Study, path: str, *, num_bins: int | None = None) -> lis
             of samples, limited to 2 to 20. More samples then make the bins narrower and their intervals shorter.
 
     Raises:
-        InputError: the field is not a distribution, or the number of bins is less than 1.
+        InputError: if the field is not a distribution, or the number of bins is less than 1.
     """
     if path not in study.parameters:
         raise InputError(f"{path} is not drawn in this study; drawn are {listed([*study.parameters]) or 'no numbers'}")

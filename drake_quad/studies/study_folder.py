@@ -98,7 +98,7 @@ class StudyRows:
         """Add rows (n, columns) and write them to the folder.
 
         Raises:
-            OSError: the rows could not be written.
+            OSError: if the rows could not be written.
         """
         if self._file is not None:
             self._file.append(rows)

@@ -39,7 +39,7 @@ _MIN_COEFFICIENT = 1e-9
 
 
 class RotorModel(NamedTuple):
-    """The autopilot's model of the rotors.
+    """Autopilot's model of the rotors.
 
     Attributes:
         mixer: mixer from a wrench to squared rotor speeds.

@@ -56,7 +56,7 @@ class AccelerationActuation(FleetSystem):
     """
 
     def declare(self, *, frame: LevelFrame = "world", turn: float = 0.0, numbers: AccelerationScale) -> None:
-        """Declares the system."""
+        """Declare ports and parameters."""
         action, scale = _declared(self, "acceleration")
         heads = (None, None) if frame == "world" else (self.input("measurement"), self.input("reference"))
         self.output("acceleration_command", commanded_acceleration, action, *heads, scale, frame, turn)

@@ -82,7 +82,7 @@ WITH_ALPHA: tuple[Activation, ...] = ("elu", "leaky_relu")
 
 
 class Dense(NamedTuple):
-    """A layer of neurons.
+    """Dense layer of a network.
 
     Attributes:
         matrix: weights W and biases b.

@@ -149,7 +149,7 @@ def commands_of(record: FlightRecord, vehicle: Scenario, believed: Scenario) -> 
         believed: scenario whose `nominal` vehicle the firmware's allocation uses.
 
     Raises:
-        InputError: the log does not contain commands for this vehicle, or its hover thrust is not positive.
+        InputError: if the log does not contain commands for this vehicle, or its hover thrust is not positive.
     """
     responds = isinstance(vehicle.laboratory.autopilot, ResponseOfScenario)
     throttles = vehicle.vehicle.motors.kind == "throttle"

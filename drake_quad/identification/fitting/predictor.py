@@ -113,9 +113,9 @@ class Predictor:
     Args:
         vehicle: model of the vehicle.
         records: records that contain the windows.
-        windows: the W windows.
+        windows: W windows of the records.
         sizes: sizes of the windows.
-        outputs: the m columns of the records that are predicted.
+        outputs: m columns of the records that are predicted.
         split: number of model steps per sample.
         longest: largest possible delay, s.
     """

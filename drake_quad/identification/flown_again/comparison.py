@@ -139,8 +139,8 @@ def compare_with_log(
         progress: function that is called with the number of simulated flights and their total number.
 
     Raises:
-        InputError: the log has no position, its reference cannot be flown, there is nothing to compare, or the vehicle
-            has no time step.
+        InputError: if the log has no position, its reference cannot be flown, there is nothing to compare, or the
+            vehicle has no time step.
     """
     if scenario.vehicle.time_step == 0.0:
         raise InputError("vehicle.time_step is 0; flights are compared with a log only with a time step")

@@ -128,7 +128,7 @@ def record_of(
         names: names of further columns in the log.
 
     Raises:
-        InputError: the log has no signal, or it has fewer than two samples of all signals.
+        InputError: if the log has no signal, or it has fewer than two samples of all signals.
     """
     notes: list[str] = []
     tables = [_without_damage(table, mapping, notes) for table in tables]

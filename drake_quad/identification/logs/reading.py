@@ -23,8 +23,8 @@ def read_log(path: str | Path, mapping: str | Path | None = None) -> FlightRecor
             shipped mapping that fits best for CSV.
 
     Raises:
-        InputError: the file does not exist, has another format, or contains no complete signal; or it is a PX4 log of a
-            vehicle that is not a quadrotor, and no mapping is given.
+        InputError: if the file does not exist, has another format, or contains no complete signal; or it is a PX4 log
+            of a vehicle that is not a quadrotor, and no mapping is given.
     """
     given = None if mapping is None else load_mapping(mapping)
     log = read_file(Path(path))

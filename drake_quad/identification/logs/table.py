@@ -47,7 +47,7 @@ def read_table_file(log: LogFile, given: tuple[str, Mapping] | None) -> TableFil
         given: name and mapping; if None, the shipped mapping that knows most of the columns.
 
     Raises:
-        InputError: the file is not text, no mapping fits, or a cell is not a number.
+        InputError: if the file is not text, no mapping fits, or a cell is not a number.
     """
     text, cut = _text(log)
     name, mapping, names = _fitting(log, text, given)
