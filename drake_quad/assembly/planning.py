@@ -392,7 +392,7 @@ def _check_braking(scenario: Scenario, plan: Plan) -> None:
     except InputError as error:
         raise InputError(
             f"duration is {scenario.duration:g} s, but the route ends in motion at {end:.2f} s, and the braking after"
-            f" it is not possible ({error}); {demand}"
+            f" it cannot be flown ({error}); {demand}"
         ) from None
 
 

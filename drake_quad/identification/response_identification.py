@@ -347,7 +347,7 @@ def _below_remarks(
         )
         if held:
             found.append(
-                f"{name} was estimated as {plus_minus(size * value, size * reach)} {unit}, and is held at zero, because"
+                f"{name} came out at {plus_minus(size * value, size * reach)} {unit}, and is held at zero, because"
                 " it cannot be negative"
             )
     return tuple(found)

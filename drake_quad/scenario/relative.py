@@ -155,7 +155,7 @@ def _scaled(tree: Tree, number: float, path: str) -> Tree:
     reference = body.value[_REFERENCE_VALUE].value if _REFERENCE_VALUE in body.value else 1.0
     if isinstance(reference, bool) or not isinstance(reference, int | float) or not reference > 0.0:
         raise InputError(
-            f"{body.value[_REFERENCE_VALUE].mark}: {path}.relative.to is {shown(reference)}; it must be positive"
+            f"{body.value[_REFERENCE_VALUE].mark}: {path}.relative.to is {shown(reference)}, but must be positive"
         )
     if number < 0.0:
         raise InputError(

@@ -86,7 +86,7 @@ class HullObstacle(Model):
             raise PydanticCustomError("hull", "{flaw}", {"flaw": str(error)}) from None
         if not hull.is_simpler:
             return points
-        warnings.warn(f"of an obstacle {hull}", InputWarning, stacklevel=2)
+        warnings.warn(f"obstacle of kind hull: {hull}", InputWarning, stacklevel=2)
         return tuple(map(tuple, hull.corners.tolist()))
 
     @model_validator(mode="after")

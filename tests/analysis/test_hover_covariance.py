@@ -78,5 +78,5 @@ def test_lost_packets_and_frames_do_not_count():
 
 
 def test_an_unstable_loop_is_refused():
-    with pytest.raises(InputError, match="not stable in hover"):
+    with pytest.raises(InputError, match="unstable in hover"):
         linear_hover_error(load_scenario("laboratory:nominal", ["laboratory.command_link.delay_ticks=9"]))

@@ -154,7 +154,10 @@ def status_remarks(topics: Mapping[str, _Data], start: int) -> Iterator[str]:
         rows = np.flatnonzero(local["dead_reckoning"].astype(bool) & local["xy_valid"].astype(bool))
         if len(rows):
             share, first = len(rows) / len(local["timestamp"]), seconds(local, rows[0])
-            yield f"the position is dead reckoning in {share:.2%} of its samples, first at {first:.4g} s of the log"
+            yield (
+                f"the position comes from dead reckoning in {share:.2%} of its samples, first at {first:.4g} s of the"
+                " log"
+            )
     yield from _end(topics)
 
 

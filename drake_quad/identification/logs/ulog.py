@@ -221,6 +221,6 @@ def _dropouts(read: Any) -> list[str]:
     if not len(lengths):
         return []
     return [
-        f"{len(lengths)} dropout{'s' if len(lengths) > 1 else ''} of the logger, {lengths.sum():.3g} s in total, the"
+        f"{len(lengths)} dropout{'s' if len(lengths) > 1 else ''} of the logger, {lengths.sum():.3g} s in all, the"
         f" longest of {lengths.max():.3g} s"
     ]
