@@ -473,7 +473,7 @@ class _Search:
         return float(0.5 * math.log(np.mean([answer.error**2 for answer in stable])) + _PENALTY * broken)
 
     def advanced(self) -> "_Search":
-        """The search with the numbers of the least cost that it finds from those that it has."""
+        """Return the search with the numbers of the lowest cost that it finds, starting from its present numbers."""
         logs = np.log(self.numbers)
         first, *_ = steps = np.eye(len(logs))
         with single_threaded_blas():

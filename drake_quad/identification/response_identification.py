@@ -339,7 +339,7 @@ def _remarks(windows: _Windows, names: Sequence[str]) -> tuple[str, ...]:
 def _below_remarks(
     scenario: Scenario, names: Sequence[str], below: np.ndarray, values: np.ndarray, reaches: np.ndarray
 ) -> tuple[str, ...]:
-    """A sentence on each number that is held at zero, with its 95 % interval; ticks of the delay are in ms."""
+    """Return a sentence on each parameter that is set to zero, with its 95 % interval; delays are given in ms."""
     found = []
     for name, value, reach, held in zip(names, values, reaches, below, strict=True):
         size, unit = (
@@ -347,8 +347,8 @@ def _below_remarks(
         )
         if held:
             found.append(
-                f"{name} came out at {plus_minus(size * value, size * reach)} {unit}, and is held at zero, below which"
-                " it makes no sense"
+                f"{name} came out at {plus_minus(size * value, size * reach)} {unit}, and is held at zero, because"
+                " it cannot be negative"
             )
     return tuple(found)
 
@@ -477,7 +477,7 @@ def _blocks(windows: _Windows) -> np.ndarray:
 
 
 class _Model(NamedTuple):
-    """The vehicle, and what of it is measured."""
+    """Model of the vehicle and of its measurements."""
 
     scenario: Scenario
     outputs: tuple[_Output, ...]
@@ -512,7 +512,7 @@ class _Model(NamedTuple):
         return np.stack([windows.measured(output.signal, output.column) for output in self.outputs], axis=1)
 
     def errors(self, predicted: np.ndarray, measured: np.ndarray) -> np.ndarray:
-        """Return (..., W, o, T) predicted minus measured, angles within half a turn."""
+        """Return predicted minus measured values (..., W, o, T), with differences of angles wrapped to [-π, π]."""
         errors = predicted - measured
         angles = [o for o, output in enumerate(self.outputs) if output.signal == "attitude"]
         errors[..., angles, :] = within_half_a_turn(errors[..., angles, :])
@@ -534,7 +534,7 @@ class _Model(NamedTuple):
         return states
 
     def problem(self, windows: _Windows, names: Sequence[str], whiteners: Sequence[np.ndarray]) -> Problem:
-        """What is fitted to windows."""
+        """Return the least-squares problem of the parameters `names` in some windows."""
         measured = self.measured(windows)
 
         def residuals(parameters: np.ndarray, states: np.ndarray) -> np.ndarray:
@@ -561,7 +561,7 @@ _STATE_SCALES = np.array([0.1, 0.1, 0.1, 0.1, 0.1, 0.1, 0.5, 0.5, 0.5, 1.0, 1.0,
 def _told(
     model: _Model, windows: _Windows, names: tuple[str, ...], not_seen: dict[str, str]
 ) -> tuple[tuple[str, ...], Fit, Problem, list[Noise]]:
-    """Fits what the windows tell: what they do not is left out, one number after another."""
+    """Fit the parameters that the windows identify; the others are removed one by one."""
     shape = model.shape(windows)
     noises = [Noise(output.usual, output.strays) for output in model.outputs]
     states = model.first_states(windows)

@@ -1,7 +1,7 @@
 """Networks of policies from ONNX: a chain of nodes from the observation to the action.
 
-A file may have more, such as the value of an actor-critic behind the same layers: only what the action needs is read.
-Of several outputs the action is the one that is called so, else the first.
+Nodes that do not affect the action, such as the value function of an actor-critic network, are ignored. If there are
+several outputs, the action is the output with this name, or else the first one.
 """
 
 import math
@@ -26,12 +26,12 @@ _ACTIVATIONS = {
     "Swish": "silu",
     "Gelu": "gelu",
 }
-# What actions are called where there are several outputs.
+# Names by which the action is found among several outputs.
 _ACTIONS = ("action", "actions")
-# The operators of ONNX itself; others, such as those of onnxruntime's optimiser, mean something else.
+# Domains of the standard operators; those of other domains, such as onnxruntime's optimiser, have other definitions.
 _DOMAINS = ("", "ai.onnx")
 _ROOT_OF_HALF = math.sqrt(0.5)
-# Constants of single precision may be off by this share.
+# Relative error of constants in single precision.
 _SINGLE = 1e-6
 # Nodes that change no number of one observation.
 _SILENT = ("Identity", "Flatten", "Reshape", "Squeeze", "Unsqueeze", "Transpose", "Cast", "Dropout")
@@ -43,14 +43,14 @@ _FLOATS = (1, 11)
 
 
 def network_of_onnx(data: bytes, file: str) -> TrainedNetwork:
-    """Reads a network; a warning says which of several outputs is the action.
+    """Read a network; with several outputs, a warning names the one that is the action.
 
     Args:
-        data: of the file.
-        file: what the warning calls it.
+        data: content of the file.
+        file: name of the file in the warning.
 
     Raises:
-        UnreadableError: it is none, has branches, or nodes that are not known here.
+        UnreadableError: if the data are not a network, or the network has branches or unsupported nodes.
         ImportError: the library onnx is not installed.
     """
     onnx = needed("onnx", "onnx")
@@ -93,17 +93,17 @@ class _Node:
 
 
 class _Graph:
-    """A graph of ONNX, whose numbers are known where they do not depend on its input.
+    """ONNX graph in which all values that do not depend on the input are computed.
 
     Args:
-        model: whose graph it is.
+        model: ONNX model that contains the graph.
 
     Attributes:
-        outputs: their names.
-        action: the name of the output that is the action.
+        outputs: names of the outputs.
+        action: name of the output that is the action.
 
     Raises:
-        UnreadableError: it has several inputs, or no outputs, or operators of another library.
+        UnreadableError: if the graph has several inputs, no outputs, or operators of another domain.
     """
 
     def __init__(self, model: Any) -> None:
@@ -137,7 +137,7 @@ class _Graph:
         return array
 
     def _compute(self, node: Any) -> None:
-        """Makes known what a node gives whose inputs are."""
+        """Compute the outputs of a node whose inputs are known."""
         helper = self._onnx.helper
         names = [*dict.fromkeys(node.input)]
         arrays = [self._onnx.numpy_helper.from_array(self._known[name], name) for name in names]
@@ -151,10 +151,10 @@ class _Graph:
         self._known |= dict(zip(node.output, found, strict=False))
 
     def chain(self) -> list[_Node]:
-        """The nodes from the input to the output.
+        """Return the nodes from the input to the action.
 
         Raises:
-            UnreadableError: there is no such chain.
+            UnreadableError: if the nodes do not form a chain.
         """
         name, (last,) = self.action, self._inputs
         nodes: list[_Node] = []
@@ -179,7 +179,7 @@ class _Graph:
         return nodes[::-1]
 
     def _gated(self, node: Any) -> tuple[list[_Node], str] | None:
-        """What a node does that multiplies something by a function of it, and to what; None if it is no such node."""
+        """Return the Swish or GELU that ends with a multiplication node, and the name of its input; None otherwise."""
         if node.op_type != "Mul":
             return None
         for x, gate in (node.input, node.input[::-1]):
@@ -192,10 +192,10 @@ class _Graph:
         return None
 
     def _gelu(self, x: str, gate: str) -> tuple[list[_Node], str] | None:
-        """The same of x (1 + erf(x / √2)) / 2, as PyTorch writes GELU in opsets that have none.
+        """Return the GELU that a product of two values represents, and the name of its input; None otherwise.
 
-        The half, and numbers on the way to either factor, may stand anywhere: with z before all of them, a z and
-        b (1 + erf(c z)), u is √2 c z, and the product is √2 a b / c times the GELU of u.
+        PyTorch exports GELU as x (1 + erf(x / √2)) / 2 for opsets without a node for it. Constant factors may be in any
+        place. In general the product is a z · b (1 + erf(c z)). With u = √2 c z it is √2 a b / c times the GELU of u.
         """
         (z, a), (gate, b) = self._unscaled(x), self._unscaled(gate)
         summed = self._with_constant(gate, "Add")
@@ -213,7 +213,7 @@ class _Graph:
         return [*before, _Node("Gelu", [None], 0, {}), *after], z
 
     def _unscaled(self, name: str) -> tuple[str, float]:
-        """The name of what something is a multiple of, however often it was multiplied, and the factor."""
+        """Return the name of the value of which `name` is a constant multiple, and the total factor."""
         factor = 1.0
         while True:
             multiplied, divided = self._with_constant(name, "Mul"), self._with_constant(name, "Div")
@@ -225,7 +225,10 @@ class _Graph:
                 return name, factor
 
     def _with_constant(self, name: str, kind: str) -> tuple[str, float] | None:
-        """What something is made of by a node of a kind and a single number, and that number; None if it is not."""
+        """Return the non-constant input and the constant of the node that computes `name`.
+
+        The result is None if this node has another kind, or does not combine a value with a single number.
+        """
         maker = self._makers.get(name)
         if maker is None or maker.op_type != kind or len(maker.input) != 2:
             return None
@@ -245,7 +248,7 @@ def _stays_small(kind: str, given: Sequence[Any]) -> bool:
 
 
 def _add(layers: Layers, node: _Node, *, is_last: bool) -> None:
-    """Adds what a node does to what comes along the chain."""
+    """Add the operation of a node to the layers."""
     rule = _RULES.get(node.kind)
     if rule is not None:
         rule(layers, node)
@@ -261,12 +264,12 @@ def _add(layers: Layers, node: _Node, *, is_last: bool) -> None:
 
 
 def _activation(node: _Node) -> tuple[str, float | None]:
-    """The name of an activation, and its parameter if that is not the default."""
+    """Return the name of an activation, and its parameter if that is not the default."""
     name, alpha = _ACTIVATIONS[node.kind], node.attributes.get("alpha")
     if name == "gelu":
         approximated = node.attributes.get("approximate", b"none")
         if approximated not in (b"none", b"tanh"):
-            raise UnreadableError(f"has a Gelu with an approximation {shown(approximated)}, not none or tanh")
+            raise UnreadableError(f"has a Gelu with an approximation {shown(approximated)}; it must be none or tanh")
         return "gelu_tanh" if approximated == b"tanh" else "gelu", None
     if alpha is not None and name not in WITH_ALPHA and alpha != 1.0:
         raise UnreadableError(f"has an activation {node.kind} with an alpha of {alpha:g}, not 1")
@@ -336,8 +339,8 @@ def _gru(layers: Layers, node: _Node) -> None:
 
 
 def _clip(layers: Layers, node: _Node, *, is_last: bool) -> None:
-    """Takes over a limit of the input; actions have theirs, from -1 to 1, anyway."""
-    attributes = [node.attributes.get(name) for name in ("min", "max")]  # until opset 10
+    """Add the limit of the input; a limit of the action is ignored, since actions are always within [-1, 1]."""
+    attributes = [node.attributes.get(name) for name in ("min", "max")]  # up to opset 10 the limits are attributes
     bounds = attributes if len(node.given) == 1 else [*node.given[1:], None][:2]
     low, high = (None if each is None or np.size(each) != 1 else float(np.ravel(each)[0]) for each in bounds)
     if node.place or low is None or high is None:

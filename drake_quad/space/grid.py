@@ -155,7 +155,10 @@ class Grid:
 
 
 def is_near(place: Place, points: np.ndarray, distance: float = 0.0) -> np.ndarray:
-    """(n,) whether points (n, 3) are in a place or within a distance of it, m; some more near edges of a polytope."""
+    """Return a mask (n,) of the points (n, 3) that are in a place or within a distance (m) of it.
+
+    Near the edges of a polytope the mask also includes some points that are farther away.
+    """
     match place:
         case Box():
             return np.asarray(np.linalg.norm(points - np.clip(points, place.low, place.high), axis=1) <= distance)

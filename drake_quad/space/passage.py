@@ -86,14 +86,14 @@ def find_passage(
     *,
     seed: int = 0,
 ) -> Passage | None:
-    """The shortest passage, or None if there is none.
+    """Return the shortest passage; None if there is none.
 
     Args:
-        regions: all.
-        candidates: numbers of those to be used, for each leg.
-        places: (legs + 1) to pass.
-        corridors: that the legs must not leave, either; None for those without one.
-        seed: of the rounding.
+        regions: all regions.
+        candidates: indices of the regions that each leg may use.
+        places: (legs + 1) places to pass.
+        corridors: corridor of each leg, which it must not leave; None for a leg without a corridor.
+        seed: seed of the randomised rounding.
     """
     graph = GcsTrajectoryOptimization(3)
     # A place takes no time to pass; Drake wants a little.

@@ -80,5 +80,5 @@ def test_the_linear_error_ignores_lost_packets_and_frames():
 
 
 def test_an_unstable_loop_is_refused():
-    with pytest.raises(InputError, match="not stable in hover"):
+    with pytest.raises(InputError, match="unstable in hover"):
         linear_hover_error(load_scenario("laboratory:nominal", ["laboratory.command_link.delay_ticks=9"]))

@@ -121,7 +121,7 @@ def sound(num_vehicles):
 @pytest.mark.slow
 def test_a_study_warns_of_non_finite_numbers_and_counts_crashes():
     scenario = load_scenario("hover", ["duration=0.6"])
-    words = r"^sample 0: position_controller returned nan in y of `acceleration_command` at 0.30 s; flights that end so"
+    words = r"^sample 0: position_controller returned nan in y of `acceleration_command` at 0.30 s; flights with such"
     # Forked workers would warn about the threads of other tests.
     thread = ThreadPoolExecutor(1)
     with pytest.warns(UserWarning, match=words):

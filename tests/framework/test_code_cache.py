@@ -198,5 +198,5 @@ def test_an_object_file_without_the_function_is_not_called(folder, monkeypatch):
 def test_a_module_is_found_under_its_own_name(folder):
     assert called(module(815)) == 815
     (file,) = folder.iterdir()
-    assert re.fullmatch(code_cache._OUR_NAMES, file.name)
+    assert re.fullmatch(code_cache._CACHE_FILE_NAME, file.name)
     assert file.stem == machine_code._name(module(815))

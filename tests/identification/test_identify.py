@@ -210,5 +210,7 @@ def test_equations_without_a_solution_are_refused_in_one_sentence(monkeypatch):
 
     monkeypatch.setattr(module, "identify_from_poses", fail)
     nothing = FlightRecord("log", np.array([0.0, 0.1]))
-    with pytest.raises(InputError, match=r"^the logs cannot be fitted \(Matrix is not positive definite\): they hold"):
+    with pytest.raises(
+        InputError, match=r"^the logs cannot be fitted \(Matrix is not positive definite\): their values are not"
+    ):
         identify([nothing], load_scenario("hover"))

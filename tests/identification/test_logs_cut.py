@@ -134,13 +134,13 @@ def test_a_ulog_is_read_as_far_as_pyulog_can_read_it(read):
     whole, damaged = read(ULOG), read(ULOG + bytes(40_000) + b"\1")
     np.testing.assert_array_equal(damaged.body_rates, whole.body_rates)
     assert any(f"damaged from byte {len(ULOG):,} on" in remark for remark in damaged.remarks)
-    assert unread(damaged) == ["the last 40,001 bytes are not read: pyulog cannot read on from there"]
+    assert unread(damaged) == ["the last 40,001 bytes are not read: pyulog cannot continue there"]
 
 
 def test_damage_is_reported_once(read):
     record = read(ULOG + 20 * b"\1\0\0" + b"\1")
     assert [remark for remark in record.remarks if "damaged" in remark] == [
-        f"the log is damaged from byte {len(ULOG):,} on; read what pyulog finds whole"
+        f"the log is damaged from byte {len(ULOG):,} on; only complete messages that pyulog finds are read"
     ]
 
 

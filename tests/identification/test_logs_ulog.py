@@ -247,7 +247,7 @@ def status(*values):
         ({}, {"MAV_TYPE": 13}, "a hexarotor, by the parameter MAV_TYPE, 13"),
         ({}, {"MAV_TYPE": 22, "CA_ROTOR_COUNT": 4}, "a VTOL, by the parameter MAV_TYPE, 22"),
         ({}, {"MAV_TYPE": 2, "CA_AIRFRAME": 1}, "an aeroplane, by the parameter CA_AIRFRAME, 1"),
-        ({}, {"MAV_TYPE": 2, "CA_ROTOR_COUNT": 6}, "a vehicle of 6 rotors, by the parameter CA_ROTOR_COUNT"),
+        ({}, {"MAV_TYPE": 2, "CA_ROTOR_COUNT": 6}, "a vehicle with 6 rotors, by the parameter CA_ROTOR_COUNT"),
         (status(1, False, 14, False), {}, "an octorotor, by vehicle_status.system_type, 14"),
         (status(2, False, 0, False), {}, "an aeroplane, by vehicle_status.vehicle_type, 2"),
         (status(1, True, 0, False), {}, "a VTOL, by vehicle_status.is_vtol"),
@@ -256,7 +256,7 @@ def status(*values):
 def test_a_log_of_another_vehicle_is_refused_or_with_a_mapping_reported(read, topics, parameters, words):
     data = ulog({**TURNING_VEHICLE, **topics}, parameters=parameters)
     with pytest.raises(
-        InputError, match=rf"log.ulg: is the log of {words}.*, and not of a quadrotor; a mapping of your"
+        InputError, match=rf"log.ulg: is the log of {words}.*, and not of a quadrotor; give a mapping to read it anyway"
     ):
         read(data)
     assert said(read(data, "px4"), f"the log is of {words}")
@@ -281,7 +281,7 @@ PULSE_WIDTHS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5
 @pytest.mark.parametrize(
     ("parameters", "shares", "words"),
     [
-        ({}, (0.075, 0.0, 0.5125, 0.95), "1000 to 2000 µs, assumed, which no parameter says"),
+        ({}, (0.075, 0.0, 0.5125, 0.95), "1000 to 2000 µs, assumed, since no parameter in the log says so"),
         ({"PWM_MIN": 1075, "PWM_MAX": 1950}, (0.0, 0.0, 0.5, 1.0), "1075 to 1950 µs, by PWM_MAIN_MIN"),
         ({"PWM_MAIN_MIN": 1075, "PWM_MAIN_MAX": 1950}, (0.0, 0.0, 0.5, 1.0), "1075 to 1950 µs, by"),
         (
@@ -293,7 +293,7 @@ PULSE_WIDTHS = ([("float[8]", "output")], rows(10_000, lambda t: (1075.0, 1512.5
             # Motor 1 is at output 3, and motor 3 at output 1.
             {**{f"PWM_MAIN_FUNC{i}": 100 + motor for i, motor in ((3, 1), (2, 2), (1, 3), (4, 4))}, "PWM_MIN": 1000},
             (0.95, 0.0, 0.5125, 0.075),
-            "motors 1 to 4 are at its outputs 3, 2, 1, 4",
+            "motors 1 to 4 are on its outputs 3, 2, 1, 4",
         ),
     ],
 )
@@ -314,7 +314,7 @@ def test_samples_that_the_log_marks_as_invalid_are_missing(read):
     assert said(record, "position is no number in 40 of 101 samples")
     assert said(record, "velocity is no number in 21 of 101 samples")
     np.testing.assert_allclose(record.position[0], [1.0, -2.0, 3.0], atol=1e-6)
-    assert said(record, "the position is by dead reckoning in 60.40% of its samples, first at 0.4 s of the log")
+    assert said(record, "the position comes from dead reckoning in 60.40% of its samples, first at 0.4 s of the log")
 
 
 LATER_ROW = (1.0, 2.0, -3.0, 0.1, 0.2, -0.3, True, True, True, True, True)

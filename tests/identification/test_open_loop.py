@@ -161,7 +161,7 @@ def test_throttles_need_the_motors_that_the_firmware_believes(responding, record
     np.testing.assert_allclose(total[inside], record.thrust_command[inside], rtol=1e-9)
     assert inside.any()
     nominal = vehicle.nominal.model_copy(update={"motors": SpeedMotors(kind="speed")})
-    with pytest.raises(InputError, match=f"{vehicle.name} has no nominal.motors, which make throttles of thrusts"):
+    with pytest.raises(InputError, match=f"{vehicle.name} has no nominal.motors; add them, since throttles follow"):
         commands_of(thrust, vehicle, vehicle.model_copy(update={"nominal": nominal}))
 
 

@@ -454,7 +454,7 @@ def test_only_what_the_action_needs_is_read_of_onnx(of_onnx, nodes):
         ),
         (
             layers_of(activation=[NODE("Gelu", ["hidden"], ["active"], approximate="erf")]),
-            "has a Gelu with an approximation b'erf', not none or tanh",
+            "has a Gelu with an approximation b'erf'; it must be none or tanh",
         ),
         (
             layers_of(activation=[("Tanh", ["hidden"], ["a"]), ("Mul", ["a", "D"], ["active"])]),

@@ -151,7 +151,7 @@ def test_an_error_is_reported_with_its_place(folder, monkeypatch, override, word
         (b"", "at least 4 points"),
         (b"v 0 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n", "in a plane"),
         (b"v nan 0 0\nv 1 0 0\nv 0 1 0\nv 1 1 0\n", "finite"),
-        (b"<?xml version='1.0'?>\n<robot name='x500'>", "describes a robot (URDF) and is not a mesh: name the mesh"),
+        (b"<?xml version='1.0'?>\n<robot name='x500'>", "describes a robot (URDF) and is not a mesh: give the mesh"),
         (b"<?xml version='1.0'?><!-- x --><sdf version='1.9'>", "describes a model or world (SDFormat) and is not a"),
         (b"<?xml version='1.0'?>\n<COLLADA xmlns='x'>", "is a Collada mesh and cannot be read: convert it to .obj"),
         (b"glTF\x02\x00", "is a glTF mesh and cannot be read"),
@@ -174,7 +174,10 @@ def test_a_comment_in_a_mesh_may_name_other_formats(folder):
 @pytest.mark.parametrize(
     ("name", "words"),
     [
-        ("drone.urdf", "describes a robot (URDF) and is not a mesh: name the mesh that its <collision> names, or give"),
+        (
+            "drone.urdf",
+            "describes a robot (URDF) and is not a mesh: give the mesh, box, cylinder or sphere of its <collision>",
+        ),
         ("drone.sdf", "describes a model or world (SDFormat) and is not a mesh"),
         ("world.world", "describes a model or world (SDFormat)"),
         ("drone.DAE", "is a Collada mesh and cannot be read: convert it to .obj or .stl, with Blender or MeshLab"),
@@ -198,7 +201,8 @@ def test_a_mesh_of_many_corners_is_replaced_by_a_hull_around_it(folder):
     """The mesh is a file or a list of points, and a warning states the growth. A saved hull equals the loaded one."""
     (folder / "rock.obj").write_text("".join("v {} {} {}\n".format(*corner) for corner in PRISM))
     with pytest.warns(
-        InputWarning, match=r"rock.obj: its convex hull of 200 corners is replaced by one of 100 around it"
+        InputWarning,
+        match=r"rock.obj: its convex hull with 200 corners is replaced by a hull with 100 corners around it",
     ):
         rock = load_scenario(folder / "rooms.yaml:room").space.obstacles["rock"]
     assert len(rock.points) == 100
@@ -206,7 +210,7 @@ def test_a_mesh_of_many_corners_is_replaced_by_a_hull_around_it(folder):
     assert solid.distances(placed(PRISM, centre=rock.centre, rotation=rock.rotation, scale=rock.scale)).max() <= 0.0
     again = {"kind": "hull", "points": rock.points, "centre": (3.0, 3.0, 0.0), "scale": 0.5, "rotation": rock.rotation}
     assert load_scenario("figure_eight", {"space.obstacles.rock": again}).space.obstacles["rock"] == rock
-    with pytest.warns(InputWarning, match=r"^of an obstacle its convex hull of 200 corners is replaced"):
+    with pytest.warns(InputWarning, match=r"^obstacle of kind hull: its convex hull with 200 corners is replaced"):
         same = load_scenario("figure_eight", {"space.obstacles.rock": {**again, "points": PRISM}})
     assert same.space.obstacles["rock"] == rock
 

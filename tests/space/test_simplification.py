@@ -103,7 +103,7 @@ def test_a_hull_of_few_corners_is_unchanged():
 
 def test_a_hull_that_would_grow_too_much_is_refused():
     with pytest.raises(
-        InputError, match=r"has 300 corners, and one of 8 corners around it would be larger by \d+ % of"
+        InputError, match=r"has 300 corners, and a hull with 8 corners around it would be larger by \d+ % of"
     ):
         surrounding(sphere(300), 8)
     with pytest.raises(InputError, match="in a plane"):
@@ -114,6 +114,6 @@ def test_a_replacement_is_described_in_a_sentence():
     found = surrounding(drone(13), MAX_CORNERS)
     share = 100.0 * found.growth / 0.37
     assert str(found) == (
-        f"its convex hull of 104 corners is replaced by one of 100 around it, which is larger by at most"
+        f"its convex hull with 104 corners is replaced by a hull with 100 corners around it, which is larger by at most"
         f" {found.growth:.3g}, {share:.2g} % of its size"
     )

@@ -98,7 +98,7 @@ def step(
     numbers: Numbers,
     kind: DisturbanceKind,
 ) -> Step:
-    """The vehicle at the end of a step, in which a disturbance holds."""
+    """Return the vehicle at the end of a step, during which a disturbance is constant."""
     (h,) = span
     parameters, effects = numbers
     target = _target(rotors, command, numbers)
@@ -143,7 +143,7 @@ def felt(
     numbers: Numbers,
     kind: DisturbanceKind,
 ) -> SpecificForce:
-    """What an accelerometer at the centre of mass feels."""
+    """Return the specific force that an accelerometer at the centre of mass measures, m/s²."""
     parameters, effects = numbers
     turned = turning(rotors, _target(rotors, command, numbers), parameters, effects)
     axes = BodyAxes.of(body.roll, body.pitch, body.yaw)

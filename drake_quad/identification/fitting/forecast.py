@@ -37,7 +37,7 @@ class Forecast(NamedTuple):
 
 
 def forecast(predictor: Predictor, parameters: np.ndarray, noise: Noise) -> Forecast:
-    """What the model of a predictor tells over the length of its windows, for (p,) parameters."""
+    """Return the forecast of a predictor's model over the length of its windows, for parameters (p,)."""
     gains = predictor.gains(parameters, noise)
     held = gains._replace(gain=np.where(predictor.counted[:, None, None, None], 0.0, gains.gain))
     kept = np.flatnonzero(predictor.counted)

@@ -102,9 +102,9 @@ def _noise(gone: np.ndarray, record: FlightRecord, ends: tuple[np.ndarray, np.nd
 
 
 def _correlation_time(rest: np.ndarray, noise: float) -> int:
-    """Samples after which the autocorrelation, without that of noise, has fallen to 1/e."""
+    """Return the number of samples after which the autocorrelation, without that of noise, has fallen to 1/e."""
     off = rest - rest.mean()
-    # By Fourier transforms, since the sums themselves take seconds for a log of minutes.
+    # Direct summation would take seconds for a log of several minutes, so the correlation uses Fourier transforms.
     correlation = scipy.signal.correlate(off, off, method="fft")[len(off) - 1 :]
     left = max(0.0, correlation[0] - len(off) * noise)
     return max(1, int(np.argmax(correlation < left / np.e)) or len(off))

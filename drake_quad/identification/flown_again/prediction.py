@@ -200,7 +200,7 @@ def _reached(record: FlightRecord, starts: np.ndarray, steps: int) -> np.ndarray
 def _begun(
     loop: OpenLoop, record: FlightRecord, measured: Sequence[str], starts: np.ndarray, past: int, level: bool
 ) -> np.ndarray:
-    """(S, 12) states at the starts, fitted to what was measured before."""
+    """Return the states (S, 12) at the starts, fitted to the measurements before them."""
     before = Starts(starts - past, past)
     at = before.samples[:, None] + np.arange(past + 1)
     values = {name: _continuous(record, name)[at] for name in measured}
@@ -230,7 +230,7 @@ def _begun(
 
 
 def _difference(name: str, predicted: np.ndarray, values: np.ndarray) -> np.ndarray:
-    """Return predicted minus measured values, angles within half a turn."""
+    """Return predicted minus measured values, with differences of angles wrapped to [-π, π]."""
     return within_half_a_turn(predicted - values) if name == "attitude" else predicted - values
 
 
