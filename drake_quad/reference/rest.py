@@ -8,7 +8,7 @@ import math
 
 import numpy as np
 
-from drake_quad.reference.polynomial_path import PolynomialPath, knots, peak_norm, power_basis
+from drake_quad.reference.polynomial_path import PolynomialPath, knots, norm_peaks, peak_norm, power_basis
 
 # Velocity, acceleration and jerk below which a path counts as at rest, in m (or rad) and s. Solvers and files with six
 # decimals leave smaller values, and jumps of this size have no visible effect: 0.01 m/s² is 1 mrad of tilt.
@@ -63,34 +63,40 @@ def _resting(position: np.ndarray) -> np.ndarray:
 
 def _braking(path: PolynomialPath, orders: int, acceleration: float) -> PolynomialPath:
     """Return the piece that brakes from the motion at the end of a path to rest; it starts at time 0."""
-    start = knots(path, orders)[-1]
     limits = peak_norm(path, 1), max(peak_norm(path, 2), acceleration)
-
-    def excess(piece: PolynomialPath) -> float:
-        return max(peak_norm(piece, order) / limit for order, limit in enumerate(limits, start=1) if limit > 0.0)
-
-    pieces = [_brake_within(duration, start) for duration in _BRAKING_DURATIONS]
-    excesses = np.array([excess(piece) for piece in pieces])
+    pieces = _pieces_to_rest(_BRAKING_DURATIONS, knots(path, orders)[-1])
+    # A path of all candidates one after another, so that their peaks are found at once.
+    candidates = PolynomialPath(np.concatenate([[0.0], np.cumsum(_BRAKING_DURATIONS)]), pieces)
+    excess = np.zeros(len(pieces))
+    for order, limit in enumerate(limits, start=1):
+        peaks = norm_peaks(candidates, order)
+        if limit > 0.0:
+            np.maximum.at(excess, peaks.segment, peaks.norm / limit)
     # The tolerance is for rounding, since a path may end with its largest acceleration.
-    within = np.flatnonzero(excesses <= 1.0 + 1e-9)
-    return pieces[int(within[0]) if within.size else int(np.argmin(excesses))]
+    within = np.flatnonzero(excess <= 1.0 + 1e-9)
+    chosen = int(within[0] if within.size else np.argmin(excess))
+    return PolynomialPath(np.array([0.0, _BRAKING_DURATIONS[chosen]]), pieces[chosen : chosen + 1])
 
 
-def _brake_within(duration: float, start: np.ndarray) -> PolynomialPath:
-    """Return the piece that comes to rest in a given time and minimises the integral of its squared n-th derivative.
+def _pieces_to_rest(durations: np.ndarray, start: np.ndarray) -> np.ndarray:
+    """Return the pieces that come to rest in given times and minimise the integral of their squared n-th derivative.
 
     The position at the end is free. The optimal polynomial therefore has degree 2n - 2, since the derivative of order
     2n - 1 is zero at a free end.
 
     Args:
-        duration: duration of the piece, s.
+        durations: (pieces,) durations, s.
         start: (n, axes) position and its first n - 1 derivatives at the start.
+
+    Returns:
+        (pieces, 2n - 1, axes) coefficients.
     """
-    orders, unit = len(start), np.array([0.0, 1.0])
+    orders = len(start)
     powers = 2 * orders - 1
-    coefficients = np.zeros((powers, start.shape[1]))
     factorials = np.array([math.factorial(order) for order in range(orders)])
-    coefficients[:orders] = start * (duration ** np.arange(orders) / factorials)[:, np.newaxis]
+    scales = durations[:, np.newaxis] ** np.arange(orders) / factorials
+    coefficients = np.zeros((len(durations), powers, start.shape[1]))
+    coefficients[:, :orders] = start * scales[:, :, np.newaxis]
     at_end = np.array([power_basis(order, 1.0, powers) for order in range(1, orders)])
-    coefficients[orders:] = np.linalg.solve(at_end[:, orders:], -at_end[:, :orders] @ coefficients[:orders])
-    return PolynomialPath(unit * duration, coefficients[np.newaxis])
+    coefficients[:, orders:] = np.linalg.solve(at_end[:, orders:], -at_end[:, :orders] @ coefficients[:, :orders])
+    return coefficients
