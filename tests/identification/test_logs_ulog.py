@@ -304,6 +304,12 @@ def test_pulses_are_shares_of_what_the_parameters_say(read, parameters, shares, 
     assert said(record, words)
 
 
+def test_pulses_without_a_range_are_refused(read):
+    log = ulog({**MOVING, "actuator_outputs": OUTPUTS}, parameters={"PWM_MAIN_MIN2": 1500, "PWM_MAIN_MAX2": 1500})
+    with pytest.raises(InputError, match="the pulses of motor 2 go from 1500 to 1500 µs"):
+        read(log)
+
+
 def test_what_the_log_calls_invalid_is_no_measurement(read):
     fields = [
         *LOCAL,
