@@ -13,12 +13,16 @@ from drake_quad.scenario.paths import joined
 # Stands in a path for each name of a mapping.
 _EACH = "*"
 # Fields in which the name of a file may stand, and how a library reads it.
-_FILES: dict[tuple[str, ...], Callable[[Library, Path], Tree]] = {
+_FILES: dict[tuple[str, ...], Callable[..., Tree]] = {
     ("control", "network", "learned"): Library.mapping,
     ("control", "policy"): Library.policy,
     ("route", "pieces"): Library.pieces,
     ("space", "obstacles", _EACH, "points"): Library.points,
 }
+
+# Fields in which FILE:NAME names one output of a network, and the ending of such a file.
+_FIELDS_WITH_OUTPUTS = ("control.policy",)
+_NETWORK_ENDING = ".onnx"
 
 
 def with_named_files(tree: Tree, library: Library) -> Tree:
@@ -38,20 +42,20 @@ def with_named_files(tree: Tree, library: Library) -> Tree:
     return tree
 
 
-def _with_file(tree: Tree, path: tuple[str, ...], read: Callable[[Path], Tree], parent: str = "") -> Tree:
+def _with_file(tree: Tree, path: tuple[str, ...], read: Callable[..., Tree], parent: str = "") -> Tree:
     """Return the tree with the contents of a file in the place of its name.
 
     Args:
         tree: of the scenario, or a part of it.
         path: from there to the field.
-        read: reads the file.
+        read: reads the file, given its path, and the name of an output if one is chosen.
         parent: path of the tree in the scenario.
 
     Raises:
         InputError: there is no such file, or `read` refuses it.
     """
     if not path:
-        return read(_named_file(tree, parent)) if isinstance(tree.value, str) else tree
+        return read(*_named_file(tree, parent)) if isinstance(tree.value, str) else tree
     field, *inside = path
     if not isinstance(tree.value, dict):
         return tree
@@ -64,15 +68,19 @@ def _with_file(tree: Tree, path: tuple[str, ...], read: Callable[[Path], Tree], 
     return Tree({**tree.value, **read_fields}, tree.mark)
 
 
-def _named_file(tree: Tree, path: str) -> Path:
-    """Return the file that the field at a path names.
+def _named_file(tree: Tree, path: str) -> tuple[Path, *tuple[str, ...]]:
+    """Return the file that the field at a path names, and the name of an output behind it, if there is one.
 
     Raises:
         InputError: there is no such file.
     """
     folder = Path(tree.mark.source).parent if tree.mark.line else Path()
-    file = folder / tree.value
+    name, separator, output = tree.value.partition(f"{_NETWORK_ENDING}:")
+    if separator and path in _FIELDS_WITH_OUTPUTS:
+        file, outputs = folder / f"{name}{_NETWORK_ENDING}", [output]
+    else:
+        file, outputs = folder / tree.value, []
     if not os.path.isfile(file):  # noqa: PTH113 - Path.is_file raises where a name is too long
         flaw = "is not a file" if os.path.exists(file) else "does not exist"  # noqa: PTH110 - as above
         raise InputError(f"{tree.mark}: {path} names {Mark(str(file), 0)}, which {flaw}")
-    return file
+    return (file, *outputs)

@@ -1,17 +1,17 @@
 """Networks of policies from ONNX: a chain of nodes from the observation to the action.
 
 A file may have more, such as the value of an actor-critic behind the same layers: only what the action needs is read.
-Of several outputs the action is the one that is called so, else the first.
+Of several outputs the action is the one that is chosen, else the one that is called so, else the first.
 """
 
 import math
 import warnings
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.control.policy.network import WITH_ALPHA
+from drake_quad.control.policy.network import GELU_CUBE, WITH_ALPHA
 from drake_quad.errors import InputWarning, listed, shortened, shown
 from drake_quad.extras import needed
 from drake_quad.scenario.policy import TrainedNetwork
@@ -30,9 +30,11 @@ _ACTIVATIONS = {
 _ACTIONS = ("action", "actions")
 # The operators of ONNX itself; others, such as those of onnxruntime's optimiser, mean something else.
 _DOMAINS = ("", "ai.onnx")
-_ROOT_OF_HALF = math.sqrt(0.5)
-# Constants of single precision may be off by this share.
+# Constants of single precision may be off by this share, and products of several of them by the other.
 _SINGLE = 1e-6
+_SPELLED_TOLERANCE = 1e-5
+# An activation that is spelled out has fewer nodes than this, one behind another, before the gate's function.
+_MAX_LEVELS = 10
 # Nodes that change no number of one observation.
 _SILENT = ("Identity", "Flatten", "Reshape", "Squeeze", "Unsqueeze", "Transpose", "Cast", "Dropout")
 # Of constants, what is computed.
@@ -42,15 +44,40 @@ _OF_TWO = ("Add", "Sub", "Mul", "Div")
 _FLOATS = (1, 11)
 
 
-def network_of_onnx(data: bytes, file: str) -> TrainedNetwork:
-    """Reads a network; a warning says which of several outputs is the action.
+class _SpelledOut(NamedTuple):
+    """An activation that is spelled out as a product with a gate.
+
+    Attributes:
+        kind: the node that it stands for.
+        attributes: of that node.
+        slope: of the argument of the gate's function.
+        cube: coefficient of the third power there, over the slope.
+    """
+
+    kind: str
+    attributes: Mapping[str, Any]
+    slope: float
+    cube: float
+
+
+# By the gate's function, and whether 1 is added to it.
+_SPELLED_OUT = {
+    ("Sigmoid", False): _SpelledOut("Swish", {}, 1.0, 0.0),
+    ("Erf", True): _SpelledOut("Gelu", {}, math.sqrt(0.5), 0.0),
+    ("Tanh", True): _SpelledOut("Gelu", {"approximate": b"tanh"}, math.sqrt(2.0 / math.pi), GELU_CUBE),
+}
+
+
+def network_of_onnx(data: bytes, file: str, output: str | None = None) -> TrainedNetwork:
+    """Read a network; a warning says which of several outputs is the action if none is chosen.
 
     Args:
         data: of the file.
         file: what the warning calls it.
+        output: the name of the output that is the action.
 
     Raises:
-        UnreadableError: it is none, has branches, or nodes that are not known here.
+        UnreadableError: it is none, has no such output, has branches, or nodes that are not known here.
         ImportError: the library onnx is not installed.
     """
     onnx = needed("onnx", "onnx")
@@ -69,10 +96,10 @@ def network_of_onnx(data: bytes, file: str) -> TrainedNetwork:
     except Exception as error:  # likewise
         raise UnreadableError(f"is not an ONNX model as it should be: {shortened(str(error), 120)}") from None
     layers = Layers()
-    graph = _Graph(model)
-    if len(graph.outputs) > 1:
+    graph = _Graph(model, output)
+    if output is None and len(graph.outputs) > 1:
         names = f"of its outputs {listed(graph.outputs)}, {shortened(graph.action)} is taken for the action"
-        warnings.warn(f"{file}: {names}", InputWarning, stacklevel=2)
+        warnings.warn(f"{file}: {names}; {file}:NAME chooses another", InputWarning, stacklevel=2)
     for k, node in enumerate(chain := graph.chain()):
         _add(layers, node, is_last=all(each.kind in _SILENT for each in chain[k + 1 :]))
     return layers.network()
@@ -97,16 +124,17 @@ class _Graph:
 
     Args:
         model: whose graph it is.
+        output: the name of the output that is the action, if it is chosen.
 
     Attributes:
         outputs: their names.
         action: the name of the output that is the action.
 
     Raises:
-        UnreadableError: it has several inputs, or no outputs, or operators of another library.
+        UnreadableError: it has several inputs, or no outputs, or not the chosen one, or operators of another library.
     """
 
-    def __init__(self, model: Any) -> None:
+    def __init__(self, model: Any, output: str | None) -> None:
         self._onnx, self._opsets, graph = needed("onnx", "onnx"), model.opset_import, model.graph
         self._known = {each.name: self._array(each) for each in graph.initializer}
         self._makers = {name: node for node in graph.node for name in node.output if name}
@@ -114,7 +142,9 @@ class _Graph:
         self.outputs = [each.name for each in graph.output]
         if not self.outputs:
             raise UnreadableError("has no outputs")
-        self.action = min(self.outputs, key=lambda name: name.lower() not in _ACTIONS)
+        if output is not None and output not in self.outputs:
+            raise UnreadableError(f"has no output {shown(output)}; it has {listed(self.outputs)}")
+        self.action = output or min(self.outputs, key=lambda name: name.lower() not in _ACTIONS)
         if len(self._inputs) != 1:
             names = listed(self._inputs)
             raise UnreadableError(f"has the inputs {names}, but must have one" if names else "has no inputs")
@@ -172,45 +202,86 @@ class _Graph:
             if not coming:
                 raise UnreadableError(f"has an output that does not depend on its input {last}")
             if len(coming) > 1 or (name != node.output[0] and node.op_type != "GRU"):
-                raise UnreadableError(f"has branches that meet in a node {node.op_type}, but must be a chain of layers")
+                spelled = "; export activations as nodes, with opset 20 or later" if node.op_type in _OF_TWO else ""
+                raise UnreadableError(
+                    f"has branches that meet in a node {node.op_type}, but must be a chain of layers{spelled}"
+                )
             given = [self._known.get(each) for each in node.input]
             nodes.append(_Node(node.op_type, given, coming[0], attributes))
             name = node.input[coming[0]]
         return nodes[::-1]
 
     def _gated(self, node: Any) -> tuple[list[_Node], str] | None:
-        """What a node does that multiplies something by a function of it, and to what; None if it is no such node."""
-        if node.op_type != "Mul":
-            return None
-        for x, gate in (node.input, node.input[::-1]):
-            maker = self._makers.get(gate)
-            if maker is not None and maker.op_type == "Sigmoid" and [*maker.input] == [x]:
-                return [_Node("Swish", [None], 0, {})], x
-            found = self._gelu(x, gate)
-            if found is not None:
-                return found
+        """Return the nodes that the product of a value and a gate made of it stands for, and the name of their input.
+
+        SiLU and GELU are spelled out like this in opsets that have no node for them. None if it is another product.
+        """
+        if node.op_type == "Mul":
+            for x, gate in (node.input, node.input[::-1]):
+                found = self._gated_by(x, gate)
+                if found is not None:
+                    return found
         return None
 
-    def _gelu(self, x: str, gate: str) -> tuple[list[_Node], str] | None:
-        """The same of x (1 + erf(x / √2)) / 2, as PyTorch writes GELU in opsets that have none.
+    def _gated_by(self, x: str, gate: str) -> tuple[list[_Node], str] | None:
+        """Return the same for one order of the factors.
 
-        The half, and numbers on the way to either factor, may stand anywhere: with z before all of them, a z and
-        b (1 + erf(c z)), u is √2 c z, and the product is √2 a b / c times the GELU of u.
+        With z before all numbers that are multiplied, x is a z. The gate is b σ(c z) or b (1 + F(c z + e z³)), with F
+        the error function or, for the approximation of GELU, the hyperbolic tangent. With u = s z, where s makes c and
+        e those of the activation, the product is a b / s times SiLU of u, or 2 a b / s times GELU of u.
         """
         (z, a), (gate, b) = self._unscaled(x), self._unscaled(gate)
         summed = self._with_constant(gate, "Add")
-        error = None if summed is None or summed[1] != 1.0 else self._makers.get(summed[0])
-        if error is None or error.op_type != "Erf":
+        is_sum = summed is not None and summed[1] == 1.0
+        maker = self._makers.get(summed[0] if summed is not None and is_sum else gate)
+        spelled = None if maker is None else _SPELLED_OUT.get((maker.op_type, is_sum))
+        powers = None if maker is None or spelled is None else self._powers(maker.input[0], z)
+        if spelled is None or powers is None or powers[1] == 0.0:
             return None
-        inside, c = self._unscaled(error.input[0])
-        if inside != z or c == 0.0:
+        scale = powers[1] / spelled.slope
+        expected = spelled.slope * np.array([0.0, scale, 0.0, spelled.cube * scale**3])
+        if np.any(np.abs(powers - expected) > _SPELLED_TOLERANCE * np.abs(expected)):
             return None
-        scale = c / _ROOT_OF_HALF
-        if abs(scale - 1.0) < _SINGLE:
-            scale = 1.0
-        factors = [_Node("Mul", [None, np.array(each)], 0, {}) for each in (scale, 2.0 * a * b / scale)]
-        before, after = ([each] if each.given[1] != 1.0 else [] for each in factors)
-        return [*before, _Node("Gelu", [None], 0, {}), *after], z
+        scale = 1.0 if abs(scale - 1.0) < _SINGLE else scale
+        factor = (2.0 if is_sum else 1.0) * a * b / scale
+        numbers = [_Node("Mul", [None, np.array(each)], 0, {}) for each in (scale, factor)]
+        before, after = ([each] if each.given[1] != 1.0 else [] for each in numbers)
+        return [*before, _Node(spelled.kind, [None], 0, spelled.attributes), *after], z
+
+    def _powers(self, name: str, base: str, levels: int = _MAX_LEVELS) -> np.ndarray | None:
+        """Return the coefficients (4,) of a value as a polynomial of third degree in another one, or None.
+
+        Args:
+            name: of the value.
+            base: name of the other one.
+            levels: how many nodes may lie between them.
+        """
+        if name == base:
+            return np.array([0.0, 1.0, 0.0, 0.0])
+        if name in self._known:
+            number = self._known[name]
+            return np.array([number.item(), 0.0, 0.0, 0.0], dtype=float) if number.size == 1 else None
+        maker = self._makers.get(name)
+        if levels == 0 or maker is None or maker.op_type not in (*_OF_TWO, "Pow"):
+            return None
+        one, other = (self._powers(each, base, levels - 1) for each in maker.input)
+        if one is None or other is None:
+            return None
+        match maker.op_type:
+            case "Add":
+                return one + other
+            case "Sub":
+                return one - other
+            case "Mul":
+                product = np.convolve(one, other)
+                return None if product[4:].any() else product[:4]
+        # The divisor, or the exponent, is a number.
+        if other[1:].any():
+            return None
+        if maker.op_type == "Div":
+            return None if other[0] == 0.0 else one / other[0]
+        is_base = other[0] in (2.0, 3.0) and not one[[0, 2, 3]].any()
+        return one[1] ** other[0] * np.eye(4)[int(other[0])] if is_base else None
 
     def _unscaled(self, name: str) -> tuple[str, float]:
         """The name of what something is a multiple of, however often it was multiplied, and the factor."""

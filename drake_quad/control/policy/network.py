@@ -20,6 +20,8 @@ from drake_quad.signals import Row
 
 Activation = Literal["identity", "relu", "tanh", "sigmoid", "elu", "silu", "leaky_relu", "gelu", "gelu_tanh"]
 _ROOT_OF_HALF, _ROOT_OF_2_OVER_PI = math.sqrt(0.5), math.sqrt(2.0 / math.pi)
+GELU_CUBE = 0.044715
+"""The coefficient of the third power in the approximation of GELU (Hendrycks and Gimpel, 2016)."""
 
 
 def identity(x: Row) -> Row:
@@ -55,7 +57,7 @@ def gelu(x: Row) -> Row:
 
 def gelu_tanh(x: Row) -> Row:
     """The approximation of `gelu` by a hyperbolic tangent, by the same authors."""
-    return 0.5 * x * (1.0 + tanh(_ROOT_OF_2_OVER_PI * (x + 0.044715 * x * x * x)))
+    return 0.5 * x * (1.0 + tanh(_ROOT_OF_2_OVER_PI * (x + GELU_CUBE * x * x * x)))
 
 
 def silu(x: Row) -> Row:
