@@ -28,7 +28,7 @@ def test_every_vehicle_is_flown_here_or_with_real_flights():
 # Largest share of 200 samples that crash. A Crazyflie without its own attitude control has rotors that lag by 80 to
 # 220 ms behind a radio link of 20 to 60 ms.
 MOST_CRASHES = {
-    "crazyflie": 0.08,
+    "crazyflie": 0.05,
     "crazyflie_onboard": 0.005,
     "hummingbird": 0.005,
     "neural_fly": 0.005,
