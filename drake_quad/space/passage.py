@@ -84,15 +84,17 @@ def find_passage(
     places: Sequence[Place],
     corridors: Sequence[Corridor | None],
     *,
+    ends: Sequence[np.ndarray] | None = None,
     seed: int = 0,
 ) -> Passage | None:
-    """The shortest passage, or None if there is none.
+    """Return the shortest passage, or None if there is none.
 
     Args:
         regions: all.
         candidates: numbers of those to be used, for each leg.
         places: (legs + 1) to pass.
         corridors: that the legs must not leave, either; None for those without one.
+        ends: for each place whether a leg may begin or end there in a region, (regions,); in any if not given.
         seed: of the rounding.
     """
     graph = GcsTrajectoryOptimization(3)
@@ -111,7 +113,10 @@ def find_passage(
         sets = [HPolyhedron(region.normals, region.offsets) for region in inside if region is not None]
         part = graph.AddRegions(sets, pairs, 1, name=f"leg {leg}")
         # Drake would find by linear programs which regions have a place, and gives up where one of them fails.
-        first, last = ([n for n, region in enumerate(sets) if _has(region, place)] for place in places[leg : leg + 2])
+        first, last = (
+            [n for n, region in enumerate(sets) if (ends is None or ends[i][numbers[n]]) and _has(region, places[i])]
+            for i in (leg, leg + 1)
+        )
         graph.AddEdges(stops[leg], part, edges_between_regions=[(0, n) for n in first])
         graph.AddEdges(part, stops[leg + 1], edges_between_regions=[(n, 0) for n in last])
     graph.AddPathLengthCost(1.0)
