@@ -9,8 +9,8 @@ from drake_quad.errors import InputError
 # Memory of one vehicle of a fleet at least, bytes. With 20,000 vehicles, an environment took 8 kB (figure_eight) to
 # 19 kB (robustness) a vehicle, and a fleet of a study 15 to 37 kB.
 _BYTES_PER_VEHICLE = 8_000
-# What the kernel of Linux says is available, in kB, and the limit of a container, in bytes.
-_MEMORY_INFO, _CONTAINER_LIMIT = Path("/proc/meminfo"), Path("/sys/fs/cgroup/memory.max")
+_MEMORY_INFO = Path("/proc/meminfo")  # of Linux, in kB
+_CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")  # of control groups, in bytes
 
 
 def check_fleet_fits(num_vehicles: int, name: str) -> None:

@@ -162,11 +162,11 @@ def check_places(space: Space, problem: PathProblem) -> None:
 def _ways(space: Space, bounds: Box, problem: PathProblem, grid: Grid, places: Sequence[np.ndarray]) -> list[WayAround]:
     """Return the ways that a grid leads to, through any of the free points (k, 3) of each place, m."""
     found = _ways_through(space, bounds, problem, grid, places)
-    pieces = [_pieces(space, points) for points in places]
-    if found or max(map(len, pieces)) == 1:
+    if found:
         return found
     # Where an obstacle divides a place, one leg may have led to one piece, and the next begun in another.
-    chosen = _on_one_way(space, problem, grid, pieces)
+    pieces = [_pieces(space, points) for points in places]
+    chosen = _on_one_way(space, problem, grid, pieces) if max(map(len, pieces)) > 1 else None
     return [] if chosen is None else _ways_through(space, bounds, problem, grid, chosen, divided=True)
 
 
