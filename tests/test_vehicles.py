@@ -28,7 +28,7 @@ def test_every_vehicle_is_flown_here_or_with_real_flights():
 # Largest share of 200 samples that crash. A Crazyflie without its own attitude control has rotors with a lag of 80 to
 # 220 ms, and a radio link with a delay of 20 to 60 ms.
 MAX_CRASH_SHARE = {
-    "crazyflie": 0.08,
+    "crazyflie": 0.05,
     "crazyflie_onboard": 0.005,
     "hummingbird": 0.005,
     "neural_fly": 0.005,

@@ -22,6 +22,7 @@ from drake_quad.control.cascade import POSITION_SIGNALS
 from drake_quad.errors import InputError
 from drake_quad.framework.fleet_system import FleetSystem
 from drake_quad.laboratory.wind.wind import build_held_wind
+from drake_quad.memory import check_fleet_fits
 from drake_quad.randomness.noise import EXPORTED, Exported, NoiseSource, Samples
 from drake_quad.reference.plan import Plan
 from drake_quad.reference.source import build_reference
@@ -85,9 +86,10 @@ def build_tracking_diagram(
             of those of the samples.
 
     Raises:
-        InputError: the scenario holds a distribution, the rotors cannot fly the route, or a system that is given does
-            not fit.
+        InputError: the scenario holds a distribution, the rotors cannot fly the route, a system that is given does not
+            fit, or the fleet does not fit into memory.
     """
+    check_fleet_fits(num_vehicles, "num_vehicles")
     refuse_distributions(distributions_in(scenario))
     first = scenario.sample or 0
     batch = Batch.draw(scenario, range(first, first + num_vehicles))

@@ -13,6 +13,7 @@ from drake_quad.flight.cause import not_a_number
 from drake_quad.flight.fleet_simulation import FleetSimulation, simulate_fleet
 from drake_quad.flight.flight import Flight
 from drake_quad.laboratory.metrics import Metrics
+from drake_quad.memory import check_fleet_fits
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario, distributions_in
 
@@ -115,6 +116,7 @@ def simulate_samples(
     Raises:
         InputError: the route holds a distribution, or the rotors cannot fly it.
     """
+    check_fleet_fits(len(samples), "the number of samples")
     return simulate_batch(Batch.draw(scenario, samples, seed=seed), plan=plan, compiled=compiled)
 
 

@@ -21,6 +21,7 @@ from drake_quad.gym.rewards import Reward, Termination, TrackingReward, Transiti
 from drake_quad.gym.rollout import Tape, fly_again
 from drake_quad.gym.task import task_of
 from drake_quad.laboratory.metrics import Metrics, summarized
+from drake_quad.memory import check_fleet_fits
 from drake_quad.reference.plan import Plan
 from drake_quad.scenario import Batch, Scenario
 from drake_quad.scenario.distributions import Model
@@ -72,7 +73,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         has_begun: whether there was a reset.
 
     Raises:
-        InputError: something of it is wrong, or cannot be compiled.
+        InputError: something of it is wrong, cannot be compiled, or does not fit into memory.
     """
 
     metadata: dict[str, Any] = {"render_modes": ["rgb_array"], "autoreset_mode": AutoresetMode.NEXT_STEP}  # noqa: RUF012
@@ -94,6 +95,7 @@ class QuadrotorVectorEnv(VectorEnv[np.ndarray, np.ndarray, np.ndarray]):
         record: bool = False,
     ) -> None:
         num_envs = whole_number(num_envs, "num_envs", least=1)
+        check_fleet_fits(num_envs, "num_envs")
         if plan is not None and not isinstance(plan, Plan):
             raise InputError(f"plan is {shown(plan)}, but must be a Plan")
         for name, function in (("reward", reward), ("terminates", terminates)):

@@ -19,7 +19,7 @@ from typing import Any, NamedTuple
 import numpy as np
 
 from drake_quad.errors import InputError
-from drake_quad.identification.fitting.evidence import Evidence, Uncertainty
+from drake_quad.identification.fitting.evidence import Evidence, Uncertainty, explained_share
 from drake_quad.identification.fitting.multiple_shooting import Fit, Problem, evidence, fit, slopes_at, uncertainty
 from drake_quad.identification.fitting.open_loop import (
     DELAY,
@@ -289,7 +289,7 @@ def _identified(
         for output, noise in zip(outputs, noises, strict=True)
     }
     reaches = quantile(freedom) * deviations
-    remarks = (*_remarks(windows, names), *_below_remarks(scenario, names, below, parameters, reaches))
+    remarks = (*_remarks(windows, told), *_below_remarks(scenario, names, below, parameters, reaches))
     return Identification(
         estimates, with_estimates(scenario, estimates), series, delay, further, remarks, hold_out(parts)
     )
@@ -398,6 +398,8 @@ def _rigid_candidates(scenario: Scenario) -> tuple[str, ...]:
     thrust = (
         ("motors.curve[0]", "motors.curve[2]") if scenario.vehicle.motors.kind == "throttle" else ("thrust_factor",)
     )
+    # Without body drag there is no force at the centre of pressure.
+    pressure = () if scenario.vehicle.body_drag is None else ("body_drag.centre_of_pressure[2]",)
     return (
         *thrust,
         "rotor_time_constant",
@@ -405,7 +407,7 @@ def _rigid_candidates(scenario: Scenario) -> tuple[str, ...]:
         *(f"centre_of_mass[{i}]" for i in range(2)),
         "drag_factor",
         DELAY,
-        "body_drag.centre_of_pressure[2]",
+        *pressure,
         *(f"{_MISALIGNMENT}[{i}]" for i in range(2)),
     )
 
@@ -708,9 +710,9 @@ def _explained(
         for o, output in enumerate(outputs):
             own = residuals[chosen, o]
             other = own + change * to_parameters[chosen, o, :, i]
-            whole = np.sum(_varying(windows.measured(output.signal, output.column), times)[chosen] ** 2)
-            told = 1.0 - np.sum(own**2) / whole
-            shares.append(min(float((np.sum(other**2) - np.sum(own**2)) / whole), 1.0) if told > _EXPLAINED else 0.0)
+            varying = _varying(windows.measured(output.signal, output.column), times)[chosen]
+            told = _share(varying, own)  # NaN, and so not larger, of an output that does not vary
+            shares.append(min(told - _share(varying, other), 1.0) if told > _EXPLAINED else 0.0)
         best = int(np.argmax(shares))
         if shares[best] > 0.0:
             found[name] = Explained(shares[best], outputs[best].name)
@@ -718,9 +720,8 @@ def _explained(
 
 
 def _share(varying: np.ndarray, left: np.ndarray) -> float:
-    """Of the variance, what is explained; NaN of none."""
-    whole = float(np.sum(varying**2))
-    return 1.0 - float(np.sum(left**2)) / whole if whole > 0.0 else np.nan
+    """Return the share of the variance that is explained; NaN where nothing varies."""
+    return float(explained_share(np.sum(left**2), np.sum(varying**2)))
 
 
 def _series(

@@ -71,13 +71,13 @@ class Library:
         """
         return mesh_points(path)
 
-    def policy(self, path: Path) -> Tree:
-        """Reads the network of a policy, see `policy_network`.
+    def policy(self, path: Path, output: str | None = None) -> Tree:
+        """Read the network of a policy, see `policy_network`.
 
         Raises:
             InputError: it cannot be read, or is something else.
         """
-        return policy_network(path)
+        return policy_network(path, output)
 
     def parse(self, text: str, source: str, *, numbered: bool) -> Tree:
         """Parses YAML as a part of the scenario; see `parse_document`."""

@@ -12,12 +12,16 @@ from drake_quad.scenario.paths import joined
 
 _WILDCARD = "*"  # element of a path that matches every key of a mapping
 # Paths of the fields that may contain a file name, and the method of a library that reads the file.
-_FILE_FIELDS: dict[tuple[str, ...], Callable[[Library, Path], Tree]] = {
+_FILE_FIELDS: dict[tuple[str, ...], Callable[..., Tree]] = {
     ("control", "network", "learned"): Library.mapping,
     ("control", "policy"): Library.policy,
     ("route", "pieces"): Library.pieces,
     ("space", "obstacles", _WILDCARD, "points"): Library.points,
 }
+
+# Fields in which FILE:NAME chooses an output of a network, and the suffix of such a file.
+_FIELDS_WITH_OUTPUTS = ("control.policy",)
+_NETWORK_ENDING = ".onnx"
 
 
 def with_named_files(tree: Tree, library: Library) -> Tree:
@@ -37,20 +41,20 @@ def with_named_files(tree: Tree, library: Library) -> Tree:
     return tree
 
 
-def _with_file(tree: Tree, path: tuple[str, ...], read: Callable[[Path], Tree], parent: str = "") -> Tree:
+def _with_file(tree: Tree, path: tuple[str, ...], read: Callable[..., Tree], parent: str = "") -> Tree:
     """Return a tree with the contents of a file in place of its name.
 
     Args:
         tree: scenario, or a part of it.
         path: path of the field within the tree.
-        read: function that reads the file.
+        read: function that reads the file, given its path and, if one is chosen, the name of an output.
         parent: path of the tree within the scenario.
 
     Raises:
         InputError: if the file does not exist, or `read` rejects it.
     """
     if not path:
-        return read(_named_file(tree, parent)) if isinstance(tree.value, str) else tree
+        return read(*_named_file(tree, parent)) if isinstance(tree.value, str) else tree
     field, *inside = path
     if not isinstance(tree.value, dict):
         return tree
@@ -63,15 +67,19 @@ def _with_file(tree: Tree, path: tuple[str, ...], read: Callable[[Path], Tree], 
     return Tree({**tree.value, **read_fields}, tree.mark)
 
 
-def _named_file(tree: Tree, path: str) -> Path:
-    """Return the path of the file that a field names.
+def _named_file(tree: Tree, path: str) -> tuple[Path, *tuple[str, ...]]:
+    """Return the path of the file that a field names, and the name of an output if the field chooses one.
 
     Raises:
         InputError: if the file does not exist.
     """
     folder = Path(tree.mark.source).parent if tree.mark.line else Path()
-    file = folder / tree.value
+    name, separator, output = tree.value.partition(f"{_NETWORK_ENDING}:")
+    if separator and path in _FIELDS_WITH_OUTPUTS:
+        file, outputs = folder / f"{name}{_NETWORK_ENDING}", [output]
+    else:
+        file, outputs = folder / tree.value, []
     if not os.path.isfile(file):  # noqa: PTH113 - Path.is_file raises an error if a name is too long
         flaw = "is not a file" if os.path.exists(file) else "does not exist"  # noqa: PTH110 - as above
         raise InputError(f"{tree.mark}: {path} names {Mark(str(file), 0)}, which {flaw}")
-    return file
+    return (file, *outputs)

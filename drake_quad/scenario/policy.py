@@ -314,8 +314,8 @@ class PolicyControl(Model):
     kind: Literal["policy"]
     policy: TrainedNetwork | None = Field(
         default=None,
-        description="file of the network, .npz or .onnx, beside the one that names it; without it there is no flying"
-        " but in drake_quad.gym",
+        description="file of the network, .npz or .onnx, beside the one that names it; FILE.onnx:NAME takes one of"
+        " several outputs; without a network there is no flying but in drake_quad.gym",
         json_schema_extra=or_file,
     )
     action: AnyAction = Field(description="what the network's output means")

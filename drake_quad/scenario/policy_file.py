@@ -34,11 +34,12 @@ _MOST_BYTES = 8 * MOST_NETWORK_BYTES
 _LAYER_KINDS = ("dense", "gru")
 
 
-def policy_network(path: Path) -> Tree:
+def policy_network(path: Path, output: str | None = None) -> Tree:
     """Read a network as the mapping `policy` of a control.
 
     Args:
         path: path of an .npz or .onnx file.
+        output: name of the output that is the action, for an .onnx file with several outputs.
 
     Raises:
         InputError: if the file cannot be read, has another format, or has unsupported layers.
@@ -46,7 +47,7 @@ def policy_network(path: Path) -> Tree:
     mark = Mark(str(path), 0)
     readers: dict[str, Callable[[bytes], TrainedNetwork]] = {
         ".npz": _of_npz,
-        ".onnx": partial(network_of_onnx, file=str(mark)),
+        ".onnx": partial(network_of_onnx, file=str(mark), output=output),
     }
     read = readers.get(path.suffix.lower())
     if read is None:

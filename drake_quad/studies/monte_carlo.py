@@ -15,6 +15,7 @@ import numpy as np
 from drake_quad.assembly.planning import flight_duration, plan_route
 from drake_quad.assembly.user_systems import UserSystems
 from drake_quad.errors import InputError, InputWarning
+from drake_quad.memory import check_fleet_fits
 from drake_quad.scenario import Scenario
 from drake_quad.studies.crew import Crew, ExecutorCrew, fly_batches
 from drake_quad.studies.flying import Job, cause_of_crash, code_of, fly_batch, fly_trial, forget, prepare
@@ -100,6 +101,7 @@ def run_monte_carlo(
     plan = plan_route(scenario)
     own = UserSystems(position_controller, control, wind, policy)
     if executor is None or isinstance(executor, Workers):
+        check_fleet_fits(min(batch_size or 1, num_samples), "batch")
         check_makers(own.given)
     rows = None
     try:

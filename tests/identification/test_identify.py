@@ -77,6 +77,21 @@ def test_prediction_errors_are_used_with_an_accelerometer_or_half_a_minute_of_po
     assert chosen([record(5.0, *INERTIAL), record(5.0, "specific_force")], rotors)[0] == "poses"
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("seconds", [10.0, 35.0], ids=["multiple shooting", "prediction errors"])
+def test_a_flight_without_motion_identifies_only_the_thrust(rotors, seconds):
+    """No estimate is divided by a variance of zero: a NumPy warning fails the test."""
+    vehicle = rotors.vehicle
+    speed = np.sqrt(0.25 * vehicle.mass * vehicle.gravity / vehicle.thrust_factor)
+    commands = np.full((round(seconds / PERIOD), 4), speed)
+    still = record(seconds, *POSES, "body_rates", "velocity", rotor_speed_command=commands)
+    found = identify([still], rotors)
+    told = dict(zip(found.estimates.names, found.estimates.values, strict=True))
+    assert told["thrust_factor"] == pytest.approx(vehicle.thrust_factor, rel=1e-3)
+    assert {"inertia[0]", "inertia[1]", "rotor_time_constant"} <= {*found.estimates.not_seen}
+    assert np.isfinite(found.estimates.intervals()).all()
+
+
 def test_forces_are_used_behind_an_autopilot_if_all_logs_have_them(chosen, attitudes):
     whole = ("residual_force", "attitude", "velocity", "position")
     commands = {"attitude_command": np.zeros((500, 3)), "thrust_share": np.full(500, 0.5)}

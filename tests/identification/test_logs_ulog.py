@@ -304,6 +304,12 @@ def test_pulse_widths_are_scaled_by_the_limits_in_the_parameters(read, parameter
     assert said(record, words)
 
 
+def test_pulses_without_a_range_are_refused(read):
+    log = ulog({**MOVING, "actuator_outputs": OUTPUTS}, parameters={"PWM_MAIN_MIN2": 1500, "PWM_MAIN_MAX2": 1500})
+    with pytest.raises(InputError, match="the pulses of motor 2 go from 1500 to 1500 µs"):
+        read(log)
+
+
 def test_samples_that_the_log_marks_as_invalid_are_missing(read):
     fields = [
         *LOCAL,

@@ -92,6 +92,15 @@ def test_intervals_are_those_of_blocks():
     assert single.rmse("position", "one", 0.5).high == math.inf
 
 
+def test_a_model_without_errors_is_better_than_all_others():
+    errors = np.stack([np.zeros(6), np.arange(1.0, 7.0)])[:, None]
+    given = Predictions(("exact", "other"), (0.5,), np.array(["a"] * 6), np.arange(6.0), {"position": errors})
+    assert given.rmse("position", "exact", 0.5) == (0.0, 0.0, 0.0)
+    assert given.better("position", "exact", "other", 0.5) == (1.0, 1.0, 1.0)
+    assert np.isnan(given.better("position", "other", "exact", 0.5)).all()
+    assert np.isnan(given.better("position", "exact", "exact", 0.5)).all()
+
+
 def test_joined_predictions_have_the_quantities_that_all_logs_have():
     def part(name, count, *quantities):
         numbers = np.arange(2.0 * 3.0 * count).reshape(2, 3, count)

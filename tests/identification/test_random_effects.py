@@ -37,6 +37,29 @@ def stretches_of(estimates: np.ndarray, variances: np.ndarray) -> Stretches:
     return Stretches(information, nothing, estimates[:, None], variances[:, None], 50.0, 1.0)
 
 
+def test_a_number_that_no_stretch_tells_does_not_vary() -> None:
+    rng = np.random.default_rng(5)
+    told = evidence(rng, deviation=0.5)
+    nothing = np.zeros(2)
+    both = told._replace(
+        names=(*told.names, "none"),
+        values=np.append(told.values, 3.0),
+        scales=np.append(told.scales, 1.0),
+        information=np.pad(told.information, [(0, 0), (0, 1), (0, 1)]),
+        scores=np.pad(told.scores, [(0, 0), (0, 1)]),
+    )
+    found, known = variation_of(both), variation_of(told)
+    assert found is not None
+    assert known is not None
+    np.testing.assert_allclose(found.covariance[:2, :2], known.covariance, rtol=1e-9)
+    np.testing.assert_array_equal(found.covariance[2], [*nothing, 0.0])
+    # And where the jackknife gives it no variance, that of the mean is none either.
+    of_both = jackknife(both.information, both.scores)
+    mean = of_the_mean(of_both, both, found)
+    assert np.isfinite(mean.covariance).all()
+    assert mean.covariance[2, 2] == 0.0
+
+
 def test_a_stretch_is_fitted_by_itself() -> None:
     """Of a linear model one step is exact: each stretch is fitted again."""
     rng = np.random.default_rng(3)

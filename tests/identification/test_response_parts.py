@@ -92,6 +92,11 @@ def test_candidates_depend_on_how_the_thrust_is_commanded(scenario):
     assert "inertia[2]" not in rigid
     assert "thrust_factor" in response._rigid_candidates(speeds)
     assert {name for name in rigid if name.startswith(MISALIGNED)} == {f"{MISALIGNED}[{i}]" for i in range(2)}
+    # A force that is zero acts nowhere.
+    pressure = "body_drag.centre_of_pressure[2]"
+    with_drag = load_scenario("laboratory:low_wind", ["vehicle.body_drag={linear: [0.05, 0.05, 0.05]}"])
+    assert pressure not in response._rigid_candidates(speeds)
+    assert pressure in response._rigid_candidates(with_drag)
     for name in {*throttles, *rigid}:
         assert number_of(scenario, name) is not None
         assert response._scale(scenario, name) >= 0.0

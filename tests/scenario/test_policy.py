@@ -352,6 +352,23 @@ def layers_of(*, first=("seen", "hidden"), activation=(("Tanh", ["hidden"], ["ac
     return [begin, *between, helper.make_node("Gemm", ["active", "V", "C"], [last], transB=1)]
 
 
+def approximated_gelu(power, coefficient):
+    """Two layers, and between them four times GELU of a half, spelled out with names of constants."""
+    return layers_of(
+        activation=[
+            ("Mul", ["hidden", "half"], ["u"]),
+            ("Pow", ["u", power], ["raised"]),
+            ("Mul", ["raised", coefficient], ["little"]),
+            ("Add", ["u", "little"], ["more"]),
+            ("Mul", ["more", "root_of_2_over_pi"], ["inner"]),
+            ("Tanh", ["inner"], ["a"]),
+            ("Add", ["a", "one"], ["b"]),
+            ("Mul", ["b", "two"], ["c"]),
+            ("Mul", ["c", "u"], ["active"]),
+        ]
+    )
+
+
 NODE = helper.make_node
 MORE = {
     "W": W,
@@ -363,6 +380,9 @@ MORE = {
     "minus": np.array(-1.0),
     "half": np.array(0.5),
     "root_of_2": np.array(np.sqrt(2.0)),
+    "root_of_2_over_pi": np.array(np.sqrt(2.0 / np.pi)),
+    "cube": np.array(0.044715),
+    "three": np.array(3.0),
     "spread": np.array([0.3, 0.5, 0.7]),
     "U": RNG.normal(size=(6, 6)),
     "D": RNG.normal(size=6),
@@ -415,6 +435,29 @@ MORE = {
                 ("Mul", ["e", "z"], ["active"]),
             ]
         ),
+        # The approximation of GELU as PyTorch exports it, with a node Pow, and with the constants in other places.
+        layers_of(
+            activation=[
+                ("Mul", ["hidden", "hidden"], ["square"]),
+                ("Mul", ["hidden", "square"], ["third"]),
+                ("Mul", ["cube", "third"], ["little"]),
+                ("Add", ["hidden", "little"], ["more"]),
+                ("Mul", ["root_of_2_over_pi", "more"], ["inner"]),
+                ("Tanh", ["inner"], ["a"]),
+                ("Add", ["one", "a"], ["b"]),
+                ("Mul", ["hidden", "b"], ["c"]),
+                ("Mul", ["half", "c"], ["active"]),
+            ]
+        ),
+        approximated_gelu("three", "cube"),
+        # SiLU of a multiple, which is also used for GELU.
+        layers_of(
+            activation=[
+                ("Div", ["hidden", "half"], ["u"]),
+                ("Sigmoid", ["u"], ["a"]),
+                ("Mul", ["hidden", "a"], ["active"]),
+            ]
+        ),
         # Arithmetic follows an activation before a layer, at the end or before an activation, or it follows a limit.
         layers_of(
             activation=[("Tanh", ["hidden"], ["a"]), ("Mul", ["a", "two"], ["b"]), ("Sub", ["half", "b"], ["active"])]
@@ -450,8 +493,11 @@ def test_only_what_the_action_needs_is_read_of_onnx(of_onnx, nodes):
     [
         (
             layers_of(activation=[("Tanh", ["hidden"], ["a"]), ("Add", ["a", "hidden"], ["active"])]),
-            "has branches that meet in a node Add",
+            "has branches that meet in a node Add.*; export activations as nodes, with opset 20 or later",
         ),
+        # The power or the coefficient differs from that of the approximation of GELU.
+        (approximated_gelu("two", "cube"), "has branches that meet in a node Mul"),
+        (approximated_gelu("three", "half"), "has branches that meet in a node Mul"),
         (
             layers_of(activation=[NODE("Gelu", ["hidden"], ["active"], approximate="erf")]),
             "has a Gelu with an approximation b'erf'; it must be none or tanh",
@@ -531,6 +577,12 @@ def test_the_output_called_actions_is_taken_or_else_the_first_one(tmp_path, name
         found = output(load_scenario(tmp_path / "mine.yaml"))
     expected = onnx.reference.ReferenceEvaluator(model).run(None, {"seen": INPUTS[None].astype(np.float32)})
     np.testing.assert_allclose(found, expected[taken][0], rtol=2e-5)
+    # Either is taken if it is named, without a warning.
+    for name, numbers in zip(names, expected, strict=True):
+        (tmp_path / "mine.yaml").write_text(POLICY.format(file=f"net.onnx:{name}"), encoding="utf-8")
+        np.testing.assert_allclose(output(load_scenario(tmp_path / "mine.yaml")), numbers[0], rtol=2e-5)
+    with pytest.raises(InputError, match=f"net.onnx: has no output 'none'; it has {names[0]}, {names[1]}$"):
+        load_scenario(tmp_path / "mine.yaml", [f"control.policy={tmp_path / 'net.onnx:none'}"])
 
 
 def test_a_clip_of_older_opsets_has_its_bounds_as_attributes(tmp_path):

@@ -174,6 +174,22 @@ def test_a_gate_without_room_is_refused(gate):
         )
 
 
+@pytest.mark.slow
+@pytest.mark.parametrize("centres", [(1.0,), (1.0, 0.8)], ids=["one gate", "two gates"])
+def test_a_gate_that_a_wall_divides_is_passed_on_one_side_of_it(centres):
+    """The shortest ways to and from the gate end on different sides of the wall, so the path goes round its end."""
+    space = space_of(Cuboid((2.0, 0.9, 1.0), size=(0.1, 2.6, 4.0)), radius=0.1)
+    bounds = Box([0.0, 0.0, 0.3], [4.0, 3.0, 1.7])
+    gates = [Sphere(np.array([2.0, centre, 1.0]), 0.75) for centre in centres]
+    path, way = plan_around(space, bounds, PathProblem([BEGIN, *gates, END], limits=LIMITS), Heuristic())
+    points = evaluate(path, np.linspace(path.times[0], path.times[-1], 5000)).T
+    assert space.nearest(points)[0].min() >= 0.1
+    for gate, passed in zip(gates, path.waypoints[way.waypoints[1:-1]], strict=True):
+        assert np.linalg.norm(passed - gate.centre) <= gate.radius + 1e-6
+    # The wall ends at y = 2.2 m.
+    assert points[:, 1].max() > 2.3
+
+
 def test_a_gate_with_next_to_no_room_is_refused_as_such():
     """Two spheres leave 2 mm between them, and 21 points along 1 m are 5 cm apart."""
     gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])

@@ -21,6 +21,8 @@ from drake_quad.signals import Row
 Activation = Literal["identity", "relu", "tanh", "sigmoid", "elu", "silu", "leaky_relu", "gelu", "gelu_tanh"]
 _ROOT_OF_HALF = math.sqrt(0.5)
 _ROOT_OF_2_OVER_PI = math.sqrt(2.0 / math.pi)
+GELU_CUBE = 0.044715
+"""Coefficient of the third power in the approximation of GELU (Hendrycks and Gimpel, 2016)."""
 
 
 def identity(x: Row) -> Row:
@@ -56,7 +58,7 @@ def gelu(x: Row) -> Row:
 
 def gelu_tanh(x: Row) -> Row:
     """Return the approximation of `gelu` by a hyperbolic tangent, from the same authors."""
-    return 0.5 * x * (1.0 + tanh(_ROOT_OF_2_OVER_PI * (x + 0.044715 * x * x * x)))
+    return 0.5 * x * (1.0 + tanh(_ROOT_OF_2_OVER_PI * (x + GELU_CUBE * x * x * x)))
 
 
 def silu(x: Row) -> Row:

@@ -8,7 +8,7 @@ from typing import Any, NamedTuple
 
 import numpy as np
 
-from drake_quad.errors import listed
+from drake_quad.errors import InputError, listed
 
 # Topics that contain no signals, only status information.
 STATUS_TOPICS = ("vehicle_status", "vehicle_land_detected", "estimator_status")
@@ -196,6 +196,9 @@ def with_pulses_of_motors(data: _Data, parameters: _Parameters) -> tuple[dict[st
 
     Returns:
         The topic with these outputs, and remarks on the channels and pulse ranges.
+
+    Raises:
+        InputError: if the longest pulse of a motor is not longer than its shortest one.
     """
     channels = [
         next((i for i in range(1, 17) if parameters.get(f"PWM_MAIN_FUNC{i}") == _MOTOR_FUNCTION + motor), motor + 1)
@@ -207,6 +210,11 @@ def with_pulses_of_motors(data: _Data, parameters: _Parameters) -> tuple[dict[st
     found, ranges = dict(data), []
     for motor, (name, channel) in enumerate(zip(names, channels, strict=True)):
         low, high = (_limit(parameters, end, channel, default) for end, default in zip(("MIN", "MAX"), _DEFAULT_PULSES))
+        if not low < high:
+            raise InputError(
+                f"the parameters say that the pulses of motor {motor + 1} go from {low:g} to {high:g} µs (PWM_MAIN_MIN,"
+                " PWM_MAIN_MAX), which is no range"
+            )
         ranges.append((low, high))
         least, most = _DEFAULT_PULSES
         found[f"output[{motor}]"] = least + (data[name].astype(float) - low) * (most - least) / (high - low)

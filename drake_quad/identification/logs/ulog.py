@@ -99,7 +99,10 @@ def ulog_tables(log: LogFile, mapping: Mapping, *, any_vehicle: bool = False) ->
     tables = []
     for name, data in mapped.items():
         if name == "actuator_outputs":
-            mapped_data, said = with_pulses_of_motors(data, parameters)
+            try:
+                mapped_data, said = with_pulses_of_motors(data, parameters)
+            except InputError as error:
+                raise InputError(f"{log.mark}: {error}") from None
             remarks += said if "actuator_motors" not in mapped else ()  # that topic takes precedence over the pulses
         else:
             mapped_data = with_invalid_left_out(name, data)
