@@ -6,9 +6,9 @@ from pathlib import Path
 
 from drake_quad.errors import InputError
 
-# Memory of one vehicle of a fleet at least, bytes. With 20,000 vehicles, an environment took 8 kB (figure_eight) to
-# 19 kB (robustness) a vehicle, and a fleet of a study 15 to 37 kB.
-_BYTES_PER_VEHICLE = 8_000
+# Lower bound for the memory of one vehicle, bytes. With 20,000 vehicles, an environment took 8 kB (figure_eight) to
+# 19 kB (robustness) for each vehicle, and the fleet of a study 15 to 37 kB.
+_MIN_BYTES_PER_VEHICLE = 8_000
 _MEMORY_INFO = Path("/proc/meminfo")  # of Linux, in kB
 _CONTAINER_LIMIT = Path("/sys/fs/cgroup/memory.max")  # of control groups, in bytes
 
@@ -17,22 +17,22 @@ def check_fleet_fits(num_vehicles: int, name: str) -> None:
     """Refuse a fleet that certainly does not fit into memory.
 
     Args:
-        num_vehicles: of the fleet.
-        name: of the argument that says so, for the message.
+        num_vehicles: number of vehicles in the fleet.
+        name: name of the argument with this number, for the message.
 
     Raises:
-        InputError: the fleet needs more memory than is available.
+        InputError: if the fleet needs more memory than is available.
     """
-    needed, available = num_vehicles * _BYTES_PER_VEHICLE, available_memory()
+    needed, available = num_vehicles * _MIN_BYTES_PER_VEHICLE, available_memory()
     if available is not None and needed > available:
         raise InputError(
-            f"{name} is {num_vehicles:,}, but so many vehicles need at least {1e-9 * needed:,.0f} GB of memory, and"
-            f" {1e-9 * available:,.1f} GB are available"
+            f"{name} is {num_vehicles:,}, but a fleet of this size needs at least {1e-9 * needed:,.0f} GB of memory,"
+            f" and {1e-9 * available:,.1f} GB are available"
         )
 
 
 def available_memory() -> int | None:
-    """Return how much memory a new process could take, bytes; None if this system does not tell."""
+    """Return the memory that is available to a new process, bytes; None if the system does not report it."""
     found = []
     if _MEMORY_INFO.is_file():
         kilobytes = re.search(r"^MemAvailable:\s*(\d+) kB", _MEMORY_INFO.read_text(), re.MULTILINE)
@@ -41,5 +41,5 @@ def available_memory() -> int | None:
         found.append(os.sysconf("SC_PHYS_PAGES") * os.sysconf("SC_PAGE_SIZE"))
     if _CONTAINER_LIMIT.is_file():
         limit = _CONTAINER_LIMIT.read_text().strip()
-        found += [int(limit)] if limit.isdecimal() else []  # "max" stands for none
+        found += [int(limit)] if limit.isdecimal() else []  # "max" means no limit
     return min(found, default=None)

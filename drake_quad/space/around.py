@@ -164,14 +164,14 @@ def _ways(space: Space, bounds: Box, problem: PathProblem, grid: Grid, places: S
     found = _ways_through(space, bounds, problem, grid, places)
     if found:
         return found
-    # Where an obstacle divides a place, one leg may have led to one piece, and the next begun in another.
+    # If an obstacle divides a place, one leg may have ended in one piece of it and the next leg started in another.
     pieces = [_pieces(space, points) for points in places]
     chosen = _on_one_way(space, problem, grid, pieces) if max(map(len, pieces)) > 1 else None
     return [] if chosen is None else _ways_through(space, bounds, problem, grid, chosen, divided=True)
 
 
 def _pieces(space: Space, points: np.ndarray) -> list[np.ndarray]:
-    """Split the free points (k, 3) of a place, m, into those that a straight line joins to the first, and so on."""
+    """Split the free points (k, 3) of a place, m, into pieces in which free straight lines join the first to all others."""
     pieces: list[np.ndarray] = []
     shares = np.linspace(0.0, 1.0, _POINTS)[:, np.newaxis, np.newaxis]
     while len(points) and len(pieces) < _MAX_PIECES:
@@ -187,13 +187,13 @@ def _pieces(space: Space, points: np.ndarray) -> list[np.ndarray]:
 def _on_one_way(
     space: Space, problem: PathProblem, grid: Grid, pieces: Sequence[Sequence[np.ndarray]]
 ) -> list[np.ndarray] | None:
-    """Return the piece of each place through which the shortest way over a grid leads; None if no way does.
+    """Return, for each place, the piece that is on the shortest way over a grid; None if there is no way.
 
     Args:
-        space: the obstacles.
-        problem: whose places these are.
-        grid: of the space.
-        pieces: of each place, their free points (k, 3), m.
+        space: obstacles.
+        problem: problem with the places.
+        grid: grid of free points of the space.
+        pieces: free points (k, 3) of each piece of each place, m.
     """
     lengths, origins = np.zeros(len(pieces[0])), []
     for corridor, begins, ends in zip(problem.corridors, pieces[:-1], pieces[1:], strict=True):
@@ -219,15 +219,16 @@ def _ways_through(
     *,
     divided: bool = False,
 ) -> list[WayAround]:
-    """Return the ways on which each leg leads from any of the free points of a place to any of those of the next.
+    """Return the ways on which each leg leads from a free point of one place to a free point of the next.
 
     Args:
-        space: the obstacles.
-        bounds: for the centre of mass.
-        problem: whose places these are.
-        grid: of the space.
+        space: obstacles.
+        bounds: bounds of the centre of mass.
+        problem: problem with the places.
+        grid: grid of free points of the space.
         places: free points (k, 3) of each place, m.
-        divided: whether these are pieces of places, so that legs must begin and end in regions that hold one of them.
+        divided: True if the points are those of one piece of each place only. Each leg must then start and end in
+            regions that contain such points.
     """
     clearance = space.clearance + SLACK
     free = grid.nearest >= clearance

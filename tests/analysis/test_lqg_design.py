@@ -159,7 +159,7 @@ def test_a_design_flies_within_its_limits(diagrams, monkeypatch):
     design = design_lqg(scenario, Limits(sensitivity=2.2, delay=0.05))
     assert all(np.isfinite(each.error) for each in (*design.lateral, *design.vertical))
     assert design.control.yaw is None
-    # What is estimated along z sets the thrust by which the vehicle is tilted: it believes no more than there is.
+    # The estimate along z sets the thrust, and with it the tilt, so it must not believe in more than there is.
     assert design.control.vertical.second.deviation == pytest.approx(design.conditions.vertical.deviation, rel=1e-3)
     assert design.control.max_tilt == 1.2
     designed = scenario.model_copy(update={"control": design.control})

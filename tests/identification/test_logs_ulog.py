@@ -304,8 +304,10 @@ def test_pulse_widths_are_scaled_by_the_limits_in_the_parameters(read, parameter
     assert said(record, words)
 
 
-def test_pulses_without_a_range_are_refused(read):
-    log = ulog({**MOVING, "actuator_outputs": OUTPUTS}, parameters={"PWM_MAIN_MIN2": 1500, "PWM_MAIN_MAX2": 1500})
+def test_equal_pulse_limits_are_refused(read):
+    log = ulog(
+        {**TURNING_VEHICLE, "actuator_outputs": PULSE_WIDTHS}, parameters={"PWM_MAIN_MIN2": 1500, "PWM_MAIN_MAX2": 1500}
+    )
     with pytest.raises(InputError, match="the pulses of motor 2 go from 1500 to 1500 µs"):
         read(log)
 

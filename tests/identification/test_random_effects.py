@@ -53,7 +53,7 @@ def test_a_number_that_no_stretch_tells_does_not_vary() -> None:
     assert known is not None
     np.testing.assert_allclose(found.covariance[:2, :2], known.covariance, rtol=1e-9)
     np.testing.assert_array_equal(found.covariance[2], [*nothing, 0.0])
-    # And where the jackknife gives it no variance, that of the mean is none either.
+    # If the jackknife finds no variance, the variance of the mean is zero, too.
     of_both = jackknife(both.information, both.scores)
     mean = of_the_mean(of_both, both, found)
     assert np.isfinite(mean.covariance).all()

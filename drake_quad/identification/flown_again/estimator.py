@@ -94,18 +94,18 @@ def _share(true: np.ndarray, off: np.ndarray, blocks: np.ndarray) -> Spread:
 
 
 def _steps(record: FlightRecord) -> int:
-    """Return the number of samples in which a rest hardly changes."""
+    """Return the number of samples over which the velocity error hardly changes."""
     return max(1, round(_STEP / record.period))
 
 
 def _noise(left: np.ndarray, record: FlightRecord, ends: tuple[np.ndarray, np.ndarray]) -> float:
-    """Return the variance of means of a derivative that comes from the white noise of what is differentiated.
+    """Return the variance that white noise of a signal adds to means of the signal's derivative.
 
     Args:
-        left: (n,) what is differentiated, at samples that follow each other: those of the means, and no others. A
-            jump while the estimator still settles is no noise.
-        record: that the samples are of.
-        ends: of the means, (n,) times, s.
+        left: (n,) consecutive samples of the signal, at the times of the means only: a jump while the estimator still
+            settles is not noise.
+        record: record that contains the samples.
+        ends: end and start of each mean, two arrays (n,) of times, s.
     """
     step = _steps(record)
     variance = float(np.mean((left[2 * step :] - 2.0 * left[step:-step] + left[: -2 * step]) ** 2)) / 6.0
