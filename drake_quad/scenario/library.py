@@ -83,7 +83,9 @@ class Library:
         """Parses YAML as a part of the scenario; see `parse_document`."""
         if len(text) > self._bytes:
             raise InputError(f"{Mark(source, 0)}: is too large: a scenario may have {MOST_BYTES:,} bytes in all")
-        tree = parse_document(text, source, numbered=numbered, most=self._nodes)
+        tree = parse_document(text, source, numbered=numbered)  # cached for this text, so without the present limit
+        if tree.size() > self._nodes:
+            tree = parse_document(text, source, numbered=numbered, most=self._nodes)
         self._bytes -= len(text)
         self._nodes -= tree.size()
         return tree
