@@ -103,3 +103,19 @@ def test_all_that_must_go_is_named():
     assert "no way" in said
     assert all(f"wall_{i}" in said for i in range(3))
     assert "wall_3" not in said
+
+
+def test_a_seed_on_the_bounds_lies_in_its_region_despite_rounding():
+    """Faces are moved out and in again by the clearance, which may leave them short of the bounds by a rounding error.
+
+    A region that did not hold its seed would be grown around it again and again.
+    """
+    random = np.random.default_rng(0)
+    for _ in range(20):
+        low = random.uniform(-2.0, 0.0, 3)
+        bounds = Box(low, low + random.uniform(1.0, 3.0, 3))
+        regions = Regions(Space((), radius=random.uniform(0.05, 0.2)), bounds)
+        corners = np.array(list(itertools.product(*zip(bounds.low, bounds.high, strict=True))))
+        regions.cover(corners, np.ones(len(corners)))
+        assert len(regions) == 1
+        assert regions.holding(corners).all()

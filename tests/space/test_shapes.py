@@ -180,3 +180,23 @@ def test_a_space_knows_the_nearest_obstacle():
     assert space.names == ("near", "far")
     distance, number = Space((), 0.2).nearest([[1.0, 0.0, 1.0]])
     assert (distance[0], number[0]) == (math.inf, -1)
+
+
+@pytest.mark.parametrize("make", [Cuboid, Cylinder, Ball])
+@pytest.mark.parametrize(("name", "place"), [("centre", 0), ("rotation", 1)])
+def test_every_solid_refuses_a_pose_that_is_not_three_finite_numbers(make, name, place):
+    for wrong in ((0.0, math.nan, 0.0), (0.0, 1.0), (0.0, 0.0, 0.0, 1.0)):
+        pose = [CENTRE, ROTATION]
+        pose[place] = wrong
+        with pytest.raises(InputError, match=f"the {name} of a solid must be three finite numbers"):
+            make(*pose)
+
+
+@pytest.mark.parametrize("scale", [1e-6, 1e6])
+@pytest.mark.parametrize("name", ["hull", "tetrahedron", "hull of a box"])
+def test_distances_to_a_hull_are_proportional_to_its_size(name, scale):
+    """The tolerance of the test whether a projection is in a face is relative to the size of the hull."""
+    hull = SHAPES[name]
+    points = around(hull, 300)
+    larger = hull_of(scale * np.array(hull.corners))
+    np.testing.assert_allclose(larger.distances(scale * points), scale * hull.distances(points), atol=1e-9 * scale)

@@ -112,3 +112,11 @@ def test_what_replaced_what_is_said():
         f"its convex hull of 104 corners is replaced by one of 100 around it, which is larger by at most"
         f" {found.growth:.3g}, {share:.2g} % of its size"
     )
+
+
+@pytest.mark.parametrize("count", [8, 9, 100])
+def test_a_hull_of_just_as_many_corners_as_allowed_stays_as_it_is(count):
+    points = sphere(count)
+    found = surrounding(points, count)
+    assert (found.growth, found.is_simpler, found.replaced) == (0.0, False, count)
+    np.testing.assert_array_equal(found.corners, hull_of(points).corners)
