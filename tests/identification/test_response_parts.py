@@ -9,7 +9,9 @@ from neural_fly_flight import guessed
 
 from drake_quad import InputError, load_scenario
 from drake_quad.identification import response_identification as response
+from drake_quad.identification.fitting.evidence import Evidence, Uncertainty
 from drake_quad.identification.fitting.open_loop import DELAY
+from drake_quad.identification.fitting.random_effects import of_the_mean, variation_of
 from drake_quad.identification.fitting.whitening import Noise
 from drake_quad.identification.fitting.windows import held_out
 from drake_quad.identification.logs.record import FlightRecord
@@ -413,3 +415,35 @@ def test_the_way_of_identifying_follows_from_what_is_logged(monkeypatch, scenari
 def test_too_few_windows_are_refused(scenario):
     with pytest.raises(InputError, match="there are 4 stretches of 3 s to be fitted, too few: it takes 5"):
         response.identify_from_poses([record(13.0)], scenario, held_out_share=0.0)
+
+
+@pytest.mark.parametrize("windows", [8, 60])
+def test_deviations_of_numbers_that_vary_from_stretch_to_stretch_are_those_of_the_mean(windows):
+    """Numbers that are held keep theirs, and nothing is known of how they vary."""
+    random = np.random.default_rng(7)
+    root = random.normal(size=(windows, 2, 2))
+    information = 50.0 * (np.eye(2) + 0.1 * root @ root.swapaxes(1, 2))
+    # The first number is another one in each tenth of the flight.
+    own = 3.0 * np.repeat(random.normal(size=10), -(-windows // 10))[:windows]
+    scores = random.normal(size=(windows, 2)) * 7.0 - information[:, :, 0] * own[:, None]
+    parts = Evidence(("a", "c"), np.zeros(2), np.ones(2), information, scores - scores.mean(axis=0), 30.0)
+    variance = np.array([[4.0, 0.5, 0.1], [0.5, 9.0, 0.2], [0.1, 0.2, 1.0]]) * 1e-3
+    freedom, free = np.array([20.0, 21.0, 22.0]), np.array([0, 2])
+    wider, degrees, found = response._of_stretches(variance, freedom, parts, free)
+    if windows < 20:
+        assert found is None
+        np.testing.assert_array_equal(wider, variance)
+        np.testing.assert_array_equal(degrees, freedom)
+        return
+    among = np.ix_(free, free)
+    varied = variation_of(parts)
+    mean = of_the_mean(Uncertainty(variance[among], freedom[free], variance[among]), parts, varied)
+    assert mean.covariance[0, 0] > 2.0 * variance[0, 0]
+    np.testing.assert_allclose(wider[among], mean.covariance)
+    assert wider[1, 1] == variance[1, 1]
+    np.testing.assert_allclose(
+        wider[0, 1] / np.sqrt(wider[0, 0] * wider[1, 1]), variance[0, 1] / np.sqrt(variance[0, 0] * variance[1, 1])
+    )
+    np.testing.assert_array_equal(degrees, [mean.degrees_of_freedom[0], 21.0, mean.degrees_of_freedom[1]])
+    np.testing.assert_array_equal(found.covariance[among], varied.covariance)
+    assert np.isnan(found.covariance[1, 1])

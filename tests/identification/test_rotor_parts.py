@@ -338,3 +338,64 @@ def test_a_number_is_told_if_all_blocks_but_the_best_tell_it(monkeypatch):
 def test_a_delay_has_an_interval():
     delay = rotors.Delay(0.02, 0.003, 9.0)
     assert delay.interval == pytest.approx((0.02 - 0.003 * t.ppf(0.975, 9), 0.02 + 0.003 * t.ppf(0.975, 9)))
+
+
+@pytest.mark.parametrize("share", [0.0, 0.25])
+def test_what_is_held_out_is_forecast_and_the_rest_is_fitted_before_all_is(monkeypatch, scenario, share):
+    """Of windows in the air only the last ones are held out, and the fit to the rest begins the one to all."""
+    used, fits = [], []
+    log = record(2000, rotor_speed_command=(4, 200.0), **POSES)
+    noise = rotors._first_noise(rotors._outputs([log]))
+
+    def predictor(problem, sought, flying, *, horizon=False):
+        used.append((flying[0], horizon, [each.name for each in sought]))
+        return f"predictor {len(used)}"
+
+    def fit(predictor, choice, begun):
+        fits.append((predictor, choice.start, begun))
+        covariance = Uncertainty(np.eye(1), np.ones(1), np.eye(1))
+        return SimpleNamespace(
+            parameters=choice.start + 1.0, noise=f"noise of {predictor}", covariance=lambda blocks: covariance
+        )
+
+    monkeypatch.setattr(rotors._Problem, "predictor", predictor)
+    monkeypatch.setattr(rotors, "_told", lambda predictor, sought, start, noise: sought[:2])
+    monkeypatch.setattr(rotors, "fit", fit)
+    monkeypatch.setattr(rotors, "forecast", lambda *arguments: arguments)
+    monkeypatch.setattr(rotors, "_blocks", lambda predictor: None)
+    monkeypatch.setattr(rotors, "_identified", lambda *arguments: arguments)
+    *_, shown = rotors.identify([log], scenario, share=share)
+    flying = rotors.airborne(log)
+    late = np.cumsum(flying) > (1.0 - share) * flying.sum()
+    every, spared = flying, flying & late
+    if share == 0.0:
+        assert shown is None
+        expected = [(every, False), (every, False)]
+        ((predictor_of_all, start, begun),) = fits
+    else:
+        expected = [(every & ~spared, False), (every & ~spared, False), (spared, True), (every, False)]
+        (rest, first, begun_first), (predictor_of_all, start, begun) = fits
+        assert rest == "predictor 2"
+        np.testing.assert_array_equal(begun_first.measured, noise.measured)
+        np.testing.assert_array_equal(start, first + 1.0)
+        assert begun == "noise of predictor 2"
+        told, parameters, its_noise = shown
+        assert (told, its_noise) == ("predictor 3", "noise of predictor 2")
+        np.testing.assert_array_equal(parameters, first + 1.0)
+    assert predictor_of_all == f"predictor {len(used)}"
+    assert len(used) == len(expected)
+    for (own, horizon, _), (parts, ahead) in zip(used, expected, strict=True):
+        np.testing.assert_array_equal(own, parts)
+        assert horizon == ahead
+    # All that may be told is looked at first, and then only what is.
+    assert [len(names) == 2 for *_, names in used] == [False, *[True] * (len(used) - 1)]
+
+
+def test_limits_of_a_thrust_curve_are_around_zero_whatever_its_sign(scenario):
+    vehicle = with_throttles(scenario).vehicle
+    for sign in (1.0, -1.0):
+        curve = (0.1 * sign, 0.2 * sign, 0.5 * sign)
+        own = vehicle.model_copy(update={"motors": vehicle.motors.model_copy(update={"curve": curve})})
+        for i in range(3):
+            limits = names_of(own, "position", "attitude")[f"motors.curve[{i}]"]
+            assert (limits.scale, limits.least, limits.most) == pytest.approx((0.8, -8.0, 8.0))
