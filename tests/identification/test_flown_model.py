@@ -75,7 +75,7 @@ def test_what_is_felt_is_the_acceleration_beside_that_of_free_fall(numbers, kind
     h = 1e-6
     after = step(STATE, SPEEDS, SPEEDS, PUSHED, Span(h), numbers, kind).body
     acceleration = (np.array(after[6:9]) - np.array(STATE[6:9])) / h
-    expected = in_world().inv().apply(acceleration + [0.0, 0.0, numbers.parameters.gravity])
+    expected = in_world().inv().apply(acceleration + np.array([0.0, 0.0, numbers.parameters.gravity]))
     np.testing.assert_allclose(felt(STATE, SPEEDS, SPEEDS, PUSHED, numbers, kind), expected, atol=1e-4)
 
 

@@ -111,9 +111,7 @@ def test_angles_that_wrap_have_no_noise():
     np.testing.assert_allclose(noise["attitude"].in_flight, 0.0, atol=1e-12)
 
 
-@pytest.mark.parametrize(
-    ("signal", "limit"), [("velocity", 0.15), ("body_rates", 0.5)], ids=["speed", "turning"]
-)
+@pytest.mark.parametrize(("signal", "limit"), [("velocity", 0.15), ("body_rates", 0.5)], ids=["speed", "turning"])
 def test_trim_is_of_what_is_slower_than_its_limits(signal, limit):
     """The vehicle leans while it moves faster than the limit, which is not hover."""
     moving = np.arange(2000) >= 1200

@@ -240,9 +240,7 @@ def test_a_torque_behind_an_autopilot_does_not_turn_the_vehicle(responding, reco
     number = len(record.time)
     told = replace(record, rotor_speed_command=None, attitude_command=np.zeros((number, 3)))
     torque = np.tile([0.1, 0.2, 0.05], (number, 1))
-    one, other = (
-        commands_of(replace(told, torque_command=each), scenario, scenario).rotors for each in (None, torque)
-    )
+    one, other = (commands_of(replace(told, torque_command=each), scenario, scenario).rotors for each in (None, torque))
     np.testing.assert_array_equal(one, other)
 
 

@@ -6,6 +6,7 @@ import numpy as np
 import pytest
 
 from drake_quad import load_scenario
+from drake_quad.identification.fitting import prediction_error
 from drake_quad.identification.fitting import predictor as predicting
 from drake_quad.identification.fitting.flown_model import BODY, PUSH
 from drake_quad.identification.fitting.flown_model import Vehicle as Model
@@ -31,23 +32,23 @@ def log(scenario):
     time = PERIOD * np.arange(200)
     hover = np.sqrt(scenario.vehicle.mass * scenario.vehicle.gravity / (4.0 * scenario.vehicle.thrust_factor))
 
-    def noise(size):
-        return size * random.normal(size=(200, 3))
+    def noisy(size, mean):
+        return size * random.normal(size=(200, 3)) + np.array(mean)
 
     return FlightRecord(
         "log",
         time,
-        position=noise(1e-3) + [0.5, -0.2, 1.0],
-        attitude=noise(4e-3) + [0.02, -0.03, 1.0],
-        body_rates=noise(0.02),
-        specific_force=noise(0.3) + [0.0, 0.0, 9.8],
+        position=noisy(1e-3, [0.5, -0.2, 1.0]),
+        attitude=noisy(4e-3, [0.02, -0.03, 1.0]),
+        body_rates=noisy(0.02, [0.0, 0.0, 0.0]),
+        specific_force=noisy(0.3, [0.0, 0.0, 9.8]),
         rotor_speed_command=hover + 5.0 * np.sin(9.0 * time[:, None] + np.arange(4)),
     )
 
 
-def made(scenario, log, outputs=POSE, windows=(Window(0, 30), Window(0, 50), Window(0, 90)), **options):
+def made(scenario, log, outputs=POSE, windows=(Window(0, 30), Window(0, 50), Window(0, 90)), sizes=SIZES, **options):
     vehicle = Model(scenario.vehicle, [("mass",), ("linear_drag",)], "rotor_speed_command", kind="world")
-    return Predictor(vehicle, [log], windows, SIZES, outputs, **options)
+    return Predictor(vehicle, [log], windows, sizes, outputs, **options)
 
 
 @pytest.fixture
@@ -228,3 +229,33 @@ def test_what_filters_of_other_noise_do_not_foresee_follows_to_first_order(scena
         found = errors[:, c] / levels, spreads[:, c] / np.outer(levels, levels)
         for own, begun, expected in zip(found, told(gains), told(predictor.gains(values, other)), strict=True):
             assert np.linalg.norm(own - expected) <= left * np.linalg.norm(expected - begun) + 1e-6
+
+
+@pytest.mark.slow
+def test_the_likeliest_noise_is_that_with_which_a_log_was_made(scenario, values):
+    """From noise that is off by a factor of two, within what a log of some seconds tells."""
+    random = np.random.default_rng(8)
+    true = Noise(0.7 * noise_of(POSE).measured, np.array([0.5, 0.5, 0.8, 6.0, 6.0, 3.0]), np.full(6, 0.2))
+    hover = np.sqrt(scenario.vehicle.mass * scenario.vehicle.gravity / (4.0 * scenario.vehicle.thrust_factor))
+    still = FlightRecord(
+        "still",
+        PERIOD * np.arange(260),
+        position=np.zeros((260, 3)),
+        attitude=np.zeros((260, 3)),
+        rotor_speed_command=np.full((260, 4), hover),
+    )
+    predictor = made(scenario, still, windows=[Window(0, 55)] * 5, sizes=Cut(length=150, settle=50, warm_up=5))
+    flown, state = predictor._fly(values[None])
+    state[BODY:, 0] = true.disturbance[:, None] * random.normal(size=(PUSH, 5))
+    fades, measured = np.exp(-PERIOD / true.memory), []
+    for _ in range(200):
+        measured.append(predictor._predicted(flown, state)[:, 0])
+        flown.step(state)
+        pushed = true.disturbance * np.sqrt(1.0 - fades**2)
+        state[BODY:, 0] = fades[:, None] * state[BODY:, 0] + pushed[:, None] * random.normal(size=(PUSH, 5))
+    predictor.measured = np.stack(measured) + true.measured[:, None] * random.normal(size=(200, 6, 5))
+    found = Noise(2.0 * true.measured, 0.5 * true.disturbance, true.memory)
+    for _ in range(2):
+        found = prediction_error._noise_of(predictor, predictor.gains(values, found), found)
+    np.testing.assert_allclose(found.measured, true.measured, rtol=0.1)
+    np.testing.assert_allclose(found.disturbance, true.disturbance, rtol=0.4)
