@@ -1,5 +1,6 @@
 """The file of an identified vehicle: it loads, flies, is drawn from in studies, and says what is known."""
 
+import itertools
 import os
 import re
 
@@ -364,3 +365,18 @@ def test_what_cannot_be_written_leaves_nothing(base, tmp_path, found, options, w
 def test_no_estimates_are_no_vehicle(estimates, base, tmp_path):
     with pytest.raises(InputError, match="no estimate to write"):
         write_vehicle(tmp_path / "none.yaml", "none", estimates.part([]), base=base)
+
+
+def test_comments_stand_in_the_columns_of_what_they_are_about(written):
+    """Mappings and lists are indented by two columns more each, and an item follows its dash after one space."""
+    lines = written.read_text().splitlines()
+    inside = lines[next(i for i, line in enumerate(lines) if not line.startswith("#")) :]
+    kinds = set()
+    for line, following in itertools.pairwise(inside):
+        text = line.lstrip()
+        if text.startswith("#"):
+            assert len(line) - len(text) == len(following) - len(following.lstrip())
+            kinds.add(following.lstrip()[0] if following.lstrip()[0] in "#-" else "key")
+        assert (len(line) - len(text)) % 2 == 0
+        assert not text.startswith("-  ")
+    assert kinds >= {"key", "-"}
