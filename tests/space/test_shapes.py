@@ -200,3 +200,13 @@ def test_distances_to_a_hull_are_proportional_to_its_size(name, scale):
     points = around(hull, 300)
     larger = hull_of(scale * np.array(hull.corners))
     np.testing.assert_allclose(larger.distances(scale * points), scale * hull.distances(points), atol=1e-9 * scale)
+
+
+@pytest.mark.parametrize("away", [(1e7, 0.0, 0.0), (0.0, 1e7, 0.0), (1e7, 1e7, 1e7)])
+def test_a_hull_is_the_same_far_from_the_origin(away):
+    """Ten thousand kilometres away, floating point has digits for nanometres."""
+    hull = SHAPES["hull"]
+    points = around(hull, 300)
+    far = hull_of(np.array(hull.corners) + away)
+    assert len(far.corners) == len(hull.corners)
+    np.testing.assert_allclose(far.distances(points + away), hull.distances(points), atol=1e-6)
