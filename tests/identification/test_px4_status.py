@@ -55,12 +55,12 @@ WINGS = {"fixed wing": (2, "an aeroplane"), "rover": (3, "a ground rover"), "air
 
 def test_types_of_vehicles_have_the_numbers_that_are_published():
     for name, table in (("MAV_TYPE", MAV_TYPES), ("CA_AIRFRAME", AIRFRAMES)):
-        known = {number: words for number, words in table.values()}
+        known = dict(table.values())
         for number in range(60):
             expected = f"{known[number]}, by the parameter {name}, {number}" if number in known else ""
             assert other_vehicle({name: number}, None) == expected
     for field, table in (("system_type", MAV_TYPES), ("vehicle_type", WINGS)):
-        known = {number: words for number, words in table.values()}
+        known = dict(table.values())
         for number in range(60):
             status = {field: np.full(5, number)}
             expected = f"{known[number]}, by vehicle_status.{field}, {number}" if number in known else ""
