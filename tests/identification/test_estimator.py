@@ -126,15 +126,13 @@ def test_a_share_is_the_slope_of_means_and_its_deviation_that_of_blocks():
     """By hand: over means of 0.1 s, half a second after the beginning, by blocks of half a second."""
     log = made(12.0, speed=0.7)
     # Along y the vehicle goes back and forth less than 0.15 m/s, and along z a little more.
-    shift = np.stack(
-        [0.0 * log.time, 0.13 * np.sqrt(2.0) * np.sin(log.time), 0.17 * np.sqrt(2.0) * np.sin(log.time)], 1
-    )
-    swaying = np.stack([0.0 * log.time, *(-np.cos(log.time) * size * np.sqrt(2.0) for size in (0.13, 0.17))], axis=1)
-    log = FlightRecord("made", log.time, position=log.position + swaying, velocity=log.velocity + 0.98 * shift)
+    amplitude = np.sqrt(2.0) * np.array([0.0, 0.13, 0.17])
+    place, speed = (np.outer(each, amplitude) for each in (-np.cos(log.time), np.sin(log.time)))
+    log = FlightRecord("made", log.time, position=log.position + place, velocity=log.velocity + 0.98 * speed)
     found = velocity_estimate(log)
     chosen = log.time[(log.time > 0.5) & (log.time < log.time[-1] - 0.1)]
     # Samples on the edge of a block are in the one that begins.
-    blocks = (log.time[np.isin(log.time, chosen)] // 0.5).astype(int)
+    blocks = np.floor(chosen / 0.5)
     for axis, share in ((0, found.share[0]), (2, found.share[2])):
         integral = np.concatenate(
             [[0.0], np.cumsum(0.5 * (log.velocity[1:, axis] + log.velocity[:-1, axis]) * np.diff(log.time))]
