@@ -330,3 +330,49 @@ def test_a_way_that_a_coarse_grid_does_not_show_is_found_on_a_finer_one():
     path, _ = plan_around(space, bounds, problem, Heuristic())
     points = evaluate(path, np.linspace(path.times[0], path.times[-1], 5000)).T
     assert space.nearest(points)[0].min() >= space.clearance
+
+
+def test_regions_are_chosen_by_ways_that_keep_the_slack_from_begin_to_end(monkeypatch):
+    """The way over a point is no shorter than straight on from the begin to it and from there to the end."""
+    asked = []
+    lengths_from = around.Grid.lengths_from
+
+    def watched(grid, places, clearance, inside=None):
+        asked.append(clearance)
+        return lengths_from(grid, places, clearance, inside)
+
+    def worth_a_look(regions, ways, points, lengths):
+        asked.append((points, lengths))
+        raise StopIteration
+
+    monkeypatch.setattr(around.Grid, "lengths_from", watched)
+    monkeypatch.setattr(around, "worth_a_look", worth_a_look)
+    space = space_of(Ball((2.0, 1.0, 1.0), radius=0.3))
+    with pytest.raises(StopIteration):
+        plan_around(space, BOUNDS, PathProblem([BEGIN, END], limits=LIMITS), Heuristic())
+    *clearances, (points, lengths) = asked
+    assert clearances == [space.clearance + 1e-5] * 2
+    assert space.nearest(points)[0].min() >= space.clearance + 1e-5
+    straight = sum(np.linalg.norm(points - place.centre, axis=1) for place in (BEGIN, END))
+    assert (lengths >= straight - 1e-9).all()
+    assert (lengths <= 2.5 * straight).all()
+
+
+def test_a_place_without_room_is_told_from_one_whose_room_may_lie_between_its_points():
+    """Points of a gate 1 m long are 5 cm apart, so that room may lie within 2.5 cm of one of them."""
+    gate = Box([2.0, 0.5, 1.0], [2.0, 1.5, 1.0])
+    for short, words in ((0.024, "next to no room"), (0.026, "no room")):
+        wall = Cuboid((2.2 - short + 0.1, 1.0, 1.0), size=(0.2, 4.0, 4.0))
+        with pytest.raises(InputError, match=f"waypoint 1, .* leaves {words} at 0.2 m"):
+            around._free_points(PathProblem([BEGIN, gate, END]), space_of(wall), BOUNDS)
+
+
+def test_free_points_keep_the_slack_beyond_the_clearance():
+    for beyond, fits in ((2e-5, True), (5e-6, False)):
+        space = space_of(Ball((3.5, 1.0, 1.7 + beyond), radius=0.5))
+        problem = PathProblem([BEGIN, END])
+        if fits:
+            assert len(around._free_points(problem, space, BOUNDS)) == 2
+        else:
+            with pytest.raises(InputError, match="waypoint 1, .* leaves next to no room"):
+                around._free_points(problem, space, BOUNDS)
