@@ -4,6 +4,7 @@ import numpy as np
 import pytest
 import scipy.constants as known
 
+from drake_quad.identification.logs.conversion import Table, _Clocks
 from drake_quad.identification.logs.doubts import doubts, jumps
 from drake_quad.identification.logs.timing import rising, timing_remarks
 from drake_quad.identification.logs.units import QUANTITIES, UNITS
@@ -146,3 +147,23 @@ def test_steps_are_uneven_by_a_twentieth_of_their_median(share, said):
 def test_times_that_no_clock_shows_are_no_numbers():
     for latest, kept in ((9.9e11, True), (1.1e12, False), (-9.9e11, False), (-1.1e12, False)):
         assert rising(np.array([0.0, 1.0, latest])).kept[2] == kept
+
+
+@pytest.mark.parametrize("name", ["imu", ""])
+def test_what_is_wrong_with_a_clock_is_said_once_and_of_which_table(name):
+    """A command counts from when it was written, and a measurement from when it was sampled."""
+    written, sampled = np.array([0.0, 1.0, 1.0, 2.0]), np.array([0.0, 0.9, 1.0, 0.5])
+    table = Table(name, written, {}, sampled)
+    clocks = _Clocks()
+    time, rows = clocks.of(table, "motor_command")
+    assert (time.tolist(), rows.tolist()) == ([0.0, 1.0, 2.0], [0, 1, 3])
+    beginning = f"{name}: 1 sample left out" if name else "1 sample left out"
+    assert clocks.remarks == [f"{beginning}: they repeat the time of the sample before"]
+    time, rows = clocks.of(table, "body_rates")
+    assert (time.tolist(), rows.tolist()) == ([0.0, 0.9, 1.0], [0, 1, 2])
+    first, second = clocks.remarks
+    assert second.startswith(f"{beginning}: the clock goes back once, at most by 0.5 s")
+    # The same clocks, and another one with the same fault, say nothing more.
+    assert clocks.of(table, "thrust_share")[0] is clocks.of(table, "motor_command")[0]
+    clocks.of(Table(name, written.copy(), {}), "body_rates")
+    assert clocks.remarks == [first, second]

@@ -290,3 +290,15 @@ def test_commands_before_a_log_are_as_at_its_first_sample_and_integrals_are_exac
                     low, high = loop._integrated(ends_of_part)
                     np.testing.assert_allclose(steps.commands[k, part, :, d, w], (high - low) / length)
             np.testing.assert_allclose(steps.commands[k, 0, :, 0, w], speeds[sample])
+
+
+def test_motors_that_take_throttles_are_only_spoken_of_where_these_are_logged(flight, record):
+    without = replace(record, rotor_speed_command=None, torque_command=None)
+    with pytest.raises(InputError, match=r"or thrust_command and torque_command, and has thrust_command, wind$"):
+        OpenLoop(flight.scenario, without)
+
+
+def test_an_autopilot_needs_a_thrust_and_no_torque(responding):
+    flight, log = responding
+    with pytest.raises(InputError, match=r"it needs motor_command, or thrust_command, and has attitude_command, wind$"):
+        OpenLoop(flight.scenario, replace(log, thrust_share=None))
