@@ -10,6 +10,7 @@ import scipy
 
 from drake_quad import InputError, load_scenario, run_monte_carlo, simulate
 from drake_quad.identification.fitting.random_effects import Variation
+from drake_quad.identification.results import vehicle_file
 from drake_quad.identification.results.estimates import Estimates, Explained, Source, scenario_path
 from drake_quad.identification.results.vehicle_file import rising_curve, write_vehicle
 from drake_quad.scenario import Batch, distributions_in, load_undesigned
@@ -380,3 +381,25 @@ def test_comments_stand_in_the_columns_of_what_they_are_about(written):
         assert (len(line) - len(text)) % 2 == 0
         assert not text.startswith("-  ")
     assert kinds >= {"key", "-"}
+
+
+def test_what_was_given_is_put_where_it_belongs_unless_it_was_identified():
+    found = vehicle_file._Entry(0.5, "identified")
+    tree = {"vehicle": {"mass": found}, "laboratory": {}, "control": {}}
+    for given in (
+        "vehicle.mass=0.7",
+        "vehicle.gravity = 9.8",
+        "laboratory.motion_capture.position_noise=0.001",
+        "laboratory.motion_capture.period=0.01",
+        "control.attitude.fuzzy.gain=[1, 2]",
+    ):
+        vehicle_file._put(tree, given)
+    assert tree["vehicle"]["mass"] is found
+    assert tree["vehicle"]["gravity"].value == 9.8
+    cameras = tree["laboratory"]["motion_capture"]
+    assert {name: entry.value for name, entry in cameras.items()} == {"position_noise": 0.001, "period": 0.01}
+    entry = tree["control"]["attitude"]["fuzzy"]["gain"]
+    assert (entry.value, entry.comment) == ([1, 2], "given, not identified")
+    for wrong in ("route.laps=2", "vehicle=1", "vehicle.inertia.0=1", "vehicle.thrust_factor_error.rotor_2=0.1"):
+        with pytest.raises(InputError, match="cannot be written with a vehicle: allowed are whole fields of vehicle"):
+            vehicle_file._put(tree, wrong)
