@@ -406,7 +406,7 @@ def test_numbers_may_be_off_by_shares_of_the_mass_and_the_weight(vehicle, column
     columns, _ = columns_of(forces._along_after, turned, [motion], vehicle, delay)
     np.testing.assert_allclose(columns[-1].values, turned.of([motion.commanded]))
     assert (columns[-1].believed, columns[-1].scale) == (1.0, 0.5)
-    # A lag that is sought is the one that leaves least, and the slope is fitted with it.
+    # The same is believed of the slope where the lag is sought.
     columns, _ = columns_of(forces._along_after, stretches, [motion], vehicle, delay)
     assert (columns[-1].name, columns[-1].believed, columns[-1].scale) == (forces._SLOPE, 1.0, 0.5)
 
