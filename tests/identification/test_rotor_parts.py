@@ -8,7 +8,7 @@ from scipy.stats import norm, t
 
 from drake_quad import InputError, load_scenario
 from drake_quad.identification import rotor_identification as rotors
-from drake_quad.identification.fitting.evidence import Uncertainty
+from drake_quad.identification.fitting.evidence import Evidence, Uncertainty
 from drake_quad.identification.fitting.flown_model import DELAY
 from drake_quad.identification.fitting.forecast import Forecast
 from drake_quad.identification.fitting.predictor import FORCE, Noise, Output
@@ -399,3 +399,80 @@ def test_limits_of_a_thrust_curve_are_around_zero_whatever_its_sign(scenario):
         for i in range(3):
             limits = names_of(own, "position", "attitude")[f"motors.curve[{i}]"]
             assert (limits.scale, limits.least, limits.most) == pytest.approx((0.8, -8.0, 8.0))
+
+
+COVARIANCE = 1e-2 * np.array([[4.0, 0.1, 0.2, 0.3], [0.1, 5.0, 0.4, 0.5], [0.2, 0.4, 6.0, 0.6], [0.3, 0.5, 0.6, 7.0]])
+# Of the logarithms of the noise of six outputs and of twelve numbers of the disturbance.
+APART = np.diag(np.arange(1.0, 19.0)) + 0.5
+
+
+@pytest.fixture
+def fit(monkeypatch):
+    """A fit of four numbers, the delay among them, of which wind swamps one; as arguments of what makes a result."""
+    given = sought("thrust_factor", "inertia[0]", DELAY, "inertia[1]")
+    outputs = [Output(name, column) for name in ("position", "attitude") for column in range(3)]
+    uncertainty = Uncertainty(COVARIANCE, np.array([11.0, 12.0, 13.0, 14.0]), np.eye(4))
+    noise = Noise(np.array([2.0, 2.0, 2.0, 3.0, 3.0, 3.0]), np.full(6, 0.3), np.ones(6))
+    windows, errors = 8, np.zeros((8, 50))
+    evidence = Evidence(("a",), np.zeros(1), np.ones(1), np.ones((8, 1, 1)), np.zeros((8, 1)), 2.0)
+
+    def tell(names, scales, seconds):
+        assert (list(names), scales.tolist(), seconds) == ([each.name for each in given], [1.0] * 4, 20.0)
+        return evidence
+
+    fitted = SimpleNamespace(
+        parameters=np.array([1.0, 2.0, 0.01, 3.0]), noise=noise, errors=errors, rounds=2, evidence=tell
+    )
+    predictor = SimpleNamespace(
+        windows=range(windows),
+        sizes=Cut(250, 50, 40),
+        inputs=SimpleNamespace(period=0.01),
+        split=1,
+        period=0.01,
+        outputs=outputs,
+    )
+    monkeypatch.setattr(rotors, "noise_covariance", lambda *_: APART)
+    monkeypatch.setattr(rotors, "_swamped", lambda *_: {"inertia[0]": "wind"})
+    monkeypatch.setattr(rotors, "_wide", lambda *_: {})
+    return predictor, given, fitted, uncertainty
+
+
+def test_what_was_identified_is_the_numbers_that_are_told_and_the_noise_of_the_cameras(fit, scenario):
+    """The delay stands by itself, and numbers that are not told are left out with the reason."""
+    told = Forecast(("roll", "pitch", "position z"), np.empty(0), np.empty(0), np.empty(0), np.array([0.1, 0.2, 0.3]))
+    found = rotors._identified([record(**POSES)], scenario.vehicle, *fit, told)
+    estimates = found.estimates
+    cameras = [f"laboratory.motion_capture.{name}_noise" for name in ("position", "attitude")]
+    assert list(estimates.names) == ["thrust_factor", "inertia[1]", *cameras]
+    np.testing.assert_array_equal(estimates.values, [1.0, 3.0, 2.0, 3.0])
+    np.testing.assert_allclose(estimates.covariance[:2, :2], COVARIANCE[np.ix_([0, 3], [0, 3])])
+    np.testing.assert_array_equal(estimates.covariance[:2, 2:], 0.0)
+    # Of the logarithms of noise, times its size.
+    np.testing.assert_allclose(
+        estimates.covariance[2:, 2:], [[APART[0, 0] * 4.0, APART[0, 3] * 6.0], [APART[3, 0] * 6.0, APART[3, 3] * 9.0]]
+    )
+    np.testing.assert_array_equal(estimates.degrees_of_freedom, [11.0, 14.0, 400.0, 400.0])
+    assert estimates.explained == {"thrust_factor": Explained(0.3, "position z"), "inertia[1]": Explained(0.2, "pitch")}
+    assert estimates.not_seen["inertia[0]"] == "wind"
+    assert "weigh it" in estimates.not_seen["mass"]
+    assert str(estimates.sources_of(0)[0]) == "prediction errors of attitude and position, log"
+    assert estimates.remarks == ("20.0 s in the air in 8 windows, 2 rounds",)
+    assert found.delay == rotors.Delay(0.01, pytest.approx(np.sqrt(6e-2)), 13.0)
+    _, _, fitted, _ = fit
+    assert (found.noise, found.forecast, found.fitted) == (fitted.noise, told, fitted)
+
+
+def test_without_a_number_that_is_told_there_is_no_result(fit, scenario, monkeypatch):
+    monkeypatch.setattr(rotors, "_wide", lambda *_: {"thrust_factor": "wide", "inertia[1]": "flat"})
+    with pytest.raises(InputError, match=r"tell no number of the vehicle: inertia\[0\]: wind; thrust_factor: wide; in"):
+        rotors._identified([record(**POSES)], scenario.vehicle, *fit, None)
+
+
+def test_an_accelerometer_has_no_noise_of_cameras(fit, scenario):
+    """Without anything that was held out, nothing is explained."""
+    predictor, given, fitted, uncertainty = fit
+    inertial = SimpleNamespace(**{**vars(predictor), "outputs": [Output(FORCE, column) for column in range(3)]})
+    found = rotors._identified([record(**IMU)], scenario.vehicle, inertial, given, fitted, uncertainty, None)
+    assert found.estimates.names == ("thrust_factor", "inertia[1]")
+    assert found.estimates.explained == {}
+    assert str(found.estimates.sources_of(0)[0]) == "prediction errors of specific force, log"
