@@ -1,13 +1,20 @@
 """Open-loop prediction: what a vehicle that is right, and one that is wrong, are off by."""
 
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 
 from drake_quad import InputError, load_scenario, simulate
-from drake_quad.identification.fitting.open_loop import OpenLoop, delay_of
+from drake_quad.identification.fitting.open_loop import (
+    OpenLoop,
+    Starts,
+    delay_of,
+    level_vehicle,
+    with_level_commands,
+)
 from drake_quad.identification.fitting.windows import airborne, held_out
 from drake_quad.identification.flown_again.prediction import (
     Predictions,
@@ -285,3 +292,18 @@ def test_a_start_is_the_state_that_flies_to_what_was_measured_before_it(record, 
     ):
         if name != "position" or name in signals:
             np.testing.assert_allclose(states[:, columns], getattr(record, name)[starts], atol=0.03, rtol=0.03)
+
+
+def test_a_start_of_a_level_vehicle_has_the_velocity_of_its_places(record, scenario):
+    """Of a vehicle that rises and drifts, level all along, without noise: only places are measured."""
+    level = level_vehicle(scenario)
+    commands = with_level_commands(FlightRecord("log", record.time, rotor_speed_command=record.rotor_speed_command))
+    loop = OpenLoop(level, commands)
+    begun = np.zeros((1, 1, 12))
+    begun[..., [0, 1, 2, 6, 7, 8]] = [0.3, -0.2, 1.0, 0.5, -0.4, 0.7]
+    flown = loop.fly(Starts(np.array([50]), 100), begun)[:, 0, 0]
+    position = np.zeros((len(record.time), 3))
+    position[50:151] = flown[:, :3]
+    starts = np.array([70, 120])
+    states = _begun(loop, replace(commands, position=position), ["position"], starts, 8, True)
+    np.testing.assert_allclose(states, flown[starts - 50], atol=1e-4)

@@ -476,3 +476,10 @@ def test_an_accelerometer_has_no_noise_of_cameras(fit, scenario):
     assert found.estimates.names == ("thrust_factor", "inertia[1]")
     assert found.estimates.explained == {}
     assert str(found.estimates.sources_of(0)[0]) == "prediction errors of specific force, log"
+
+
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_limits_of_the_thrust_in_a_climb_are_around_zero_whatever_its_sign(sign):
+    vehicle = load_scenario("laboratory:low_wind", [f"vehicle.rotor_aerodynamics={{climb: {0.4 * sign}}}"]).vehicle
+    climb = names_of(vehicle, "position", "attitude")["rotor_aerodynamics.climb"]
+    assert (climb.scale, climb.least, climb.most) == pytest.approx((0.4, -400.0, 400.0))
