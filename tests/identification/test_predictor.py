@@ -259,3 +259,23 @@ def test_the_likeliest_noise_is_that_with_which_a_log_was_made(scenario, values)
         found = prediction_error._noise_of(predictor, predictor.gains(values, found), found)
     np.testing.assert_allclose(found.measured, true.measured, rtol=0.1)
     np.testing.assert_allclose(found.disturbance, true.disturbance, rtol=0.4)
+
+
+@pytest.mark.slow
+def test_a_fit_ends_where_whitened_errors_are_least_and_windows_go_on_from_one_another(scenario, log, values):
+    """No parameter that is within its limits changes the sum of squares, and those that would leave them stay there."""
+    predictor, noise = made(scenario, log), noise_of(POSE)
+    choice = prediction_error.Choice(1.2 * values, values, 0.5 * values, 2.0 * values)
+    found = prediction_error.fit(predictor, choice, noise)
+    assert found.slopes.shape == (3, 20 * 6, 2)
+    assert found.errors.shape == (3, 20 * 6)
+    np.testing.assert_array_equal(predictor.beginnings.known, [False, True, False])
+    np.testing.assert_array_equal(predictor.beginnings.parameters, found.parameters)
+    assert found.rounds > 2
+    inside = (found.parameters > 0.501 * values) & (found.parameters < 1.999 * values)
+    slopes = np.einsum("wkp,wk->p", found.slopes, found.errors)
+    deviations = 1.0 / np.sqrt(np.einsum("wkp,wkp->p", found.slopes, found.slopes))
+    assert np.abs(slopes * deviations)[inside].max(initial=0.0) < 0.5
+    # The mass carries the thrust of the log.
+    assert inside[0]
+    assert found.parameters[0] == pytest.approx(values[0], rel=0.2)

@@ -403,3 +403,16 @@ def test_what_was_given_is_put_where_it_belongs_unless_it_was_identified():
     for wrong in ("route.laps=2", "vehicle=1", "vehicle.inertia.0=1", "vehicle.thrust_factor_error.rotor_2=0.1"):
         with pytest.raises(InputError, match="cannot be written with a vehicle: allowed are whole fields of vehicle"):
             vehicle_file._put(tree, wrong)
+
+
+@pytest.mark.parametrize(
+    ("value", "written", "said"), [(-0.3, 0.0, True), (-0.04, 0.0, False), (0.04, 0.04, False), (0.3, 0.3, False)]
+)
+@pytest.mark.parametrize("drawn", [False, True])
+def test_a_number_beyond_its_limit_is_written_as_the_limit_which_is_said(value, written, said, drawn):
+    """Where it is beyond by more than its standard deviation."""
+    estimates = Estimates(("linear_drag",), np.array([value]), np.array([[0.05**2]]), 30.0, Source("m", "log"))
+    number = vehicle_file._values(estimates, "v", drawn)["linear_drag"]
+    assert (number["normal"]["mean"] if drawn else number) == written
+    comment = vehicle_file._comment(estimates, "linear_drag", number)
+    assert comment.endswith("; beyond the limit of what there is, which is written") == said
