@@ -20,6 +20,8 @@ from drake_quad.identification.flown_again.prediction import (
     Predictions,
     _angle_between,
     _begun,
+    _continuous,
+    _difference,
     _errors,
     _reached,
     _starts,
@@ -307,3 +309,21 @@ def test_a_start_of_a_level_vehicle_has_the_velocity_of_its_places(record, scena
     starts = np.array([70, 120])
     states = _begun(loop, replace(commands, position=position), ["position"], starts, 8, True)
     np.testing.assert_allclose(states, flown[starts - 50], atol=1e-4)
+
+
+def test_only_angles_differ_by_half_a_turn_at_most():
+    predicted, values = np.array([[7.0, -4.0, 0.1]]), np.zeros((1, 3))
+    np.testing.assert_allclose(
+        _difference("attitude", predicted, values), [[7.0 - 2.0 * np.pi, 2.0 * np.pi - 4.0, 0.1]]
+    )
+    for name in ("position", "velocity", "body_rates"):
+        np.testing.assert_array_equal(_difference(name, predicted, values), predicted)
+
+
+def test_angles_that_wrap_go_on_and_other_signals_stay():
+    yaw = 0.7 * np.arange(30.0)
+    rows = np.column_stack([0.0 * yaw, 0.0 * yaw, np.arctan2(np.sin(yaw), np.cos(yaw))])
+    log = FlightRecord("log", 0.01 * np.arange(30), attitude=rows, position=rows, body_rates=rows)
+    np.testing.assert_allclose(_continuous(log, "attitude")[:, 2], yaw, atol=1e-9)
+    np.testing.assert_array_equal(_continuous(log, "position"), rows)
+    np.testing.assert_array_equal(_continuous(log, "body_rates"), rows)
