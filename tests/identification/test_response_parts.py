@@ -10,7 +10,7 @@ from neural_fly_flight import guessed
 from drake_quad import InputError, load_scenario
 from drake_quad.identification import response_identification as response
 from drake_quad.identification.fitting.evidence import Evidence, Uncertainty
-from drake_quad.identification.fitting.open_loop import DELAY
+from drake_quad.identification.fitting.open_loop import DELAY, OpenLoop, Starts, delay_of
 from drake_quad.identification.fitting.random_effects import of_the_mean, variation_of
 from drake_quad.identification.fitting.whitening import Noise
 from drake_quad.identification.fitting.windows import held_out
@@ -447,3 +447,28 @@ def test_deviations_of_numbers_that_vary_from_stretch_to_stretch_are_those_of_th
     np.testing.assert_array_equal(degrees, [mean.degrees_of_freedom[0], 21.0, mean.degrees_of_freedom[1]])
     np.testing.assert_array_equal(found.covariance[among], varied.covariance)
     assert np.isnan(found.covariance[1, 1])
+
+
+def test_what_is_left_changes_with_a_number_while_initial_states_follow(scenario):
+    """Of a flight that the vehicle itself made, against fits of the initial states with another number."""
+    logged = record(8.0)
+    loop = OpenLoop(scenario, logged, delay=float(delay_of(scenario)))
+    flown = loop.fly(Starts(np.array([0]), len(logged.time) - 1), np.zeros((1, 1, 12)))[:, 0, 0]
+    logged = replace(logged, position=flown[:, :3], attitude=flown[:, 3:6])
+    windows = response._cut([logged], scenario, 0.3, 1.0)
+    names = ("body_drag.linear[0]", "autopilot.natural_frequency[1]")
+    model = response._Model.of(scenario, response._outputs(windows.records, True), names)
+    parameters = np.array([model.believed[name] for name in names])
+
+    def left(values):
+        return response._refitted(model, windows, names, SimpleNamespace(parameters=values))
+
+    own = left(parameters)
+    assert own.residuals.shape == (len(windows.starts), 6, 51)
+    assert own.slopes.shape == (*own.residuals.shape, 2)
+    for i, name in enumerate(names):
+        step = 1e-2 * model.scales[name] * np.eye(2)[i]
+        change = (left(parameters + step).residuals - left(parameters - step).residuals) / (2.0 * step[i])
+        size = np.abs(change).max()
+        assert size > 0.0
+        np.testing.assert_allclose(own.slopes[..., i], change, atol=0.05 * size)
